@@ -1,0 +1,79 @@
+"""What every node needs: a clean start and stop, guarded callbacks, errors as numbered codes."""
+
+import functools
+import signal
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from poise.errors import ErrorCode, PoiseError
+from poise_msgs.msg import ErrorCode as ErrorCodeMessage
+
+try:  # at 1 kHz the events executor takes a fifth off the latency
+    from rclpy.experimental import EventsExecutor
+except ImportError:  # an rclpy without it
+    EventsExecutor = SingleThreadedExecutor
+
+# EventsExecutor.spin() holds a core and ignores signals (rclpy 7.1.6): step it instead.
+SPIN_STEP = 0.5
+
+
+def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
+    """Start a node, spin it until Ctrl-C, SIGTERM or its own shutdown, and leave nothing behind.
+
+    Exits with the error's status and one line when the node cannot start (a bad parameter, for one).
+    """
+    # Before init: rclpy's own handler, in C, does the shutdown; Python's would raise a second time in its midst.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    rclpy.init(args=args)
+    executor = EventsExecutor()
+    node = None
+    status = 0
+    try:
+        node = make_node()
+        executor.add_node(node)
+        while rclpy.ok():
+            executor.spin_once(timeout_sec=SPIN_STEP)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    except PoiseError as error:
+        print(f"{error.code.name}: {error.message}", file=sys.stderr)
+        status = error.exit_status
+    except RCLError:
+        if rclpy.ok():
+            raise
+    finally:
+        executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    sys.exit(status)
+
+
+def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
+    """Keep an exception inside a callback from ending the node: log it, once a second at the most."""
+
+    @functools.wraps(callback)
+    def call(*arguments: Any) -> Any:
+        try:
+            return callback(*arguments)
+        except PoiseError as error:
+            node.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=1.0)
+        except Exception as error:
+            if rclpy.ok():
+                node.get_logger().error(f"{callback.__name__}: {error!r}", throttle_duration_sec=1.0)
+        return None
+
+    return call
+
+
+def to_message(error: PoiseError | None) -> ErrorCodeMessage:
+    """Turn an error (None: success) into the numbered code of a response."""
+    if error is None:
+        return ErrorCodeMessage(code=ErrorCode.OK)
+    return ErrorCodeMessage(code=error.code, message=error.message)

@@ -1,0 +1,92 @@
+"""The one family of errors: a numbered code, a sentence that names what, where and the mend, and data."""
+
+from enum import IntEnum
+from typing import Any
+
+
+class ErrorCode(IntEnum):
+    """How a request ended; the numbers of poise_msgs/ErrorCode."""
+
+    OK = 0
+    INTERNAL = 1
+    CANCELLED = 2
+    BUSY = 3
+    DEADLINE = 4
+
+    BAD_INPUT = 10
+    FILE_UNREADABLE = 11
+    FILE_CORRUPT = 12
+    FILE_UNWRITABLE = 13
+    TOPIC_MISSING = 14
+    TYPE_MISMATCH = 15
+    TIME_BACKWARDS = 16
+    EMPTY = 17
+    NOT_FINITE = 18
+    UNSUPPORTED = 19
+
+    ROBOT_DESCRIPTION_MISSING = 20
+    ROBOT_DESCRIPTION_INVALID = 21
+    JOINT_MISSING = 22
+    FRAME_UNKNOWN = 23
+    JOINT_LIMIT = 24
+    UNREACHABLE = 25
+
+    SENSOR_UNREACHABLE = 30
+    SENSOR_PROTOCOL = 31
+    SENSOR_SATURATED = 32
+    SENSOR_STALE = 33
+    SENSOR_FAULT = 34
+
+    NOT_IDENTIFIABLE = 40
+    TOO_FEW_SAMPLES = 41
+    ZEROED_UNDER_LOAD = 42
+    SHAPE_MISMATCH = 43
+    NOT_CONSISTENT = 44
+
+    OBJECT_UNKNOWN = 50
+    OBJECT_INVALID = 51
+    UNSTABLE = 52
+    FLOATING = 53
+    INTERPENETRATION = 54
+    POINT_OFF_SURFACE = 55
+    MESH_INVALID = 56
+    SCAN_INCOMPLETE = 57
+
+    NO_PLACEMENT = 60
+    SOLVER_FAILED = 61
+
+
+class PoiseError(Exception):
+    """Root of everything Poise raises on purpose.
+
+    Args:
+        code: what kind of failure, for machines.
+        message: one sentence for people: what, where, how to mend it.
+        **data: whatever a program may want to read back, by name.
+    """
+
+    exit_status = 1
+
+    def __init__(self, code: ErrorCode, message: str, **data: Any) -> None:
+        super().__init__(message)
+        self.code = code
+        self.message = message
+        self.data = data
+
+
+class InputError(PoiseError):
+    """What came in at a door (file, message, parameter, command line) cannot be used."""
+
+    exit_status = 2
+
+
+class NoAnswerError(PoiseError):
+    """The input is fine, but the question has no answer: unstable, infeasible, not identifiable."""
+
+    exit_status = 3
+
+
+class SensorError(PoiseError):
+    """A device or its stream misbehaves."""
+
+    exit_status = 2
