@@ -1,0 +1,34 @@
+# The two commands of the README, and the ones a developer wants. Each does its own set-up and reuses what is there.
+SHELL := /bin/bash
+VENV := .venv
+BIN := $(VENV)/bin
+# Nodes find poise (and each other, on this machine only) through these.
+export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
+.PHONY: help demo test lint benchmark pictures clean
+
+help: ## this list
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 18
+
+demo: ## weigh a real payload: the committed recording through live nodes, and a report to look at
+	@tools/set_up.sh viewer
+	@$(BIN)/python tools/demo.py
+
+test: lint ## everything CI checks: formatting, types, tests
+	@$(BIN)/pytest
+
+lint: ## ruff and mypy alone
+	@tools/set_up.sh viewer,test
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+benchmark: ## every figure of the README and docs (long)
+	@tools/set_up.sh viewer,test
+	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+pictures: ## the pictures in docs/, from the committed recordings
+	@tools/set_up.sh viewer
+	@$(BIN)/python tools/make_pictures.py
+
+clean: ## remove the environment and everything built
+	rm -rf $(VENV) build install log out
