@@ -1,0 +1,164 @@
+"""Streams in time, the values that a recording gives and the core computes on: frozen, stamped, in SI units."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from poise.errors import ErrorCode, InputError
+
+Floats = npt.NDArray[np.float64]
+Stamps = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """What every stream has: stamps that never go backwards, and one row of each array per stamp.
+
+    Arrays are copied in and read-only from then on; NaN marks what was not measured.
+
+    Args:
+        stamps: (N,) int64, nanoseconds of the clock that stamped the headers.
+
+    Raises:
+        InputError: TYPE_MISMATCH when an array has the wrong shape or the stamps are not integers,
+            TIME_BACKWARDS when a stamp is smaller than the one before (equal stamps are allowed).
+    """
+
+    stamps: Stamps
+
+    def __post_init__(self) -> None:
+        stamps = np.asarray(self.stamps)
+        if stamps.size and stamps.dtype.kind not in "iu":
+            raise InputError(
+                ErrorCode.TYPE_MISMATCH,
+                f"{type(self).__name__}.stamps holds {stamps.dtype}: give integer nanoseconds",
+            )
+        self._freeze("stamps", np.int64, (stamps.size,))
+        backwards = np.flatnonzero(np.diff(self.stamps) < 0)
+        if backwards.size:
+            index = int(backwards[0]) + 1
+            raise InputError(
+                ErrorCode.TIME_BACKWARDS,
+                f"{type(self).__name__}.stamps goes backwards at sample {index}: sort the samples by stamp",
+                index=index,
+            )
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    @property
+    def seconds(self) -> Floats:
+        """(N,) seconds since the first stamp."""
+        return np.asarray((self.stamps - self.stamps[:1]) * 1e-9, dtype=np.float64)
+
+    def select(self, index: Any) -> Self:
+        """Return the samples at `index`: a slice, a boolean mask (N,), or rising integers."""
+        arrays = {
+            field.name: value[index]
+            for field in fields(self)
+            if isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        return replace(self, **arrays)
+
+    def _freeze(self, name: str, dtype: type, shape: tuple[int, ...]) -> None:
+        """Replace a field by a read-only copy of it with this type, once its shape is right."""
+        try:
+            array: npt.NDArray[Any] = np.array(getattr(self, name), dtype=dtype)
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                ErrorCode.TYPE_MISMATCH, f"{type(self).__name__}.{name} is not an array of numbers: {error}"
+            ) from error
+        if array.shape != shape:
+            raise InputError(
+                ErrorCode.TYPE_MISMATCH, f"{type(self).__name__}.{name} has shape {array.shape}: it must be {shape}"
+            )
+        array.setflags(write=False)
+        object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchStream(Stream):
+    """What the load exerts on the sensor, in the sensor frame at its origin.
+
+    Args:
+        stamps: (N,) int64 ns.
+        wrench_in_sensor: (N, 6) force [N], torque [N m].
+        frame_id: the sensor frame.
+    """
+
+    wrench_in_sensor: Floats
+    frame_id: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._freeze("wrench_in_sensor", np.float64, (len(self), 6))
+
+
+@dataclass(frozen=True, eq=False)
+class JointStream(Stream):
+    """Joint states; what a message left out is NaN.
+
+    Args:
+        stamps: (N,) int64 ns.
+        names: J joint names, in the order of the columns.
+        position: (N, J) rad (m for prismatic joints).
+        velocity: (N, J) rad/s.
+        effort: (N, J) N m.
+    """
+
+    names: tuple[str, ...]
+    position: Floats
+    velocity: Floats
+    effort: Floats
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "names", tuple(self.names))
+        for name in ("position", "velocity", "effort"):
+            self._freeze(name, np.float64, (len(self), len(self.names)))
+
+
+@dataclass(frozen=True, eq=False)
+class PoseStream(Stream):
+    """Where a child frame is in its parent: x_parent = rotation @ x_child + translation.
+
+    Args:
+        stamps: (N,) int64 ns.
+        rotation_parent_child: (N, 3, 3).
+        translation_parent_child: (N, 3) m.
+        parent: frame name.
+        child: frame name.
+    """
+
+    rotation_parent_child: Floats
+    translation_parent_child: Floats
+    parent: str
+    child: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._freeze("rotation_parent_child", np.float64, (len(self), 3, 3))
+        self._freeze("translation_parent_child", np.float64, (len(self), 3))
+
+
+@dataclass(frozen=True, eq=False)
+class ImuStream(Stream):
+    """What an IMU feels, in its own frame.
+
+    Args:
+        stamps: (N,) int64 ns.
+        angular_velocity: (N, 3) rad/s.
+        linear_acceleration: (N, 3) m/s2, the specific force a - g: at rest it points up.
+        frame_id: the IMU frame.
+    """
+
+    angular_velocity: Floats
+    linear_acceleration: Floats
+    frame_id: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self._freeze("angular_velocity", np.float64, (len(self), 3))
+        self._freeze("linear_acceleration", np.float64, (len(self), 3))
