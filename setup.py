@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 from setuptools import Distribution, find_packages, setup
@@ -20,6 +21,10 @@ NODES = {
 }
 # Interface packages that pip has to build: ours, and one that PyPI does not have.
 INTERFACES = {'poise_msgs': 'msg_defs', 'tf2_msgs': 'third_party/tf2_msgs'}
+
+
+# A colcon build on PyPI alone (test/test_install.py) needs in the environment what pip brings to its own builds.
+BUILD_REQUIRES = tomllib.loads(Path('pyproject.toml').read_text())['build-system']['requires']
 
 
 def files(folder: str, pattern: str) -> list[str]:
@@ -119,7 +124,7 @@ setup(
     extras_require={
         'viewer': ['rerun-sdk>=0.24'],
         'test': ['pytest>=8', 'pytest-timeout', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML',
-                 'types-pyserial', 'pre-commit', 'colcon-common-extensions'],
+                 'types-pyserial', 'pre-commit', 'colcon-common-extensions', *BUILD_REQUIRES],
     },
     entry_points={'console_scripts': ['poise = poise.cli:main', *(f'{name} = {at}' for name, at in NODES.items())]},
     **options,
