@@ -1,0 +1,206 @@
+"""How a node is tested: started as `ros2 run` would start it, watched from a node of the test, alone in its domain."""
+
+import fcntl
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, TextIO
+
+import pytest
+import rclpy
+import yaml
+from ament_index_python import get_package_prefix
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from poise.nodes.runtime import EventsExecutor
+
+TIMEOUT = 20.0
+"""How long a wait may last, s: far above what is expected, so that only what never comes fails."""
+DOMAINS = 102
+"""Domain ids 0..101 keep clear of the ephemeral ports."""
+
+
+class NodeProcess:
+    """One running executable of the package.
+
+    Args:
+        command: executable and arguments.
+        environment: of the child.
+        log: file for what it prints.
+    """
+
+    def __init__(self, command: list[str], environment: Mapping[str, str], log: Path) -> None:
+        # However the test run ends, the node ends with it.
+        leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
+        self._log = log
+        with log.open("w") as sink:
+            self.process = subprocess.Popen(
+                [*leash, *command],
+                env=dict(environment),
+                stdin=subprocess.DEVNULL,
+                stdout=sink,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def output(self) -> str:
+        """Everything printed so far, both streams."""
+        return self._log.read_text(errors="replace")
+
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal to the node (and whatever it has started)."""
+        os.killpg(self.process.pid, number)
+
+    def wait(self, timeout: float = TIMEOUT) -> int:
+        """Wait for its end; return the exit status (negative: the signal that ended it)."""
+        return self.process.wait(timeout)
+
+    def stop(self, number: signal.Signals = signal.SIGINT, timeout: float = TIMEOUT) -> int:
+        """Signal it and wait for its end; one that does not end is killed, and the test fails."""
+        if self.process.poll() is None:
+            self.send(number)
+        try:
+            return self.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self.send(signal.SIGKILL)
+            self.process.wait()
+            pytest.fail(f"did not stop within {timeout} s of {number.name}:\n{self.output}")
+
+
+class Graph:
+    """The test's own node; its callbacks run only inside the waits, so tests need no locks."""
+
+    def __init__(self, domain: int) -> None:
+        self.domain = domain
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = Node("test", context=self._context)
+        self._executor = EventsExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def wait_for(self, condition: Callable[[], Any], timeout: float = TIMEOUT, what: str = "") -> Any:
+        """Spin until the condition holds and return its value; fail, naming `what`, at the deadline."""
+        deadline = time.monotonic() + timeout
+        while not (value := condition()):
+            if time.monotonic() > deadline:
+                pytest.fail(f"not within {timeout} s: {what or condition}")
+            self._executor.spin_once(timeout_sec=0.02)
+        return value
+
+    def collect(self, topic: str, message_type: type, qos: QoSProfile | int = 1000) -> list[Any]:
+        """Subscribe; return the list that grows with every message."""
+        messages: list[Any] = []
+        self.node.create_subscription(message_type, topic, messages.append, qos)
+        return messages
+
+    def call(self, service_type: type, name: str, request: Any, timeout: float = TIMEOUT) -> Any:
+        """Call a service, waiting for it to appear; return the response."""
+        client = self.node.create_client(service_type, name)
+        try:
+            self.wait_for(client.service_is_ready, timeout, f"service {name}")
+            future = client.call_async(request)
+            self.wait_for(future.done, timeout, f"response of {name}")
+            return future.result()
+        finally:
+            self.node.destroy_client(client)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+def lock_domain(start: int) -> tuple[int, TextIO]:
+    """Take the first ROS domain, from `start` on, that no other test on this machine holds."""
+    for offset in range(DOMAINS):
+        domain = (start + offset) % DOMAINS
+        lock = Path(f"/tmp/poise-test-domain-{os.getuid()}-{domain}").open("w")  # noqa: SIM115
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        return domain, lock
+    raise RuntimeError("every ROS domain is taken by another test run")
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """A ROS domain of this test's own, also among parallel test runs."""
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    number, lock = lock_domain(int(os.environ.get("ROS_DOMAIN_ID", "0")) + worker)
+    yield number
+    lock.close()
+
+
+@pytest.fixture
+def graph(domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[Graph]:
+    """A node in the test's domain, with waits that have deadlines."""
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    graph = Graph(domain)
+    yield graph
+    graph.close()
+
+
+@pytest.fixture
+def node_environment(domain: int, tmp_path: Path) -> dict[str, str]:
+    """What a fresh shell would give the node, in this test's domain."""
+    environment = dict(os.environ)
+    if environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None):  # the wheels' re-execution of this very process
+        environment.pop("LD_LIBRARY_PATH", None)
+    environment.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    environment |= {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+        "RCUTILS_COLORIZED_OUTPUT": "0",
+        "PYTHONUNBUFFERED": "1",
+    }
+    return environment
+
+
+@pytest.fixture
+def start_node(
+    node_environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Callable[..., NodeProcess]]:
+    """Start lib/poise/NAME of the ament index: `start_node(name, params={}, remaps={}, arguments=[])`.
+
+    Every node started is stopped after the test (Ctrl-C, then by force), and one that ignored Ctrl-C fails the test.
+    """
+    monkeypatch.setenv("AMENT_PREFIX_PATH", node_environment["AMENT_PREFIX_PATH"])
+    started: list[NodeProcess] = []
+
+    def start(
+        name: str,
+        params: Mapping[str, Any] | None = None,
+        remaps: Mapping[str, str] | None = None,
+        arguments: list[str] | None = None,
+    ) -> NodeProcess:
+        command = [str(Path(get_package_prefix("poise")) / "lib" / "poise" / name), *(arguments or []), "--ros-args"]
+        if params:
+            file = tmp_path / f"{name}-{len(started)}.yaml"
+            file.write_text(yaml.safe_dump({"/**": {"ros__parameters": dict(params)}}))
+            command += ["--params-file", str(file)]
+        for old, new in (remaps or {}).items():
+            command += ["-r", f"{old}:={new}"]
+        node = NodeProcess(command, node_environment, tmp_path / f"{name}-{len(started)}.log")
+        started.append(node)
+        return node
+
+    yield start
+    for node in started:
+        if node.process.poll() is None:
+            node.send(signal.SIGINT)
+    for node in started:
+        try:
+            node.stop()
+        finally:
+            print(f"--- {' '.join(node.process.args)}\n{node.output}")
