@@ -62,7 +62,7 @@ if ! "$venv/bin/python" -c 'import sys; sys.exit(sys.version_info[:2] not in {(3
   step "making $venv with $("$python" -V)" "$python" -m venv "$venv"
 fi
 "$venv/bin/python" -c 'import uv' 2>/dev/null || step "getting uv, a fast installer" "$venv/bin/python" -m pip install --quiet uv
-had=$(cat "$venv"/poise-* 2>/dev/null | tr '\n' ' ')
+had=$(cat "$venv"/poise-* 2>/dev/null | tr '\n' ' ' || true)
 all=$(printf '%s\n' ${extras//,/ } $had | sort -u | paste -sd, -)
 step "installing Poise [$all], ROS 2 Jazzy and what they need (the interfaces are compiled once, about 40 s)" \
   env VIRTUAL_ENV="$PWD/$venv" "$venv/bin/python" -m uv pip install --reinstall-package poise ".[$all]"
