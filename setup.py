@@ -9,22 +9,22 @@ from pathlib import Path
 
 from setuptools import Distribution, find_packages, setup
 
-PACKAGE = 'poise'
+PACKAGE = "poise"
 HERE = Path(__file__).parent.resolve()
 os.chdir(HERE)  # setuptools wants relative paths, and finds them from here
 
 # Executables of `ros2 run poise NAME`.
 NODES = {
-    'fake_robot': 'poise.fake_robots.fake_robot_node:main',
-    'ft_driver': 'poise.nodes.ft_driver:main',
-    'inertial_estimator': 'poise.nodes.inertial_estimator:main',
+    "fake_robot": "poise.fake_robots.fake_robot_node:main",
+    "ft_driver": "poise.nodes.ft_driver:main",
+    "inertial_estimator": "poise.nodes.inertial_estimator:main",
 }
 # Interface packages that pip has to build: ours, and one that PyPI does not have.
-INTERFACES = {'poise_msgs': 'msg_defs', 'tf2_msgs': 'third_party/tf2_msgs'}
+INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs"}
 
 
 # A colcon build on PyPI alone (test/test_install.py) needs in the environment what pip brings to its own builds.
-BUILD_REQUIRES = tomllib.loads(Path('pyproject.toml').read_text())['build-system']['requires']
+BUILD_REQUIRES = tomllib.loads(Path("pyproject.toml").read_text())["build-system"]["requires"]
 
 
 def files(folder: str, pattern: str) -> list[str]:
@@ -33,26 +33,38 @@ def files(folder: str, pattern: str) -> list[str]:
 
 def build_interfaces(name: str, source: str) -> list[tuple[str, list[str]]]:
     """Build one interface package against the ROS wheels; kept until its sources change."""
-    sources = sorted(path for path in Path(source).rglob('*') if path.is_file())
+    sources = sorted(path for path in Path(source).rglob("*") if path.is_file())
     digest = hashlib.sha256(sys.version.encode())
     for path in sources:
         digest.update(str(path).encode() + path.read_bytes())
-    work = HERE / 'build' / f'{name}-{digest.hexdigest()[:12]}'
-    installed = work / 'install'
-    if not (work / 'done').exists():
+    work = HERE / "build" / f"{name}-{digest.hexdigest()[:12]}"
+    installed = work / "install"
+    if not (work / "done").exists():
         # pip's build environment moves between builds: a kept CMake cache would name a vanished one.
         shutil.rmtree(work, ignore_errors=True)
-        hook = HERE / 'msg_defs' / 'cmake' / 'pypi_wheels.cmake'
-        subprocess.check_call([
-            'cmake', '-S', source, '-B', work / 'build', '-G', 'Ninja', '-DCMAKE_BUILD_TYPE=Release',
-            '-DBUILD_TESTING=OFF', f'-DPython3_EXECUTABLE={sys.executable}', f'-DCMAKE_INSTALL_PREFIX={installed}',
-            f'-DCMAKE_PROJECT_{name}_INCLUDE={hook}'])
-        subprocess.check_call(['cmake', '--build', work / 'build', '--target', 'install'])
-        shutil.rmtree(work / 'build')
-        (work / 'done').touch()
-    unwanted = ('include', '.egg-info', '__pycache__')  # pip has its own metadata; nobody compiles against a venv
+        hook = HERE / "msg_defs" / "cmake" / "pypi_wheels.cmake"
+        subprocess.check_call(
+            [
+                "cmake",
+                "-S",
+                source,
+                "-B",
+                work / "build",
+                "-G",
+                "Ninja",
+                "-DCMAKE_BUILD_TYPE=Release",
+                "-DBUILD_TESTING=OFF",
+                f"-DPython3_EXECUTABLE={sys.executable}",
+                f"-DCMAKE_INSTALL_PREFIX={installed}",
+                f"-DCMAKE_PROJECT_{name}_INCLUDE={hook}",
+            ]
+        )
+        subprocess.check_call(["cmake", "--build", work / "build", "--target", "install"])
+        shutil.rmtree(work / "build")
+        (work / "done").touch()
+    unwanted = ("include", ".egg-info", "__pycache__")  # pip has its own metadata; nobody compiles against a venv
     groups: dict[str, list[str]] = {}
-    for path in sorted(installed.rglob('*')):
+    for path in sorted(installed.rglob("*")):
         relative = path.relative_to(installed)
         if path.is_file() and not any(part.endswith(unwanted) for part in relative.parts):
             groups.setdefault(str(relative.parent), []).append(str(path.relative_to(HERE)))
@@ -61,7 +73,7 @@ def build_interfaces(name: str, source: str) -> list[tuple[str, list[str]]]:
 
 def write_shims() -> list[str]:
     """Write lib/poise/NAME for `ros2 run` and launch, which pip (unlike colcon) does not fill by itself."""
-    folder = Path('build/shims')
+    folder = Path("build/shims")
     folder.mkdir(parents=True, exist_ok=True)
     for name in NODES:
         shim = folder / name
@@ -78,54 +90,65 @@ class BinaryDistribution(Distribution):
 
 
 data_files = [
-    ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
-    (f'share/{PACKAGE}', ['package.xml']),
-    (f'share/{PACKAGE}/launch', files('launch', '*.launch.py')),
-    (f'share/{PACKAGE}/config', files('config', '*')),
-    (f'share/{PACKAGE}/bags', files('bags', '*')),
+    ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+    (f"share/{PACKAGE}", ["package.xml"]),
+    (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
+    (f"share/{PACKAGE}/config", files("config", "*")),
+    (f"share/{PACKAGE}/bags", files("bags", "*")),
 ]
 options = {}
-if 'bdist_wheel' in sys.argv:  # only pip and uv say this; colcon builds poise_msgs itself
+if "bdist_wheel" in sys.argv:  # only pip and uv say this; colcon builds poise_msgs itself
     for name, source in INTERFACES.items():
         data_files += build_interfaces(name, source)
-    data_files.append((f'lib/{PACKAGE}', write_shims()))
-    options['distclass'] = BinaryDistribution
+    data_files.append((f"lib/{PACKAGE}", write_shims()))
+    options["distclass"] = BinaryDistribution
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
-    description='Weigh, push, place and carry objects that nobody has weighed for the robot',
-    license='Apache-2.0',
-    packages=find_packages(include=['poise', 'poise.*']),
-    package_data={'poise': ['py.typed', '*/*.j2', '*/*.urdf', '*/*.css', '*/*.js', '*/models/*']},
+    version="0.1.0",
+    description="Weigh, push, place and carry objects that nobody has weighed for the robot",
+    license="Apache-2.0",
+    packages=find_packages(include=["poise", "poise.*"]),
+    package_data={"poise": ["py.typed", "*/*.j2", "*/*.urdf", "*/*.css", "*/*.js", "*/models/*"]},
     data_files=data_files,
     zip_safe=False,
-    python_requires='>=3.11',
+    python_requires=">=3.11",
     install_requires=[
-        'setuptools',
+        "setuptools",
         # ROS 2 Jazzy from PyPI: always the ros-jazzy names (a bare ros-rclpy is another distribution's).
-        'ros-jazzy-rclpy[fastrtps]==7.1.6',
-        'ros-jazzy-common-interfaces==5.3.6',
-        'numpy>=2',  # what the pin wheels are built against
-        'scipy>=1.13',
-        'pin>=3.2',
-        'pyyaml>=6',
-        'rosbags>=0.11,<0.12',  # its API moves between minor releases
-        'mcap>=1.2',
-        'lz4>=4',
-        'zstandard>=0.22',
-        'pyserial>=3.5',
-        'pymodbus>=3.9,<4',
-        'jinja2>=3.1',
-        'matplotlib>=3.8',
-        'typer>=0.15',
-        'rich>=13',
+        "ros-jazzy-rclpy[fastrtps]==7.1.6",
+        "ros-jazzy-common-interfaces==5.3.6",
+        "numpy>=2",  # what the pin wheels are built against
+        "scipy>=1.13",
+        "pin>=3.2",
+        "pyyaml>=6",
+        "rosbags>=0.11,<0.12",  # its API moves between minor releases
+        "mcap>=1.2",
+        "lz4>=4",
+        "zstandard>=0.22",
+        "pyserial>=3.5",
+        "pymodbus>=3.9,<4",
+        "jinja2>=3.1",
+        "matplotlib>=3.8",
+        "typer>=0.15",
+        "rich>=13",
     ],
     extras_require={
-        'viewer': ['rerun-sdk>=0.24'],
-        'test': ['pytest>=8', 'pytest-timeout', 'pytest-xdist', 'hypothesis', 'ruff', 'mypy', 'types-PyYAML',
-                 'types-pyserial', 'pre-commit', 'colcon-common-extensions', *BUILD_REQUIRES],
+        "viewer": ["rerun-sdk>=0.24"],
+        "test": [
+            "pytest>=8",
+            "pytest-timeout",
+            "pytest-xdist",
+            "hypothesis",
+            "ruff",
+            "mypy",
+            "types-PyYAML",
+            "types-pyserial",
+            "pre-commit",
+            "colcon-common-extensions",
+            *BUILD_REQUIRES,
+        ],
     },
-    entry_points={'console_scripts': ['poise = poise.cli:main', *(f'{name} = {at}' for name, at in NODES.items())]},
+    entry_points={"console_scripts": ["poise = poise.cli:main", *(f"{name} = {at}" for name, at in NODES.items())]},
     **options,
 )

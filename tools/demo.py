@@ -77,8 +77,12 @@ def replay_through_nodes(act: Act, gravity: float) -> InertialEstimate:
     node = Node("demo")
     estimates: list[InertialEstimate] = []
     node.create_subscription(InertialEstimate, "inertial_estimate", estimates.append, 10)
-    estimator = start("inertial_estimator", method=act.method, gravity=gravity, sensor_frame="ft_sensor", publish_rate=20.0)
-    robot = start("fake_robot", mode="replay", bag=ROOT / "bags" / act.bag, rate=act.rate, wait_for_subscribers="wrench")
+    estimator = start(
+        "inertial_estimator", method=act.method, gravity=gravity, sensor_frame="ft_sensor", publish_rate=20.0
+    )
+    robot = start(
+        "fake_robot", mode="replay", bag=ROOT / "bags" / act.bag, rate=act.rate, wait_for_subscribers="wrench"
+    )
     try:
         deadline = time.monotonic() + 60.0
         quiet_since = None
@@ -112,16 +116,18 @@ def show(act: Act, live: InertialEstimate, offline: Identification, report: Path
     table = new_table(f"{act.title} ({act.bag})")
     row(table, "live nodes", live)
     console.print(table)
-    difference = abs(live.inertia.m - offline.estimate.parameters.mass)
-    console.print(f"  `poise identify` on the same bag: {offline.estimate.parameters.mass:.4f} kg ({difference:.0e} kg apart)")
+    mass = offline.estimate.parameters.mass
+    console.print(f"  `poise identify` on the same bag: {mass:.4f} kg ({abs(live.inertia.m - mass):.0e} kg apart)")
     console.print(f"  report: {report}\n")
 
 
 def main() -> None:
     # An own corner of the network, so that a robot on the desk is not disturbed.
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(60, 100)))
-    console.print("[bold]Poise[/bold]: a KUKA LBR Med 14 with an ATI Gamma sensor, recorded by A. Skrede (CC BY 4.0).\n"
-                  "Its payload was never weighed for us. Bag → fake_robot → wrench, tf → inertial_estimator → the answer.\n")
+    console.print(
+        "[bold]Poise[/bold]: a KUKA LBR Med 14 with an ATI Gamma sensor, recorded by A. Skrede (CC BY 4.0).\n"
+        "Nobody weighed its payload. Bag → fake_robot → wrench, tf → inertial_estimator → the answer.\n"
+    )
     rclpy.init()
     try:
         for act in ACTS:
@@ -136,7 +142,8 @@ def main() -> None:
             show(act, live, offline, report)
     finally:
         rclpy.try_shutdown()
-    console.print(f"Open the reports in a browser, or the motion in 3-D: .venv/bin/rerun {OUT.relative_to(ROOT)}/*/identification.rrd")
+    scenes = f"{OUT.relative_to(ROOT)}/*/identification.rrd"
+    console.print(f"Open the reports in a browser, or the motion in 3-D: .venv/bin/rerun {scenes}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,104 @@
+"""Both installs, pip's and colcon's, put things where `ros2 run`, `ros2 launch` and rosidl look for them."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ament_index_python import get_package_share_directory, get_packages_with_prefixes, get_resource
+
+from poise.errors import ErrorCode
+from poise_msgs.msg import ErrorCode as ErrorCodeMessage
+
+ROOT = Path(__file__).resolve().parents[2]
+NODES = ("fake_robot", "ft_driver", "inertial_estimator")
+
+
+def executables_of(prefix: Path) -> list[str]:
+    """What `ros2 run poise` would offer: files one may execute in <prefix>/lib/poise."""
+    return sorted(file.name for file in (prefix / "lib" / "poise").iterdir() if os.access(file, os.X_OK))
+
+
+def starts_and_stops(command: list[str], environment: dict[str, str], graph: Any, log: Path) -> None:
+    """Start a node, wait until the graph shows it, Ctrl-C it, and see it leave cleanly."""
+    with log.open("w") as sink:
+        node = subprocess.Popen(command, env=environment, stdout=sink, stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        graph.wait_for(
+            lambda: node.poll() is not None or "inertial_estimator" in graph.node.get_node_names(), what=log.read_text()
+        )
+        os.killpg(node.pid, signal.SIGINT)
+        assert node.wait(20) == 0, log.read_text()
+    finally:
+        if node.poll() is None:
+            os.killpg(node.pid, signal.SIGKILL)
+
+
+def test_error_codes_are_the_same_numbers_in_python_and_in_the_interface() -> None:
+    constants = {name: getattr(ErrorCodeMessage, name) for name in dir(ErrorCodeMessage) if name.isupper()}
+    assert constants == {code.name: code.value for code in ErrorCode}
+
+
+def test_the_index_knows_both_packages() -> None:
+    packages = get_packages_with_prefixes()
+    assert {"poise", "poise_msgs", "tf2_msgs"} <= set(packages)
+    assert get_resource("packages", "poise")[1] == packages["poise"]
+
+
+def test_every_node_is_where_ros2_run_looks() -> None:
+    assert set(NODES) <= set(executables_of(Path(get_packages_with_prefixes()["poise"])))
+
+
+def test_launch_files_parameters_and_bags_are_shared() -> None:
+    share = Path(get_package_share_directory("poise"))
+    for node in NODES:
+        assert (share / "launch" / f"{node}.launch.py").is_file()
+        assert (share / "config" / f"{node}.yaml").is_file()
+    assert (share / "package.xml").is_file()
+    assert (share / "bags" / "manifest.yaml").is_file()
+
+
+def test_a_pip_installed_node_runs_as_ros2_run_would_start_it(
+    node_environment: dict[str, str], graph: Any, tmp_path: Path
+) -> None:
+    shim = Path(get_packages_with_prefixes()["poise"]) / "lib" / "poise" / "inertial_estimator"
+    starts_and_stops([str(shim)], node_environment, graph, tmp_path / "node.log")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("symlink", [False, True], ids=["copied", "symlink-install"])
+def test_colcon_builds_it_and_ros2_run_would_find_it(
+    tmp_path: Path, node_environment: dict[str, str], graph: Any, symlink: bool
+) -> None:
+    bin_folder = Path(sys.prefix) / "bin"
+    environment = node_environment | {
+        "PATH": f"{bin_folder}:{os.environ['PATH']}",
+        "CMAKE_PREFIX_PATH": sys.prefix,
+        "COLCON_DEFAULTS_FILE": str(ROOT / "colcon_defaults.yaml"),
+    }
+    environment.pop("PYTHONPATH", None)
+    build = [
+        *(bin_folder / "colcon", "--log-base", tmp_path / "log", "build", "--build-base", tmp_path / "build"),
+        *("--install-base", tmp_path / "install", *(["--symlink-install"] if symlink else [])),
+        # What a system with /opt/ros/jazzy does not need: see the file.
+        *("--cmake-args", f"-DCMAKE_PROJECT_poise_msgs_INCLUDE={ROOT / 'msg_defs/cmake/pypi_wheels.cmake'}"),
+        f"-DPython3_EXECUTABLE={sys.executable}",
+    ]
+    built = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=500, check=False)
+    assert built.returncode == 0, built.stdout + built.stderr
+    installed = tmp_path / "install" / "poise"
+    assert set(NODES) <= set(executables_of(installed))
+    assert (installed / "share/poise/launch/ft_driver.launch.py").exists()
+    shell = f". {tmp_path}/install/setup.bash && exec "
+    command = ["bash", "-c", f"{shell} {installed}/lib/poise/inertial_estimator"]
+    starts_and_stops(command, environment, graph, tmp_path / "node.log")
+    # And it was this install that ran, not the one in the virtual environment.
+    where = ["bash", "-c", f"{shell} {sys.executable} -c 'import poise.nodes.runtime as m; print(m.__file__)'"]
+    runs = subprocess.run(
+        where, env=environment, capture_output=True, text=True, check=True, cwd=tmp_path
+    ).stdout.strip()
+    assert Path(runs).is_relative_to(ROOT if symlink else tmp_path)
