@@ -1,0 +1,32 @@
+"""Weighing what a sensor holds: from wrenches and motion to mass, centre of mass and inertia, and how sure that is.
+
+- `parameters`: `InertialParameters`, the 10-vector phi, the pseudo-inertia, other frames.
+- `regressor`: the wrench of a moving load, linear in phi.
+- `information`: `InformationAccumulator`, what all samples say in sums that do not grow.
+- `least_squares`: `solve`, phi and sensor bias with covariance, and the names of what cannot be seen.
+"""
+
+from poise.inertia.information import InformationAccumulator
+from poise.inertia.least_squares import Solution, solve
+from poise.inertia.parameters import (
+    PARAMETER_NAMES,
+    InertialParameters,
+    about_com_jacobian,
+    frame_change,
+    phi_of_pseudo_inertia,
+    pseudo_inertia,
+)
+from poise.inertia.regressor import regressor
+
+__all__ = [
+    "PARAMETER_NAMES",
+    "InertialParameters",
+    "InformationAccumulator",
+    "Solution",
+    "about_com_jacobian",
+    "frame_change",
+    "phi_of_pseudo_inertia",
+    "pseudo_inertia",
+    "regressor",
+    "solve",
+]
