@@ -78,7 +78,7 @@ class IdentificationProblem:
     angular_velocity: Array
     angular_acceleration: Array
     wrench: Array
-    noise: NoiseLevels = NoiseLevels()  # noqa: RUF009 (frozen)
+    noise: NoiseLevels = NoiseLevels()
     unit_parts: Array | None = None
     part_volumes: Array | None = None
     shape_points: Array | None = None
@@ -91,9 +91,9 @@ class IdentificationProblem:
                 ErrorCode.BAD_INPUT, "identification problem: stamps must be one row of increasing nanoseconds; sort"
             )
         n = len(stamps)
-        shapes: dict[str, tuple[int, ...]] = {name: (n, 3) for name in KINEMATICS} | {"wrench": (n, 6)}
-        for name, shape in shapes.items():
-            self._check(name, shape)
+        for name in KINEMATICS:
+            self._check(name, (n, 3))
+        self._check("wrench", (n, 6))
         n_parts = 0 if self.unit_parts is None else np.shape(self.unit_parts)[-1]
         n_points = 0 if self.shape_points is None else np.shape(self.shape_points)[0]
         optional: dict[str, tuple[int, ...]] = {
@@ -138,9 +138,9 @@ class IdentificationProblem:
     @cached_property
     def regressor(self) -> Array:
         """(N, 6, 10) A with wrench = A phi, thesis eq. 3.2."""
-        return _frozen(
-            regressor(self.gravity_minus_acceleration, self.angular_velocity, self.angular_acceleration), np.float64
-        )
+        matrix = regressor(self.gravity_minus_acceleration, self.angular_velocity, self.angular_acceleration)
+        matrix.flags.writeable = False
+        return matrix
 
     def select(self, mask: Any) -> "IdentificationProblem":
         """The samples that a boolean mask, an index array or a slice picks."""
