@@ -53,14 +53,23 @@ class Stream:
         """(N,) seconds since the first stamp."""
         return np.asarray((self.stamps - self.stamps[:1]) * 1e-9, dtype=np.float64)
 
+    @property
+    def not_finite(self) -> int:
+        """How many samples hold NaN or infinity, not counting columns that were never measured."""
+        faulty = np.zeros(len(self), dtype=bool)
+        for value in self._arrays().values():
+            columns = value.reshape(len(self), -1)
+            faulty |= ~np.isfinite(columns[:, ~np.isnan(columns).all(axis=0)]).all(axis=1)
+        return int(faulty.sum())
+
     def select(self, index: Any) -> Self:
         """Return the samples at `index`: a slice, a boolean mask (N,), or rising integers."""
-        arrays = {
-            field.name: value[index]
-            for field in fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
-        }
+        arrays: dict[str, Any] = {name: value[index] for name, value in self._arrays().items()}
         return replace(self, **arrays)
+
+    def _arrays(self) -> dict[str, npt.NDArray[Any]]:
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
     def _freeze(self, name: str, dtype: type, shape: tuple[int, ...]) -> None:
         """Replace a field by a read-only copy of it with this type, once its shape is right."""

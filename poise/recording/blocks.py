@@ -1,0 +1,193 @@
+"""Blocks: the stretches of an mcap file that are checked and decompressed as one, and the messages in them."""
+
+import struct
+import zlib
+from dataclasses import dataclass
+from enum import StrEnum
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+import numpy.typing as npt
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+
+from poise.errors import ErrorCode, InputError
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
+MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # record head, channel, sequence, log time, publish time
+# Where the messages of a block are: `start` counts from the first byte of the decompressed block.
+MESSAGE = np.dtype([("channel", "u2"), ("log_time", "u8"), ("start", "i8"), ("size", "i8")])
+
+# A chunk's header claims how much it decompresses to. Real chunks stay far below these; a claim above is damage.
+MAX_RATIO = 1024
+ALWAYS_ALLOWED = 64 << 20
+PIECE = 1 << 20
+
+MessageRow = tuple[int, int, int, int]
+
+
+class LossKind(StrEnum):
+    """What happened to the part of a bag that was lost."""
+
+    TRUNCATED = "truncated"  # the file ends early
+    DAMAGED = "damaged"  # messages were skipped because they cannot be trusted
+    METADATA = "metadata"  # a metadata record was skipped because it cannot be trusted
+    INDEX = "index"  # bytes are damaged that carry no message: nothing of the content is lost
+
+
+@dataclass(frozen=True)
+class Loss:
+    """One thing that is wrong with a bag, and what it cost.
+
+    Args:
+        kind: what happened.
+        offset: where in the file, bytes.
+        start_stamp: log time from which messages may be lost, ns; None when unknown.
+        end_stamp: log time until which messages may be lost, ns; None when unknown.
+        sentence: the same for people.
+        messages: how many were lost; None when unknown.
+        file: the .mcap file.
+    """
+
+    kind: LossKind
+    offset: int
+    start_stamp: int | None
+    end_stamp: int | None
+    sentence: str
+    messages: int | None
+    file: Path
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A chunk, or a run of messages outside of chunks.
+
+    Args:
+        path: the .mcap file.
+        offset: of the first byte in the file.
+        size: bytes in the file.
+        compression: "", "lz4" or "zstd".
+        crc: CRC-32 of the decompressed bytes as they were when the file was scanned.
+        messages: (M,) of MESSAGE.
+        checked: whether the writer left a checksum that vouches for these bytes.
+        outside: whether this is a run outside of chunks.
+    """
+
+    path: Path
+    offset: int
+    size: int
+    compression: str
+    length: int
+    crc: int
+    messages: npt.NDArray[np.void]
+    checked: bool
+    outside: bool
+
+    def read(self) -> bytes:
+        """Return the decompressed bytes, the same as when the file was scanned.
+
+        Raises:
+            InputError: FILE_CORRUPT when the file has changed since, FILE_UNREADABLE when it is gone.
+        """
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self.offset)
+                data = decompress(file.read(self.size), self.compression, self.length)
+        except OSError as error:
+            raise InputError(ErrorCode.FILE_UNREADABLE, f"{self.path} cannot be read: {error.strerror}") from error
+        if zlib.crc32(data) != self.crc:
+            raise InputError(
+                ErrorCode.FILE_CORRUPT, f"{self.path} changed while it was being read: let its writer finish, reopen it"
+            )
+        return data
+
+
+def plausible_length(length: int, compressed_size: int) -> bool:
+    """Tell whether a chunk of this size in the file may claim to decompress to this length."""
+    return length <= max(ALWAYS_ALLOWED, MAX_RATIO * compressed_size)
+
+
+def decompress(payload: bytes, compression: str, length: int) -> bytes:
+    """Decompress as far as possible, and never beyond `length` (one byte more tells that there is more).
+
+    A payload that is cut gives what its last whole block holds, a damaged one little or nothing: compare the checksum.
+    """
+    if compression == "":
+        return payload
+    try:
+        if compression == "lz4":
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(payload, max_length=length + 1))
+        if compression == "zstd":
+            return _decompress_zstd(payload, length + 1)
+    except (zstandard.ZstdError, RuntimeError, EOFError):
+        pass
+    return b""
+
+
+def _decompress_zstd(payload: bytes, limit: int) -> bytes:
+    """Decompress in pieces: the claimed length is never allocated before that much has come."""
+    source = zstandard.ZstdDecompressor().stream_reader(payload)
+    content = bytearray()
+    while len(content) < limit and (piece := source.read(min(PIECE, limit - len(content)))):
+        content += piece
+    return bytes(content)
+
+
+def index_messages(rows: list[MessageRow]) -> npt.NDArray[np.void]:
+    """Turn (channel, log time, start, size) of each message into an array of MESSAGE."""
+    return np.array(rows, dtype=MESSAGE)
+
+
+def split_records(data: bytes) -> tuple[npt.NDArray[np.void], list[tuple[int, bytes]], int]:
+    """Split the content of a chunk into its records.
+
+    Returns:
+        Messages (M,) of MESSAGE, the other records as (opcode, content), the offset behind the last whole record.
+    """
+    rows: list[MessageRow] = []
+    others: list[tuple[int, bytes]] = []
+    position, end = 0, len(data)
+    while position + RECORD_HEAD.size <= end:
+        opcode, length = RECORD_HEAD.unpack_from(data, position)
+        behind = position + RECORD_HEAD.size + length
+        if behind > end or opcode == 0 or (opcode == Opcode.MESSAGE and position + MESSAGE_HEAD.size > behind):
+            break
+        if opcode == Opcode.MESSAGE:
+            _, _, channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, position)
+            start = position + MESSAGE_HEAD.size
+            rows.append((channel, log_time, start, behind - start))
+        else:
+            others.append((opcode, data[position + RECORD_HEAD.size : behind]))
+        position = behind
+    return index_messages(rows), others, position
+
+
+class DamagedRecordError(ValueError):
+    """A record whose content does not fit its length."""
+
+
+class _ExactBytes(BytesIO):
+    """Bytes that never give less than asked for."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        if size is not None and len(data) < size:
+            raise DamagedRecordError(f"a field of {size} bytes where {len(data)} are left")
+        return data
+
+
+def parse_record(record_type: Any, content: bytes) -> Any:
+    """Parse a record's content with a record class of the mcap library, every length held against what is there.
+
+    Raises:
+        DamagedRecordError: a length or a text in it is impossible.
+    """
+    try:
+        return record_type.read(ReadDataStream(_ExactBytes(content)))
+    except (struct.error, UnicodeDecodeError) as error:
+        raise DamagedRecordError(str(error)) from error

@@ -1,0 +1,346 @@
+"""Scanning one mcap file from front to back: every checksum checked, every intact message found, every loss named."""
+
+import bisect
+import struct
+import zlib
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+from mcap.opcode import Opcode
+from mcap.records import Channel, Metadata, Schema
+
+from poise.errors import ErrorCode, InputError
+from poise.recording.blocks import (
+    MAGIC,
+    MESSAGE_HEAD,
+    PIECE,
+    RECORD_HEAD,
+    Block,
+    DamagedRecordError,
+    Loss,
+    LossKind,
+    MessageRow,
+    decompress,
+    index_messages,
+    parse_record,
+    plausible_length,
+    split_records,
+)
+from poise.recording.chunks import ChunkHead, indexed_head, read_head
+from poise.recording.ending import DATA_END_SIZE, Ending, read_ending
+
+RUN_SIZE = 4 << 20  # messages outside of chunks are read in runs of about this size
+METADATA_CHECK = "crc32"  # the key under which our writer vouches for a metadata record, which mcap does not
+OUTSIDE_RECORDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
+
+
+@dataclass
+class Contents:
+    """What one file gave: blocks of messages in file order, topics by their numbers, and what was lost."""
+
+    blocks: list[Block] = field(default_factory=list)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    losses: list[Loss] = field(default_factory=list)
+
+
+def metadata_checksum(name: str, values: dict[str, str]) -> str:
+    """Return the CRC-32, in hexadecimal, of a metadata record's name, keys and values."""
+    words = [name, *(word for item in sorted(values.items()) if item[0] != METADATA_CHECK for word in item)]
+    return f"{zlib.crc32(chr(0).join(words).encode()):08x}"
+
+
+def scan(path: Path) -> Contents:
+    """Scan an mcap file.
+
+    Raises:
+        InputError: FILE_UNREADABLE, EMPTY (no byte in it), FILE_CORRUPT (not an mcap file).
+    """
+    try:
+        if not path.is_file():
+            raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} is not a file: give an .mcap file or a bag's folder")
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            return _Scan(path, file, size).run()
+    except OSError as error:
+        raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
+
+
+class _Scan:
+    """The state of one scan."""
+
+    def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
+        self.path, self.file, self.size = path, file, size
+        self.contents = Contents()
+        self.ending = Ending()
+        self.others: list[tuple[int, int, bytes]] = []  # records outside of chunks: (offset, opcode, content)
+        self.run_rows: list[MessageRow] = []
+        self.run_start = 0
+        self.data_end: int | None = None  # where the data section was found to end
+        self.last_log_time: int | None = None
+
+    def run(self) -> Contents:
+        self._check_magic()
+        self.ending = read_ending(self.file, self.size)
+        self.contents.schemas.update(self.ending.schemas)
+        self.contents.channels.update(self.ending.channels)
+        position = self._walk(len(MAGIC), self.size if self.ending.data_end is None else self.ending.data_end)
+        self._flush_run()
+        self._judge_ending(position)
+        self._judge_outside(self._check_data_section())
+        self._drop_unknown_channels()
+        self._compare_counts()
+        self.contents.losses.sort(key=lambda loss: loss.offset)
+        return self.contents
+
+    def _check_magic(self) -> None:
+        magic = self.file.read(len(MAGIC))
+        if magic == MAGIC:
+            return
+        if not magic:
+            raise InputError(ErrorCode.EMPTY, f"{self.path} is an empty file: record again")
+        self.file.seek(-min(len(MAGIC), self.size), 2)
+        if self.file.read() == MAGIC:
+            raise InputError(ErrorCode.FILE_CORRUPT, f"{self.path} is damaged in its first bytes: copy it again")
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{self.path} is not an mcap file: convert it with `ros2 bag convert`")
+
+    # -- the walk ---------------------------------------------------------------------------------------------
+
+    def _walk(self, position: int, stop: int) -> int:
+        """Go from record to record; where the framing breaks, go on at the next place that the index knows.
+
+        Returns:
+            The offset of the first byte that could not be read as a record, or that lies behind the data section.
+        """
+        chunk_offsets = sorted(self.ending.chunks)
+        while position < stop and self.data_end is None:
+            if position in self.ending.chunks:
+                index = self.ending.chunks[position]
+                self._take_chunk(indexed_head(self.file, index))
+                position += index.chunk_length
+                continue
+            following = bisect.bisect_right(chunk_offsets, position)
+            boundary = chunk_offsets[following] if following < len(chunk_offsets) else stop
+            self.file.seek(position)
+            head = self.file.read(RECORD_HEAD.size)
+            opcode, length = RECORD_HEAD.unpack(head) if len(head) == RECORD_HEAD.size else (0, 0)
+            behind = position + RECORD_HEAD.size + length
+            if opcode != 0 and behind <= boundary:
+                self._take_record(position, opcode, length)
+            elif self.ending.data_end is not None:
+                self._lose_record(position, f"bytes {position} to {boundary} outside of the chunks are damaged")
+                behind = boundary
+            else:
+                if opcode == Opcode.CHUNK and (cut := read_head(self.file, position, length)):
+                    self._take_chunk(cut)
+                break
+            position = behind
+        return position
+
+    def _take_record(self, position: int, opcode: int, length: int) -> None:
+        """Take one whole record outside of the indexed chunks; its head has just been read."""
+        if opcode == Opcode.MESSAGE and length >= MESSAGE_HEAD.size - RECORD_HEAD.size:
+            self._take_message(position, length)
+        elif opcode == Opcode.CHUNK and (head := read_head(self.file, position, length)):
+            self._take_chunk(head)
+        elif opcode == Opcode.DATA_END and length == 4 and self.ending.data_end is None:
+            self.data_end = position
+        elif opcode in OUTSIDE_RECORDS:
+            self.others.append((position, opcode, self.file.read(length)))
+        elif opcode in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER):
+            self._lose_record(position, f"the record at byte {position} makes no sense and was skipped")
+
+    def _take_message(self, position: int, length: int) -> None:
+        if self.run_rows and position + length - self.run_start > RUN_SIZE:
+            self._flush_run()
+        if not self.run_rows:
+            self.run_start = position
+        head = RECORD_HEAD.pack(Opcode.MESSAGE, length) + self.file.read(MESSAGE_HEAD.size - RECORD_HEAD.size)
+        _, _, channel, _, log_time, _ = MESSAGE_HEAD.unpack(head)
+        size = length + RECORD_HEAD.size - MESSAGE_HEAD.size
+        self.run_rows.append((channel, log_time, position + MESSAGE_HEAD.size - self.run_start, size))
+        self.last_log_time = log_time
+
+    def _flush_run(self) -> None:
+        """Close the run of messages outside of chunks, if there is one."""
+        if not self.run_rows:
+            return
+        _, _, start, size = self.run_rows[-1]
+        self.file.seek(self.run_start)
+        data = self.file.read(start + size)
+        place = (self.path, self.run_start, len(data), "")
+        self._add_block(Block(*place, len(data), zlib.crc32(data), index_messages(self.run_rows), False, True))
+        self.run_rows = []
+
+    def _add_block(self, block: Block) -> None:
+        if len(block.messages):
+            self.last_log_time = int(block.messages["log_time"][-1])
+            self.contents.blocks.append(block)
+
+    # -- chunks -----------------------------------------------------------------------------------------------
+
+    def _take_chunk(self, head: ChunkHead) -> None:
+        """Take the messages of a chunk when its checksum holds; of one that the end of the file cuts, what is there."""
+        self._flush_run()
+        cut = head.payload + head.size > self.size
+        self.file.seek(head.payload)
+        payload = self.file.read(min(head.size, self.size - head.payload))
+        plausible = plausible_length(head.length, head.size)
+        data = decompress(payload, head.compression, head.length) if plausible else b""
+        crc = zlib.crc32(data)
+        whole = len(data) == head.length and head.crc in (0, crc)
+        if not cut and not whole:
+            why = "fails its checksum" if plausible else "claims an impossible size"
+            self._lose_chunk(LossKind.DAMAGED, head, f"{why}: {_messages(head.count)}", head.count)
+            return
+        messages, others, end = split_records(data)
+        checked = whole and head.crc != 0
+        place = (self.path, head.payload, len(payload), head.compression)
+        self._add_block(Block(*place, len(data), crc, messages, checked, False))
+        try:
+            for opcode, content in others:
+                self._take_definition(opcode, content)
+        except DamagedRecordError:
+            self._lose_record(head.record, f"the chunk at byte {head.record} holds a damaged definition")
+        if not whole:
+            kept = f"is cut by the end of the file: {_messages(len(messages))} of it are kept, the others"
+            self._lose_chunk(LossKind.TRUNCATED, head, kept, None)
+        elif end != len(data):
+            self._lose_chunk(LossKind.DAMAGED, head, "holds a damaged record: the messages behind it", None)
+
+    def _take_definition(self, opcode: int, content: bytes) -> None:
+        """Remember a schema or a channel, unless the index has told of it."""
+        if opcode == Opcode.SCHEMA:
+            schema: Schema = parse_record(Schema, content)
+            self.contents.schemas.setdefault(schema.id, schema)
+        elif opcode == Opcode.CHANNEL:
+            channel: Channel = parse_record(Channel, content)
+            self.contents.channels.setdefault(channel.id, channel)
+
+    # -- verdicts ---------------------------------------------------------------------------------------------
+
+    def _judge_ending(self, position: int) -> None:
+        """Report a file without a sound end: cut inside of the data section, or only without its index."""
+        if self.ending.data_end is not None:
+            self.data_end = self.ending.data_end
+        elif self.data_end is not None:
+            sentence = f"the index behind byte {self.data_end} is damaged or cut off: the messages were read without it"
+            self._lose(LossKind.INDEX, self.data_end, sentence, messages=0)
+        elif not any(loss.kind == LossKind.TRUNCATED for loss in self.contents.losses):
+            since = "" if self.last_log_time is None else f", logged from {self.last_log_time} ns on"
+            sentence = f"the file ends or breaks off at byte {position}: what followed{since}, is lost"
+            self._lose(LossKind.TRUNCATED, position, sentence, (self.last_log_time, None))
+
+    def _check_data_section(self) -> bool | None:
+        """Tell whether the checksum of the data section holds; None when it was not written or is cut off."""
+        if self.data_end is None:
+            return None
+        self.file.seek(self.data_end)
+        record = self.file.read(DATA_END_SIZE)
+        (expected,) = struct.unpack("<I", record[-4:])
+        if record[:-4] == RECORD_HEAD.pack(Opcode.DATA_END, 4) and expected == 0:
+            return None
+        sound = record == RECORD_HEAD.pack(Opcode.DATA_END, 4) + struct.pack("<I", self._crc_until(self.data_end))
+        if not sound and not self.contents.losses:
+            sentence = (
+                "the checksum of the data section fails, every chunk's holds: the damage lies outside of the chunks"
+            )
+            self._lose(LossKind.INDEX, self.data_end, sentence, messages=0)
+        return sound
+
+    def _crc_until(self, end: int) -> int:
+        self.file.seek(0)
+        crc, position = 0, 0
+        while position < end and (piece := self.file.read(min(PIECE, end - position))):
+            crc = zlib.crc32(piece, crc)
+            position += len(piece)
+        return crc
+
+    def _judge_outside(self, sound: bool | None) -> None:
+        """Take what lies outside of the chunks, unless the checksum of the data section says that it is damaged."""
+        for position, opcode, content in self.others:
+            try:
+                if opcode == Opcode.METADATA:
+                    self._take_metadata(position, parse_record(Metadata, content), sound)
+                elif sound is not False:
+                    self._take_definition(opcode, content)
+            except DamagedRecordError:
+                self._lose_record(position, f"the record at byte {position} is damaged and was skipped")
+        if sound is not None:
+            blocks, self.contents.blocks = self.contents.blocks, []
+            for block in blocks:
+                if sound:
+                    self.contents.blocks.append(replace(block, checked=True))
+                elif not block.outside:
+                    self.contents.blocks.append(block)
+                else:
+                    what = "outside of the chunks cannot be trusted, as the checksum of the data section fails"
+                    self._lose_messages(block, np.ones(len(block.messages), bool), what)
+
+    def _take_metadata(self, position: int, record: Metadata, sound: bool | None) -> None:
+        values = dict(record.metadata)
+        own = values.pop(METADATA_CHECK, None)
+        if own == metadata_checksum(record.name, values) or (own is None and sound is not False):
+            self.contents.metadata[record.name] = values
+        else:
+            sentence = f"the metadata record {record.name!r} at byte {position} cannot be trusted and was skipped"
+            self._lose(LossKind.METADATA, position, sentence, messages=0)
+
+    def _drop_unknown_channels(self) -> None:
+        known = [number for number, channel in self.contents.channels.items()]
+        blocks, self.contents.blocks = self.contents.blocks, []
+        for block in blocks:
+            unknown = ~np.isin(block.messages["channel"], known)
+            if unknown.any():
+                self._lose_messages(block, unknown, "belong to topics whose names are lost")
+                block = replace(block, messages=block.messages[~unknown])
+            if len(block.messages):
+                self.contents.blocks.append(block)
+
+    def _compare_counts(self) -> None:
+        """Hold what was found against the writer's own count, when nothing is known to be lost."""
+        statistics = self.ending.statistics
+        if statistics is None or any(loss.kind != LossKind.INDEX for loss in self.contents.losses):
+            return
+        found = sum(len(block.messages) for block in self.contents.blocks)
+        if found != statistics.message_count:
+            sentence = f"the writer counted {_messages(statistics.message_count)}, {found} were found"
+            missing = max(0, statistics.message_count - found)
+            self._lose(LossKind.DAMAGED, self.size, sentence, messages=missing)
+
+    # -- losses -----------------------------------------------------------------------------------------------
+
+    def _lose_chunk(self, kind: LossKind, head: ChunkHead, what: str, messages: int | None) -> None:
+        sentence = f"the chunk at byte {head.record} {what}, logged from {head.start} to {head.end} ns, are lost"
+        self._lose(kind, head.record, sentence, (head.start, head.end), messages)
+
+    def _lose_messages(self, block: Block, which: npt.NDArray[np.bool_], what: str) -> None:
+        times = block.messages["log_time"][which]
+        span = (int(times.min()), int(times.max()))
+        count = int(which.sum())
+        sentence = f"{_messages(count)} behind byte {block.offset}, logged from {span[0]} to {span[1]} ns, {what}"
+        self._lose(LossKind.DAMAGED, block.offset, sentence, span, count)
+
+    def _lose_record(self, position: int, sentence: str) -> None:
+        self._lose(LossKind.INDEX, position, sentence, messages=0)
+
+    def _lose(
+        self,
+        kind: LossKind,
+        offset: int,
+        sentence: str,
+        span: tuple[int | None, int | None] = (None, None),
+        messages: int | None = None,
+    ) -> None:
+        self.contents.losses.append(Loss(kind, offset, *span, f"{self.path.name}: {sentence}", messages, self.path))
+
+
+def _messages(count: int | None) -> str:
+    """Say how many messages."""
+    if count is None:
+        return "an unknown number of messages"
+    return "1 message" if count == 1 else f"{count} messages"
