@@ -57,17 +57,18 @@ class Stream:
     def not_finite(self) -> int:
         """How many samples hold NaN or infinity, not counting columns that were never measured."""
         faulty = np.zeros(len(self), dtype=bool)
-        for value in self._arrays().values():
+        for value in self.arrays().values():
             columns = value.reshape(len(self), -1)
             faulty |= ~np.isfinite(columns[:, ~np.isnan(columns).all(axis=0)]).all(axis=1)
         return int(faulty.sum())
 
     def select(self, index: Any) -> Self:
         """Return the samples at `index`: a slice, a boolean mask (N,), or rising integers."""
-        arrays: dict[str, Any] = {name: value[index] for name, value in self._arrays().items()}
+        arrays: dict[str, Any] = {name: value[index] for name, value in self.arrays().items()}
         return replace(self, **arrays)
 
-    def _arrays(self) -> dict[str, npt.NDArray[Any]]:
+    def arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Return the arrays by name: the stamps, and what has a row per stamp."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
