@@ -38,8 +38,10 @@ STATIC_NOTES = (
     "24 poses at rest. Each wrench and acceleration is the average over one pose, and has no time: the poses are one "
     "second apart, tf stands at the start and the end of a dwell of 0.8 s, wrench and imu in its middle. " + NO_POSITION
 )
-MOTION_NOTES = "Free motion of the arm; three clocks of one computer, not aligned. " + NO_POSITION
-VIBRATION_NOTES = "The same motion while the arm is shaken by hand; three clocks, not aligned. " + NO_POSITION
+MOTION_NOTES = "Free motion of the arm. The clocks of wrench, imu and tf are not aligned. " + NO_POSITION
+VIBRATION_NOTES = (
+    "The same motion while the arm is shaken. The clocks of wrench, imu and tf are not aligned. " + NO_POSITION
+)
 REST_NOTES = (
     "The sensor at rest, for its noise. The files have no times: the stamps count from 0 at 700 Hz (wrench) and 254 Hz "
     "(imu), so nothing relates the two. No orientation was recorded."
@@ -188,12 +190,19 @@ def convert(folder: Path, output: Path) -> None:
         write_recording(path, streams, metadata=METADATA)
         entries.append(manifest_entry(path, notes))
         print(f"{path}  {path.stat().st_size / 1024:.0f} KiB")
-    head = (
-        "# The recordings in this folder, written by tools/convert_kuka_recording.py. Rates in Hz, gravity in m/s2.\n"
-    )
-    draft = output / ".manifest.yaml.tmp"
-    draft.write_text(head + yaml.safe_dump({"bags": entries}, sort_keys=False, width=110, allow_unicode=True))
-    draft.replace(output / "manifest.yaml")
+    write_manifest(output / "manifest.yaml", entries)
+
+
+def write_manifest(path: Path, entries: list[dict[str, object]]) -> None:
+    """Write the manifest, whole or not at all."""
+    head = "# The recordings in this folder, made by tools/convert_kuka_recording.py. Rates in Hz, gravity in m/s2.\n"
+    draft = path.with_name(f".{path.name}.tmp")
+    try:
+        draft.write_text(head + yaml.safe_dump({"bags": entries}, sort_keys=False, width=110))
+        draft.replace(path)
+    except OSError as error:
+        draft.unlink(missing_ok=True)
+        raise InputError(ErrorCode.FILE_UNWRITABLE, f"{path} cannot be written: {error.strerror}") from error
 
 
 def main() -> int:
