@@ -1,0 +1,99 @@
+"""From a recording to the sensor's motion and how well it is known: joint states, or poses from tf."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poise.robot.differentiation import Derivatives, differentiate, differentiate_rotations
+from poise.robot.kinematics import motion_sigma, sensor_motion
+from poise.robot.model import RobotModel
+from poise.robot.motion import Array, SensorMotion
+
+
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """A sensor's motion with the one-sigma errors of its components, each (N, 3)."""
+
+    motion: SensorMotion
+    angular_velocity_sigma: Array
+    angular_acceleration_sigma: Array
+    linear_acceleration_sigma: Array
+
+
+def motion_from_joints(
+    model: RobotModel,
+    stamps: ArrayLike,
+    names: Sequence[str],
+    position: ArrayLike,
+    velocity: ArrayLike | None = None,
+    knot_spacing: float | None = None,
+) -> MeasuredMotion:
+    """The motion of the sensor from joint states, for a base that rests (or whose joints are in the URDF).
+
+    Args:
+        model: the robot.
+        stamps: (N,) ns.
+        names: (K) as in the joint states; more than the model's are fine, fewer are not.
+        position: (N, K) rad or m.
+        velocity: (N, K) where there is one; NaN columns are left out.
+        knot_spacing: s; None: cross-validated, see `differentiate`.
+
+    Returns:
+        The samples that have derivatives; stretches of fewer than 12 samples between gaps are left out.
+
+    Raises:
+        InputError: as `RobotModel.order`, `differentiate` and `sensor_motion`.
+    """
+    (ordered,) = model.order(names, position)
+    rates = None if velocity is None else model.order(names, velocity)[0]
+    return motion_from_derivatives(model, differentiate(stamps, ordered, rates, knot_spacing=knot_spacing))
+
+
+def motion_from_derivatives(model: RobotModel, joints: Derivatives) -> MeasuredMotion:
+    """The motion of the sensor from differentiated joint positions, ordered as the model's joints."""
+    known = np.isfinite(joints.acceleration).all(axis=1)
+    position = joints.position[known]
+    motion = sensor_motion(model, joints.stamps[known], position, joints.velocity[known], joints.acceleration[known])
+    sigma = motion_sigma(model, position, joints.velocity_sigma[known], joints.acceleration_sigma[known])
+    return MeasuredMotion(motion, *sigma)
+
+
+def motion_from_poses(
+    stamps: ArrayLike,
+    rotation_world_sensor: ArrayLike,
+    translation_world_sensor: ArrayLike,
+    knot_spacing: float | None = None,
+) -> MeasuredMotion:
+    """The motion of the sensor from its poses, as from tf.
+
+    Args:
+        stamps: (N,) ns.
+        rotation_world_sensor: (N, 3, 3).
+        translation_world_sensor: (N, 3) m. Where only attitudes were recorded and these are all zero, the linear
+            acceleration comes out as zero: that is an assumption, not a measurement.
+        knot_spacing: s; None: cross-validated.
+
+    Raises:
+        InputError: as `differentiate_rotations`.
+    """
+    turning = differentiate_rotations(stamps, rotation_world_sensor, knot_spacing=knot_spacing)
+    moving = differentiate(stamps, translation_world_sensor, knot_spacing=knot_spacing)
+    known = np.isfinite(turning.angular_acceleration).all(axis=1)
+    rotation = turning.rotation[known]
+    motion = SensorMotion(
+        turning.stamps[known],
+        rotation,
+        turning.angular_velocity[known],
+        turning.angular_acceleration[known],
+        np.einsum("nji,nj->ni", rotation, moving.acceleration[known]),
+    )
+    linear = np.sqrt(np.einsum("nji,nj->ni", rotation**2, moving.acceleration_sigma[known] ** 2))
+    ones = np.ones(3)
+    return MeasuredMotion(
+        motion,
+        turning.angular_velocity_sigma[known, None] * ones,
+        turning.angular_acceleration_sigma[known, None] * ones,
+        linear,
+    )

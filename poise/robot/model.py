@@ -1,0 +1,237 @@
+"""A robot as its force-torque sensor sees it: the joints that move the sensor, and what hangs beyond it."""
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from poise.errors import ErrorCode, InputError
+from poise.robot.motion import Array
+from poise.robot.urdf import Inertial, Mimic, UrdfTree, parse_urdf, read_urdf
+
+MODELS = Path(__file__).parent / "models"
+"""The URDFs that come with Poise: fr3, xarm7, ridgeback_ur10."""
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """The kinematic chain from a robot's base to its force-torque sensor.
+
+    Only joints between the base and the sensor move; all others (gripper fingers, wheels, a second arm) are locked at
+    zero, or at the nearest position that their limits allow. Mimic joints follow their source.
+
+    Args:
+        pinocchio: the reduced model; with a floating base its first joint is a free flyer.
+        sensor_frame: name of the measuring frame.
+        base_frame: name of the root link.
+        joint_names: (J) the independent joints that move the sensor, from the base outwards.
+        coupling: (M, J) and
+        offset: (M,) positions of the model's M moving joints = coupling @ joints + offset (mimic joints).
+        lower, upper: (J,) rad or m, infinite for continuous joints.
+        velocity_limit: (J,) rad/s or m/s.
+        effort_limit: (J,) N m or N.
+        load_in_sensor: (10,) what the URDF fixes beyond the sensor (a gripper) as
+            (m, m c, Ixx, Ixy, Ixz, Iyy, Iyz, Izz), inertia about the sensor's origin. The sensor frame's own link
+            counts as the robot's side.
+    """
+
+    pinocchio: pin.Model
+    sensor_frame: str
+    base_frame: str
+    joint_names: tuple[str, ...]
+    coupling: Array
+    offset: Array
+    lower: Array
+    upper: Array
+    velocity_limit: Array
+    effort_limit: Array
+    load_in_sensor: Array
+    base: Literal["fixed", "floating"]
+
+    @classmethod
+    def from_urdf(
+        cls, text: str, sensor_frame: str = "ft_sensor", base: Literal["fixed", "floating"] = "fixed"
+    ) -> "RobotModel":
+        """Build from the text of a URDF; meshes are not opened.
+
+        Raises:
+            InputError: ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN when there is no such sensor frame, or UNSUPPORTED
+                when a planar or floating joint of the URDF lies between base and sensor.
+        """
+        tree = parse_urdf(text)
+        full = _build(tree, base)
+        _require_frame(full, sensor_frame)
+        reference = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+        moving = _joints_that_move(full, sensor_frame, tree.mimics)
+        locked = [i for i in range(1, full.njoints) if full.names[i] not in moving]
+        reduced = pin.buildReducedModel(full, locked, reference) if locked else full
+        return cls._assemble(tree, reduced, sensor_frame, base, _load_beyond(tree, full, sensor_frame, reference))
+
+    @classmethod
+    def from_file(
+        cls, path: str | Path, sensor_frame: str = "ft_sensor", base: Literal["fixed", "floating"] = "fixed"
+    ) -> "RobotModel":
+        """Build from a URDF file, or from the name of a robot that comes with Poise (`fr3`, `xarm7`, ...).
+
+        Raises:
+            InputError: FILE_UNREADABLE, or as `from_urdf`.
+        """
+        return cls.from_urdf(read_urdf(find_urdf(path)), sensor_frame, base)
+
+    @classmethod
+    def _assemble(
+        cls, tree: UrdfTree, model: pin.Model, sensor_frame: str, base: Literal["fixed", "floating"], load: Array
+    ) -> "RobotModel":
+        first = 1 if base == "fixed" else 2  # joint 0 is the universe, a free flyer follows it
+        moving = [model.names[i] for i in range(first, model.njoints)]
+        mimics = {mimic.joint: mimic for mimic in tree.mimics}
+        names = tuple(name for name in moving if name not in mimics)
+        coupling, offset = np.zeros((len(moving), len(names))), np.zeros(len(moving))
+        for row, name in enumerate(moving):
+            mimic = mimics.get(name, Mimic(name, name, 1.0, 0.0))
+            coupling[row, names.index(mimic.source)] = mimic.multiplier
+            offset[row] = mimic.offset
+        joints = [model.joints[model.getJointId(name)] for name in names]
+        continuous = np.array([joint.nq != joint.nv for joint in joints], dtype=bool)
+        at_q, at_v = (np.array([getattr(j, key) for j in joints], dtype=int) for key in ("idx_q", "idx_v"))
+        return cls(
+            pinocchio=model,
+            sensor_frame=sensor_frame,
+            base_frame=tree.root,
+            joint_names=names,
+            coupling=coupling,
+            offset=offset,
+            lower=np.where(continuous, -np.inf, model.lowerPositionLimit[at_q]),
+            upper=np.where(continuous, np.inf, model.upperPositionLimit[at_q]),
+            velocity_limit=model.upperVelocityLimit[at_v],
+            effort_limit=model.upperEffortLimit[at_v],
+            load_in_sensor=load,
+            base=base,
+        )
+
+    def frame_id(self, name: str) -> int:
+        """Index of a frame in the pinocchio model.
+
+        Raises:
+            InputError: FRAME_UNKNOWN, naming the frames that are spelt like it.
+        """
+        _require_frame(self.pinocchio, name)
+        return _body(self.pinocchio, name)
+
+    def order(self, names: Sequence[str], *values: ArrayLike) -> tuple[Array, ...]:
+        """Columns of joint arrays (N, K), named as in a joint_states message, in this model's order (N, J).
+
+        Extra joints are dropped.
+
+        Raises:
+            InputError: JOINT_MISSING, naming the joints that the message does not have; they are never read as zero.
+        """
+        at = {name: column for column, name in enumerate(names)}
+        missing = [name for name in self.joint_names if name not in at]
+        if missing:
+            foreign = " - another robot's message?" if len(missing) == len(self.joint_names) else ""
+            raise InputError(
+                ErrorCode.JOINT_MISSING,
+                f"joint states lack {', '.join(missing)}; they have {', '.join(names) or 'no names'}{foreign}",
+                missing=missing,
+            )
+        columns = [at[name] for name in self.joint_names]
+        return tuple(np.asarray(value, dtype=np.float64)[..., columns] for value in values)
+
+    def configuration(self, position: Array) -> Array:
+        """(N, J) joint positions -> (N, nq) of the pinocchio model, without a floating base's own seven."""
+        moving = position @ self.coupling.T + self.offset
+        columns: list[Array] = []
+        for column, joint in enumerate(self._moving_joints()):
+            angle = moving[:, column]
+            columns += [np.cos(angle), np.sin(angle)] if joint.nq == 2 else [angle]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(position), 0))
+
+    def _moving_joints(self) -> list[pin.JointModel]:
+        return [self.pinocchio.joints[i] for i in range(1 if self.base == "fixed" else 2, self.pinocchio.njoints)]
+
+
+def find_urdf(path: str | Path) -> Path:
+    """A path, or the file of a robot that comes with Poise when `path` is its name."""
+    own = MODELS / f"{path}.urdf"
+    return own if own.parent == MODELS and own.is_file() else Path(path)
+
+
+def phi_of(inertia: pin.Inertia) -> Array:
+    """(10,) parameters about the frame's origin, in Poise's order, of a pinocchio inertia."""
+    # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+    return np.asarray(inertia.toDynamicParameters()[[0, 1, 2, 3, 4, 5, 7, 6, 8, 9]])
+
+
+def inertia_of(phi: ArrayLike) -> pin.Inertia:
+    """The pinocchio inertia of (10,) parameters in Poise's order about the frame's origin."""
+    return pin.Inertia.FromDynamicParameters(np.asarray(phi, dtype=np.float64)[[0, 1, 2, 3, 4, 5, 7, 6, 8, 9]])
+
+
+def _build(tree: UrdfTree, base: str) -> pin.Model:
+    try:
+        if base == "fixed":
+            return pin.buildModelFromXML(tree.text)
+        return pin.buildModelFromXML(tree.text, pin.JointModelFreeFlyer())
+    except Exception as error:  # pinocchio raises whatever its C++ threw; urdfdom prints its reason to stderr
+        raise InputError(
+            ErrorCode.ROBOT_DESCRIPTION_INVALID,
+            f"robot description: {tree.name or 'the URDF'} cannot be built ({error}); check_urdf says where",
+        ) from error
+
+
+def _body(model: pin.Model, name: str) -> int:
+    return int(model.getFrameId(name, pin.FrameType.BODY))  # a joint may have the same name
+
+
+def _require_frame(model: pin.Model, name: str) -> None:
+    if model.existFrame(name, pin.FrameType.BODY):
+        return
+    names = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+    near = difflib.get_close_matches(name, names, n=5, cutoff=0.5) or names[-8:]
+    raise InputError(
+        ErrorCode.FRAME_UNKNOWN, f"the robot description has no frame '{name}'; it has {', '.join(near)}", near=near
+    )
+
+
+def _joints_that_move(model: pin.Model, frame: str, mimics: Sequence[Mimic]) -> set[str]:
+    joint = model.frames[_body(model, frame)].parentJoint
+    moving = {model.names[i] for i in model.supports[joint]}
+    moving |= {mimic.source for mimic in mimics if mimic.joint in moving}
+    for name in moving:
+        shape = model.joints[model.getJointId(name)]
+        if name not in ("universe", "root_joint") and shape.nv != 1:
+            raise InputError(
+                ErrorCode.UNSUPPORTED,
+                f"joint {name} has {shape.nv} degrees of freedom, which joint states cannot carry; "
+                "leave it out of the URDF and give the motion of the base (odom) instead",
+            )
+    return moving
+
+
+def _load_beyond(tree: UrdfTree, model: pin.Model, sensor_frame: str, reference: Array) -> Array:
+    """(10,) what the links beyond the sensor weigh, about the sensor's origin, with moving fingers at `reference`."""
+    beyond = set(tree.beyond(sensor_frame))
+    if not beyond:
+        return np.zeros(10)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, reference)
+    sensor = data.oMf[_body(model, sensor_frame)]
+    total = np.zeros(10)
+    for link in beyond & tree.inertials.keys():
+        sensor_link = sensor.actInv(data.oMf[_body(model, link)])
+        total += phi_of(sensor_link.act(_inertia(tree.inertials[link])))
+    return total
+
+
+def _inertia(inertial: Inertial) -> pin.Inertia:
+    """The inertia of a URDF <inertial>, in its link's axes."""
+    xx, xy, xz, yy, yz, zz = inertial.moments
+    about_com = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    rotation = pin.rpy.rpyToMatrix(*inertial.rpy)
+    return pin.Inertia(inertial.mass, np.array(inertial.xyz), rotation @ about_com @ rotation.T)

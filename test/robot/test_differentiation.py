@@ -1,0 +1,238 @@
+"""Derivatives of samples: exact where they must be, as good as they can be elsewhere, and honest about the rest."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import BSpline
+from scipy.signal import savgol_filter
+from scipy.spatial.transform import Rotation
+
+from poise.errors import ErrorCode, InputError
+from poise.robot import SlidingDifferentiator, differentiate, differentiate_rotations
+from poise.robot.splines import Grid, SplineFit
+
+RATE = 125.0
+
+
+def nanoseconds(seconds):
+    return np.round(np.asarray(seconds) * 1e9).astype(np.int64)
+
+
+def fourier(seconds, rng, columns=3, base=2 * np.pi * 0.15, harmonics=5):
+    """Position, velocity and acceleration of a random periodic motion, as an excitation of an arm is."""
+    k = base * np.arange(1, harmonics + 1)
+    a, b = rng.normal(size=(2, harmonics, columns)) * 0.5 / np.arange(1, harmonics + 1)[None, :, None]
+    sine, cosine = np.sin(np.outer(seconds, k)), np.cos(np.outer(seconds, k))
+    return sine @ a + cosine @ b, (cosine * k) @ a - (sine * k) @ b, -(sine * k**2) @ a - (cosine * k**2) @ b
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_the_basis_is_the_quintic_b_spline():
+    rng = np.random.default_rng(1)
+    grid, coefficients = Grid(0.0, 0.1, 10), rng.normal(size=15)
+    seconds = np.linspace(0.0, 0.999, 60)
+    knots = 0.1 * np.arange(-5, 16)
+    for derivative in range(3):
+        ours = grid.matrix(seconds, derivative) @ coefficients
+        np.testing.assert_allclose(ours, BSpline(knots, coefficients, 5)(seconds, derivative), rtol=1e-11, atol=1e-11)
+
+
+def test_a_quintic_polynomial_is_differentiated_exactly_on_uneven_stamps():
+    rng = np.random.default_rng(2)
+    stamps = nanoseconds(np.sort(rng.uniform(0.0, 4.0, 300)))
+    t = (stamps - stamps[0]) * 1e-9
+    polynomial = np.polynomial.Polynomial([0.3, -1.0, 0.5, 0.2, -0.05, 0.01])
+    result = differentiate(stamps, polynomial(t)[:, None], gap=1.0)
+    np.testing.assert_allclose(result.velocity[:, 0], polynomial.deriv()(t), atol=1e-9)
+    np.testing.assert_allclose(result.acceleration[:, 0], polynomial.deriv(2)(t), atol=1e-7)
+
+
+@pytest.mark.parametrize("noise", [1e-6, 1e-4, 1e-3])
+def test_stated_errors_are_the_true_ones(noise):
+    rng = np.random.default_rng(3)
+    seconds = np.arange(0.0, 20.0, 1.0 / RATE)
+    truth = fourier(seconds, rng, columns=8)
+    result = differentiate(nanoseconds(seconds), truth[0] + rng.normal(size=truth[0].shape) * noise)
+    for value, sigma, true in zip(
+        (result.position, result.velocity, result.acceleration),
+        (result.position_sigma, result.velocity_sigma, result.acceleration_sigma),
+        truth,
+        strict=True,
+    ):
+        assert 0.8 < rms((value - true) / sigma) < 1.25
+        assert 0.90 < np.mean(np.abs(value - true) < 1.96 * sigma) < 0.99
+
+
+def test_splines_beat_the_best_savitzky_golay_filter_of_any_window():
+    rng = np.random.default_rng(4)
+    seconds = np.arange(0.0, 20.0, 1.0 / RATE)
+    position, _, acceleration = fourier(seconds, rng)
+    samples = position + rng.normal(size=position.shape) * 1e-4
+    inner = slice(60, -60)
+    best = min(
+        rms((savgol_filter(samples, window, order, deriv=2, delta=1 / RATE, axis=0) - acceleration)[inner])
+        for window in range(7, 121, 6)
+        for order in (3, 4, 5)
+    )
+    ours = rms((differentiate(nanoseconds(seconds), samples).acceleration - acceleration)[inner])
+    assert ours < best / 1.5
+
+
+def test_measured_velocities_help_and_bad_ones_do_no_harm():
+    rng = np.random.default_rng(5)
+    seconds = np.arange(0.0, 20.0, 1.0 / RATE)
+    position, velocity, acceleration = fourier(seconds, rng)
+    samples = position + rng.normal(size=position.shape) * 1e-4
+    stamps, noise = nanoseconds(seconds), rng.normal(size=position.shape)
+
+    def error(rates):
+        return rms(differentiate(stamps, samples, rates).acceleration - acceleration)
+
+    alone = error(None)
+    assert error(velocity + 1e-3 * noise) < 0.7 * alone
+    assert error(velocity + 0.3 + 0.1 * noise) < 1.02 * alone  # wrong by a constant
+    assert error(np.full_like(velocity, np.nan)) == alone
+
+
+def test_nothing_is_derived_across_a_gap():
+    rng = np.random.default_rng(6)
+    seconds = np.arange(0.0, 8.0, 1.0 / RATE)
+    position, velocity, _ = fourier(seconds, rng)
+    away = (seconds > 3.0) & (seconds < 5.0)
+    jumped = position + (seconds > 4.0)[:, None] * 10.0  # would be a velocity of 5 rad/s across the gap
+    result = differentiate(nanoseconds(seconds[~away]), jumped[~away])
+    np.testing.assert_allclose(result.velocity, velocity[~away], atol=1e-3)
+
+
+def test_a_stretch_too_short_to_judge_gives_nan_and_the_rest_gives_answers():
+    seconds = np.concatenate([np.arange(0, 2, 0.01), [5.0, 5.01, 5.02]])
+    result = differentiate(nanoseconds(seconds), np.sin(seconds)[:, None])
+    assert np.isnan(result.acceleration[-3:]).all()
+    assert np.isfinite(result.acceleration[:-3]).all()
+    assert np.isfinite(result.acceleration_sigma[:-3]).all()
+
+
+def test_lost_samples_and_equal_stamps_are_survived():
+    rng = np.random.default_rng(7)
+    seconds = np.sort(np.concatenate([np.arange(0, 10, 0.008), [2.0, 2.0, 2.0]]))
+    position, velocity, _ = fourier(seconds, rng)
+    kept = rng.uniform(size=len(seconds)) > 0.2
+    kept[:12] = True
+    result = differentiate(nanoseconds(seconds[kept]), position[kept])
+    np.testing.assert_allclose(result.velocity[20:-20], velocity[kept][20:-20], atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "position", "code"),
+    [
+        (np.arange(5), np.zeros((5, 2)), ErrorCode.TOO_FEW_SAMPLES),
+        (np.zeros(50), np.zeros((50, 2)), ErrorCode.TOO_FEW_SAMPLES),
+        (np.arange(50)[::-1], np.zeros((50, 2)), ErrorCode.TIME_BACKWARDS),
+        (np.arange(50), np.full((50, 2), np.nan), ErrorCode.NOT_FINITE),
+        (np.arange(50), np.zeros(50), ErrorCode.TYPE_MISMATCH),
+        (np.arange(0), np.zeros((0, 2)), ErrorCode.TOO_FEW_SAMPLES),
+    ],
+)
+def test_what_cannot_be_differentiated_is_said(stamps, position, code):
+    with pytest.raises(InputError) as caught:
+        differentiate(stamps, position)
+    assert caught.value.code is code
+
+
+def test_a_constant_spin_has_its_rate_and_no_acceleration():
+    seconds = np.arange(0.0, 5.0, 0.01)
+    omega = np.array([0.4, -1.2, 2.0])  # turns through several full turns
+    start = Rotation.from_rotvec([0.5, 0.2, -0.7])
+    result = differentiate_rotations(
+        nanoseconds(seconds), (start * Rotation.from_rotvec(np.outer(seconds, omega))).as_matrix()
+    )
+    np.testing.assert_allclose(result.angular_velocity, np.tile(omega, (500, 1)), atol=1e-7)
+    np.testing.assert_allclose(result.angular_acceleration, 0.0, atol=1e-4)
+
+
+def coning(seconds, tilt=0.6, spin=1.5, precession=0.9):
+    """R = Rz(p t) Rx(tilt) Rz(s t) with its body rates in closed form (Euler's angles, z-x-z)."""
+    p, s = precession * seconds, spin * seconds
+    rotation = Rotation.from_euler("ZXZ", np.column_stack([p, np.full_like(p, tilt), s])).as_matrix()
+    a = precession * np.sin(tilt)
+    omega = np.column_stack([a * np.sin(s), a * np.cos(s), np.full_like(s, precession * np.cos(tilt) + spin)])
+    alpha = np.column_stack([a * spin * np.cos(s), -a * spin * np.sin(s), np.zeros_like(s)])
+    return rotation, omega, alpha
+
+
+@pytest.mark.parametrize("noise", [1e-5, 1e-3])
+def test_rates_of_a_coning_body_and_their_stated_errors(noise):
+    rng = np.random.default_rng(8)
+    seconds = np.arange(0.0, 20.0, 0.01)
+    rotation, omega, alpha = coning(seconds)
+    shaken = rotation @ Rotation.from_rotvec(rng.normal(size=(len(seconds), 3)) * noise).as_matrix()
+    result = differentiate_rotations(nanoseconds(seconds), shaken)
+    # Up to twice too careful: where the body turns within a knot interval, part of the noise is along the quaternion.
+    assert 0.5 < rms((result.angular_velocity - omega) / result.angular_velocity_sigma[:, None]) < 1.2
+    assert 0.5 < rms((result.angular_acceleration - alpha) / result.angular_acceleration_sigma[:, None]) < 1.2
+    assert rms(result.angular_acceleration - alpha) < 100 * noise
+
+
+def test_a_matrix_that_is_no_rotation_is_refused_by_its_place():
+    matrices = np.tile(np.eye(3), (40, 1, 1))
+    matrices[17] *= 1.1
+    with pytest.raises(InputError, match="sample 17"):
+        differentiate_rotations(np.arange(40) * 10**7, matrices)
+
+
+def test_noise_gain_is_that_of_the_whole_normal_matrix():
+    rng = np.random.default_rng(9)
+    seconds = np.sort(rng.uniform(0.0, 30.0, 2000))
+    fit = SplineFit(Grid.across(seconds, 290), seconds, rng.normal(size=(2000, 1)))  # several blocks of the inverse
+    basis, second = (fit.grid.matrix(seconds, d).toarray() for d in (0, 2))
+    covariance = np.linalg.inv(basis.T @ basis)
+    expected = np.sqrt(np.einsum("ni,ij,nj->n", second, covariance, second))
+    np.testing.assert_allclose(fit.gain(seconds, 2)[50:-50], expected[50:-50], rtol=1e-3)
+
+
+def test_the_sliding_window_answers_as_the_whole_recording_does():
+    rng = np.random.default_rng(10)
+    seconds = np.arange(0.0, 12.0, 1.0 / RATE)
+    position = fourier(seconds, rng)[0] + rng.normal(size=(len(seconds), 3)) * 1e-4
+    stamps = nanoseconds(seconds)
+    stream, answers = SlidingDifferentiator(knot_spacing=0.08, lag=2.0), []
+    for stamp, sample in zip(stamps, position, strict=True):
+        stream.push(int(stamp), sample)
+        if stamp % 5 == 0:
+            answers.append(stream.take())
+    answers = [answer for answer in answers if answer is not None]
+    taken = np.concatenate([answer.stamps for answer in answers])
+    np.testing.assert_array_equal(taken, stamps[: len(taken)])  # every sample once, in order
+    stamped = stamps * np.float64(1e-9)
+    whole = SplineFit(Grid.at_multiples(stamped, 0.08), stamped, position)
+    sliding = np.concatenate([answer.acceleration for answer in answers])
+    sigma = np.concatenate([answer.acceleration_sigma for answer in answers])
+    assert np.abs((sliding - whole(stamped[: len(taken)], 2)) / sigma).max() < 1e-3
+
+
+def test_the_sliding_window_states_its_error_a_tenth_of_a_second_behind():
+    rng = np.random.default_rng(11)
+    seconds = np.arange(0.0, 15.0, 1.0 / RATE)
+    position, _, acceleration = fourier(seconds, rng)
+    stream, ratios = SlidingDifferentiator(knot_spacing=0.15, lag=0.1), []
+    for i, stamp in enumerate(nanoseconds(seconds)):
+        stream.push(int(stamp), position[i] + rng.normal(size=3) * 1e-3)
+        answer = stream.take() if i > 200 and i % 4 == 0 else None
+        if answer is not None:
+            at = np.searchsorted(seconds, answer.stamps * 1e-9 - 1e-6)
+            ratios.append((answer.acceleration - acceleration[at]) / answer.acceleration_sigma)
+    assert len(ratios) > 400
+    assert 0.8 < rms(np.concatenate(ratios)) < 1.25
+
+
+def test_the_sliding_window_drops_what_comes_late_and_starts_afresh_after_a_jump():
+    stream = SlidingDifferentiator(knot_spacing=0.1)
+    for stamp in range(0, 10**9, 10**7):
+        stream.push(stamp, [stamp * 1e-9])
+    stream.push(5 * 10**8, [99.0])
+    answer = stream.take()
+    np.testing.assert_allclose(answer.velocity, 1.0, atol=1e-6)
+    stream.push(10**12, [7.0])
+    assert stream.take() is None
