@@ -1,6 +1,9 @@
-"""Draws results for people: an HTML report, a Rerun recording, and the figures of both. No node needs it."""
+"""Draws results for people. No node needs it; import the module you want, drawing libraries load slowly.
 
-from poise.viewing.report import write_identification_report
-from poise.viewing.rerun_scene import write_identification_recording
-
-__all__ = ["write_identification_recording", "write_identification_report"]
+- `report`: `write_identification_report`, one HTML file that stands alone.
+- `rerun_scene`: `write_identification_recording`, the same story for the Rerun viewer (needs rerun-sdk, an extra).
+- `figures`: the pictures of both, for matplotlib; `canvas`, `sphere` and `decimation` are what they are drawn with,
+  `inline_svg` puts them into a page.
+- `summary`, `wording`: what there is to say about a result, and how numbers and foreign names are written.
+- `files`: `write_whole`, a file or nothing.
+"""

@@ -14,8 +14,7 @@ from swinging_payload import identify_motion, swing, with_estimate
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.estimate import Identification, RejectedInterval
-from poise.viewing import write_identification_report
-from poise.viewing.report import MAX_INTERVALS
+from poise.viewing.report import MAX_INTERVALS, write_identification_report
 
 NOW = datetime(2024, 2, 25, 10, 18, 23, tzinfo=UTC)
 HOSTILE = (

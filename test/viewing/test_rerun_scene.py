@@ -12,8 +12,7 @@ from swinging_payload import TRUTH, with_estimate
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.estimate import Identification, RejectedInterval
-from poise.viewing import write_identification_recording
-from poise.viewing.rerun_scene import CHANNELS, METRES_PER_NEWTON, PATHS
+from poise.viewing.rerun_scene import CHANNELS, METRES_PER_NEWTON, PATHS, write_identification_recording
 from poise.viewing.summary import com_covariance, shown_parameters, shown_sigmas
 
 rrd = pytest.importorskip("rerun.chunk", reason="rerun-sdk is an extra")
