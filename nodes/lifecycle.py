@@ -1,0 +1,25 @@
+"""What rclpy 7.1's lifecycle nodes lack."""
+
+from typing import Any
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.lifecycle import LifecycleNode
+
+
+def survive_impossible_transitions(node: LifecycleNode) -> None:
+    """Answer a transition that the present state does not allow with success=False.
+
+    rclpy lets the state machine's refusal out of its service callback, which ends the node.
+    """
+    service = node._service_change_state
+    change_state = service.callback
+
+    def change_state_or_refuse(request: Any, response: Any) -> Any:
+        try:
+            return change_state(request, response)
+        except RCLError as error:
+            node.get_logger().error(f"transition refused: {error}")
+            response.success = False
+            return response
+
+    service.callback = change_state_or_refuse

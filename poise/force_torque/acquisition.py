@@ -1,0 +1,321 @@
+"""One thread that reads a device and hands on averages, batches and reports; it connects, and connects again."""
+
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from dataclasses import dataclass, field
+from queue import Empty, SimpleQueue
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.errors import ErrorCode, PoiseError, SensorError
+from poise.force_torque.batch import Batch, Batcher
+from poise.force_torque.bias import MAX_DRIFT, Bias, BiasJob
+from poise.force_torque.clock import SampleClock
+from poise.force_torque.connection import Backoff
+from poise.force_torque.decimation import BlockAverager, Blocks, Stamped, block_size
+from poise.force_torque.health import Health, Report
+from poise.force_torque.link import Link
+from poise.force_torque.samples import Samples
+from poise.force_torque.sequence import SequenceCounter
+
+LONGEST_WAIT = 0.05
+"""s of one read at the most: how soon a stop is heeded."""
+REPORT_PERIOD = 1.0
+"""s between reports while nothing changes."""
+
+
+class Sink(Protocol):
+    """Where the acquisition delivers; called from its thread."""
+
+    def blocks(self, blocks: Blocks) -> None:
+        """Averages to publish, one or more."""
+
+    def batch(self, batch: Batch) -> None:
+        """Samples to publish together."""
+
+    def report(self, report: Report) -> None:
+        """The condition changed, or a second has passed."""
+
+
+@dataclass(frozen=True)
+class AcquisitionOptions:
+    """How to acquire.
+
+    Attributes:
+        publish_rate: averages per second, at the most.
+        batch_rate: batches per second; 0: none.
+        silence: s without a sample that make a sensor silent.
+        publish_saturated: hand on averages of saturated samples too.
+        bias: (6,) N and N m to subtract from the beginning.
+    """
+
+    publish_rate: float
+    batch_rate: float = 0.0
+    silence: float = 0.05
+    publish_saturated: bool = False
+    bias: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
+
+
+class Acquisition:
+    """Reads a link from start() to stop().
+
+    Args:
+        link: the device; used by this thread alone.
+        options: how.
+        sink: where to.
+        rng: for the jitter of the back-off.
+    """
+
+    def __init__(self, link: Link, options: AcquisitionOptions, sink: Sink, rng: np.random.Generator) -> None:
+        self._link = link
+        self._options = options
+        self._sink = sink
+        self._backoff = Backoff(rng)
+        self._lock = threading.Lock()  # what report() and zero() touch from other threads
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="acquisition", daemon=True)
+        self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
+
+        self._health = Health(options.silence, time.monotonic())
+        self._counter = SequenceCounter()
+        self._clock: SampleClock | None = None
+        self._averager = BlockAverager(1)
+        self._batcher = Batcher(options.batch_rate)
+        self._bias = np.array(options.bias, dtype=np.float64)
+        self._job: BiasJob | None = None
+
+        self._is_open = False
+        self._next_start = 0.0
+        self._connects = 0
+        self._rate = 0.0
+        self._rate_from = (0, time.monotonic())
+        self._withheld = 0
+        self._reported_kind = ""
+        self._reported_at = -REPORT_PERIOD
+
+    def start(self) -> None:
+        """Begin; returns at once, whether a device is there or not."""
+        self._thread.start()
+
+    def stop(self, timeout: float = 3.0) -> bool:
+        """End, and silence the device; False when the thread hangs in a system call beyond `timeout` s."""
+        self._stopping.set()
+        self._thread.join(timeout)
+        with self._lock:
+            if self._job is not None:
+                self._job.fail(SensorError(ErrorCode.CANCELLED, "the driver was stopped"))
+        return not self._thread.is_alive()
+
+    def report(self) -> Report:
+        """How things are now."""
+        with self._lock:
+            now = time.monotonic()
+            status_text = self._link.describe(self._health.status)
+            counter = self._counter
+            return Report(
+                condition=self._health.condition(now, status_text),
+                device=self._link.name,
+                received=counter.received,
+                lost=counter.lost,
+                out_of_order=counter.out_of_order,
+                duplicates=counter.duplicates,
+                restarts=counter.restarts,
+                rejected=self._health.rejected,
+                withheld=self._withheld,
+                connects=self._connects,
+                rate=self._rate,
+                age=self._health.age(now),
+                status=self._health.status,
+                status_text=status_text,
+                bias=tuple(self._bias.tolist()),
+            )
+
+    def zero(self, count: int, timeout: float, hardware: bool = False) -> Bias:
+        """Make the present load the zero; call from any thread but the acquisition's.
+
+        Args:
+            count: samples to average.
+            timeout: s for everything.
+            hardware: zero the device itself (it keeps that for every client), then see that it did.
+
+        Raises:
+            SensorError: SENSOR_STALE, without samples; DEADLINE; SENSOR_FAULT, when the device did not zero itself.
+            NoAnswerError: NOT_IDENTIFIABLE, when the load moves.
+        """
+        deadline = time.monotonic() + timeout
+        bias = self._collect(count, deadline)
+        if not hardware:
+            with self._lock:
+                self._bias = bias.wrench_in_sensor
+            return bias
+        self._orders.put(self._zero_device)
+        self._stopping.wait(2 * LONGEST_WAIT)  # until samples from before it are gone
+        after = self._collect(count, deadline)
+        if np.any(np.abs(after.wrench_in_sensor) > MAX_DRIFT):
+            raise SensorError(
+                ErrorCode.SENSOR_FAULT, f"the device did not zero itself: it still shows {after.wrench_in_sensor}"
+            )
+        with self._lock:
+            self._bias = np.zeros(6)
+        return bias
+
+    def _collect(self, count: int, deadline: float) -> Bias:
+        job = BiasJob(count)
+        with self._lock:
+            if not self._health.is_connected(time.monotonic()):
+                raise SensorError(ErrorCode.SENSOR_STALE, "no samples to take a bias from; connect the sensor first")
+            if self._job is not None:
+                self._job.fail(SensorError(ErrorCode.BUSY, "another bias was asked for"))
+            self._job = job
+        try:
+            return job.future.result(max(0.0, deadline - time.monotonic()))
+        except FutureTimeoutError:
+            raise SensorError(
+                ErrorCode.DEADLINE, f"{count} samples did not come in time; ask for fewer, or see diagnostics"
+            ) from None
+        finally:
+            with self._lock:
+                self._job = None
+
+    def _zero_device(self) -> None:
+        self._counter.expect_restart()
+        self._link.bias()
+
+    # Everything below runs in the acquisition's thread.
+
+    def _run(self) -> None:
+        while not self._stopping.is_set():
+            try:
+                self._step()
+                self._report()
+            except Exception as error:  # a fault of ours (or of the sink) shows, and does not end the stream
+                with self._lock:
+                    self._health.note("failed", f"please report this: {error!r}", time.monotonic())
+                self._stopping.wait(LONGEST_WAIT)
+        self._link.close()
+
+    def _step(self) -> None:
+        now = time.monotonic()
+        connected = self._health.is_connected(now)
+        if not connected and now >= self._next_start:
+            self._connect()
+        due = self._options.silence - (self._health.age(now) or 0.0) if connected else self._next_start - now
+        samples = self._read(min(LONGEST_WAIT, max(0.0, due)))
+        if samples is None:
+            return
+        if len(samples) and not connected:
+            self._backoff.reset()
+        blocks, batch = self._digest(samples)
+        if len(blocks):
+            self._sink.blocks(blocks)
+        if batch is not None:
+            self._sink.batch(batch)
+
+    def _connect(self) -> None:
+        self._connects += 1
+        with self._lock:
+            self._counter.expect_restart()
+            self._averager.clear()  # half a block from before the silence is no average
+            rest = self._batcher.flush(self._counter, self._clock)
+        if rest is not None:
+            self._sink.batch(rest)
+        try:
+            self._link.start()
+        except (OSError, PoiseError) as error:
+            self._lose(error)
+        else:
+            self._is_open = True
+            rate = self._link.rate
+            if self._clock is None and rate is not None:
+                with self._lock:
+                    self._clock = SampleClock(1e9 / rate)
+                    self._averager = BlockAverager(block_size(rate, self._options.publish_rate))
+        self._next_start = time.monotonic() + self._backoff.next()
+
+    def _read(self, timeout: float) -> Samples | None:
+        if not self._is_open:
+            self._stopping.wait(timeout)
+            return None
+        try:
+            while True:
+                self._orders.get_nowait()()
+        except Empty:
+            pass
+        except (OSError, PoiseError) as error:
+            self._lose(error)
+            return None
+        try:
+            return self._link.read(timeout)
+        except (OSError, PoiseError) as error:
+            self._lose(error)
+            return None
+
+    def _lose(self, error: Exception) -> None:
+        """An attempt failed: with an OSError the wire is gone."""
+        if isinstance(error, PoiseError):
+            known = error
+        else:
+            self._is_open = False
+            self._link.close()
+            known = SensorError(ErrorCode.SENSOR_UNREACHABLE, f"{self._link.name}: {error}")
+        with self._lock:
+            self._health.failed(known)
+        self._stopping.wait(0.001)  # an error that comes at once must not burn a core
+
+    def _digest(self, samples: Samples) -> tuple[Blocks, Batch | None]:
+        with self._lock:
+            now = time.monotonic()
+            counter, before = self._counter, (self._counter.lost, self._counter.restarts)
+            index, position = counter.account(samples.sequence)
+            self._health.take(samples, now)
+            if counter.lost > before[0]:
+                self._health.note("losing", f"{counter.lost} of {counter.lost + counter.received} samples lost", now)
+            if counter.restarts > before[1]:
+                self._health.note("restarted", "the device began its count anew", now)
+                self._averager.clear()
+                if self._clock is not None:
+                    self._clock.restart()
+            samples = samples.take(index)
+            stamped = self._stamp(samples, position)
+            if self._job is not None and len(samples):
+                usable = not (stamped.saturated.any() or stamped.faulty.any())
+                self._job.feed(samples.wrench_in_sensor, usable)
+            batch = self._batcher.push(samples, stamped, counter, self._clock)
+            return self._publishable(self._averager.push(stamped), now), batch
+
+    def _stamp(self, samples: Samples, position: NDArray[np.int64]) -> Stamped:
+        if self._clock is None:
+            stamps = np.full(len(samples), samples.arrival, dtype=np.int64)
+        elif len(samples):
+            self._clock.observe(int(position[-1]), samples.arrival)
+            stamps = self._clock.stamps(position)
+        else:
+            stamps = np.empty(0, dtype=np.int64)
+        wrench = samples.wrench_in_sensor - self._bias
+        return Stamped(position, stamps, wrench, samples.saturated, samples.faulty)
+
+    def _publishable(self, blocks: Blocks, now: float) -> Blocks:
+        """Leave out what is no measurement."""
+        bad = blocks.faulty | (blocks.saturated & (not self._options.publish_saturated))
+        if self._health.is_stalled(now):
+            bad[:] = True
+        if not bad.any():
+            return blocks
+        self._withheld += int(bad.sum())
+        return blocks.take(~bad)
+
+    def _report(self) -> None:
+        with self._lock:
+            now = time.monotonic()
+            count, since = self._rate_from
+            if now - since >= REPORT_PERIOD:
+                self._rate = (self._counter.received - count) / (now - since)
+                self._rate_from = (self._counter.received, now)
+            kind = self._health.condition(now, "").kind
+        if kind != self._reported_kind or now - self._reported_at >= REPORT_PERIOD:
+            self._reported_kind, self._reported_at = kind, now
+            self._sink.report(self.report())

@@ -1,0 +1,185 @@
+"""How a sensor is doing: one condition at a time, the worst first, and the counts behind it.
+
+The fault contract in docs/ft_driver.md is the table of these conditions.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from poise.errors import ErrorCode, PoiseError
+from poise.force_torque.samples import Samples
+
+HOLD = 1.0
+"""s for which a passing fault stays visible after it was last seen."""
+GRACE = 1.0
+"""s after activation within which a missing first sample is no error yet."""
+
+
+class Severity(IntEnum):
+    """The levels of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True)
+class Condition:
+    """The state of the stream in one word and one sentence.
+
+    Attributes:
+        kind: stable name: connecting, unreachable, silent, stalled, faulty, saturated, failed, losing, restarted,
+            rejecting, flagged, streaming.
+        severity: of diagnostics.
+        code: what the fault is, OK for none.
+        text: for people.
+    """
+
+    kind: str
+    severity: Severity
+    code: ErrorCode
+    text: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """A frozen picture for diagnostics; counts are since activation.
+
+    Attributes:
+        condition: the worst that holds.
+        device: name of the link.
+        received, lost, out_of_order, duplicates, restarts: see sequence.SequenceCounter.
+        rejected: messages that were not valid.
+        withheld: averages not published because a sample in them was saturated or faulty.
+        connects: how often the device was asked to start.
+        rate: samples per second, measured; 0 before there is one.
+        age: s since the last sample, None before the first.
+        status: last status word.
+        status_text: what it says.
+        bias: (6,) N and N m, subtracted from what the device reports.
+    """
+
+    condition: Condition
+    device: str
+    received: int
+    lost: int
+    out_of_order: int
+    duplicates: int
+    restarts: int
+    rejected: int
+    withheld: int
+    connects: int
+    rate: float
+    age: float | None
+    status: int
+    status_text: str
+    bias: tuple[float, ...]
+
+
+class Health:
+    """Follows what happens and names the condition. All times are of time.monotonic(), in s.
+
+    Args:
+        silence: s without a sample that make a sensor silent.
+        now: time of activation.
+    """
+
+    def __init__(self, silence: float, now: float) -> None:
+        self.silence = silence
+        self.status = 0
+        self.rejected = 0
+        self._began = now
+        self._last_sample: float | None = None
+        self._measured: int | None = None
+        self._measured_at = now
+        self._error: PoiseError | None = None
+        self._seen: dict[str, tuple[float, str]] = {}
+
+    def age(self, now: float) -> float | None:
+        """Seconds since the last sample."""
+        return None if self._last_sample is None else now - self._last_sample
+
+    def is_connected(self, now: float) -> bool:
+        """Whether samples are coming in."""
+        return self._last_sample is not None and now - self._last_sample <= self.silence
+
+    def is_stalled(self, now: float) -> bool:
+        """Whether records come but the device measures nothing new."""
+        return self._measured is not None and now - self._measured_at > self.silence
+
+    def failed(self, error: PoiseError) -> None:
+        """An attempt to reach the device, or to read it, failed."""
+        self._error = error
+
+    def note(self, kind: str, text: str, now: float) -> None:
+        """A passing fault was seen: it shows for HOLD."""
+        self._seen[kind] = (now, text)
+
+    def take(self, samples: Samples, now: float) -> None:
+        """Note a read."""
+        if samples.rejected:
+            self.rejected += samples.rejected
+            self.note("rejecting", f"{self.rejected} messages were not valid: check cable, baud rate and address", now)
+        if not len(samples):
+            return
+        if samples.measured is None or samples.measured != self._measured:
+            self._measured, self._measured_at = samples.measured, now
+        self._last_sample = now
+        self._error = None
+        self.status = int(samples.status[-1])
+        if samples.faulty.any():
+            self.note("faulty", "", now)
+        if samples.saturated.any():
+            self.note("saturated", "the load is beyond the sensor's range: reduce it", now)
+
+    def condition(self, now: float, status_text: str) -> Condition:
+        """The worst condition that holds."""
+        return (
+            self._no_stream(now)
+            or self._bad_samples(now, status_text)
+            or self._degraded(now)
+            or self._flagged(status_text)
+            or Condition("streaming", Severity.OK, ErrorCode.OK, "streaming")
+        )
+
+    def _no_stream(self, now: float) -> Condition | None:
+        if self.is_connected(now):
+            if not self.is_stalled(now):
+                return None
+            text = "the device repeats one measurement: switch it off and on"
+            return Condition("stalled", Severity.ERROR, ErrorCode.SENSOR_STALE, text)
+        why = f" ({self._error.message})" if self._error else ""
+        if self._last_sample is not None:
+            text = f"no sample for {now - self._last_sample:.2f} s; trying again{why}"
+            return Condition("silent", Severity.ERROR, ErrorCode.SENSOR_STALE, text)
+        if self._error is None and now - self._began <= GRACE:
+            return Condition("connecting", Severity.WARN, ErrorCode.OK, "waiting for the first sample")
+        code = self._error.code if self._error else ErrorCode.SENSOR_UNREACHABLE
+        text = self._error.message if self._error else "no sample since activation: check address, port, cable, power"
+        return Condition("unreachable", Severity.ERROR, code, text)
+
+    def _bad_samples(self, now: float, status_text: str) -> Condition | None:
+        if (text := self._recent("failed", now)) is not None:
+            return Condition("failed", Severity.ERROR, ErrorCode.INTERNAL, text)
+        if (text := self._recent("saturated", now)) is not None:
+            return Condition("saturated", Severity.ERROR, ErrorCode.SENSOR_SATURATED, text)
+        if self._recent("faulty", now) is not None:
+            text = f"status {self.status:#010x}: {status_text}"
+            return Condition("faulty", Severity.ERROR, ErrorCode.SENSOR_FAULT, text)
+        return None
+
+    def _degraded(self, now: float) -> Condition | None:
+        for kind in ("losing", "restarted", "rejecting"):
+            if (text := self._recent(kind, now)) is not None:
+                return Condition(kind, Severity.WARN, ErrorCode.SENSOR_PROTOCOL, text)
+        return None
+
+    def _flagged(self, status_text: str) -> Condition | None:
+        if not self.status:
+            return None
+        text = f"status {self.status:#010x}: {status_text}"
+        return Condition("flagged", Severity.WARN, ErrorCode.OK, text)
+
+    def _recent(self, kind: str, now: float) -> str | None:
+        seen, text = self._seen.get(kind, (-HOLD, ""))
+        return text if kind in self._seen and now - seen <= HOLD else None

@@ -1,0 +1,196 @@
+"""A Robotiq FT 300 or FT 300-S on a serial port: the stream at 100 Hz, or Modbus RTU, slower, on a shared line."""
+
+import contextlib
+import logging
+import select
+import time
+from typing import Any
+
+import numpy as np
+import serial
+from numpy.typing import NDArray
+from pymodbus.client import ModbusSerialClient
+from pymodbus.exceptions import ModbusException
+
+from poise.errors import ErrorCode, SensorError
+from poise.force_torque import robotiq
+from poise.force_torque.samples import Calibration, Samples, no_samples
+
+# A sensor that does not answer is ours to report; pymodbus would print a line for every question.
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+
+
+class _RobotiqLink:
+    """What both ways have in common: counts to samples; no status word, no bias of its own."""
+
+    has_hardware_bias = False
+
+    def __init__(self, port: str, calibration: Calibration) -> None:
+        self._port = port
+        self._calibration = calibration
+
+    def bias(self) -> None:
+        raise SensorError(ErrorCode.UNSUPPORTED, "a Robotiq sensor cannot zero itself; use the software bias")
+
+    def describe(self, status: int) -> str:
+        return "healthy"
+
+    def _samples(self, number: NDArray[np.uint32], counts: NDArray[np.int16], rejected: int) -> Samples:
+        wrench = self._calibration.wrench(counts)
+        return Samples(
+            sequence=number,
+            wrench_in_sensor=wrench,
+            status=np.zeros(len(number), dtype=np.uint32),
+            saturated=np.any(np.abs(wrench) >= self._calibration.limit, axis=1),
+            faulty=np.zeros(len(number), dtype=np.bool_),
+            arrival=time.time_ns(),
+            rejected=rejected,
+        )
+
+    def _unreachable(self, error: Exception) -> SensorError:
+        return SensorError(
+            ErrorCode.SENSOR_UNREACHABLE, f"{self._port}: {error}; check the port, its permissions, and the cable"
+        )
+
+
+class RobotiqStreamLink(_RobotiqLink):
+    """Link to the 100 Hz stream.
+
+    Args:
+        port: path of the serial device.
+        calibration: from counts (0.01 N, 0.001 N m) to the contract's sign, with the rated load.
+        slave: Modbus address.
+    """
+
+    rate = robotiq.STREAM_RATE
+
+    def __init__(self, port: str, calibration: Calibration, slave: int = robotiq.SLAVE) -> None:
+        super().__init__(port, calibration)
+        self._slave = slave
+        self._serial: serial.Serial | None = None
+        self._parser = robotiq.StreamParser()
+
+    @property
+    def name(self) -> str:
+        return f"robotiq stream {self._port}"
+
+    def start(self) -> None:
+        if self._serial is None:
+            try:
+                self._serial = serial.Serial(
+                    self._port, robotiq.BAUD_RATE, timeout=0, write_timeout=0.5, exclusive=True
+                )
+            except (OSError, ValueError) as error:
+                raise self._unreachable(error) from error
+            self._parser = robotiq.StreamParser()
+        # A sensor that streams already does not listen, and need not.
+        self._serial.write(robotiq.write_request(robotiq.OUTPUT_REGISTER, robotiq.OUTPUT_STREAM, self._slave))
+
+    def read(self, timeout: float) -> Samples:
+        if self._serial is None:
+            raise OSError("the link is not started")
+        poll = select.poll()
+        poll.register(self._serial.fileno(), select.POLLIN)
+        if not poll.poll(max(0.0, timeout) * 1000.0):
+            return no_samples(time.time_ns())
+        rejected = self._parser.rejected
+        number, counts = self._parser.feed(self._serial.read(4096))
+        return self._samples(number, counts, self._parser.rejected - rejected)
+
+    def close(self) -> None:
+        if self._serial is not None:
+            with contextlib.suppress(OSError):
+                self._serial.write(robotiq.STOP_STREAM)
+                self._serial.flush()
+            with contextlib.suppress(OSError):
+                self._serial.close()
+            self._serial = None
+
+
+class RobotiqModbusLink(_RobotiqLink):
+    """Link that asks for every sample.
+
+    Args:
+        port: path of the serial device.
+        calibration: from counts (0.01 N, 0.001 N m) to the contract's sign, with the rated load.
+        poll_rate: questions a second; at 19200 baud no more than about 50 are answered.
+        slave: Modbus address.
+    """
+
+    rate = None
+    ANSWER_TIME = 0.1
+    """s after which a question counts as not answered."""
+
+    def __init__(
+        self, port: str, calibration: Calibration, poll_rate: float = 50.0, slave: int = robotiq.SLAVE
+    ) -> None:
+        super().__init__(port, calibration)
+        self._slave = slave
+        self._period = 1.0 / poll_rate
+        self._client: ModbusSerialClient | None = None
+        self._identity: robotiq.Identity | None = None
+        self._number = 0
+        self._next_poll = 0.0
+
+    @property
+    def name(self) -> str:
+        serial_number = f" ({self._identity.serial_number})" if self._identity else ""
+        return f"robotiq modbus {self._port}{serial_number}"
+
+    @property
+    def identity(self) -> robotiq.Identity | None:
+        """Which sensor it is, once it has answered."""
+        return self._identity
+
+    def start(self) -> None:
+        if self._client is None:
+            client = ModbusSerialClient(
+                self._port, baudrate=robotiq.BAUD_RATE, timeout=self.ANSWER_TIME, retries=0, name="robotiq"
+            )
+            if not client.connect():
+                raise self._unreachable(OSError("cannot open"))
+            self._client = client
+            if client.socket is not None:
+                client.socket.write(robotiq.STOP_STREAM)  # it may have been left streaming
+        self._next_poll = time.monotonic()
+        self._identity = robotiq.Identity.from_registers(
+            self._registers(robotiq.FIRMWARE_REGISTER, 3),
+            self._registers(robotiq.SERIAL_NUMBER_REGISTER, 4),
+            self._registers(robotiq.YEAR_REGISTER, 1)[0],
+        )
+
+    def read(self, timeout: float) -> Samples:
+        wait = self._next_poll - time.monotonic()
+        if wait > timeout:
+            time.sleep(max(0.0, timeout))
+            return no_samples(time.time_ns())
+        time.sleep(max(0.0, wait))
+        self._next_poll = max(self._next_poll + self._period, time.monotonic())
+        number = np.array([self._number], dtype=np.uint32)
+        self._number = (self._number + 1) % (1 << 32)
+        try:
+            registers = self._registers(robotiq.WRENCH_REGISTER, 6)
+        except SensorError:
+            return no_samples(time.time_ns(), rejected=1)
+        return self._samples(number, robotiq.wrench_counts(registers)[None], 0)
+
+    def close(self) -> None:
+        if self._client is not None:
+            with contextlib.suppress(OSError):
+                self._client.close()  # type: ignore[no-untyped-call]
+            self._client = None
+
+    def _registers(self, address: int, count: int) -> list[int]:
+        if self._client is None or not self._client.connected:
+            raise OSError(f"{self._port} is closed")
+        try:
+            answer: Any = self._client.read_holding_registers(address, count=count, device_id=self._slave)
+        except ModbusException as error:
+            if not self._client.connected:
+                raise OSError(f"{self._port} is gone") from error
+            raise SensorError(
+                ErrorCode.SENSOR_UNREACHABLE, f"{self._port}: slave {self._slave} does not answer ({error})"
+            ) from error
+        if answer.isError() or len(answer.registers) != count:
+            raise SensorError(ErrorCode.SENSOR_PROTOCOL, f"{self._port}: registers {address} and on refused ({answer})")
+        return list(answer.registers)

@@ -1,0 +1,381 @@
+"""The driver through the real ROS graph, against sensors that are not there."""
+
+import signal
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Graph, NodeProcess
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import Trigger
+
+from poise.fake_robots.rdt_sensor import FakeRdtSensor
+from poise.fake_robots.robotiq_sensor import FakeRobotiqSensor
+from poise.fake_robots.wrench_source import WrenchSource
+from poise_msgs.msg import WrenchBatch
+
+pytestmark = pytest.mark.ros
+
+WRENCH = np.array([1.0, -2.0, 30.0, 0.4, -0.5, 0.6])
+COUNT = WrenchSource(np.column_stack([np.arange(100_000) * 1e-3, *np.zeros((5, 100_000))]))
+"""A wrench whose fx, in mN, is the number of the measurement."""
+
+
+@pytest.fixture
+def rdt() -> Iterator[FakeRdtSensor]:
+    with FakeRdtSensor(WrenchSource(WRENCH), rate=1000.0) as sensor:
+        yield sensor
+
+
+def rdt_parameters(sensor: FakeRdtSensor, **more: Any) -> dict[str, Any]:
+    return {"address": "127.0.0.1", "port": sensor.port, "http_port": sensor.http_port, **more}
+
+
+def vector(message: WrenchStamped) -> np.ndarray:
+    force, torque = message.wrench.force, message.wrench.torque
+    return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+
+
+def stamps(messages: list[WrenchStamped]) -> np.ndarray:
+    return np.array([message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in messages])
+
+
+class Diagnostics:
+    """The driver's diagnostics as they come."""
+
+    def __init__(self, graph: Graph) -> None:
+        self._graph = graph
+        self._messages = graph.collect("diagnostics", DiagnosticArray)
+
+    @property
+    def conditions(self) -> list[str]:
+        return [self.values(message)["condition"] for message in self._messages]
+
+    @property
+    def last(self) -> Any:
+        return self._messages[-1].status[0]
+
+    @staticmethod
+    def values(message: DiagnosticArray) -> dict[str, str]:
+        return {pair.key: pair.value for pair in message.status[0].values}
+
+    def wait_for(self, condition: str, after: int = 0) -> dict[str, str]:
+        """The values of the first message from number `after` on that has this condition."""
+        self._graph.wait_for(lambda: condition in self.conditions[after:], what=f"{condition} in diagnostics")
+        return self.values(self._messages[self.conditions.index(condition, after)])
+
+
+def test_an_rdt_sensor_is_published_in_newtons_with_the_sign_of_the_contract(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    wrenches = graph.collect("wrench", WrenchStamped)
+    start_node("ft_driver", rdt_parameters(rdt, frame_id="wrist"))
+    graph.wait_for(lambda: len(wrenches) > 20, what="wrenches")
+    np.testing.assert_allclose(vector(wrenches[-1]), WRENCH, atol=1e-6)
+    assert wrenches[-1].header.frame_id == "wrist"
+
+
+def test_a_sensor_that_reports_its_own_force_is_turned_round(
+    graph: Graph, start_node: Callable[..., NodeProcess]
+) -> None:
+    with FakeRdtSensor(WrenchSource(WRENCH), sign=-1) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        start_node("ft_driver", rdt_parameters(sensor, reports="sensor_on_load"))
+        graph.wait_for(lambda: wrenches, what="wrenches")
+        np.testing.assert_allclose(vector(wrenches[-1]), WRENCH, atol=1e-6)
+
+
+def test_best_effort_readers_are_served_too(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    wrenches = graph.collect("wrench", WrenchStamped, qos_profile_sensor_data)
+    start_node("ft_driver", rdt_parameters(rdt))
+    graph.wait_for(lambda: len(wrenches) > 5, what="wrenches")
+
+
+def test_counts_from_parameters_need_no_web_page(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
+    with FakeRdtSensor(WrenchSource(WRENCH)) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        counts = {"counts_per_force": 1e6 * 4.4482216152605, "force_unit": "lbf"}
+        counts |= {"counts_per_torque": 1e3, "torque_unit": "N-mm"}
+        start_node("ft_driver", {"address": "127.0.0.1", "port": sensor.port, "http_port": 0, **counts})
+        graph.wait_for(lambda: wrenches, what="wrenches")
+        np.testing.assert_allclose(vector(wrenches[-1]), WRENCH, atol=1e-6)
+
+
+def test_seven_kilohertz_arrive_whole_in_batches_and_averaged_in_wrenches(
+    graph: Graph, start_node: Callable[..., NodeProcess]
+) -> None:
+    with FakeRdtSensor(COUNT, rate=7000.0) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        batches = graph.collect("wrench_batch", WrenchBatch)
+        start_node("ft_driver", rdt_parameters(sensor, publish_rate=500.0, batch_rate=50.0))
+        graph.wait_for(lambda: len(batches) > 40 and len(wrenches) > 500, what="batches and wrenches")
+        sequence = np.concatenate([batch.sequence for batch in batches])
+        measurement = np.concatenate([np.array(batch.wrench).reshape(-1, 6)[:, 0] for batch in batches])
+        np.testing.assert_array_equal(np.diff(sequence), 1)
+        np.testing.assert_allclose(np.diff(measurement), 1e-3, atol=1e-5)  # float32
+        assert {batch.lost for batch in batches} == {0}
+        assert sum(len(batch.sequence) for batch in batches) <= batches[-1].received
+        blocks = np.diff([vector(message)[0] for message in wrenches[10:500]])
+        np.testing.assert_allclose(blocks, 14e-3, atol=1e-6)
+        assert np.all(np.diff(stamps(wrenches)) > 0)
+
+
+def test_a_robotiq_stream_is_published(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
+    with FakeRobotiqSensor(WrenchSource(WRENCH)) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        start_node("ft_driver", {"device": "robotiq_serial", "address": sensor.port})
+        graph.wait_for(lambda: len(wrenches) > 20, what="wrenches")
+        np.testing.assert_allclose(vector(wrenches[-1]), WRENCH, atol=0.005)
+
+
+def test_a_robotiq_on_modbus_is_published_and_named(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
+    with FakeRobotiqSensor(WrenchSource(WRENCH)) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        diagnostics = Diagnostics(graph)
+        start_node("ft_driver", {"device": "robotiq_modbus", "address": sensor.port, "silence": 0.5})
+        graph.wait_for(lambda: len(wrenches) > 5, what="wrenches")
+        np.testing.assert_allclose(vector(wrenches[-1]), WRENCH, atol=0.005)
+        diagnostics.wait_for("streaming")
+        assert "FTS-1234" in diagnostics.last.hardware_id
+
+
+def test_bias_sensor_makes_the_present_load_the_zero(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    wrenches = graph.collect("wrench", WrenchStamped)
+    start_node("ft_driver", rdt_parameters(rdt, bias_samples=100))
+    graph.wait_for(lambda: wrenches, what="wrenches")
+    response = graph.call(Trigger, "bias_sensor", Trigger.Request())
+    assert response.success, response.message
+    assert rdt.biases == 0
+    graph.wait_for(lambda: np.allclose(vector(wrenches[-1]), 0, atol=1e-6), what="zero")
+
+
+def test_a_hardware_bias_zeroes_the_device_itself(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    wrenches = graph.collect("wrench", WrenchStamped)
+    start_node("ft_driver", rdt_parameters(rdt, bias_samples=100, hardware_bias=True))
+    graph.wait_for(lambda: wrenches, what="wrenches")
+    response = graph.call(Trigger, "bias_sensor", Trigger.Request())
+    assert response.success, response.message
+    assert rdt.biases == 1
+    graph.wait_for(lambda: np.allclose(vector(wrenches[-1]), 0, atol=1e-6), what="zero")
+
+
+def test_a_moving_load_is_no_zero(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
+    with FakeRdtSensor(WrenchSource(np.outer(np.arange(10_000), [0.02, 0, 0, 0, 0, 0]))) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        start_node("ft_driver", rdt_parameters(sensor, bias_samples=200))
+        graph.wait_for(lambda: wrenches, what="wrenches")
+        response = graph.call(Trigger, "bias_sensor", Trigger.Request())
+    assert not response.success
+    assert "the load moves" in response.message
+
+
+def test_silence_is_reported_and_samples_come_back(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    wrenches = graph.collect("wrench", WrenchStamped)
+    diagnostics = Diagnostics(graph)
+    start_node("ft_driver", rdt_parameters(rdt))
+    diagnostics.wait_for("streaming")
+    rdt.silent = True
+    values = diagnostics.wait_for("silent")
+    # From the sensor's last sample to the message, on the driver's own clock: the contract.
+    assert float(values["age_s"]) < 0.1
+    assert diagnostics.last.message.startswith("SENSOR_STALE: no sample for")
+    before, seen = len(wrenches), len(diagnostics.conditions)
+    rdt.power_cycle()
+    rdt.silent = False
+    diagnostics.wait_for("streaming", after=seen)
+    graph.wait_for(lambda: len(wrenches) > before, what="wrenches after the return")
+
+
+def test_a_cable_that_was_out_shows_as_lost_samples_and_no_other(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    diagnostics = Diagnostics(graph)
+    driver = start_node("ft_driver", rdt_parameters(rdt))
+    diagnostics.wait_for("streaming")
+    starts = rdt.starts
+    rdt.silent = True
+    diagnostics.wait_for("silent")
+    seen = len(diagnostics.conditions)
+    rdt.silent = False
+    diagnostics.wait_for("streaming", after=seen)
+    driver.send(signal.SIGSTOP)  # what arrives now waits in the socket
+    driver.send(signal.SIGCONT)
+    values = diagnostics.wait_for("streaming", after=len(diagnostics.conditions))
+    if rdt.starts == starts:  # the stream went on by itself, before the driver asked for a new one
+        assert int(values["lost"]) > 0
+    assert values["duplicates"] == "0"
+
+
+def test_a_driver_that_starts_before_its_sensor_waits_for_it(
+    graph: Graph, start_node: Callable[..., NodeProcess]
+) -> None:
+    with FakeRdtSensor(WrenchSource(WRENCH)) as sensor:
+        address = rdt_parameters(sensor)
+    diagnostics = Diagnostics(graph)
+    wrenches = graph.collect("wrench", WrenchStamped)
+    start_node("ft_driver", address)
+    diagnostics.wait_for("unreachable")
+    assert "check address" in diagnostics.last.message
+    with FakeRdtSensor(WrenchSource(WRENCH), port=address["port"], http_port=address["http_port"]):
+        graph.wait_for(lambda: wrenches, what="wrenches")
+
+
+def test_a_serial_adapter_that_is_pulled_out_and_put_in_again_is_read_again(
+    graph: Graph, start_node: Callable[..., NodeProcess]
+) -> None:
+    with FakeRobotiqSensor(WrenchSource(WRENCH)) as sensor:
+        diagnostics = Diagnostics(graph)
+        start_node("ft_driver", {"device": "robotiq_serial", "address": sensor.port})
+        diagnostics.wait_for("streaming")
+        sensor.unplug()
+        diagnostics.wait_for("silent")
+        seen = len(diagnostics.conditions)
+        sensor.plug_in()
+        diagnostics.wait_for("streaming", after=seen)
+
+
+def test_saturated_samples_are_withheld_and_reported(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
+    load = np.tile(WRENCH, (4000, 1))
+    load[1000:1500, 2] = 1000.0  # beyond the 900 N of the page
+    with FakeRdtSensor(WrenchSource(load)) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        diagnostics = Diagnostics(graph)
+        start_node("ft_driver", rdt_parameters(sensor))
+        values = diagnostics.wait_for("saturated")
+        seen = len(diagnostics.conditions)
+        diagnostics.wait_for("streaming", after=seen)
+        assert max(vector(message)[2] for message in wrenches) == pytest.approx(WRENCH[2])
+        assert int(values["withheld"]) > 0
+
+
+@pytest.mark.parametrize(
+    ("status", "condition", "text"),
+    [
+        (0x80000004, "faulty", "SENSOR_FAULT: status 0x80000004: broken gage"),
+        (0xC0000000, "saturated", "SENSOR_SATURATED"),
+        (0x80010000, "flagged", "monitor condition latched"),
+    ],
+)
+def test_status_bits_are_put_into_words(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor, status: int, condition: str, text: str
+) -> None:
+    rdt.status = status
+    diagnostics = Diagnostics(graph)
+    start_node("ft_driver", rdt_parameters(rdt))
+    diagnostics.wait_for(condition)
+    assert text in diagnostics.last.message
+
+
+def change_state(graph: Graph, transition: int) -> bool:
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return bool(graph.call(ChangeState, "ft_driver/change_state", request).success)
+
+
+def state(graph: Graph) -> int:
+    return int(graph.call(GetState, "ft_driver/get_state", GetState.Request()).current_state.id)
+
+
+def test_the_lifecycle_goes_round_and_refuses_what_is_impossible(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    wrenches = graph.collect("wrench", WrenchStamped)
+    diagnostics = Diagnostics(graph)
+    start_node("ft_driver", rdt_parameters(rdt, autostart=False))
+    assert state(graph) == State.PRIMARY_STATE_UNCONFIGURED
+    assert not change_state(graph, Transition.TRANSITION_ACTIVATE)
+    for _ in range(2):
+        assert change_state(graph, Transition.TRANSITION_CONFIGURE)
+        diagnostics.wait_for("inactive", after=len(diagnostics.conditions))
+        assert not graph.call(Trigger, "bias_sensor", Trigger.Request()).success
+        assert change_state(graph, Transition.TRANSITION_ACTIVATE)
+        before = len(wrenches)
+        graph.wait_for(lambda before=before: len(wrenches) > before, what="wrenches")
+        assert not change_state(graph, Transition.TRANSITION_CONFIGURE)
+        assert change_state(graph, Transition.TRANSITION_DEACTIVATE)
+        graph.wait_for(lambda: not rdt.is_streaming, what="the sensor's rest")
+        assert change_state(graph, Transition.TRANSITION_CLEANUP)
+    assert change_state(graph, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
+    assert state(graph) == State.PRIMARY_STATE_FINALIZED
+
+
+def test_activation_needs_no_sensor(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
+    with FakeRdtSensor(WrenchSource(WRENCH)) as sensor:
+        address = rdt_parameters(sensor)
+    start_node("ft_driver", {**address, "autostart": False})
+    assert change_state(graph, Transition.TRANSITION_CONFIGURE)
+    assert change_state(graph, Transition.TRANSITION_ACTIVATE)
+    assert state(graph) == State.PRIMARY_STATE_ACTIVE
+    assert change_state(graph, Transition.TRANSITION_DEACTIVATE)
+
+
+def test_parameters_do_not_change_under_a_configured_driver(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    start_node("ft_driver", rdt_parameters(rdt))
+    value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=10.0)
+    graph.wait_for(lambda: rdt.is_streaming, what="the stream")
+    request = SetParameters.Request(parameters=[Parameter(name="publish_rate", value=value)])
+    result = graph.call(SetParameters, "ft_driver/set_parameters", request).results[0]
+    assert not result.successful
+    assert "deactivate" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("params", "text"),
+    [
+        ({"device": "jr3"}, "parameter device is 'jr3'; use one of rdt, robotiq_serial, robotiq_modbus"),
+        ({"publish_rate": 0.0}, "parameter publish_rate"),
+        ({"publish_rate": 100}, "a float is written with a point"),
+        ({"bias": [1.0, 2.0]}, "six finite numbers"),
+        ({"counts_per_force": 1000.0}, "counts per torque must be positive"),
+        ({"force_unit": "stone", "counts_per_force": 1.0, "counts_per_torque": 1.0}, "'stone' is not known"),
+        ({"http_port": 0}, "counts_per_force and counts_per_torque are needed"),
+        ({"device": "robotiq_serial", "hardware_bias": True}, "cannot zero itself"),
+    ],
+)
+def test_a_bad_parameter_ends_the_start_with_one_line(
+    start_node: Callable[..., NodeProcess], params: dict[str, Any], text: str
+) -> None:
+    driver = start_node("ft_driver", params)
+    assert driver.wait() == 2
+    lines = driver.output.strip().splitlines()
+    assert len(lines) == 1
+    assert text in lines[0]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_driver_ends_clean_and_silences_its_sensor(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor, number: signal.Signals
+) -> None:
+    driver = start_node("ft_driver", rdt_parameters(rdt))
+    graph.wait_for(lambda: rdt.is_streaming, what="the stream")
+    assert driver.stop(number) == 0
+    assert "Traceback" not in driver.output
+    graph.wait_for(lambda: not rdt.is_streaming, what="the sensor's rest")
+
+
+def test_a_killed_driver_leaves_its_sensor_to_the_next(
+    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
+) -> None:
+    driver = start_node("ft_driver", rdt_parameters(rdt))
+    graph.wait_for(lambda: rdt.is_streaming, what="the stream")
+    driver.send(signal.SIGKILL)
+    driver.wait()
+    wrenches = graph.collect("wrench", WrenchStamped)
+    start_node("ft_driver", rdt_parameters(rdt))
+    graph.wait_for(lambda: wrenches, what="wrenches from the next driver")
