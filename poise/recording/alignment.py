@@ -13,7 +13,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.recording.streams import Floats, Stamps, Stream
+from poise.recording.streams import Floats, Stamps, Stream, flat_rows
 
 Reasons = npt.NDArray[np.uint8]
 StreamT = TypeVar("StreamT", bound=Stream)
@@ -186,8 +186,8 @@ def resample(stream: StreamT, wanted: Stamps, *, max_gap: float, clock_offset: f
         method = interpolate_rotations if name.startswith("rotation") else interpolate
         result = method(stream.stamps, values, wanted, **options)
         arrays[name] = result.values
-        measured = ~np.isnan(values.reshape(len(values), -1)).all(axis=0)
-        faulty = ~_finite(result.values.reshape(len(wanted), -1)[:, measured])
+        measured = ~np.isnan(flat_rows(values)).all(axis=0)
+        faulty = ~_finite(result.values.reshape(len(wanted), measured.size)[:, measured])
         reason[faulty & (reason == Reason.FOUND)] = Reason.NOT_FINITE
     return replace(stream, **{**arrays, "stamps": np.asarray(wanted)}), reason
 
@@ -243,4 +243,4 @@ def _ends(values: Floats, before: npt.NDArray[np.int64], weight: Floats) -> tupl
 
 def _finite(values: Floats) -> npt.NDArray[np.bool_]:
     """(M,) whether all of a row is finite."""
-    return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    return np.asarray(np.isfinite(values).all(axis=tuple(range(1, values.ndim))))
