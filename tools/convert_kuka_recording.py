@@ -55,16 +55,16 @@ def read_columns(path: Path, names: str) -> Columns:
         InputError: FILE_UNREADABLE, or FILE_CORRUPT when a column is missing or a value is not a finite number.
     """
     try:
-        header, *lines = path.read_text().split()
-    except (OSError, ValueError) as error:
+        lines = path.read_text().split()
+    except (OSError, UnicodeDecodeError) as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error}") from error
-    there = header.split(",")
+    there = lines[0].split(",") if lines else []
     missing = [name for name in names.split(",") if name not in there]
-    if missing or not lines:
+    if missing or len(lines) < 2:
         sentence = f"{path} has no {'column ' + ', '.join(missing) if missing else 'rows'}: download it again"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence)
     try:
-        values = np.array([[float(value) for value in line.split(",")] for line in lines])
+        values = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
     except ValueError as error:
         raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is not a table of numbers ({error})") from error
     if not np.isfinite(values).all():

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import yaml
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 from scipy.spatial.transform import Rotation
 
@@ -32,7 +33,7 @@ def definition_of(message_type: str) -> tuple[str, str]:
     try:
         text, _ = typestore().generate_msgdef(message_type, ros_version=2)
         return text, typestore().hash_rihs01(message_type)
-    except KeyError as error:
+    except TypesysError as error:
         sentence = f"the definition of {message_type} is not known here: give it with the topic"
         raise InputError(ErrorCode.UNSUPPORTED, sentence) from error
 

@@ -91,7 +91,11 @@ class _Scan:
         position = self._walk(len(MAGIC), self.size if self.ending.data_end is None else self.ending.data_end)
         self._flush_run()
         self._judge_ending(position)
-        self._judge_outside(self._check_data_section())
+        sound = self._data_section_is_sound()
+        self._judge_outside(sound)
+        if sound is False and not self.contents.losses:
+            sentence = "bytes outside of the chunks are damaged, every chunk's checksum holds: no message is lost"
+            self._lose(LossKind.INDEX, len(MAGIC), sentence, messages=0)
         self._drop_unknown_channels()
         self._compare_counts()
         self.contents.losses.sort(key=lambda loss: loss.offset)
@@ -235,7 +239,7 @@ class _Scan:
             sentence = f"the file ends or breaks off at byte {position}: what followed{since}, is lost"
             self._lose(LossKind.TRUNCATED, position, sentence, (self.last_log_time, None))
 
-    def _check_data_section(self) -> bool | None:
+    def _data_section_is_sound(self) -> bool | None:
         """Tell whether the checksum of the data section holds; None when it was not written or is cut off."""
         if self.data_end is None:
             return None
@@ -244,13 +248,7 @@ class _Scan:
         (expected,) = struct.unpack("<I", record[-4:])
         if record[:-4] == RECORD_HEAD.pack(Opcode.DATA_END, 4) and expected == 0:
             return None
-        sound = record == RECORD_HEAD.pack(Opcode.DATA_END, 4) + struct.pack("<I", self._crc_until(self.data_end))
-        if not sound and not self.contents.losses:
-            sentence = (
-                "the checksum of the data section fails, every chunk's holds: the damage lies outside of the chunks"
-            )
-            self._lose(LossKind.INDEX, self.data_end, sentence, messages=0)
-        return sound
+        return record == RECORD_HEAD.pack(Opcode.DATA_END, 4) + struct.pack("<I", self._crc_until(self.data_end))
 
     def _crc_until(self, end: int) -> int:
         self.file.seek(0)

@@ -1,5 +1,6 @@
 """Streams in time, the values that a recording gives and the core computes on: frozen, stamped, in SI units."""
 
+import math
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -10,6 +11,11 @@ from poise.errors import ErrorCode, InputError
 
 Floats = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
+
+
+def flat_rows(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Reshape (N, ...) to (N, K), also when N is 0."""
+    return values.reshape(len(values), math.prod(values.shape[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +64,7 @@ class Stream:
         """How many samples hold NaN or infinity, not counting columns that were never measured."""
         faulty = np.zeros(len(self), dtype=bool)
         for value in self.arrays().values():
-            columns = value.reshape(len(self), -1)
+            columns = flat_rows(value)
             faulty |= ~np.isfinite(columns[:, ~np.isnan(columns).all(axis=0)]).all(axis=1)
         return int(faulty.sum())
 
