@@ -14,7 +14,6 @@ from poise.force_torque import rdt, robotiq
 from poise.force_torque.acquisition import AcquisitionOptions
 from poise.force_torque.link import Link
 from poise.force_torque.rdt_link import RdtLink, RdtOptions
-from poise.force_torque.robotiq_link import RobotiqModbusLink, RobotiqStreamLink
 from poise.force_torque.samples import Calibration, Reports
 
 DEVICES = ("rdt", "robotiq_serial", "robotiq_modbus")
@@ -152,6 +151,9 @@ def _link(values: dict[str, Any]) -> Link:
     limit = np.repeat([values["force_limit"] or np.inf, values["torque_limit"] or np.inf], 3)
     if values["device"] == "rdt":
         return RdtLink(_rdt_options(values, reports, limit))
+    # Here, because an RDT device needs neither pyserial nor pymodbus.
+    from poise.force_torque.robotiq_link import RobotiqModbusLink, RobotiqStreamLink
+
     calibration = Calibration.from_counts(
         robotiq.COUNTS_PER_NEWTON, robotiq.COUNTS_PER_NEWTON_METRE, limit=robotiq.RANGE, reports=reports
     ).with_limit(limit)

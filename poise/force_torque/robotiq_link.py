@@ -1,6 +1,7 @@
 """A Robotiq FT 300 or FT 300-S on a serial port: the stream at 100 Hz, or Modbus RTU, slower, on a shared line."""
 
 import contextlib
+import inspect
 import logging
 import select
 import time
@@ -16,6 +17,9 @@ from poise.errors import ErrorCode, SensorError
 from poise.force_torque import robotiq
 from poise.force_torque.samples import Calibration, Samples, no_samples
 
+# pymodbus 3.10 renamed the argument; Ubuntu 24.04 has an older one.
+_parameters = inspect.signature(ModbusSerialClient.read_holding_registers).parameters
+_DEVICE = "device_id" if "device_id" in _parameters else "slave"
 # A sensor that does not answer is ours to report; pymodbus would print a line for every question.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
@@ -144,9 +148,7 @@ class RobotiqModbusLink(_RobotiqLink):
 
     def start(self) -> None:
         if self._client is None:
-            client = ModbusSerialClient(
-                self._port, baudrate=robotiq.BAUD_RATE, timeout=self.ANSWER_TIME, retries=0, name="robotiq"
-            )
+            client = ModbusSerialClient(self._port, baudrate=robotiq.BAUD_RATE, timeout=self.ANSWER_TIME, retries=0)
             if not client.connect():
                 raise self._unreachable(OSError("cannot open"))
             self._client = client
@@ -184,7 +186,8 @@ class RobotiqModbusLink(_RobotiqLink):
         if self._client is None or not self._client.connected:
             raise OSError(f"{self._port} is closed")
         try:
-            answer: Any = self._client.read_holding_registers(address, count=count, device_id=self._slave)
+            ask: Any = self._client.read_holding_registers
+            answer = ask(address, count=count, **{_DEVICE: self._slave})
         except ModbusException as error:
             if not self._client.connected:
                 raise OSError(f"{self._port} is gone") from error

@@ -2,27 +2,17 @@
 
 import fcntl
 import os
-import shutil
 import signal
-import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
 import pytest
-import rclpy
 import yaml
 from ament_index_python import get_package_prefix
-from rclpy.context import Context
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from ros_graph import Graph, NodeProcess
 
-from poise.nodes.runtime import EventsExecutor
-
-TIMEOUT = 20.0
-"""How long a wait may last, s: far above what is expected, so that only what never comes fails."""
 DOMAINS = 102
 """Domain ids 0..101 keep clear of the ephemeral ports."""
 TRANSPORT = {
@@ -32,97 +22,6 @@ TRANSPORT = {
     # A killed node leaves files in shared memory.
     "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
 }
-
-
-class NodeProcess:
-    """One running executable of the package.
-
-    Args:
-        command: executable and arguments.
-        environment: of the child.
-        log: file for what it prints.
-    """
-
-    def __init__(self, command: list[str], environment: Mapping[str, str], log: Path) -> None:
-        # However the test run ends, the node ends with it.
-        leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
-        self._log = log
-        with log.open("w") as sink:
-            self.process = subprocess.Popen(
-                [*leash, *command],
-                env=dict(environment),
-                stdin=subprocess.DEVNULL,
-                stdout=sink,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    @property
-    def output(self) -> str:
-        """Everything printed so far, both streams."""
-        return self._log.read_text(errors="replace")
-
-    def send(self, number: signal.Signals) -> None:
-        """Send a signal to the node (and whatever it has started)."""
-        os.killpg(self.process.pid, number)
-
-    def wait(self, timeout: float = TIMEOUT) -> int:
-        """Wait for its end; return the exit status (negative: the signal that ended it)."""
-        return self.process.wait(timeout)
-
-    def stop(self, number: signal.Signals = signal.SIGINT, timeout: float = TIMEOUT) -> int:
-        """Signal it and wait for its end; one that does not end is killed, and the test fails."""
-        if self.process.poll() is None:
-            self.send(number)
-        try:
-            return self.wait(timeout)
-        except subprocess.TimeoutExpired:
-            self.send(signal.SIGKILL)
-            self.process.wait()
-            pytest.fail(f"did not stop within {timeout} s of {number.name}:\n{self.output}")
-
-
-class Graph:
-    """The test's own node; its callbacks run only inside the waits, so tests need no locks."""
-
-    def __init__(self, domain: int) -> None:
-        self.domain = domain
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self.node = Node("test", context=self._context)
-        self._executor = EventsExecutor(context=self._context)
-        self._executor.add_node(self.node)
-
-    def wait_for(self, condition: Callable[[], Any], timeout: float = TIMEOUT, what: str = "") -> Any:
-        """Spin until the condition holds and return its value; fail, naming `what`, at the deadline."""
-        deadline = time.monotonic() + timeout
-        while not (value := condition()):
-            if time.monotonic() > deadline:
-                pytest.fail(f"not within {timeout} s: {what or condition}")
-            self._executor.spin_once(timeout_sec=0.02)
-        return value
-
-    def collect(self, topic: str, message_type: type, qos: QoSProfile | int = 1000) -> list[Any]:
-        """Subscribe; return the list that grows with every message."""
-        messages: list[Any] = []
-        self.node.create_subscription(message_type, topic, messages.append, qos)
-        return messages
-
-    def call(self, service_type: type, name: str, request: Any, timeout: float = TIMEOUT) -> Any:
-        """Call a service, waiting for it to appear; return the response."""
-        client = self.node.create_client(service_type, name)
-        try:
-            self.wait_for(client.service_is_ready, timeout, f"service {name}")
-            future = client.call_async(request)
-            self.wait_for(future.done, timeout, f"response of {name}")
-            return future.result()
-        finally:
-            self.node.destroy_client(client)
-
-    def close(self) -> None:
-        self._executor.shutdown()
-        self.node.destroy_node()
-        rclpy.shutdown(context=self._context)
 
 
 def lock_domain(start: int) -> tuple[int, TextIO]:
