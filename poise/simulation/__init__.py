@@ -1,0 +1,42 @@
+"""The nominal world that recordings are compared with, and that fake robots live in.
+
+- `trajectories`: how joints are told to move.
+- `world`: robot, payload and gravity -> joint efforts and the wrench on the sensor.
+- `noise`: what sensors add, as published.
+- `recorded`: all of it, as a bag would hold it.
+"""
+
+from poise.simulation.noise import WRENCH_NOISE, JointNoise, NoisyJoints, NoisyWrench, WrenchNoise, wrench_noise
+from poise.simulation.recorded import SimulatedRecording, record
+from poise.simulation.trajectories import (
+    FourierTrajectory,
+    JointMotion,
+    SplineTrajectory,
+    Trajectory,
+    WaypointTrajectory,
+    check_limits,
+    home,
+)
+from poise.simulation.trajectory_files import read_trajectory
+from poise.simulation.world import Truth, World
+
+__all__ = [
+    "WRENCH_NOISE",
+    "FourierTrajectory",
+    "JointMotion",
+    "JointNoise",
+    "NoisyJoints",
+    "NoisyWrench",
+    "SimulatedRecording",
+    "SplineTrajectory",
+    "Trajectory",
+    "Truth",
+    "WaypointTrajectory",
+    "World",
+    "WrenchNoise",
+    "check_limits",
+    "home",
+    "read_trajectory",
+    "record",
+    "wrench_noise",
+]
