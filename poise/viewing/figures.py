@@ -65,7 +65,7 @@ def residual_panels(identification: Identification) -> list[Panel]:
     for channel, (name, unit) in enumerate(zip(CHANNELS, CHANNEL_UNITS, strict=True)):
         kept = finite[:, channel]
         group = slice(0, 3) if channel < 3 else slice(3, 6)
-        reach = 1.05 * np.max(np.abs(finite[:, group]), initial=1e-12)
+        reach = 1.1 * np.max(np.abs(finite[:, group]), initial=1e-12)
         low, high = _limits(kept)
         alt = f"Residual of {name.lower()} over time and its histogram: from {low:.2g} to {high:.2g} {unit}."
 
@@ -202,8 +202,8 @@ def _histogram(figure: FigureBase, values: Array, reach: float) -> None:
 
 
 def _settled_limits(value: Array, sigma: Array) -> tuple[float, float]:
-    """Limits of y that show the settling, not the wild first guesses: what the later nine tenths reach."""
-    later = slice(len(value) // 10, None)
+    """Limits of y that show the settling, not the wild first guesses: what the later three quarters reach."""
+    later = slice(len(value) // 4, None)
     reach = np.nan_to_num(2 * sigma[later])
     low, high = np.nanmin(value[later] - reach), np.nanmax(value[later] + reach)
     margin = 0.05 * (high - low) or max(abs(high), 1e-9) * 0.05

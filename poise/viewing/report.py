@@ -241,6 +241,7 @@ def _provenance(identification: Identification, source: str, command: str, now: 
         lines.append(("Stamps", f"{int(stamps[0])} to {int(stamps[-1])} ns ({span:.3f} s, {len(stamps)} samples)"))
     return [
         *lines,
+        ("Motion", identification.source),
         ("Sensor frame", identification.estimate.frame_id),
         ("Method", identification.estimate.method),
         ("Condition", f"{identification.estimate.condition_number:.3g}"),

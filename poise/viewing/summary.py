@@ -127,10 +127,11 @@ def why_unidentified(name: str, identification: Identification) -> str:
     """Say in one sentence, with the motion's own numbers, what kept a parameter from showing."""
     motion = identification.motion
     if name.startswith("i"):
-        fastest = np.max(np.linalg.norm(motion.angular_acceleration_in_sensor, axis=1), initial=0.0)
+        peaks = np.max(np.abs(motion.angular_acceleration_in_sensor), axis=0, initial=0.0)
+        about = ", ".join(f"{peak:.2g}" for peak in peaks)
         return (
-            "rotational inertia shows only while the turning speeds up or slows down; "
-            f"the greatest angular acceleration here was {fastest:.2g} rad/s²"
+            "rotational inertia shows only about axes whose turning speeds up or slows down; "
+            f"the greatest angular acceleration about x, y, z was {about} rad/s²"
         )
     down = -motion.rotation_world_sensor[:, 2, :]
     cosine = np.clip(down @ down[0], -1, 1) if len(down) else np.ones(1)

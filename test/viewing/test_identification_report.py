@@ -1,5 +1,6 @@
 """The HTML report: its numbers are the estimate's, it stands alone, nothing from outside runs in it."""
 
+import hashlib
 import json
 import re
 import resource
@@ -14,8 +15,11 @@ from swinging_payload import identify_motion, swing, with_estimate
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.estimate import Identification, RejectedInterval
+from poise.inertia.identification import identify
+from poise.recording import open_recording
 from poise.viewing.report import MAX_INTERVALS, write_identification_report
 
+ROOT = Path(__file__).resolve().parents[2]
 NOW = datetime(2024, 2, 25, 10, 18, 23, tzinfo=UTC)
 HOSTILE = (
     "</title></style></script><script>alert(1)</script><img src=x onerror=alert(2)>\"' onload='x {{7*7}} \0\x1b\u202e"
@@ -87,13 +91,21 @@ def test_the_headline_is_mass_and_centre_of_mass_with_their_uncertainty(
     assert np.allclose([float(number) for number in found[4].split(",")], 1e3 * estimate.com_std, rtol=0.051)
 
 
+def test_the_report_of_the_real_recording_weighs_its_payload(tmp_path: Path) -> None:
+    bag = ROOT / "bags" / "kuka_static_poses.mcap"
+    page = Page(write(tmp_path, identify(open_recording(bag), method="static"), source=str(bag)))
+    assert "0.9323 kg" in page.text("span").replace("\xa0", " ")
+    assert page.text("td").count("not identifiable from this motion") == 6
+    assert hashlib.sha256(bag.read_bytes()).hexdigest() in page.text("dd")
+
+
 def test_what_the_motion_cannot_show_is_said_with_its_reason(
     tmp_path: Path, static_identification: Identification
 ) -> None:
     text = write(tmp_path, static_identification)
     page = Page(text)
     assert page.text("td").count("not identifiable from this motion") == 6
-    assert "rotational inertia shows only while the turning speeds up or slows down" in page.text()
+    assert "rotational inertia shows only about axes whose turning speeds up" in page.text()
     assert page.data()["inertia"] == [None] * 6
     assert not re.search(r"\bnan\b", re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL), re.IGNORECASE)
 

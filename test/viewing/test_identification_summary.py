@@ -96,7 +96,7 @@ def test_the_rows_are_the_estimate_rounded_to_its_uncertainty(identification: Id
 def test_what_rest_cannot_show_says_why(static_identification: Identification) -> None:
     rows = parameter_rows(static_identification)
     assert [row.value for row in rows[4:]] == [NOT_IDENTIFIABLE] * 6
-    assert all("angular acceleration here was 0 rad/s²" in row.reason for row in rows[4:])
+    assert all("angular acceleration about x, y, z was 0, 0, 0 rad/s²" in row.reason for row in rows[4:])
     assert not any(row.reason for row in rows[:4])
 
 

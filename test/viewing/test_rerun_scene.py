@@ -69,8 +69,9 @@ def test_the_estimate_closes_in_between_its_two_sigma_bounds(
         low, value, high = (
             recording.values(f"/estimate/{name}/{part}", ":scalars") for part in ("low", "value", "high")
         )
-        assert np.allclose(value, values[:, index], rtol=1e-15)
-        assert np.allclose(high - low, 4 * sigmas[:, index])
+        known = np.isfinite(values[:, index])  # the first few samples do not show everything
+        assert np.allclose(value, values[known, index], rtol=1e-15)
+        assert np.allclose(high - low, 4 * sigmas[known, index])
         assert high[-1] - low[-1] < high[0] - low[0]
 
 
