@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-import tempfile
+import secrets
 from pathlib import Path
 
 from poise.errors import ErrorCode, InputError
@@ -21,31 +21,22 @@ def write_whole(path: Path, content: bytes) -> Path:
     Raises:
         InputError: FILE_UNWRITABLE (disk full, no permission, a file where a folder should be, a bad name).
     """
-    temporary = None
+    draft = path.parent / f".poise-{secrets.token_hex(8)}.tmp"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, temporary = tempfile.mkstemp(prefix=".poise-", dir=path.parent)
-        with os.fdopen(descriptor, "wb") as file:
-            os.fchmod(descriptor, 0o666 & ~_umask())
+        with draft.open("xb") as file:
             file.write(content)
             file.flush()
-            os.fsync(descriptor)
-        Path(temporary).replace(path)
+            os.fsync(file.fileno())
+        draft.replace(path)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                Path(temporary).unlink()
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(
             ErrorCode.FILE_UNWRITABLE,
             f"cannot write {str(path)!r}: {reason}; free some space or choose another folder",
             path=str(path),
         ) from error
+    finally:
+        with contextlib.suppress(OSError, ValueError):
+            draft.unlink(missing_ok=True)
     return path
-
-
-def _umask() -> int:
-    """The process's file mode mask, which mkstemp does not heed; reading it means setting it."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
