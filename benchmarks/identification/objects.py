@@ -74,8 +74,11 @@ def load_tools(source: Path | None = None) -> tuple[BenchmarkObject, ...]:
                 ErrorCode.FILE_UNREADABLE,
                 f"{path}: no workshop tools there ({error}); give what tools/convert_workshop_tools.py writes",
             ) from error
-    names = sorted({key.split("/")[0] for key in arrays})
-    return tuple(_tool(name, {k.split("/")[1]: v for k, v in arrays.items() if k.startswith(f"{name}/")}) for name in names)
+    tools: dict[str, dict[str, NDArray[Any]]] = {}
+    for key, value in arrays.items():
+        name, array = key.split("/")
+        tools.setdefault(name, {})[array] = value
+    return tuple(_tool(name, tools[name]) for name in sorted(tools))
 
 
 def _tool(name: str, arrays: dict[str, NDArray[Any]]) -> BenchmarkObject:
