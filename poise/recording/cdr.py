@@ -17,6 +17,7 @@ import numpy.typing as npt
 STAMP, STRING, STRINGS, FLOATS = "stamp", "string", "strings", "floats"
 Kind = str | int  # a number: so many float64
 Spec = tuple[tuple[str, Kind], ...]
+Places = npt.NDArray[np.int64]
 
 _HEADER: Spec = (("stamp", STAMP), ("frame_id", STRING))
 _POSE: Spec = (("translation", 3), ("rotation", 4))
@@ -92,9 +93,7 @@ class _Layout:
     fixed: list[int] = field(default_factory=list)  # bytes that must be the same for the layout to hold
 
 
-def decode(
-    message_type: str, data: bytes, starts: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]
-) -> Iterator[Batch]:
+def decode(message_type: str, data: bytes, starts: Places, sizes: Places) -> Iterator[Batch]:
     """Decode the messages of this type that lie at these places.
 
     Args:
@@ -106,24 +105,31 @@ def decode(
     Raises:
         UndecodableError: a message does not have this type.
     """
-    content = np.frombuffer(data, dtype=np.uint8)
     pending = np.arange(len(starts))
-    layouts = 0
-    while len(pending):
-        first = int(pending[0])
-        size = int(sizes[first])
-        sample = data[starts[first] : starts[first] + size]
-        try:
-            layout = _walk(message_type, sample)
-        except (struct.error, UnicodeDecodeError, ValueError) as error:
-            raise UndecodableError(first, str(error)) from error
-        layouts += 1
-        alike = sizes[pending] == size if layouts <= MOST_LAYOUTS else np.arange(len(pending)) == 0
-        rows = content[starts[pending[alike], None] + np.arange(size)]
-        same = (rows[:, layout.fixed] == rows[0, layout.fixed]).all(axis=1)
-        alike[alike] = same
-        yield Batch(pending[alike], _columns(layout, rows[same]))
-        pending = pending[~alike]
+    for _ in range(MOST_LAYOUTS):
+        if not len(pending):
+            return
+        alike = sizes[pending] == sizes[pending[0]]
+        batch = _decode_first(message_type, data, starts, sizes, pending[alike])
+        yield batch
+        pending = np.setdiff1d(pending, batch.index, assume_unique=True)
+    for index in pending:
+        yield _decode_first(message_type, data, starts, sizes, np.array([index]))
+
+
+def _decode_first(
+    message_type: str, data: bytes, starts: Places, sizes: Places, candidates: npt.NDArray[np.int64]
+) -> Batch:
+    """Decode the first of some messages of one size, and all of them that have its layout."""
+    first = int(candidates[0])
+    start, size = int(starts[first]), int(sizes[first])
+    try:
+        layout = _walk(message_type, data[start : start + size])
+    except (struct.error, UnicodeDecodeError, ValueError) as error:
+        raise UndecodableError(first, str(error)) from error
+    rows = np.frombuffer(data, dtype=np.uint8)[starts[candidates, None] + np.arange(size)]
+    same = (rows[:, layout.fixed] == rows[0, layout.fixed]).all(axis=1)
+    return Batch(candidates[same], _columns(layout, rows[same]))
 
 
 def _columns(layout: _Layout, rows: npt.NDArray[np.uint8]) -> list[dict[str, Any]]:

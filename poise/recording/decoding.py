@@ -85,9 +85,11 @@ def pose_stream(
 
 
 def rotation_from_quaternion(quaternion: Floats) -> Floats:
-    """Return the (N, 3, 3) rotations of (N, 4) quaternions x y z w of any length; NaN for one of length zero."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x, y, z, w = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
+    """Return the (N, 3, 3) rotations of (N, 4) quaternions x y z w, brought to length 1; NaN where that cannot be."""
+    with np.errstate(over="ignore"):
+        length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    length[(length == 0) | ~np.isfinite(length)] = np.nan
+    x, y, z, w = (quaternion / length).T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],

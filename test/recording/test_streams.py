@@ -62,7 +62,7 @@ def test_messages_in_order_stay_as_they_are():
     assert late == 0
 
 
-@pytest.mark.parametrize("back", [10 * MS, 40 * MS, MAX_LATENESS + 10 * MS, 3600 * 1000 * MS])
+@pytest.mark.parametrize("back", [3 * MS, 40 * MS, MAX_LATENESS + 10 * MS, 3600 * 1000 * MS])
 def test_a_clock_that_was_set_back_is_refused_with_the_place(back):
     stamps = np.arange(1000) * MS
     stamps[600:] -= back
