@@ -136,7 +136,7 @@ class _Scan:
             if opcode != 0 and behind <= boundary:
                 self._take_record(position, opcode, length)
             elif self.ending.data_end is not None:
-                self._lose_record(position, f"bytes {position} to {boundary} outside of the chunks are damaged")
+                self._lose_stretch(position, boundary)
                 behind = boundary
             else:
                 if opcode == Opcode.CHUNK and (cut := read_head(self.file, position, length)):
@@ -159,12 +159,12 @@ class _Scan:
             self._lose_record(position, f"the record at byte {position} makes no sense and was skipped")
 
     def _take_message(self, position: int, length: int) -> None:
+        head = RECORD_HEAD.pack(Opcode.MESSAGE, length) + self.file.read(MESSAGE_HEAD.size - RECORD_HEAD.size)
+        _, _, channel, _, log_time, _ = MESSAGE_HEAD.unpack(head)
         if self.run_rows and position + length - self.run_start > RUN_SIZE:
             self._flush_run()
         if not self.run_rows:
             self.run_start = position
-        head = RECORD_HEAD.pack(Opcode.MESSAGE, length) + self.file.read(MESSAGE_HEAD.size - RECORD_HEAD.size)
-        _, _, channel, _, log_time, _ = MESSAGE_HEAD.unpack(head)
         size = length + RECORD_HEAD.size - MESSAGE_HEAD.size
         self.run_rows.append((channel, log_time, position + MESSAGE_HEAD.size - self.run_start, size))
         self.last_log_time = log_time
@@ -322,6 +322,12 @@ class _Scan:
         count = int(which.sum())
         sentence = f"{_messages(count)} behind byte {block.offset}, logged from {span[0]} to {span[1]} ns, {what}"
         self._lose(LossKind.DAMAGED, block.offset, sentence, span, count)
+
+    def _lose_stretch(self, start: int, end: int) -> None:
+        """Report bytes outside of chunks: in a bag without chunks there were messages in them, else their index."""
+        kind, count = (LossKind.INDEX, 0) if self.ending.chunks else (LossKind.DAMAGED, None)
+        sentence = f"bytes {start} to {end}, outside of chunks, are damaged and were skipped"
+        self._lose(kind, start, sentence, (self.last_log_time, None), count)
 
     def _lose_record(self, position: int, sentence: str) -> None:
         self._lose(LossKind.INDEX, position, sentence, messages=0)

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bag_reference import chunk_offsets, judge, messages_before, write_sample
+from mcap.writer import Writer
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import Loss, LossKind, open_recording
+from poise.recording import Loss, LossKind, open_recording, scan
 
 COMPRESSIONS = ("none", "lz4", "zstd")
 
@@ -162,6 +163,63 @@ def test_a_corrupt_length_is_a_loss_not_an_allocation(sample):
         path.write_bytes(damaged)
         _, losses = read(path)
         assert any(loss.kind in (LossKind.DAMAGED, LossKind.TRUNCATED) for loss in losses)
+
+
+@pytest.fixture
+def without_chunks(tmp_path, monkeypatch):
+    """Make a bag whose messages stand outside of chunks, as the `fastwrite` preset of rosbag2 records."""
+    monkeypatch.setattr(scan, "RUN_SIZE", 10_000)  # so that a small bag is read in several runs
+
+    def write(**options: bool) -> tuple[bytes, Path]:
+        path = tmp_path / "bag.mcap"
+        with path.open("wb") as file:
+            writer = Writer(file, use_chunking=False, **options)
+            writer.start("ros2")
+            channel = writer.register_channel("raw", "cdr", writer.register_schema("our_msgs/msg/Own", "ros2msg", b""))
+            for stamp in range(1000):
+                writer.add_message(channel, log_time=stamp, publish_time=stamp, data=bytes(stamp % 50))
+            writer.finish()
+        return path.read_bytes(), path
+
+    return write
+
+
+@pytest.mark.parametrize("checked", [True, False])
+def test_a_bag_without_chunks_is_read_whole_or_as_far_as_it_goes(without_chunks, checked):
+    content, path = without_chunks(enable_data_crcs=checked)
+    recording = open_recording(path, strict=True)
+    expected = [(stamp, "raw", bytes(stamp % 50)) for stamp in range(1000)]
+    assert list(recording.messages()) == expected
+    assert recording.unchecked == (0 if checked else 1000)
+    for cut in (len(content) // 3, len(content) // 2):
+        path.write_bytes(content[:cut])
+        recording = open_recording(path)
+        found = list(recording.messages())
+        assert found == expected[: len(found)]
+        assert sum(31 + len(message.data) for message in found) > cut - 300, "every message before the cut"
+        assert [loss.kind for loss in recording.losses] == [LossKind.TRUNCATED]
+
+
+def test_messages_outside_of_chunks_whose_checksum_fails_are_not_given(without_chunks):
+    content, path = without_chunks(enable_data_crcs=True)
+    damaged = bytearray(content)
+    damaged[len(content) // 2] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(InputError, match="cannot be trusted") as caught:
+        open_recording(path)
+    assert caught.value.code == ErrorCode.FILE_CORRUPT
+    assert sum(loss.messages or 0 for loss in caught.value.data["losses"]) > 900
+
+
+def test_a_broken_length_outside_of_chunks_is_a_loss_even_without_any_checksum(without_chunks):
+    content, path = without_chunks(enable_crcs=False, use_statistics=False)
+    at = content.index(b"\x05" + (22 + 30).to_bytes(8, "little"), len(content) // 2)  # the length of a message
+    damaged = bytearray(content)
+    damaged[at + 4] = 255
+    path.write_bytes(damaged)
+    recording = open_recording(path)
+    assert [loss.kind for loss in recording.losses] == [LossKind.DAMAGED]
+    assert [message.log_time for message in recording.messages()] == list(range(recording.counts["raw"]))
 
 
 def test_a_file_that_changes_while_it_is_read_is_an_error(sample):
