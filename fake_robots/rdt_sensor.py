@@ -53,6 +53,7 @@ class FakeRdtSensor:
         status: status word of the records to come.
         silent: sends and hears nothing, while its time goes on: the cable is out.
         stalled: repeats one measurement.
+        deaf_to_bias: hears the bias command and does nothing.
         fault: what happens to datagrams on the way; None: nothing.
         first_sequence: RDT sequence number that a stream begins with.
         page: what the web server serves.
@@ -87,6 +88,7 @@ class FakeRdtSensor:
         self.status = 0
         self.silent = False
         self.stalled = False
+        self.deaf_to_bias = False
         self.fault: Fault | None = None
         self.first_sequence = 1
         self.starts = 0
@@ -160,7 +162,8 @@ class FakeRdtSensor:
             return
         if command == BIAS:
             self.biases += 1
-            self._bias = self._source.samples(self._measurement(), 1)[0]
+            if not self.deaf_to_bias:
+                self._bias = self._source.samples(self._measurement(), 1)[0]
         # Any command takes precedence over the one before it, so a bias ends a stream.
         self._client = client if command in (START_REALTIME, START_BUFFERED) else None
         if self._client:

@@ -189,14 +189,18 @@ class Acquisition:
 
     def _run(self) -> None:
         while not self._stopping.is_set():
-            try:
-                self._step()
-                self._report()
-            except Exception as error:  # a fault of ours (or of the sink) shows, and does not end the stream
-                with self._lock:
-                    self._health.note("failed", f"please report this: {error!r}", time.monotonic())
-                self._stopping.wait(LONGEST_WAIT)
+            self._guard(self._step)
+            self._guard(self._report)
         self._link.close()
+
+    def _guard(self, act: Callable[[], None]) -> None:
+        """Let a fault of ours, or of the sink, show in the reports and not end the stream."""
+        try:
+            act()
+        except Exception as error:
+            with self._lock:
+                self._health.note("failed", f"please report this: {error!r}", time.monotonic())
+            self._stopping.wait(0.01)  # an error that comes at once must not burn a core
 
     def _step(self) -> None:
         now = time.monotonic()
@@ -264,7 +268,7 @@ class Acquisition:
             known = SensorError(ErrorCode.SENSOR_UNREACHABLE, f"{self._link.name}: {error}")
         with self._lock:
             self._health.failed(known)
-        self._stopping.wait(0.001)  # an error that comes at once must not burn a core
+        self._stopping.wait(0.001)
 
     def _digest(self, samples: Samples) -> tuple[Blocks, Batch | None]:
         with self._lock:

@@ -112,9 +112,10 @@ def _average(samples: Stamped, block: NDArray[np.int64]) -> Blocks:
         return Blocks(none, np.empty((0, 6)), none, none.astype(bool), none.astype(bool))
     start = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
     count = np.diff(start, append=len(block))
-    since = samples.stamps - samples.stamps[0]  # small numbers add up exactly
+    first = samples.stamps[start]
+    since = samples.stamps - np.repeat(first, count)
     return Blocks(
-        samples.stamps[0] + np.rint(np.add.reduceat(since, start) / count).astype(np.int64),
+        first + np.add.reduceat(since, start) // count,
         np.add.reduceat(samples.wrench_in_sensor, start) / count[:, None],
         count,
         np.logical_or.reduceat(samples.saturated, start),

@@ -28,7 +28,7 @@ class Condition:
     """The state of the stream in one word and one sentence.
 
     Attributes:
-        kind: stable name: connecting, unreachable, silent, stalled, faulty, saturated, failed, losing, restarted,
+        kind: stable name: failed, connecting, unreachable, silent, stalled, saturated, faulty, losing, restarted,
             rejecting, flagged, streaming.
         severity: of diagnostics.
         code: what the fault is, OK for none.
@@ -135,12 +135,17 @@ class Health:
     def condition(self, now: float, status_text: str) -> Condition:
         """The worst condition that holds."""
         return (
-            self._no_stream(now)
+            self._failed(now)
+            or self._no_stream(now)
             or self._bad_samples(now, status_text)
             or self._degraded(now)
             or self._flagged(status_text)
             or Condition("streaming", Severity.OK, ErrorCode.OK, "streaming")
         )
+
+    def _failed(self, now: float) -> Condition | None:
+        text = self._recent("failed", now)
+        return None if text is None else Condition("failed", Severity.ERROR, ErrorCode.INTERNAL, text)
 
     def _no_stream(self, now: float) -> Condition | None:
         if self.is_connected(now):
@@ -159,8 +164,6 @@ class Health:
         return Condition("unreachable", Severity.ERROR, code, text)
 
     def _bad_samples(self, now: float, status_text: str) -> Condition | None:
-        if (text := self._recent("failed", now)) is not None:
-            return Condition("failed", Severity.ERROR, ErrorCode.INTERNAL, text)
         if (text := self._recent("saturated", now)) is not None:
             return Condition("saturated", Severity.ERROR, ErrorCode.SENSOR_SATURATED, text)
         if self._recent("faulty", now) is not None:
