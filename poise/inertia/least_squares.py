@@ -22,7 +22,7 @@ NULL_EIGENVALUE = 1e-11
 # A direction takes part in a parameter above this share.
 NULL_SHARE = 1e-5
 # One sigma as wide as the whole mass swung by this many metres says nothing about what a hand can hold.
-REACH = 1.0
+REACH = 0.1
 MAX_ITERATIONS = 50
 
 

@@ -1,0 +1,96 @@
+"""`poise evaluate`: the same job over every recording in a folder."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from poise.commands.identify import (
+    GravityOption,
+    JsonOption,
+    MaxForceOption,
+    MaxTorqueOption,
+    MethodOption,
+    SensorFrameOption,
+    UrdfOption,
+    WrenchTopicOption,
+    as_json,
+    weigh,
+)
+from poise.commands.output import console, refuse_folder, write_json
+from poise.errors import ErrorCode, InputError, PoiseError
+from poise.viewing.wording import readable, rounded
+
+
+def evaluate(
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds .mcap recordings.", show_default=False)],
+    method: MethodOption = "auto",
+    sensor_frame: SensorFrameOption = None,
+    urdf: UrdfOption = None,
+    gravity: GravityOption = None,
+    wrench_topic: WrenchTopicOption = "wrench",
+    max_force: MaxForceOption = np.inf,
+    max_torque: MaxTorqueOption = np.inf,
+    json_target: JsonOption = None,
+) -> int:
+    """Identify the payload of every recording in a folder, and compare.
+
+    One that cannot be weighed does not stop the others; the exit status is then that of the worst.
+
+    Example:  poise evaluate bags --json payloads.json
+    """
+    refuse_folder(json_target, "--json")
+    bags = find_bags(folder)
+    status = 0
+    results: list[dict[str, Any]] = []
+    for bag in bags:
+        try:
+            found = weigh(bag, urdf, method, sensor_frame, gravity, wrench_topic, (max_force, max_torque))
+            results.append(as_json(bag, *found))
+        except PoiseError as error:
+            status = max(status, error.exit_status)
+            problem = {"code": int(error.code), "name": error.code.name, "message": error.message}
+            results.append({"bag": str(bag), "error": problem})
+    write_json(json_target, {"recordings": results})
+    console(json_target).print(_table(results))
+    return status
+
+
+def find_bags(folder: Path) -> list[Path]:
+    """The .mcap files of a folder, by name.
+
+    Raises:
+        InputError: FILE_UNREADABLE when it is no folder or may not be read, EMPTY when it holds none.
+    """
+    try:
+        bags = sorted(path for path in folder.iterdir() if path.suffix == ".mcap")
+    except OSError as error:
+        raise InputError(
+            ErrorCode.FILE_UNREADABLE, f"cannot look into {folder}: {error.strerror}; give a folder with .mcap files"
+        ) from error
+    if not bags:
+        raise InputError(ErrorCode.EMPTY, f"{folder} holds no .mcap file: give the folder with the recordings")
+    return bags
+
+
+def _table(results: list[dict[str, Any]]) -> Table:
+    table = Table()
+    for heading in ("recording", "method", "mass kg", "centre of mass mm", "residual N, mN m", "samples"):
+        table.add_column(heading, justify="left" if heading in ("recording", "method") else "right")
+    for result in results:
+        name = escape(readable(Path(result["bag"]).name))
+        if "error" in result:
+            table.add_row(name, result["error"]["name"].lower(), style="red")
+            continue
+        mass, sigma = rounded(result["mass"], result["mass_std"])
+        com = ", ".join(
+            rounded(1e3 * value, 1e3 * spread)[0] if np.isfinite(value) else "-"
+            for value, spread in zip(result["com"], result["com_std"], strict=True)
+        )
+        residual = f"{result['residual_force']:.3f}, {1e3 * result['residual_torque']:.1f}"
+        shown = f"{mass} ± {sigma}" if np.isfinite(result["mass"]) else "-"
+        table.add_row(name, result["method"], shown, com, residual, str(result["n_samples"]))
+    return table

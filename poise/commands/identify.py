@@ -1,0 +1,229 @@
+"""`poise identify`: the payload of a recording, as a table, JSON and a report."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from poise.commands.output import console, refuse_folder, warn, write_json
+from poise.errors import ErrorCode, InputError
+from poise.inertia.identification import METHODS, Identification
+from poise.inertia.identification import identify as identify_recording
+from poise.recording import Recording, open_recording
+from poise.robot import RobotModel
+from poise.viewing.summary import parameter_rows
+from poise.viewing.wording import readable, rounded
+
+MethodOption = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        help=f"One of {', '.join(METHODS)}. static: poses held still; ols: motion; auto: what the motion suits.",
+    ),
+]
+SensorFrameOption = Annotated[
+    str | None,
+    typer.Option("--sensor-frame", help="Frame of the wrench (default: what its messages say).", show_default=False),
+]
+UrdfOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--urdf",
+        help="URDF for the joint states (default: the recording's robot_description; without one tf is used).",
+        show_default=False,
+    ),
+]
+GravityOption = Annotated[
+    float | None,
+    typer.Option("--gravity", help="m/s2 (default: what the recording says, else 9.80665).", show_default=False),
+]
+WrenchTopicOption = Annotated[str, typer.Option("--wrench-topic", help="Topic of the force-torque sensor.")]
+MaxForceOption = Annotated[
+    float,
+    typer.Option("--max-force", help="Range of the sensor, N: what reaches it is not used.", show_default=False),
+]
+MaxTorqueOption = Annotated[float, typer.Option("--max-torque", help="The same, N m.", show_default=False)]
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
+]
+
+
+def identify(
+    bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
+    method: MethodOption = "auto",
+    sensor_frame: SensorFrameOption = None,
+    urdf: UrdfOption = None,
+    gravity: GravityOption = None,
+    wrench_topic: WrenchTopicOption = "wrench",
+    max_force: MaxForceOption = np.inf,
+    max_torque: MaxTorqueOption = np.inf,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
+    ] = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Weigh what a force-torque sensor carries: mass, centre of mass, inertia, each with its uncertainty.
+
+    The recording needs the wrench, and either joint_states with robot_description or tf up to the sensor. Poses held
+    still in three attitudes or more give mass, centre of mass and the sensor's bias; motion also gives the inertia it
+    shows. What cannot be seen is named, never guessed.
+
+    Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
+    """
+    refuse_folder(json_target, "--json")
+    recording, answer = weigh(bag, urdf, method, sensor_frame, gravity, wrench_topic, (max_force, max_torque))
+    people = console(json_target)
+    content = as_json(bag, recording, answer)
+    for warning in content["warnings"]:
+        warn(warning)
+    written = [] if report is None else write_report(report, bag, answer)
+    write_json(json_target, content)
+    print_answer(people, bag, answer)
+    for path in written:
+        people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def weigh(
+    bag: Path,
+    urdf: Path | None,
+    method: str,
+    sensor_frame: str | None,
+    gravity: float | None,
+    wrench_topic: str,
+    saturation: tuple[float, float],
+) -> tuple[Recording, Identification]:
+    """Open a recording and identify its payload.
+
+    Raises:
+        InputError, NoAnswerError: as `identify` of `poise.inertia`.
+    """
+    recording = open_recording(bag)
+    model = None
+    if urdf is not None:
+        model = RobotModel.from_file(urdf, sensor_frame or recording.wrench(wrench_topic).frame_id)
+    answer = identify_recording(
+        recording,
+        robot_model=model,
+        sensor_frame=sensor_frame,
+        gravity=gravity,
+        method=method,
+        wrench_topic=wrench_topic,
+        saturation=saturation,
+    )
+    return recording, answer
+
+
+def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str, Any]:
+    """The fields of the contract, and what else is known; SI units, stamps in s."""
+    estimate = answer.estimate
+    parameters = estimate.parameters
+    losses = [
+        {"kind": str(loss.kind), "sentence": loss.sentence, "messages": loss.messages} for loss in recording.losses
+    ]
+    return {
+        "mass": parameters.mass,
+        "com": parameters.com,
+        "inertia": parameters.inertia_vector,
+        "covariance": estimate.covariance,
+        "bias": estimate.bias,
+        "delay": estimate.delay,
+        "method": estimate.method,
+        "consistent": estimate.consistent,
+        "n_samples": estimate.n_samples,
+        "rejected": [
+            {"start": span.start * 1e-9, "end": span.end * 1e-9, "reason": span.reason, "samples": span.n_samples}
+            for span in estimate.rejected
+        ],
+        "mass_std": estimate.mass_std,
+        "com_std": estimate.com_std,
+        "inertia_std": estimate.inertia_std,
+        "bias_covariance": estimate.bias_covariance,
+        "delay_std": estimate.delay_std,
+        "unidentified": estimate.unidentified,
+        "condition_number": estimate.condition_number,
+        "n_effective": estimate.n_effective,
+        "residual_force": estimate.residual_force,
+        "residual_torque": estimate.residual_torque,
+        "frame_id": estimate.frame_id,
+        "stamp": estimate.stamp * 1e-9,
+        "source": answer.source,
+        "bag": str(bag),
+        "losses": losses,
+        "warnings": [*(f"{bag}: {loss['sentence']}" for loss in losses), *_doubts(answer)],
+    }
+
+
+def write_report(folder: Path, bag: Path, answer: Identification) -> list[Path]:
+    """Write the HTML report, and the Rerun scene when rerun is installed.
+
+    Raises:
+        InputError: FILE_UNWRITABLE.
+    """
+    # Drawing libraries load slowly: only now.
+    from poise.viewing.report import write_identification_report
+    from poise.viewing.rerun_scene import write_identification_recording
+
+    written = [write_identification_report(folder, answer, title=f"Payload of {bag.name}", source=str(bag))]
+    try:
+        written.append(write_identification_recording(folder / "identification.rrd", answer))
+    except InputError as error:
+        if error.code is not ErrorCode.UNSUPPORTED:
+            raise
+        warn(error.message)
+    return written
+
+
+def print_answer(people: Console, bag: Path, answer: Identification) -> None:
+    """The answer as a table with one-sigma uncertainties, and what it rests on."""
+    estimate = answer.estimate
+    title = escape(readable(f"{bag.name}, in the axes of {estimate.frame_id}"))
+    table = Table("", "", title=title, title_justify="left")
+    for heading in ("value", "one sigma"):
+        table.add_column(heading, justify="right")
+    table.add_column("unit")
+    groups = {"m": "payload", "cx": "centre of mass", "ixx": "inertia about it"}
+    for row in parameter_rows(answer):
+        seen = row.value if not row.reason else "not seen"
+        table.add_row(groups.get(row.name, ""), row.symbol, seen, row.sigma, row.unit, end_section=row.name == "izz")
+    deviations = np.sqrt(np.diag(estimate.bias_covariance))
+    for index, (value, sigma) in enumerate(zip(estimate.bias, deviations, strict=True)):
+        group = {0: "force bias", 3: "torque bias"}.get(index, "")
+        shown, spread = rounded(float(value), float(sigma))
+        unit = "N" if index < 3 else "N m"
+        table.add_row(group, "xyz"[index % 3], shown if spread else "not seen", spread, unit)
+    people.print(table)
+    for name, text in _facts(answer):
+        people.print(f"{name:11}{escape(readable(text, 500))}", soft_wrap=True)
+
+
+def _facts(answer: Identification) -> list[tuple[str, str]]:
+    """What stands below the table, name and sentence."""
+    estimate = answer.estimate
+    reasons: dict[str, int] = {}
+    for span in estimate.rejected:
+        reasons[span.reason] = reasons.get(span.reason, 0) + span.n_samples
+    left_out = ", ".join(f"{count} {reason}" for reason, count in reasons.items()) or "none"
+    used = f"{estimate.n_samples} used, worth {estimate.n_effective:.0f} independent ones"
+    return [
+        ("method", f"{estimate.method}; motion from {answer.source}"),
+        ("samples", f"{used}; left out: {left_out}"),
+        ("residual", f"{estimate.residual_force:.3g} N and {estimate.residual_torque:.3g} N m rms per axis"),
+        ("physics", "a body like this can exist" if estimate.consistent else "NO BODY LIKE THIS CAN EXIST"),
+    ]
+
+
+def _doubts(answer: Identification) -> list[str]:
+    """What an answer has to be read with, one sentence each."""
+    estimate = answer.estimate
+    doubts = []
+    if estimate.method != "static" and "attitudes only" in answer.source:
+        doubts.append("the recording has no positions: forces from linear acceleration are not accounted for")
+    if not estimate.consistent:
+        doubts.append("no body with this mass and inertia can exist: move more, or faster, about every axis")
+    return doubts

@@ -1,0 +1,77 @@
+"""What commands hand over: strict JSON, written whole or not at all, and tables for people."""
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from poise.errors import ErrorCode, InputError
+from poise.viewing.files import write_whole
+
+STDOUT = "-"
+PAGE_WIDTH = 120
+
+
+def console(json_target: str | None) -> Console:
+    """Where people read: stdout, or stderr when stdout carries the JSON."""
+    people = Console(stderr=json_target == STDOUT, highlight=False)
+    if not people.is_terminal:
+        people.width = max(people.width, PAGE_WIDTH)  # a file has no edge to wrap at
+    return people
+
+
+def warn(message: str) -> None:
+    """Say on stderr, in one line, what the answer has to be read with."""
+    print(f"poise: warning: {message}", file=sys.stderr)
+
+
+def to_json(value: Any) -> Any:
+    """The nearest thing that strict JSON can hold: arrays become lists, NaN and infinity become null."""
+    if isinstance(value, dict):
+        return {str(key): to_json(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return to_json(value.tolist())
+    if isinstance(value, list | tuple):
+        return [to_json(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, np.integer | np.bool_):
+        return value.item()
+    return value
+
+
+def write_json(target: str | None, content: dict[str, Any]) -> None:
+    """Write to a file (through a temporary one), to stdout when the target is `-`, or nowhere when it is None.
+
+    Raises:
+        InputError: FILE_UNWRITABLE.
+    """
+    if target is None:
+        return
+    text = json.dumps(to_json(content), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    try:
+        if target == STDOUT:
+            sys.stdout.write(text)
+            sys.stdout.flush()
+        elif Path(target).exists() and not Path(target).is_file():  # a device or a pipe is written to, not replaced
+            Path(target).write_text(text, encoding="utf-8")
+        else:
+            write_whole(Path(target), text.encode())
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise InputError(ErrorCode.FILE_UNWRITABLE, f"cannot write the JSON to {target}: {error.strerror}") from error
+
+
+def refuse_folder(target: str | None, option: str) -> None:
+    """Say early, before anything is computed, that a file cannot be written where a folder is.
+
+    Raises:
+        InputError: FILE_UNWRITABLE.
+    """
+    if target is not None and target != STDOUT and Path(target).is_dir():
+        raise InputError(ErrorCode.FILE_UNWRITABLE, f"{option} {target} is a folder: give the name of a file")
