@@ -53,7 +53,7 @@ SPECS: dict[str, Spec] = {
 LISTS = {"tf2_msgs/msg/TFMessage"}  # a sequence of what the table says
 
 ENCAPSULATION = 4  # bytes in front, not counted by the alignment
-PADDING = 7  # bytes that some writers add at the end
+PADDING = 16  # bytes behind the content: rclpy.serialization adds up to 12, its estimate for empty sequences
 MOST_LAYOUTS = 32  # after so many layouts of a topic, go message by message
 
 

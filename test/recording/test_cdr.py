@@ -128,6 +128,20 @@ def test_padding_that_holds_rubbish_does_not_split_the_columns():
     assert len(list(decode(kind, *pack(rng, encoded)))) == 1
 
 
+def test_what_rclpy_leaves_behind_the_content_is_ignored():
+    # rclpy.serialization.serialize_message(JointState(name=["abc", "d"], position=[1.0, 2.0], effort=[3.0, 4.0]))
+    captured = bytes.fromhex(
+        "00010000 00000000 00000000 01000000 00000000 02000000 04000000 61626300 02000000 64000000 02000000 00000000"
+        "0000f03f 00000000 00000040 00000000 02000000 00000000 00000840 00000000 00001040 00000000 00000000"
+    )
+    (batch,) = decode("sensor_msgs/msg/JointState", captured, np.array([0]), np.array([len(captured)]))
+    (element,) = batch.elements
+    assert element["names"] == ("abc", "d")
+    assert element["position"].tolist() == [[1.0, 2.0]]
+    assert element["velocity"].shape == (1, 0)
+    assert element["effort"].tolist() == [[3.0, 4.0]]
+
+
 @pytest.mark.parametrize("kind", FIELDS)
 def test_messages_of_another_type_or_cut_short_are_refused(kind):
     rng = np.random.default_rng(1)
