@@ -123,7 +123,7 @@ setup(
         "pin>=3.2",
         "pyyaml>=6",
         "rosbags>=0.11,<0.12",  # its API moves between minor releases
-        "mcap>=1.2",
+        "mcap>=1.6,<2",  # the first whose reader checks the data section's checksum
         "lz4>=4",
         "zstandard>=0.22",
         "pyserial>=3.5",
@@ -134,7 +134,7 @@ setup(
         "rich>=13",
     ],
     extras_require={
-        "viewer": ["rerun-sdk>=0.24"],
+        "viewer": ["rerun-sdk>=0.30"],
         "test": [
             "pytest>=8",
             "pytest-timeout",
@@ -146,6 +146,7 @@ setup(
             "types-pyserial",
             "pre-commit",
             "colcon-common-extensions",
+            "mcap-ros2-support",  # another reader, for tests and benchmarks/bags.py
             *BUILD_REQUIRES,
         ],
     },
