@@ -238,7 +238,7 @@ def check_limits(model: RobotModel, trajectory: Trajectory, names: Sequence[str]
     Raises:
         InputError: JOINT_LIMIT, naming a joint that leaves its range or exceeds its speed, when and by how much.
     """
-    seconds = np.linspace(0.0, trajectory.duration, max(int(trajectory.duration * 100), 2))
+    seconds = np.linspace(0.0, trajectory.duration, min(max(int(trajectory.duration * 200), 200), 100_000))
     motion = trajectory.at(seconds)
     slack = 1e-9
     wrong = {

@@ -1,0 +1,234 @@
+"""A simulated arm as a source of messages: joint states, wrench, odometry, along a trajectory or as commanded."""
+
+import functools
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.errors import ErrorCode, InputError
+from poise.fake_robots.stream import Message, TopicInfo, in_order
+from poise.recording.encoding import encode_stream, encode_text, typestore
+from poise.recording.streams import JointStream, WrenchStream
+from poise.robot.motion import Array
+from poise.simulation import (
+    JointMotion,
+    JointNoise,
+    NoisyJoints,
+    NoisyWrench,
+    Trajectory,
+    WaypointTrajectory,
+    World,
+    WrenchNoise,
+    check_limits,
+    home,
+)
+
+BLOCK = 0.02  # s simulated at a time: also how late a command can be heeded
+STOP_TIME = 0.5  # s to stop in when a command says so
+BASE_JOINTS = ("base_x", "base_y", "base_yaw")
+
+
+@dataclass(frozen=True)
+class ArmOptions:
+    """How the arm is sensed and when it ends.
+
+    Args:
+        wrench_noise, joint_noise: of the sensors, with their rates.
+        seed: of the noise; the same one gives the same bytes.
+        start_stamp: ns, header stamp of the beginning; None: the wall clock then.
+        end: s after which there are no more messages; None: never.
+    """
+
+    wrench_noise: WrenchNoise
+    joint_noise: JointNoise
+    seed: int = 0
+    start_stamp: int | None = 0
+    end: float | None = None
+
+
+class Waypoints(NamedTuple):
+    """A commanded motion of K joints: (P,) s from now, and (P, K) arrays; None: at rest at every waypoint."""
+
+    names: Sequence[str]
+    times: Array
+    position: Array
+    velocity: Array | None = None
+    acceleration: Array | None = None
+
+
+class SimulatedArm:
+    """A robot in a nominal world that reports what its sensors would.
+
+    Args:
+        world: robot, payload, gravity.
+        description: its URDF, for `robot_description`.
+        trajectory: what it does from the start; None: rest at home until commanded.
+        options: sensors, seed, clock.
+    """
+
+    def __init__(self, world: World, description: str, trajectory: Trajectory | None, options: ArmOptions) -> None:
+        self._world, self._description, self._options = world, description, options
+        self.model = world.model
+        self._beginning = trajectory or WaypointTrajectory(np.zeros(1), home(self.model)[None])
+        self._lock = threading.Lock()
+        self._plans: list[tuple[float, Trajectory]] = [(0.0, self._beginning)]
+        self._start = 0  # stamp of the beginning, ns
+        self._frontier = 0.0  # s up to which the motion has been simulated and cannot be changed
+        self.topics = {
+            "robot_description": TopicInfo("std_msgs/msg/String", latched=True, depth=1),
+            "joint_states": TopicInfo("sensor_msgs/msg/JointState"),
+            "wrench": TopicInfo("geometry_msgs/msg/WrenchStamped"),
+        }
+        self._drives = set(BASE_JOINTS) <= set(self.model.joint_names)
+        if self._drives:
+            self.topics["odom"] = TopicInfo("nav_msgs/msg/Odometry")
+
+    def hold(self, world: World) -> None:
+        """Take another payload (or gravity) from here on: a grasp, a release."""
+        self._world = world
+
+    def command(self, waypoints: Waypoints) -> None:
+        """Move through waypoints from where the arm is, or (none at all) stop; a waypoint at 0 s is left out.
+
+        Joints that are not named stop where they are.
+
+        Raises:
+            InputError: JOINT_MISSING for a joint that the robot does not have; BAD_INPUT for times or shapes;
+                JOINT_LIMIT when the motion would leave the robot's limits.
+        """
+        names = waypoints.names
+        unknown = [name for name in names if name not in self.model.joint_names]
+        if unknown:
+            raise InputError(
+                ErrorCode.JOINT_MISSING,
+                f"joint trajectory: the robot has no joint {', '.join(unknown)}; it has "
+                f"{', '.join(self.model.joint_names)}",
+            )
+        columns = [self.model.joint_names.index(name) for name in names]
+        with self._lock:
+            begin = self._frontier
+            now = self._motion(np.array([begin]))
+            plan = _through(now, columns, waypoints) if len(waypoints.times) else _halt(now)
+            check_limits(self.model, plan)
+            self._plans = [*self._plans[-3:], (begin, plan)]
+
+    def messages(self) -> Iterator[Message]:
+        """Everything the robot says, simulated block by block as it is asked for."""
+        with self._lock:
+            self._plans, self._frontier = [(0.0, self._beginning)], 0.0
+        start = self._options.start_stamp
+        self._start = time.time_ns() if start is None else start
+        for_joints, for_wrench = np.random.default_rng(self._options.seed).spawn(2)
+        encoders = NoisyJoints(self._options.joint_noise, for_joints)
+        sensor = NoisyWrench(self._options.wrench_noise, for_wrench)
+        yield Message(self._start, "robot_description", encode_text(self._description))
+        yield from in_order(
+            self._blocks(encoders.noise.rate, functools.partial(self._say_joints, encoders)),
+            self._blocks(sensor.noise.rate, functools.partial(self._say_wrench, sensor)),
+        )
+
+    def _blocks(
+        self, rate: float, say: Callable[[NDArray[np.int64], JointMotion], Iterator[Message]]
+    ) -> Iterator[Message]:
+        """Samples at `rate`, a block at a time, until the end."""
+        size = max(round(BLOCK * rate), 1)
+        first, last = 0, None if self._options.end is None else int(np.floor(self._options.end * rate)) + 1
+        while last is None or first < last:
+            count = np.arange(first, first + size if last is None else min(first + size, last))
+            taken = np.round(count * (1e9 / rate)).astype(np.int64)
+            seconds = taken * np.float64(1e-9)
+            with self._lock:
+                self._frontier = max(self._frontier, float(seconds[-1]) + 1e-9)
+                motion = self._motion(seconds)
+            yield from say(taken, motion)
+            first = int(count[-1]) + 1
+
+    def _motion(self, seconds: Array) -> JointMotion:
+        """What the plans say, each from its beginning until the next one's."""
+        begins = np.array([begin for begin, _ in self._plans])
+        which = np.maximum(np.searchsorted(begins, seconds, side="right") - 1, 0)
+        out = np.empty((3, len(seconds), len(self.model.joint_names)))
+        for i in np.unique(which):
+            begin, plan = self._plans[i]
+            here = which == i
+            out[:, here] = plan.at(seconds[here] - begin)
+        return JointMotion(out[0], out[1], out[2])
+
+    def _say_joints(self, reports: NoisyJoints, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
+        effort = self._world.effort(motion)
+        stamps = self._start + np.maximum(reports.stamps(taken), 0)
+        said = reports.report(motion.position, motion.velocity, effort)
+        stream = JointStream(stamps, self.model.joint_names, said[0], said[1], said[2])
+        base = [self.model.joint_names.index(name) for name in BASE_JOINTS] if self._drives else []
+        for i, (stamp, data) in enumerate(encode_stream("joint_states", stream)):
+            yield Message(stamp, "joint_states", data)
+            if self._drives:
+                yield Message(stamp, "odom", _odometry(stamp, motion.position[i, base], motion.velocity[i, base]))
+
+    def _say_wrench(self, reports: NoisyWrench, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
+        truth = self._world.simulate(taken, motion)
+        stamps = self._start + np.maximum(reports.stamps(taken), 0)
+        stream = WrenchStream(stamps, reports.report(truth.wrench_in_sensor), self.model.sensor_frame)
+        for stamp, data in encode_stream("wrench", stream):
+            yield Message(stamp, "wrench", data)
+
+
+def _through(now: JointMotion, columns: list[int], waypoints: Waypoints) -> WaypointTrajectory:
+    """The commanded waypoints for all joints, with the present state as the first."""
+    times = np.asarray(waypoints.times, dtype=np.float64)
+    shape = (len(times), len(columns))
+    ahead = times > 0.0
+    rows = []
+    others = (now.position[0], np.zeros_like(now.position[0]), np.zeros_like(now.position[0]))
+    for name, value, present, other in zip(JointMotion._fields, waypoints[2:], now, others, strict=True):
+        given = np.zeros(shape) if value is None else np.asarray(value, dtype=np.float64)
+        if given.shape != shape:
+            raise InputError(ErrorCode.BAD_INPUT, f"joint trajectory: {name} has shape {given.shape}, expected {shape}")
+        full = np.tile(other, (int(ahead.sum()), 1))
+        full[:, columns] = given[ahead]
+        rows.append(np.vstack([present, full]))
+    return WaypointTrajectory(np.concatenate([[0.0], times[ahead]]), rows[0], rows[1], rows[2])
+
+
+def _halt(now: JointMotion) -> WaypointTrajectory:
+    there = now.position + now.velocity * STOP_TIME / 2
+    rest = np.zeros_like(there)
+    return WaypointTrajectory(
+        np.array([0.0, STOP_TIME]),
+        np.vstack([now.position, there]),
+        np.vstack([now.velocity, rest]),
+        np.vstack([now.acceleration, rest]),
+    )
+
+
+def _odometry(stamp: int, pose: Array, velocity: Array) -> bytes:
+    """CDR of nav_msgs/Odometry: x, y, yaw in `odom`, and the twist in `base_link` as REP-105 wants it."""
+    make: dict[str, Any] = dict(typestore().types)
+    x, y, yaw = (float(value) for value in pose)
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    forward = float(cosine * velocity[0] + sine * velocity[1])
+    left = float(-sine * velocity[0] + cosine * velocity[1])
+    seconds, nanoseconds = divmod(int(stamp), 10**9)
+
+    def vector(kind: str, *values: float) -> Any:
+        return make[f"geometry_msgs/msg/{kind}"](*values)
+
+    header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, nanoseconds), "odom")
+    turned = vector("Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
+    where = make["geometry_msgs/msg/Pose"](vector("Point", x, y, 0.0), turned)
+    twist = make["geometry_msgs/msg/Twist"](
+        vector("Vector3", forward, left, 0.0), vector("Vector3", 0.0, 0.0, float(velocity[2]))
+    )
+    exact = np.zeros(36)
+    message = make["nav_msgs/msg/Odometry"](
+        header,
+        "base_link",
+        make["geometry_msgs/msg/PoseWithCovariance"](where, exact),
+        make["geometry_msgs/msg/TwistWithCovariance"](twist, exact),
+    )
+    return bytes(typestore().serialize_cdr(message, "nav_msgs/msg/Odometry"))

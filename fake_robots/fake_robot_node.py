@@ -1,0 +1,190 @@
+"""The node `fake_robot`: replays bags onto topics, or moves a simulated arm, at the recorded or the real rate."""
+
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Empty
+from std_srvs.srv import SetBool
+from trajectory_msgs.msg import JointTrajectory
+
+from poise.errors import ErrorCode, InputError, PoiseError
+from poise.fake_robots.arm import SimulatedArm, Waypoints
+from poise.fake_robots.bag_replay import BagSource, message_class
+from poise.fake_robots.faults import apply_faults, parse_faults
+from poise.fake_robots.parameters import PAYLOAD, declare_parameters, make_source, make_world
+from poise.fake_robots.player import Player
+from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
+from poise.nodes.runtime import guarded, run
+
+ACKNOWLEDGED = Duration(seconds=2)
+"""How long the end waits for subscribers to confirm the last messages."""
+
+
+class FakeRobot(Node):
+    """Hardware that is not there.
+
+    Publishes what the source says (a bag: its topics; an arm: robot_description, joint_states, wrench, odom), `/clock`
+    when asked, and `replay_done` (std_msgs/Empty, latched) at the end. Service `play` (std_srvs/SetBool) resumes and
+    pauses. An arm heeds `joint_trajectory` (trajectory_msgs/JointTrajectory).
+
+    Args:
+        failed: told what went wrong when the node has to end because of it.
+    """
+
+    def __init__(self, failed: Callable[[PoiseError], None]) -> None:
+        super().__init__("fake_robot")
+        self._failed = failed
+        values = declare_parameters(self)
+        self._values = values
+        self._faults = parse_faults(values["faults"])
+        self._source = make_source(values)
+        for remark in self._source.remarks if isinstance(self._source, BagSource) else ():
+            self.get_logger().warning(remark)
+        topics = dict(self._source.topics)
+        if values["publish_clock"]:
+            topics[CLOCK] = TopicInfo("rosgraph_msgs/msg/Clock", depth=10)
+        self._types = {topic: info.type for topic, info in topics.items()}
+        self._outlets = {topic: self._publisher(topic, info) for topic, info in topics.items()}
+        self._end = self.create_publisher(Empty, "replay_done", _qos(TopicInfo("", latched=True, depth=1)))
+        awaited = self._awaited(values["wait_for_subscribers"])
+        self._player = Player(
+            self._messages,
+            self._publish,
+            rate=values["rate"],
+            loop=values["loop"],
+            playing=values["playing"],
+            stay=values["stay"],
+            ready=lambda: all(outlet.get_subscription_count() > 0 for outlet in awaited),
+            ready_timeout=values["wait_timeout"],
+            finished=self._say_done,
+        )
+        self.create_service(SetBool, "play", guarded(self, self._play))
+        if isinstance(self._source, SimulatedArm):
+            self.create_subscription(JointTrajectory, "joint_trajectory", guarded(self, self._command), 10)
+        self.add_on_set_parameters_callback(self._set_payload)
+        self.create_timer(0.05, self._leave_when_done)
+        self._player.start()
+
+    def destroy_node(self) -> None:
+        """Stop playing before the publishers go."""
+        if hasattr(self, "_player"):
+            self._player.stop()
+        super().destroy_node()
+
+    # -- in the player's thread -------------------------------------------------------------------------------
+
+    def _messages(self) -> Any:
+        messages = self._source.messages()
+        if self._values["publish_clock"]:
+            messages = with_clock(messages, self._values["clock_rate"] / self._values["rate"])
+        return apply_faults(messages, self._faults, self._types, self._values["seed"])
+
+    def _publish(self, message: Message) -> None:
+        try:
+            self._outlets[message.topic].publish(message.data)
+        except RCLError:
+            if rclpy.ok():
+                raise
+
+    def _say_done(self) -> None:
+        try:
+            self._end.publish(Empty())
+            for outlet in (*self._outlets.values(), self._end):
+                outlet.wait_for_all_acked(ACKNOWLEDGED)
+        except RCLError:
+            if rclpy.ok():
+                raise
+
+    # -- in the executor --------------------------------------------------------------------------------------
+
+    def _play(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        response.message = self._player.play(request.data)
+        response.success = not self._player.done.is_set()
+        return response
+
+    def _command(self, message: JointTrajectory) -> None:
+        points = message.points
+        count = len(message.joint_names)
+
+        def rows(field: str) -> Any:
+            given = [list(getattr(point, field)) for point in points]
+            if not any(given):
+                return None
+            if any(len(row) != count for row in given):
+                raise InputError(ErrorCode.BAD_INPUT, f"joint trajectory: every point needs {count} {field} or none")
+            return np.array(given)
+
+        positions = rows("positions")
+        if points and positions is None:
+            raise InputError(ErrorCode.BAD_INPUT, "joint trajectory: its points have no positions")
+        times = np.array([point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in points])
+        waypoints = Waypoints(message.joint_names, times, positions, rows("velocities"), rows("accelerations"))
+        self._source.command(waypoints)
+
+    def _set_payload(self, parameters: list[Any]) -> SetParametersResult:
+        changed = {parameter.name: parameter.value for parameter in parameters if parameter.name in PAYLOAD}
+        if not changed:
+            return SetParametersResult(successful=True)
+        if not isinstance(self._source, SimulatedArm):
+            return SetParametersResult(successful=False, reason="a bag has no payload to change")
+        try:
+            self._source.hold(make_world(self._source.model, self._values | changed))
+        except PoiseError as error:
+            return SetParametersResult(successful=False, reason=error.message)
+        self._values |= changed
+        return SetParametersResult(successful=True)
+
+    def _leave_when_done(self) -> None:
+        if self._player.done.is_set():
+            if self._player.failure is not None:
+                self._failed(self._player.failure)
+            rclpy.try_shutdown()
+
+    # -- publishers -------------------------------------------------------------------------------------------
+
+    def _publisher(self, topic: str, info: TopicInfo) -> Publisher:
+        kind = Clock if topic == CLOCK else message_class(info.type)
+        return self.create_publisher(kind, topic, _qos(info))
+
+    def _awaited(self, topics: list[str]) -> list[Publisher]:
+        wanted = [topic if topic == CLOCK else topic.strip("/") for topic in topics]
+        missing = [topic for topic in wanted if topic not in self._outlets]
+        if missing:
+            raise InputError(
+                ErrorCode.TOPIC_MISSING,
+                f"parameter wait_for_subscribers: {', '.join(missing)} is not published; there are "
+                f"{', '.join(self._outlets)}",
+            )
+        return [self._outlets[topic] for topic in wanted]
+
+
+def _qos(info: TopicInfo) -> QoSProfile:
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if info.latched else DurabilityPolicy.VOLATILE
+    return QoSProfile(depth=info.depth, durability=durability)
+
+
+def main() -> None:
+    """Run the node; ends with status 2 and one line when the bag, the robot or a parameter cannot be used."""
+    failures: list[PoiseError] = []
+    try:
+        run(lambda: FakeRobot(failures.append))
+    except SystemExit:
+        if not failures:
+            raise
+    for failure in failures[:1]:
+        print(f"{failure.code.name}: {failure.message}", file=sys.stderr)
+        sys.exit(failure.exit_status)
+
+
+if __name__ == "__main__":
+    main()

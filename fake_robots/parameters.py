@@ -1,0 +1,193 @@
+"""The parameters of fake_robot: declared with their ranges, and turned into a source of messages."""
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from poise.errors import ErrorCode, InputError
+from poise.fake_robots.arm import ArmOptions, SimulatedArm
+from poise.fake_robots.bag_replay import BagSource
+from poise.inertia import InertialParameters
+from poise.robot import GRAVITY_IN_WORLD, RobotModel
+from poise.robot.model import find_urdf
+from poise.robot.urdf import read_urdf
+from poise.simulation import FourierTrajectory, JointNoise, World, check_limits, read_trajectory, wrench_noise
+
+MODES = ("replay", "arm")
+PAYLOAD = ("payload.mass", "payload.com", "payload.inertia")
+
+
+class Parameter(NamedTuple):
+    """One parameter; `bounds` is the (least, greatest) number, or the words that are allowed."""
+
+    name: str
+    default: Any  # a type for lists of words, which have no typed empty default
+    description: str
+    bounds: tuple[Any, ...] = ()
+
+
+WORDS = RosParameter.Type.STRING_ARRAY
+PARAMETERS = (
+    Parameter("mode", "replay", "replay a bag, or simulate an arm", MODES),
+    Parameter("rate", 1.0, "how many times faster than the recording, or than reality", (1e-3, 1e3)),
+    Parameter("loop", False, "begin again at the end"),
+    Parameter("playing", True, "start at once; false: when the service `play` says so"),
+    Parameter("stay", False, "do not exit at the end: replay waits for `play`, an arm stays where it is"),
+    Parameter("publish_clock", False, "publish /clock in the time of the messages"),
+    Parameter("clock_rate", 100.0, "Hz of /clock", (1.0, 1e4)),
+    Parameter("wait_for_subscribers", WORDS, "topics that must have a subscriber before the first message"),
+    Parameter("wait_timeout", 30.0, "s that this may take; 0: for ever", (0.0, 1e6)),
+    Parameter("faults", WORDS, "faults to put in, one a line, as `drop: {topic: wrench, share: 0.1}`"),
+    Parameter("seed", 0, "of noise, faults and the trajectory `fourier`", (0, 2**31 - 1)),
+    Parameter("bag", "", "replay: path of the bag"),
+    Parameter("topics", WORDS, "replay: topics to replay; empty: all"),
+    Parameter("refuse_unknown", False, "replay: end with an error when a topic's type is not installed"),
+    Parameter("robot", "fr3", "arm: fr3, xarm7, ridgeback_ur10, or the path of a URDF"),
+    Parameter("sensor_frame", "ft_sensor", "arm: frame of the force-torque sensor"),
+    Parameter("trajectory", "", "arm: path of a YAML or CSV file, or `fourier`; empty: as joint_trajectory commands"),
+    Parameter("duration", 20.0, "arm: s of the trajectory `fourier`", (1.0, 3600.0)),
+    Parameter("speed", 0.3, "arm: largest share of the velocity limits in `fourier`", (1e-3, 1.0)),
+    Parameter("payload.mass", 0.0, "arm: kg in the gripper; can be changed while it runs", (0.0, 1e3)),
+    Parameter("payload.com", [0.0] * 3, "arm: its centre of mass in sensor axes, m"),
+    Parameter("payload.inertia", [0.0] * 6, "arm: ixx ixy ixz iyy iyz izz about it, kg m2"),
+    Parameter("tool_in_wrench", False, "arm: the sensor also feels the empty gripper"),
+    Parameter("gravity", list(GRAVITY_IN_WORLD), "arm: m/s2 in the world"),
+    Parameter("start_time", -1.0, "arm: s of the first stamp; negative: the wall clock", (-1.0, 4e9)),
+    Parameter("sensor", "ft300", "arm: noise of none, ft300, axia80, gamma, low, moderate or high"),
+    Parameter("sensor_rate", 0.0, "arm: Hz; 0: the sensor's own", (0.0, 1e4)),
+    Parameter("sensor_bias", [0.0] * 6, "arm: N, N m"),
+    Parameter("sensor_drift", [0.0] * 2, "arm: random walk of force and torque, N and N m after one second"),
+    Parameter("sensor_latency", 0.0, "arm: s that the stamps of the wrench are late", (0.0, 10.0)),
+    Parameter("sensor_stamp_jitter", 0.0, "arm: s, one sigma", (0.0, 1.0)),
+    Parameter("joint_rate", 125.0, "arm: Hz of joint_states", (1.0, 1e4)),
+    Parameter("joint_noise", 1e-5, "arm: of positions, rad, one sigma", (0.0, 1.0)),
+    Parameter("joint_resolution", 0.0, "arm: step of the encoders, rad; 0: none", (0.0, 1.0)),
+    Parameter("joint_velocity_noise", 1e-3, "arm: rad/s, one sigma", (0.0, 10.0)),
+    Parameter("joint_effort_noise", 0.1, "arm: N m, one sigma", (0.0, 100.0)),
+    Parameter("joint_stamp_jitter", 0.0, "arm: s, one sigma", (0.0, 1.0)),
+)
+
+
+def declare_parameters(node: Node) -> dict[str, Any]:
+    """Declare all parameters and give their values by name.
+
+    Raises:
+        InputError: BAD_INPUT, for a value of the wrong type or out of its range.
+    """
+    values = {}
+    for parameter in PARAMETERS:
+        try:
+            node.declare_parameter(parameter.name, parameter.default, _descriptor(parameter))
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            kind = "list of words" if parameter.default is WORDS else type(parameter.default).__name__
+            raise InputError(
+                ErrorCode.BAD_INPUT,
+                f"parameter {parameter.name}: {error}; it takes a {kind}{_constraint(parameter)}"
+                " (a float is written with a point)",
+            ) from error
+        value = node.get_parameter_or(parameter.name).value
+        values[parameter.name] = list(value or []) if parameter.default is WORDS else value
+    if values["mode"] not in MODES:
+        raise InputError(ErrorCode.BAD_INPUT, f"parameter mode: '{values['mode']}' is not one of {', '.join(MODES)}")
+    return values
+
+
+def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
+    """The bag or the arm that the parameters describe.
+
+    Raises:
+        InputError: as `BagSource`, `RobotModel`, `read_trajectory`, `wrench_noise` and `make_world`.
+    """
+    if values["mode"] == "replay":
+        if not values["bag"]:
+            raise InputError(ErrorCode.BAD_INPUT, "parameter bag: give the path of a bag, or set mode to arm")
+        return BagSource(values["bag"], values["topics"], values["refuse_unknown"])
+    description = read_urdf(find_urdf(values["robot"]))
+    model = RobotModel.from_urdf(description, values["sensor_frame"])
+    trajectory = None
+    if values["trajectory"] == "fourier":
+        rng = np.random.default_rng(values["seed"])
+        trajectory = FourierTrajectory.random(model, rng, duration=values["duration"], speed=values["speed"])
+    elif values["trajectory"]:
+        trajectory = read_trajectory(values["trajectory"], model)
+        check_limits(model, trajectory)
+    options = ArmOptions(
+        wrench_noise=_sensor(values),
+        joint_noise=JointNoise(
+            rate=values["joint_rate"],
+            position=values["joint_noise"],
+            resolution=values["joint_resolution"],
+            velocity=values["joint_velocity_noise"],
+            effort=values["joint_effort_noise"],
+            stamp_jitter=values["joint_stamp_jitter"],
+        ),
+        seed=values["seed"],
+        start_stamp=None if values["start_time"] < 0 else round(values["start_time"] * 1e9),
+        end=None if trajectory is None or values["stay"] else trajectory.duration,
+    )
+    return SimulatedArm(make_world(model, values), description, trajectory, options)
+
+
+def make_world(model: RobotModel, values: dict[str, Any]) -> World:
+    """The nominal world with the payload that the parameters describe.
+
+    Raises:
+        InputError: BAD_INPUT for numbers that are not finite or not as many as there should be, OBJECT_INVALID for a
+            payload that cannot exist.
+    """
+    _finite(values, ("payload.com", 3), ("payload.inertia", 6), ("gravity", 3))
+    xx, xy, xz, yy, yz, zz = values["payload.inertia"]
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] < -1e-12 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9) + 1e-12:
+        raise InputError(
+            ErrorCode.OBJECT_INVALID,
+            "parameter payload.inertia: no body has these moments (each at most the sum of the other two); "
+            "the order is ixx ixy ixz iyy iyz izz",
+        )
+    phi = InertialParameters(values["payload.mass"], np.array(values["payload.com"]), inertia).phi
+    return World(model, phi, values["gravity"], values["tool_in_wrench"])
+
+
+def _sensor(values: dict[str, Any]) -> Any:
+    _finite(values, ("sensor_bias", 6), ("sensor_drift", 2))
+    noise = wrench_noise(
+        values["sensor"],
+        bias=tuple(values["sensor_bias"]),
+        drift_force=values["sensor_drift"][0],
+        drift_torque=values["sensor_drift"][1],
+        latency=values["sensor_latency"],
+        stamp_jitter=values["sensor_stamp_jitter"],
+    )
+    return replace(noise, rate=values["sensor_rate"]) if values["sensor_rate"] else noise
+
+
+def _finite(values: dict[str, Any], *lists: tuple[str, int]) -> None:
+    for name, count in lists:
+        if len(values[name]) != count or not np.isfinite(values[name]).all():
+            raise InputError(ErrorCode.BAD_INPUT, f"parameter {name} must be {count} finite numbers")
+
+
+def _descriptor(parameter: Parameter) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=parameter.description, additional_constraints=_constraint(parameter))
+    descriptor.read_only = parameter.name not in PAYLOAD
+    if isinstance(parameter.default, float):
+        least, greatest = parameter.bounds
+        descriptor.floating_point_range = [FloatingPointRange(from_value=least, to_value=greatest)]
+    elif isinstance(parameter.default, int) and not isinstance(parameter.default, bool):
+        least, greatest = parameter.bounds
+        descriptor.integer_range = [IntegerRange(from_value=least, to_value=greatest, step=1)]
+    return descriptor
+
+
+def _constraint(parameter: Parameter) -> str:
+    if not parameter.bounds:
+        return ""
+    if isinstance(parameter.default, str):
+        return f", one of {', '.join(parameter.bounds)}"
+    return f" from {parameter.bounds[0]} to {parameter.bounds[1]}"
