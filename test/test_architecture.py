@@ -21,7 +21,7 @@ LEVELS = (
     {"simulation"},
     {"assembly", "inertia"},
     {"shape", "robot", "recording", "force_torque"},
-    {"errors", "__init__"},
+    {"errors", "files", "__init__"},
 )
 BOTTOM = LEVELS[-2]
 

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from poise.errors import ErrorCode, InputError
-from poise.viewing.files import write_whole
+from poise.files import write_whole
 
 STDOUT = "-"
 PAGE_WIDTH = 120

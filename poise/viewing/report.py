@@ -17,10 +17,10 @@ import numpy as np
 from markupsafe import Markup
 
 import poise
+from poise.files import write_whole
 from poise.inertia.estimate import Identification, InertialEstimate
 from poise.inertia.parameters import PARAMETER_NAMES
 from poise.viewing import figures
-from poise.viewing.files import write_whole
 from poise.viewing.inline_svg import inline_svg
 from poise.viewing.summary import (
     ParameterRow,

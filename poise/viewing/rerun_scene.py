@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.files import write_whole
 from poise.inertia.estimate import Identification
 from poise.inertia.parameters import PARAMETER_NAMES
-from poise.viewing.files import write_whole
 from poise.viewing.summary import (
     SCALES,
     UNITS,

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from poise.errors import ErrorCode, InputError
-from poise.viewing.files import write_whole
+from poise.files import write_whole
 
 
 def test_missing_folders_are_made_and_nothing_else_is_left(tmp_path: Path) -> None:
