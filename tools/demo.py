@@ -77,12 +77,9 @@ def replay_through_nodes(act: Act, gravity: float) -> InertialEstimate:
     node = Node("demo")
     estimates: list[InertialEstimate] = []
     node.create_subscription(InertialEstimate, "inertial_estimate", estimates.append, 10)
-    estimator = start(
-        "inertial_estimator", method=act.method, gravity=gravity, sensor_frame="ft_sensor", publish_rate=20.0
-    )
-    robot = start(
-        "fake_robot", mode="replay", bag=ROOT / "bags" / act.bag, rate=act.rate, wait_for_subscribers="wrench"
-    )
+    bag = ROOT / "bags" / act.bag
+    estimator = start("inertial_estimator", method=act.method, gravity=gravity, publish_rate=20.0)
+    robot = start("fake_robot", mode="replay", bag=bag, rate=act.rate, wait_for_subscribers="[wrench, tf]")
     try:
         deadline = time.monotonic() + 60.0
         quiet_since = None
