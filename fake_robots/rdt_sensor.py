@@ -54,6 +54,7 @@ class FakeRdtSensor:
         silent: sends and hears nothing, while its time goes on: the cable is out.
         stalled: repeats one measurement.
         deaf_to_bias: hears the bias command and does nothing.
+        length: records after which it falls silent for good; None: never.
         fault: what happens to datagrams on the way; None: nothing.
         first_sequence: RDT sequence number that a stream begins with.
         page: what the web server serves.
@@ -89,6 +90,7 @@ class FakeRdtSensor:
         self.silent = False
         self.stalled = False
         self.deaf_to_bias = False
+        self.length: int | None = None
         self.fault: Fault | None = None
         self.first_sequence = 1
         self.starts = 0
@@ -155,7 +157,7 @@ class FakeRdtSensor:
             request, client = self._socket.recvfrom(1024)
         except (TimeoutError, ConnectionRefusedError):
             return
-        if self.silent or len(request) != REQUEST.size:
+        if self.silent or self.sent == self.length or len(request) != REQUEST.size:
             return
         header, command, _ = REQUEST.unpack(request)
         if header != 0x1234:
@@ -181,6 +183,8 @@ class FakeRdtSensor:
             return
         due = int((time.monotonic() - self._began) * self._rate) - self.sent
         due -= due % self._group
+        if self.length is not None:
+            due = min(due, self.length - self.sent)
         if due <= 0:
             return
         records = self._records(self.sent, due)

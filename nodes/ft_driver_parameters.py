@@ -84,7 +84,7 @@ def declare_parameters(node: Node) -> None:
             raise InputError(
                 ErrorCode.BAD_INPUT,
                 f"parameter {parameter.name}: {error}; it takes a {type(parameter.default).__name__}"
-                f"{_constraint(parameter)} (a float is written with a point)",
+                f"{_constraint(parameter)} (write a float with a point, the word N in quotes)",
             ) from error
 
 

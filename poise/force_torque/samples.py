@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,10 +84,13 @@ class Calibration:
         """The same with other rated loads, (6,) N and N m, where those are finite."""
         return replace(self, limit=np.where(np.isfinite(limit), limit, self.limit))
 
+    @cached_property
+    def _scale(self) -> NDArray[np.float64]:
+        return np.repeat([self.force_per_count, self.torque_per_count], 3)
+
     def wrench(self, counts: ArrayLike) -> NDArray[np.float64]:
         """Convert (N, 6) counts to (N, 6) N and N m, what the load exerts on the sensor."""
-        scale = np.repeat([self.force_per_count, self.torque_per_count], 3)
-        wrench: NDArray[np.float64] = np.multiply(counts, scale, dtype=np.float64)
+        wrench: NDArray[np.float64] = np.multiply(counts, self._scale, dtype=np.float64)
         return wrench
 
 

@@ -1,17 +1,11 @@
 """The driver through the real ROS graph, against sensors that are not there."""
 
-import signal
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from driver_watch import Diagnostics, rdt_parameters
 from geometry_msgs.msg import WrenchStamped
-from lifecycle_msgs.msg import State, Transition
-from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import SetParameters
 from rclpy.qos import qos_profile_sensor_data
 from ros_graph import Graph, NodeProcess
 from std_srvs.srv import Trigger
@@ -34,10 +28,6 @@ def rdt() -> Iterator[FakeRdtSensor]:
         yield sensor
 
 
-def rdt_parameters(sensor: FakeRdtSensor, **more: Any) -> dict[str, Any]:
-    return {"address": "127.0.0.1", "port": sensor.port, "http_port": sensor.http_port, **more}
-
-
 def vector(message: WrenchStamped) -> np.ndarray:
     force, torque = message.wrench.force, message.wrench.torque
     return np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
@@ -45,31 +35,6 @@ def vector(message: WrenchStamped) -> np.ndarray:
 
 def stamps(messages: list[WrenchStamped]) -> np.ndarray:
     return np.array([message.header.stamp.sec * 10**9 + message.header.stamp.nanosec for message in messages])
-
-
-class Diagnostics:
-    """The driver's diagnostics as they come."""
-
-    def __init__(self, graph: Graph) -> None:
-        self._graph = graph
-        self._messages = graph.collect("diagnostics", DiagnosticArray)
-
-    @property
-    def conditions(self) -> list[str]:
-        return [self.values(message)["condition"] for message in self._messages]
-
-    @property
-    def last(self) -> Any:
-        return self._messages[-1].status[0]
-
-    @staticmethod
-    def values(message: DiagnosticArray) -> dict[str, str]:
-        return {pair.key: pair.value for pair in message.status[0].values}
-
-    def wait_for(self, condition: str, after: int = 0) -> dict[str, str]:
-        """The values of the first message from number `after` on that has this condition."""
-        self._graph.wait_for(lambda: condition in self.conditions[after:], what=f"{condition} in diagnostics")
-        return self.values(self._messages[self.conditions.index(condition, after)])
 
 
 def test_an_rdt_sensor_is_published_in_newtons_with_the_sign_of_the_contract(
@@ -201,26 +166,6 @@ def test_silence_is_reported_and_samples_come_back(
     graph.wait_for(lambda: len(wrenches) > before, what="wrenches after the return")
 
 
-def test_a_cable_that_was_out_shows_as_lost_samples_and_no_other(
-    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
-) -> None:
-    diagnostics = Diagnostics(graph)
-    driver = start_node("ft_driver", rdt_parameters(rdt))
-    diagnostics.wait_for("streaming")
-    starts = rdt.starts
-    rdt.silent = True
-    diagnostics.wait_for("silent")
-    seen = len(diagnostics.conditions)
-    rdt.silent = False
-    diagnostics.wait_for("streaming", after=seen)
-    driver.send(signal.SIGSTOP)  # what arrives now waits in the socket
-    driver.send(signal.SIGCONT)
-    values = diagnostics.wait_for("streaming", after=len(diagnostics.conditions))
-    if rdt.starts == starts:  # the stream went on by itself, before the driver asked for a new one
-        assert int(values["lost"]) > 0
-    assert values["duplicates"] == "0"
-
-
 def test_a_driver_that_starts_before_its_sensor_waits_for_it(
     graph: Graph, start_node: Callable[..., NodeProcess]
 ) -> None:
@@ -279,103 +224,3 @@ def test_status_bits_are_put_into_words(
     start_node("ft_driver", rdt_parameters(rdt))
     diagnostics.wait_for(condition)
     assert text in diagnostics.last.message
-
-
-def change_state(graph: Graph, transition: int) -> bool:
-    request = ChangeState.Request(transition=Transition(id=transition))
-    return bool(graph.call(ChangeState, "ft_driver/change_state", request).success)
-
-
-def state(graph: Graph) -> int:
-    return int(graph.call(GetState, "ft_driver/get_state", GetState.Request()).current_state.id)
-
-
-def test_the_lifecycle_goes_round_and_refuses_what_is_impossible(
-    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
-) -> None:
-    wrenches = graph.collect("wrench", WrenchStamped)
-    diagnostics = Diagnostics(graph)
-    start_node("ft_driver", rdt_parameters(rdt, autostart=False))
-    assert state(graph) == State.PRIMARY_STATE_UNCONFIGURED
-    assert not change_state(graph, Transition.TRANSITION_ACTIVATE)
-    for _ in range(2):
-        assert change_state(graph, Transition.TRANSITION_CONFIGURE)
-        diagnostics.wait_for("inactive", after=len(diagnostics.conditions))
-        assert not graph.call(Trigger, "bias_sensor", Trigger.Request()).success
-        assert change_state(graph, Transition.TRANSITION_ACTIVATE)
-        before = len(wrenches)
-        graph.wait_for(lambda before=before: len(wrenches) > before, what="wrenches")
-        assert not change_state(graph, Transition.TRANSITION_CONFIGURE)
-        assert change_state(graph, Transition.TRANSITION_DEACTIVATE)
-        graph.wait_for(lambda: not rdt.is_streaming, what="the sensor's rest")
-        assert change_state(graph, Transition.TRANSITION_CLEANUP)
-    assert change_state(graph, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
-    assert state(graph) == State.PRIMARY_STATE_FINALIZED
-
-
-def test_activation_needs_no_sensor(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
-    with FakeRdtSensor(WrenchSource(WRENCH)) as sensor:
-        address = rdt_parameters(sensor)
-    start_node("ft_driver", {**address, "autostart": False})
-    assert change_state(graph, Transition.TRANSITION_CONFIGURE)
-    assert change_state(graph, Transition.TRANSITION_ACTIVATE)
-    assert state(graph) == State.PRIMARY_STATE_ACTIVE
-    assert change_state(graph, Transition.TRANSITION_DEACTIVATE)
-
-
-def test_parameters_do_not_change_under_a_configured_driver(
-    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
-) -> None:
-    start_node("ft_driver", rdt_parameters(rdt))
-    value = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=10.0)
-    graph.wait_for(lambda: rdt.is_streaming, what="the stream")
-    request = SetParameters.Request(parameters=[Parameter(name="publish_rate", value=value)])
-    result = graph.call(SetParameters, "ft_driver/set_parameters", request).results[0]
-    assert not result.successful
-    assert "deactivate" in result.reason
-
-
-@pytest.mark.parametrize(
-    ("params", "text"),
-    [
-        ({"device": "jr3"}, "parameter device is 'jr3'; use one of rdt, robotiq_serial, robotiq_modbus"),
-        ({"publish_rate": 0.0}, "parameter publish_rate"),
-        ({"publish_rate": 100}, "a float is written with a point"),
-        ({"bias": [1.0, 2.0]}, "six finite numbers"),
-        ({"counts_per_force": 1000.0}, "counts per torque must be positive"),
-        ({"force_unit": "stone", "counts_per_force": 1.0, "counts_per_torque": 1.0}, "'stone' is not known"),
-        ({"http_port": 0}, "counts_per_force and counts_per_torque are needed"),
-        ({"device": "robotiq_serial", "hardware_bias": True}, "cannot zero itself"),
-    ],
-)
-def test_a_bad_parameter_ends_the_start_with_one_line(
-    start_node: Callable[..., NodeProcess], params: dict[str, Any], text: str
-) -> None:
-    driver = start_node("ft_driver", params)
-    assert driver.wait() == 2
-    lines = driver.output.strip().splitlines()
-    assert len(lines) == 1
-    assert text in lines[0]
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_stopped_driver_ends_clean_and_silences_its_sensor(
-    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor, number: signal.Signals
-) -> None:
-    driver = start_node("ft_driver", rdt_parameters(rdt))
-    graph.wait_for(lambda: rdt.is_streaming, what="the stream")
-    assert driver.stop(number) == 0
-    assert "Traceback" not in driver.output
-    graph.wait_for(lambda: not rdt.is_streaming, what="the sensor's rest")
-
-
-def test_a_killed_driver_leaves_its_sensor_to_the_next(
-    graph: Graph, start_node: Callable[..., NodeProcess], rdt: FakeRdtSensor
-) -> None:
-    driver = start_node("ft_driver", rdt_parameters(rdt))
-    graph.wait_for(lambda: rdt.is_streaming, what="the stream")
-    driver.send(signal.SIGKILL)
-    driver.wait()
-    wrenches = graph.collect("wrench", WrenchStamped)
-    start_node("ft_driver", rdt_parameters(rdt))
-    graph.wait_for(lambda: wrenches, what="wrenches from the next driver")
