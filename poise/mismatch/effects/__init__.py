@@ -1,0 +1,32 @@
+"""The library of effects: one file each, found by looking through this folder.
+
+- `base`: `Effect`, `Parameter`: what an effect is.
+- every other file: one effect.
+"""
+
+import importlib
+import inspect
+import pkgutil
+from functools import cache
+
+from poise.mismatch.effects.base import LAYERS, Effect, Parameter
+
+__all__ = ["LAYERS", "Effect", "Parameter", "all_effects", "effect_named"]
+
+
+@cache
+def all_effects() -> tuple[Effect, ...]:
+    """Every effect of the library, by layer and name."""
+    found = []
+    for module in pkgutil.iter_modules(__path__):
+        content = importlib.import_module(f"{__name__}.{module.name}")
+        for kind in vars(content).values():
+            own = inspect.isclass(kind) and kind.__module__ == content.__name__
+            if own and issubclass(kind, Effect) and not inspect.isabstract(kind):
+                found.append(kind())
+    return tuple(sorted(found, key=lambda effect: (LAYERS.index(effect.layer), effect.name)))
+
+
+def effect_named(name: str) -> Effect | None:
+    """The effect of a name, or None."""
+    return next((effect for effect in all_effects() if effect.name == name), None)

@@ -1,0 +1,148 @@
+"""What an effect is: physics that the nominal model leaves out, as a plug-in of one file.
+
+A new effect is one new file in this folder with one subclass of `Effect` (it is found by looking through the folder,
+see `poise.mismatch.effects`) and its test. The same `simulate` serves the diagnosis and the simulator, so that what is
+found is at once the mend.
+
+Vocabulary: the *prediction* is what the model says the sensor should read (N, 6) so far, with the effects of earlier
+layers in it; a *response* is what an effect adds to it. Layers act in the order kinematics, load, event, sensor: a
+sensor effect sees the prediction with all forces in it.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.world import World
+
+Array = NDArray[np.float64]
+Layer = Literal["kinematics", "load", "event", "sensor", "friction"]
+Values = Mapping[str, float]
+
+LAYERS: tuple[Layer, ...] = ("kinematics", "load", "event", "sensor", "friction")
+"""In the order in which they act; friction acts on joint efforts alone."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that an effect has.
+
+    Args:
+        name: in lower case; with an axis or joint behind an underscore where there are several (`force_x`).
+        unit: SI, as text; "" for a ratio.
+        scale: of a linear parameter: one sigma of its prior, a normal distribution about zero: the size that it
+            typically has when it is there. The search also tries 1/3 and 3 times it.
+        low, high: of a non-linear parameter: its prior is uniform between them. What lies outside is not tried.
+        linear: the response is proportional to it, for given non-linear parameters.
+        log: the prior of a non-linear parameter is uniform in its logarithm (times, frequencies, stiffnesses).
+        choice: a non-linear parameter that takes few whole values (the number of a joint); it is taken from
+            `Effect.starts` and never refined.
+    """
+
+    name: str
+    unit: str
+    scale: float = 1.0
+    low: float = -np.inf
+    high: float = np.inf
+    linear: bool = True
+    log: bool = False
+    choice: bool = False
+
+    def to_unit(self, value: float) -> float:
+        """Where a value lies in its prior, 0 to 1 (the distribution function)."""
+        low, high, at = self._stretched(self.low, self.high, value)
+        return float(np.clip((at - low) / (high - low), 0.0, 1.0))
+
+    def from_unit(self, place: float) -> float:
+        """The value at a place 0 to 1 of its prior."""
+        low, high = self._stretched(self.low, self.high)
+        value = low + (high - low) * min(max(place, 0.0), 1.0)
+        return float(np.exp(value) if self.log else value)
+
+    def _stretched(self, *values: float) -> tuple[float, ...]:
+        return tuple(float(np.log(value)) for value in values) if self.log else values
+
+
+class Effect(ABC):
+    """Physics left out, with what there is to know about it.
+
+    Class attributes:
+        name: as in the answer, snake_case.
+        layer: where in the chain from joints to reading it acts.
+        signal: "wrench", or "effort" for what acts on joint efforts: responses are then (M, J) at the samples of
+            `world.effort`, instead of (N, 6).
+        equation, source: the physics in one line of text, and where it is from.
+        excited_by: what a motion must have for it to show.
+        separating_motion: the motion that tells it from what it is confused with; a sentence.
+        confused_with: names of effects that look like it on poor motions.
+        needs: what the recording must hold: of "joints", "effort", "base" (a base that moves), "load".
+        transfers: its parameters hold in another recording; False for events.
+        widens: name of the calibration group (poise.mismatch.calibration) that it is the excess of, or "".
+    """
+
+    name: ClassVar[str]
+    layer: ClassVar[Layer]
+    signal: ClassVar[Literal["wrench", "effort"]] = "wrench"
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    excited_by: ClassVar[str]
+    separating_motion: ClassVar[str]
+    confused_with: ClassVar[tuple[str, ...]] = ()
+    needs: ClassVar[tuple[str, ...]] = ()
+    transfers: ClassVar[bool] = True
+    widens: ClassVar[str] = ""
+
+    @abstractmethod
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        """Its parameters; which there are may depend on the world (one per joint, times within the recording)."""
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """Where to begin the search for the non-linear parameters: few points, found in the data.
+
+        Args:
+            world: the recording.
+            residual: (N, 6) or (M, J), measured minus predicted, calibration errors taken out.
+
+        Yields:
+            Values of all non-linear parameters. An effect without any keeps this default.
+        """
+        del world, residual
+        yield {}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        """(N, 6, k) or (M, J, k): the response to one unit of each linear parameter, in the order of `parameters`.
+
+        (N, 6, 0) for an effect without linear parameters; that one gives `simulate` itself.
+        """
+        del nonlinear
+        rows, channels = self._measured(world).shape
+        return np.zeros((rows, channels, 0))
+
+    def simulate(self, world: World, values: Values) -> Array:
+        """(N, 6) or (M, J): the exact response to all parameters, what the effect adds to `world.prediction`.
+
+        For given non-linear parameters it is `columns` times the linear ones.
+        """
+        linear = np.array([values[p.name] for p in self.parameters(world) if p.linear])
+        return np.asarray(self.columns(world, values) @ linear)
+
+    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
+        """When it acts, as (start, end) in seconds of the world's clock; none: all the time."""
+        del world, values
+        return ()
+
+    def untestable(self, world: World) -> str:
+        """Why this recording cannot show the effect, as the end of a sentence; "" when it can."""
+        lacking = [what for what in self.needs if not world.has(what)]
+        return f"the recording has no {' and no '.join(lacking)}" if lacking else ""
+
+    @abstractmethod
+    def sentence(self, world: World, values: Values) -> str:
+        """What happened, in one plain sentence with the numbers that matter, ending in what the model lacks."""
+
+    def _measured(self, world: World) -> Array:
+        return world.wrench if self.signal == "wrench" or world.effort is None else world.effort.measured

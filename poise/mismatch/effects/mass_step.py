@@ -1,0 +1,51 @@
+"""Mass step: at one moment the payload changes, as when a part is dropped or picked up."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.inertia.regressor import regressor
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.starts import steps
+from poise.mismatch.world import World
+
+ROWS = ("mass", "moment_x", "moment_y", "moment_z")
+
+
+class MassStep(Effect):
+    """phi(t) = phi + dphi for t >= time; a small part: its inertia about its own centre is left out."""
+
+    name = "mass_step"
+    layer = "event"
+    equation = "w = A(t) (phi + dphi [t >= time]), dphi = (dm, dm c)"
+    source = "thesis eq. 2.97 with a payload that changes once"
+    excited_by = "gravity; the moment is known to a sample"
+    separating_motion = "turn the tool after the change: weight turns with gravity, a bias does not"
+    confused_with = ("mass_leak", "contact", "sensor_bias", "bias_drift")
+    transfers = False
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        return (
+            Parameter("time", "s", low=float(world.seconds[0]), high=float(world.seconds[-1]), linear=False),
+            Parameter("mass", "kg", 0.3),
+            *(Parameter(name, "kg m", 0.03) for name in ROWS[1:]),
+        )
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        for time in steps(world, residual, self.columns(world, {"time": -np.inf})):
+            yield {"time": time}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        after = world.seconds >= nonlinear["time"]
+        matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)[:, :, :4]
+        return np.asarray(matrix * after[:, None, None])
+
+    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
+        return ((values["time"], float(world.seconds[-1])),)
+
+    def sentence(self, world: World, values: Values) -> str:
+        change = "heavier" if values["mass"] > 0 else "lighter"
+        return (
+            f"At {values['time']:.2f} s the payload became {1e3 * abs(values['mass']):.0f} g {change}: "
+            "the nominal model's payload does not change."
+        )

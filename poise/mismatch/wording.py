@@ -1,0 +1,16 @@
+"""Numbers with a direction as a person says them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def directed(vector: Sequence[float], unit: str) -> str:
+    """A vector's size and main direction: '9.1 N, mostly along +x'."""
+    values = np.asarray(vector, dtype=np.float64)
+    size = float(np.linalg.norm(values))
+    if size == 0.0:
+        return f"0 {unit}"
+    axis = int(np.argmax(np.abs(values)))
+    mostly = "along" if abs(values[axis]) > 0.95 * size else "mostly along"
+    return f"{size:.3g} {unit}, {mostly} {'+' if values[axis] > 0 else '-'}{'xyz'[axis]}"
