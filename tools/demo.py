@@ -5,7 +5,8 @@ import random
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, field
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import rclpy
@@ -15,7 +16,7 @@ from rich.live import Live
 from rich.table import Table
 
 from poise.errors import PoiseError
-from poise.inertia.identification import Identification, identify
+from poise.inertia.identification import identify
 from poise.recording import open_recording
 from poise.viewing.report import write_identification_report
 from poise.viewing.rerun_scene import write_identification_recording
@@ -25,97 +26,107 @@ ROOT = Path(__file__).resolve().parent.parent
 OUT = ROOT / "out" / "demo"
 console = Console()
 
+QUIET = 0.5  # s without a new estimate, after the player has left
+PATIENCE = 60.0  # s
+
 
 @dataclass(frozen=True)
 class Act:
-    """One recording to replay, and how."""
+    """One recording to replay, and how; the name is its namespace on the graph."""
 
-    bag: str
+    name: str
     title: str
     method: str
     rate: float
-    command: list[str] = field(default_factory=list)
+
+    @property
+    def bag(self) -> Path:
+        return ROOT / "bags" / f"kuka_{self.name}.mcap"
 
 
 ACTS = (
-    Act("kuka_static_poses.mcap", "24 static poses", "static", rate=6.0),
-    Act("kuka_free_motion.mcap", "6 s of free motion", "ols", rate=1.0),
+    Act("static_poses", "24 static poses", "static", rate=8.0),
+    Act("free_motion", "6 s of free motion", "ols", rate=1.0),
 )
 
 
-def executable(name: str) -> Path:
-    """Find a node the way `ros2 run poise NAME` does."""
-    return Path(sys.prefix) / "lib" / "poise" / name
+class Replay:
+    """fake_robot -> inertial_estimator on one recording, in a namespace of its own, and what came out so far."""
+
+    def __init__(self, act: Act, listener: Node) -> None:
+        self.act = act
+        self.recording = open_recording(act.bag)
+        self.gravity = float(self.recording.metadata["poise"]["gravity"])
+        self.estimates: list[InertialEstimate] = []
+        listener.create_subscription(InertialEstimate, f"{act.name}/inertial_estimate", self._take, 10)
+        self.news = time.monotonic()
+        self.estimator = self._start("inertial_estimator", method=act.method, gravity=self.gravity, publish_rate=20.0)
+        self.robot = self._start("fake_robot", bag=act.bag, rate=act.rate, wait_for_subscribers="[wrench, tf]")
+
+    def _start(self, executable: str, **parameters: object) -> subprocess.Popen[bytes]:
+        """Start a node as `ros2 run poise NAME` would."""
+        arguments = [item for key, value in parameters.items() for item in ("-p", f"{key}:={value}")]
+        command = [Path(sys.prefix) / "lib" / "poise" / executable, "--ros-args", "--log-level", "warn"]
+        return subprocess.Popen([*command, "-r", f"__ns:=/{self.act.name}", *arguments])
+
+    def _take(self, estimate: InertialEstimate) -> None:
+        self.estimates.append(estimate)
+        self.news = time.monotonic()
+
+    @property
+    def is_over(self) -> bool:
+        """The player has left, and the estimator has said its last word."""
+        if self.estimator.poll() is not None or self.robot.poll() not in (None, 0):
+            raise RuntimeError(f"a node of {self.act.title} ended early; its own message is above")
+        return self.robot.poll() == 0 and bool(self.estimates) and time.monotonic() - self.news > QUIET
+
+    def stop(self) -> None:
+        for process in (self.robot, self.estimator):
+            process.terminate()
+        for process in (self.robot, self.estimator):
+            process.wait(timeout=10)
 
 
-def start(name: str, **parameters: object) -> subprocess.Popen[str]:
-    arguments = [item for key, value in parameters.items() for item in ("-p", f"{key}:={value}")]
-    return subprocess.Popen([executable(name), "--ros-args", "--log-level", "warn", *arguments], text=True)
-
-
-def row(table: Table, who: str, message: InertialEstimate) -> None:
-    com = message.inertia.com
-    mass_std = message.covariance[0] ** 0.5
-    table.add_row(
-        who,
-        f"{message.inertia.m:.4f} ± {mass_std:.4f}",
-        ", ".join(f"{1e3 * value:.1f}" for value in (com.x, com.y, com.z)),
-        f"{message.residual_force:.3f}, {1e3 * message.residual_torque:.1f}",
-        str(message.n_samples),
-    )
-
-
-def new_table(title: str) -> Table:
+def table_of(replays: list[Replay], title: str) -> Table:
     table = Table(title=title, title_justify="left")
     for heading in ("", "mass kg", "centre of mass mm", "residual N, mN m", "samples"):
         table.add_column(heading, justify="right")
+    for replay in replays:
+        if not replay.estimates:
+            table.add_row(replay.act.title, "…")
+            continue
+        message = replay.estimates[-1]
+        com = message.inertia.com
+        table.add_row(
+            replay.act.title,
+            f"{message.inertia.m:.4f} ± {message.covariance[0] ** 0.5:.4f}",
+            ", ".join(f"{1e3 * value:.1f}" for value in (com.x, com.y, com.z)),
+            f"{message.residual_force:.3f}, {1e3 * message.residual_torque:.1f}",
+            str(message.n_samples),
+        )
     return table
 
 
-def replay_through_nodes(act: Act, gravity: float) -> InertialEstimate:
-    """Run fake_robot -> inertial_estimator on one bag; show the estimate as it closes in; return the last one."""
-    node = Node("demo")
-    estimates: list[InertialEstimate] = []
-    node.create_subscription(InertialEstimate, "inertial_estimate", estimates.append, 10)
-    bag = ROOT / "bags" / act.bag
-    estimator = start("inertial_estimator", method=act.method, gravity=gravity, publish_rate=20.0)
-    robot = start("fake_robot", mode="replay", bag=bag, rate=act.rate, wait_for_subscribers="[wrench, tf]")
-    try:
-        deadline = time.monotonic() + 60.0
-        quiet_since = None
-        with Live(console=console, refresh_per_second=5, transient=True) as live:
-            while quiet_since is None or time.monotonic() - quiet_since < 1.0:
-                seen = len(estimates)
-                rclpy.spin_once(node, timeout_sec=0.1)
-                if estimates:
-                    table = new_table(f"{act.title}, live at {act.rate:g} x")
-                    row(table, "so far", estimates[-1])
-                    live.update(table)
-                # The bag is over when the player has left and the estimator has nothing new to say.
-                if robot.poll() is None or len(estimates) > seen:
-                    quiet_since = None
-                elif quiet_since is None:
-                    quiet_since = time.monotonic()
-                if estimator.poll() is not None or time.monotonic() > deadline:
-                    raise RuntimeError("the nodes did not finish; see their messages above")
-    finally:
-        for process in (robot, estimator):
-            process.terminate()
-        for process in (robot, estimator):
-            process.wait(timeout=10)
-        node.destroy_node()
-    if not estimates:
-        raise RuntimeError("no estimate arrived")
-    return estimates[-1]
+def watch(replays: list[Replay], listener: Node) -> None:
+    """Show the estimates as they close in, until every recording is over."""
+    deadline = time.monotonic() + PATIENCE
+    with Live(console=console, refresh_per_second=5, transient=True) as live:
+        while not all(replay.is_over for replay in replays):
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"no answer within {PATIENCE:.0f} s")
+            rclpy.spin_once(listener, timeout_sec=0.1)
+            live.update(table_of(replays, "weighing, live"))
+    console.print(table_of(replays, "What the live nodes say"))
 
 
-def show(act: Act, live: InertialEstimate, offline: Identification, report: Path) -> None:
-    table = new_table(f"{act.title} ({act.bag})")
-    row(table, "live nodes", live)
-    console.print(table)
-    mass = offline.estimate.parameters.mass
-    console.print(f"  `poise identify` on the same bag: {mass:.4f} kg ({abs(live.inertia.m - mass):.0e} kg apart)")
-    console.print(f"  report: {report}\n")
+def report(replay: Replay) -> tuple[float, Path]:
+    """Weigh the same recording offline; write the report and the Rerun recording; return the mass and the page."""
+    act = replay.act
+    offline = identify(replay.recording, method=act.method, gravity=replay.gravity)
+    folder = OUT / act.name
+    page = write_identification_report(folder, offline, title=f"KUKA LBR Med: {act.title}", source=str(act.bag))
+    write_identification_recording(folder / "identification.rrd", offline)
+    return offline.estimate.parameters.mass, page.relative_to(ROOT)
 
 
 def main() -> None:
@@ -126,21 +137,24 @@ def main() -> None:
         "Nobody weighed its payload. Bag → fake_robot → wrench, tf → inertial_estimator → the answer.\n"
     )
     rclpy.init()
+    replays: list[Replay] = []
     try:
+        listener = Node("demo")
         for act in ACTS:
-            bag = ROOT / "bags" / act.bag
-            recording = open_recording(bag)
-            gravity = float(recording.metadata["poise"]["gravity"])
-            live = replay_through_nodes(act, gravity)
-            offline = identify(recording, method=act.method, gravity=gravity)
-            folder = OUT / bag.stem
-            report = write_identification_report(folder, offline, title=f"KUKA LBR Med: {act.title}", source=str(bag))
-            write_identification_recording(folder / "identification.rrd", offline)
-            show(act, live, offline, report)
+            replays.append(Replay(act, listener))
+        with ThreadPoolExecutor(1) as pool:
+            reports = [pool.submit(report, replay) for replay in replays]
+            watch(replays, listener)
     finally:
+        for replay in replays:
+            replay.stop()
         rclpy.try_shutdown()
-    scenes = f"{OUT.relative_to(ROOT)}/*/identification.rrd"
-    console.print(f"Open the reports in a browser, or the motion in 3-D: .venv/bin/rerun {scenes}")
+    for replay, written in zip(replays, reports, strict=True):
+        mass, page = written.result()
+        apart = abs(replay.estimates[-1].inertia.m - mass)
+        console.print(f"{replay.act.title}: `poise identify` says {mass:.4f} kg, {apart:.0e} kg apart.", soft_wrap=True)
+        console.print(f"  report: {page}", soft_wrap=True)
+    console.print(f"The motion in 3-D: .venv/bin/rerun {OUT.relative_to(ROOT)}/*/identification.rrd", soft_wrap=True)
 
 
 if __name__ == "__main__":
