@@ -72,7 +72,7 @@ class SimulatedArm:
     """
 
     def __init__(self, world: World, description: str, trajectory: Trajectory | None, options: ArmOptions) -> None:
-        self._world, self._description, self._options = world, description, options
+        self.world, self._description, self._options = world, description, options
         self.model = world.model
         self._beginning = trajectory or WaypointTrajectory(np.zeros(1), home(self.model)[None])
         self._lock = threading.Lock()
@@ -90,7 +90,7 @@ class SimulatedArm:
 
     def hold(self, world: World) -> None:
         """Take another payload (or gravity) from here on: a grasp, a release."""
-        self._world = world
+        self.world = world
 
     def command(self, waypoints: Waypoints) -> None:
         """Move through waypoints from where the arm is, or (none at all) stop; a waypoint at 0 s is left out.
@@ -160,7 +160,7 @@ class SimulatedArm:
         return JointMotion(out[0], out[1], out[2])
 
     def _say_joints(self, reports: NoisyJoints, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
-        effort = self._world.effort(motion)
+        effort = self.world.effort(motion)
         stamps = self._start + np.maximum(reports.stamps(taken), 0)
         said = reports.report(motion.position, motion.velocity, effort)
         stream = JointStream(stamps, self.model.joint_names, said[0], said[1], said[2])
@@ -171,7 +171,7 @@ class SimulatedArm:
                 yield Message(stamp, "odom", _odometry(stamp, motion.position[i, base], motion.velocity[i, base]))
 
     def _say_wrench(self, reports: NoisyWrench, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
-        truth = self._world.simulate(taken, motion)
+        truth = self.world.simulate(taken, motion)
         stamps = self._start + np.maximum(reports.stamps(taken), 0)
         stream = WrenchStream(stamps, reports.report(truth.wrench_in_sensor), self.model.sensor_frame)
         for stamp, data in encode_stream("wrench", stream):
