@@ -1,24 +1,15 @@
 """GEO: least squares held to a prior by a divergence between pseudo-inertias (Lee, Wensing and Park 2019)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.inertia.divergence import DIVERGENCES, Objective, minimise, unwhitening
 from poise.inertia.least_squares import Solution
-from poise.inertia.parameters import Array, InertialParameters, phi_of_pseudo_inertia, pseudo_inertia
+from poise.inertia.parameters import Array, InertialParameters
 from poise.inertia.pmd import unit_points
 from poise.inertia.problem import IdentificationProblem, answer
-
-MAX_ITERATIONS = 500
-MAX_HALVINGS = 60
-# Newton's decrement squared, in units of the divergence, below which the optimum is reached,
-TOLERANCE = 1e-18
-# or below what rounding leaves of the gradient, as a share of the two large terms that cancel in it,
-ROUNDING = (64 * float(np.finfo(np.float64).eps)) ** 2
-# and above which it is not, should no step lead down any more.
-NOT_THERE = 1e-8
 
 
 def geo(
@@ -31,10 +22,10 @@ def geo(
     """Minimise ||W^(1/2) (A phi - y)||^2 + gamma d(P(phi), P(prior)), gamma = alpha trace(A^T W A).
 
     d is one of
-    - "entropic": tr(P0^-1 P) - log det(P0^-1 P) - 4, the Bregman divergence of -log det. Convex and, divided by gamma,
-      self-concordant: Newton's method with a line search finds the one optimum.
+    - "entropic": tr(P0^-1 P) - log det(P0^-1 P) - 4, the Bregman divergence of -log det. Convex: there is one optimum
+      and no other stationary point.
     - "geodesic": 1/2 sum log^2 of the eigenvalues of P0^-1 P, the squared distance on the manifold (thesis eq. 3.29).
-      Not convex in phi: Gauss-Newton steps go downhill from the entropic optimum to a stationary point.
+      Not convex in phi: a minimum is found, starting at the prior, unless that is wrong by orders of magnitude.
     Both are infinite at the edge of what can exist, so that the answer is physically consistent by construction.
     W holds the inverse variances of force and torque. A bias, where the sensor may have one, is eliminated exactly.
 
@@ -49,7 +40,7 @@ def geo(
             cannot exist, UNSUPPORTED when no shape is known to make a prior of.
         NoAnswerError: TOO_FEW_SAMPLES for none at all, NOT_IDENTIFIABLE when nothing weighs, SOLVER_FAILED.
     """
-    if divergence not in _DIVERGENCES or not (np.isfinite(alpha) and alpha > 0):
+    if divergence not in DIVERGENCES or not (np.isfinite(alpha) and alpha > 0):
         raise InputError(
             ErrorCode.BAD_INPUT, f"geo: divergence {divergence!r}, alpha {alpha}: take entropic or geodesic, alpha > 0"
         )
@@ -61,13 +52,9 @@ def geo(
     rows = (problem.regressor / problem.noise.wrench[:, None]).reshape(-1, 10)
     gamma = alpha * float(np.sum(rows**2))
     normal, right, bias_of = _without_bias(problem)
-    coordinates = _Coordinates.at(prior)
-    quadratic = coordinates.unwhiten.T @ normal @ coordinates.unwhiten / gamma
-    linear = coordinates.unwhiten.T @ right / gamma
-    whitened = _minimise(quadratic, linear, _ENTROPIC, _IDENTITY)
-    if divergence != "entropic":
-        whitened = _minimise(quadratic, linear, _DIVERGENCES[divergence], whitened)
-    phi = coordinates.unwhiten @ whitened
+    unwhiten = unwhitening(prior)
+    quadratic, linear = unwhiten.T @ normal @ unwhiten / gamma, unwhiten.T @ right / gamma
+    phi = unwhiten @ minimise(Objective(quadratic, linear, DIVERGENCES[divergence]))
     return answer(problem, phi, bias=bias_of(phi))
 
 
@@ -96,112 +83,6 @@ def homogeneous_prior(problem: IdentificationProblem) -> InertialParameters:
     if problem.shape_points is not None:
         return InertialParameters.from_phi(mass * unit_points(problem.shape_points).mean(axis=1))
     raise InputError(ErrorCode.UNSUPPORTED, "geo needs a prior: give one, or parts or shape points to make it of")
-
-
-@dataclass(frozen=True)
-class _Divergence:
-    """A sum over the eigenvalues of P0^-1 P.
-
-    Args:
-        value, slope: of one eigenvalue (elementwise).
-        curvature: (4,) eigenvalues -> (4, 4) divided differences of the slope, or a positive stand-in for them.
-    """
-
-    value: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
-    curvature: Callable[[Array], Array]
-
-
-def _log_differences(eigenvalues: Array) -> Array:
-    """(4, 4) squared divided differences of the logarithm: Gauss-Newton's part of the curvature of 1/2 log^2."""
-    rows, columns = eigenvalues[:, None], eigenvalues[None, :]
-    ratio = np.log(rows / columns) / 2
-    # (log a - log b) / (a - b) = x / sinh(x) / sqrt(a b) with x = log(a / b) / 2, which is smooth at a = b.
-    return np.asarray((_over_sinh(ratio)) ** 2 / (rows * columns))
-
-
-def _over_sinh(x: Array) -> Array:
-    small = np.abs(x) < 1e-6
-    safe = np.where(small, 1.0, np.clip(x, -300, 300))
-    return np.asarray(np.where(small, 1.0, safe / np.sinh(safe)))
-
-
-_ENTROPIC = _Divergence(
-    value=lambda x: x - np.log(x) - 1, slope=lambda x: 1 - 1 / x, curvature=lambda x: 1 / np.outer(x, x)
-)
-_GEODESIC = _Divergence(value=lambda x: np.log(x) ** 2 / 2, slope=lambda x: np.log(x) / x, curvature=_log_differences)
-_DIVERGENCES = {"entropic": _ENTROPIC, "geodesic": _GEODESIC}
-
-
-def _symmetric_basis() -> Array:
-    """(10, 4, 4) an orthonormal basis of the symmetric matrices."""
-    basis = np.zeros((10, 4, 4))
-    for index, (row, column) in enumerate(zip(*np.triu_indices(4), strict=True)):
-        basis[index, row, column] = basis[index, column, row] = 1.0 if row == column else np.sqrt(0.5)
-    return basis
-
-
-_BASIS = _symmetric_basis()
-_IDENTITY = np.einsum("kii->k", _BASIS)
-
-
-@dataclass(frozen=True, eq=False)
-class _Coordinates:
-    """phi = unwhiten @ x, where x are the entries of L^-1 P L^-T in `_BASIS` and L L^T is the prior's P."""
-
-    unwhiten: Array
-
-    @classmethod
-    def at(cls, prior: InertialParameters) -> "_Coordinates":
-        root = np.linalg.cholesky(pseudo_inertia(prior.phi))
-        return cls(np.stack([phi_of_pseudo_inertia(root @ entry @ root.T) for entry in _BASIS], axis=1))
-
-
-def _minimise(quadratic: Array, linear: Array, divergence: _Divergence, start: Array) -> Array:
-    """(10,) x that minimises x^T Q x - 2 q^T x + sum of the divergence over the eigenvalues of X, by Newton's method.
-
-    Raises:
-        NoAnswerError: SOLVER_FAILED.
-    """
-    x = start
-    eigenvalues, vectors = np.linalg.eigh(_matrix(x))
-    for _ in range(MAX_ITERATIONS):
-        turned = (vectors.T @ _BASIS @ vectors).reshape(10, 16)
-        slope = turned[:, ::5] @ divergence.slope(eigenvalues)
-        downhill = 2 * (linear - quadratic @ x) - slope
-        hessian = 2 * quadratic + (turned * divergence.curvature(eigenvalues).ravel()) @ turned.T
-        step = np.linalg.solve(hessian, downhill)
-        decrement = float(step @ downhill)
-        if not np.isfinite(decrement):
-            break
-        if decrement < TOLERANCE + ROUNDING * float(x @ quadratic @ x + abs(linear @ x)):
-            return x + step if _is_positive(x + step) else x
-        length, found = 1.0, None
-        for _ in range(MAX_HALVINGS):
-            trial = np.linalg.eigh(_matrix(x + length * step))
-            if trial[0][0] > 0:
-                # In differences, for both terms are large and nearly cancel.
-                change = length * (length * (step @ quadratic @ step) - 2 * step @ (linear - quadratic @ x))
-                change += np.sum(divergence.value(trial[0]) - divergence.value(eigenvalues))
-                if change <= -0.25 * length * decrement + 1e-13:
-                    found = trial
-                    break
-            length /= 2
-        if found is None:
-            if decrement < NOT_THERE:
-                return x
-            break
-        x = x + length * step
-        eigenvalues, vectors = found
-    raise NoAnswerError(ErrorCode.SOLVER_FAILED, "geo: Newton's method did not arrive; are the samples in SI units?")
-
-
-def _matrix(x: Array) -> Array:
-    return np.tensordot(x, _BASIS, 1)
-
-
-def _is_positive(x: Array) -> bool:
-    return bool(np.linalg.eigvalsh(_matrix(x))[0] > 0)
 
 
 def _without_bias(problem: IdentificationProblem) -> tuple[Array, Array, Callable[[Array], Array]]:
