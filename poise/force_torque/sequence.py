@@ -78,6 +78,7 @@ class SequenceCounter:
         """Count one number; return its position, or -1 when it is a duplicate."""
         if self._last is None:
             step = 1
+            self._restart_expected = False
         else:
             step = (number - self._last + (1 << 31)) % (1 << 32) - (1 << 31)  # signed distance round the wrap
             if step > MAX_GAP or step <= -WINDOW or (step <= 0 and self._restart_expected):

@@ -133,6 +133,15 @@ def test_batches_hold_every_sample_that_was_received(sensor: FakeRdtSensor) -> N
     assert last.wrench_in_sensor.shape == (len(last.sequence), 6)
 
 
+def test_silence_ends_a_batch(sensor: FakeRdtSensor) -> None:
+    with Session(sensor, batch_rate=0.01) as session:
+        witness = session.witness
+        witness.wait_for(lambda: session.acquisition.report().received > 50)
+        sensor.silent = True
+        witness.wait_for(lambda: witness.batches)
+        assert len(witness.batches[0].sequence) == session.acquisition.report().received
+
+
 @pytest.mark.parametrize(("publish_saturated", "withheld"), [(False, True), (True, False)])
 def test_saturated_averages_are_withheld_unless_they_are_asked_for(
     sensor: FakeRdtSensor, publish_saturated: bool, withheld: bool
@@ -197,6 +206,8 @@ def test_a_device_that_does_not_zero_itself_is_found_out(sensor: FakeRdtSensor) 
         sensor._source = WrenchSource([[0.0] * 6])  # what it zeroes at
         bias = session.acquisition.zero(50, timeout=20.0, hardware=True)
         assert bias.count == 50
+        report = session.acquisition.report()
+        assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream began anew
         sensor._source = WrenchSource(WRENCH)
         received = session.acquisition.report().received
         session.witness.wait_for(lambda: session.acquisition.report().received > received + 200)
@@ -247,6 +258,12 @@ def test_a_stopped_acquisition_frees_who_waits_for_a_bias(sensor: FakeRdtSensor)
     assert session.acquisition.stop()
     waiting.join(20.0)
     assert [error.code for error in errors] == [ErrorCode.CANCELLED]
+
+
+def test_a_stopped_acquisition_has_silenced_its_sensor(sensor: FakeRdtSensor) -> None:
+    with Session(sensor) as session:
+        session.witness.wait_for(lambda: session.witness.all_blocks)
+    session.witness.wait_for(lambda: not sensor.is_streaming)
 
 
 def samples(status: int = 0, saturated: bool = False, faulty: bool = False, rejected: int = 0, n: int = 1) -> Samples:

@@ -46,6 +46,16 @@ def test_no_stamp_lies_after_the_arrival_and_none_before_the_last() -> None:
     assert np.all(np.diff(stamps) > 0)
 
 
+def test_a_read_that_comes_early_does_not_turn_the_stamps_back() -> None:
+    clock = SampleClock(142_857.0)
+    clock.observe(0, EPOCH)
+    first = clock.stamps(np.array([0]))
+    clock.observe(7, EPOCH + 1000)  # so sample 0 was late by almost a millisecond
+    stamps = np.concatenate([first, clock.stamps(np.arange(1, 8))])
+    assert np.all(np.diff(stamps) > 0)
+    assert stamps[-1] <= EPOCH + 1000
+
+
 def test_the_period_of_the_device_is_found_to_a_millionth() -> None:
     clock = SampleClock(1e9 / 7000)
     run(clock, *arrivals(np.random.default_rng(3), 12.0))

@@ -83,6 +83,13 @@ def test_a_device_that_was_asked_to_start_again_begins_anew_without_loss() -> No
     assert (counter.restarts, counter.lost, counter.duplicates, counter.received) == (1, 0, 0, 7)
 
 
+def test_the_first_start_is_no_restart_and_a_copy_of_its_first_sample_neither() -> None:
+    counter = SequenceCounter()
+    counter.expect_restart()
+    assert account(counter, [7, 7, 8]) == ([0, 2], [0, 1])
+    assert (counter.restarts, counter.duplicates, counter.received) == (0, 1, 2)
+
+
 def test_a_device_that_starts_again_by_itself_is_noticed() -> None:
     counter = SequenceCounter()
     account(counter, [5 * WINDOW, 5 * WINDOW + 1])
