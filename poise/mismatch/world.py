@@ -1,7 +1,8 @@
 """One recording as effects see it: what the sensor read, what the model predicts, and every motion behind it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,6 +150,19 @@ class World:
         """The same recording under a model that says something else."""
         return replace(self, prediction=prediction)
 
+    def select(self, rows: NDArray[np.bool_]) -> "World":
+        """The samples that a mask (N,) picks; joint efforts, which have stamps of their own, are kept."""
+        arrays = {
+            field.name: getattr(self, field.name)[rows]
+            for field in fields(self)
+            if isinstance(getattr(self, field.name), np.ndarray) and field.name != "phi"
+        }
+        tracks = {
+            name: None if track is None else replace(track, **_rows(track, rows))
+            for name, track in (("joints", self.joints), ("base", self.base))
+        }
+        return replace(self, **arrays, **tracks)  # type: ignore[arg-type]
+
     def to_world(self, vectors: Array) -> Array:
         """(N, 3) in sensor axes -> world axes."""
         return np.asarray(np.einsum("nij,nj->ni", self.rotation_world_sensor, vectors))
@@ -157,3 +171,8 @@ class World:
         """(N, 3) or (3,) in world axes -> (N, 3) sensor axes."""
         wide = np.broadcast_to(vectors_in_world, (len(self), 3))
         return np.asarray(np.einsum("nji,nj->ni", self.rotation_world_sensor, wide))
+
+
+def _rows(track: JointTrack | BaseTrack, rows: NDArray[np.bool_]) -> dict[str, Any]:
+    arrays = ((field.name, getattr(track, field.name)) for field in fields(track))
+    return {name: value[rows] for name, value in arrays if isinstance(value, np.ndarray)}

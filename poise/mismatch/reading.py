@@ -1,0 +1,258 @@
+"""From a bag to a `World`: which streams there are, on one clock, what was lost, and what cannot be right."""
+
+from dataclasses import dataclass, replace
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.errors import ErrorCode, InputError
+from poise.inertia.identification import find_kinematics, recorded_gravity
+from poise.mismatch.dynamics import at_times
+from poise.mismatch.kinematics import Motion, base_joints, effort_track, world_from_motion
+from poise.mismatch.load import load_wrench
+from poise.mismatch.model import NominalModel
+from poise.mismatch.sanity import check_wrench, without_spikes
+from poise.mismatch.smoothing import smooth
+from poise.mismatch.world import World
+from poise.recording import JointStream, PoseStream, Recording, WrenchStream
+from poise.robot import BaseMotion, RobotModel, differentiate_rotations
+from poise.robot.model import find_urdf
+from poise.robot.urdf import parse_urdf, read_urdf
+
+Array = NDArray[np.float64]
+
+MAX_RATE = 250.0
+"""Hz; a faster wrench is averaged down to about this."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A recording as a world, with what there is to say about how it was read."""
+
+    world: World
+    model: NominalModel
+    robot: RobotModel | None
+    notes: tuple[str, ...]
+
+
+def read_world(recording: Recording, model: NominalModel, payload: Array | None = None) -> Reading:
+    """Read a bag.
+
+    Args:
+        recording: with the wrench, and joint states with a robot description, or tf up to the sensor.
+        model: the nominal simulation; its payload is (0, ...) when None: give `payload` then.
+        payload: (10,) instead of the model's.
+
+    Raises:
+        InputError: TOPIC_MISSING, JOINT_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, TOO_FEW_SAMPLES, BAD_INPUT
+            for a wrench in wrong units or of the other sign, EMPTY when wrench and motion never overlap.
+    """
+    wrench = recording.wrench()
+    notes = [loss.sentence for loss in recording.losses]
+    frame = model.sensor_frame or wrench.frame_id or "ft_sensor"
+    gravity = recorded_gravity(recording) if model.gravity is None else model.gravity
+    wrench, said = _usable(wrench)
+    notes += said
+    phi = model.phi if payload is None else payload
+    phi = np.zeros(10) if phi is None else phi
+    joints, robot, odom = _robot(recording, model, frame)
+    if robot is None or joints is None:
+        world = _from_tf(recording, frame, wrench, phi, gravity)
+    else:
+        if model.tool_in_wrench:
+            phi = phi + robot.load_in_sensor
+        world, said = world_from_streams(robot, joints, odom, wrench, phi, gravity)
+        notes += said
+    check_wrench(world, str(recording.path))
+    world, said = without_spikes(world)
+    notes += said
+    settled = replace(model, sensor_frame=frame, gravity=gravity)
+    return Reading(world, settled, robot, tuple(notes))
+
+
+def _usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
+    """Without NaN and repeated stamps, and at no more than MAX_RATE."""
+    notes = []
+    finite = np.isfinite(wrench.wrench_in_sensor).all(axis=1)
+    if not finite.all():
+        notes.append(f"{int((~finite).sum())} wrench samples are not finite and were left out")
+    fresh = np.concatenate([[True], np.diff(wrench.stamps) > 0])
+    wrench = wrench.select(finite & fresh)
+    if len(wrench) < 100:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"{len(wrench)} usable wrench samples are too few to compare: record ten seconds or more at 50 Hz or more",
+        )
+    period = float(np.median(np.diff(wrench.stamps))) * 1e-9
+    together = int(np.ceil(1.0 / period / MAX_RATE - 0.05))
+    if together > 1:
+        count = len(wrench) // together * together
+        stamps = wrench.stamps[:count].reshape(-1, together)
+        mean = (stamps - stamps[:, :1]).mean(axis=1).round().astype(np.int64) + stamps[:, 0]
+        values = wrench.wrench_in_sensor[:count].reshape(-1, together, 6).mean(axis=1)
+        wrench = WrenchStream(mean, values, wrench.frame_id)
+        notes.append(f"the wrench came at {1 / period:.0f} Hz; {together} samples each were averaged")
+    return wrench, notes
+
+
+def _robot(
+    recording: Recording, model: NominalModel, frame: str
+) -> tuple[JointStream | None, RobotModel | None, PoseStream | None]:
+    """Joint states with a robot that they move; odometry when the root of that robot moves."""
+    has = {topic.strip("/").rpartition("/")[2] for topic in recording.topics}
+    if "joint_states" not in has:
+        if "tf" not in has:
+            raise InputError(
+                ErrorCode.TOPIC_MISSING,
+                f"{recording.path} has no joint_states and no tf: nothing says how the sensor moved; record them too",
+            )
+        return None, None, None
+    text = read_urdf(find_urdf(model.urdf)) if model.urdf is not None else recording.robot_description()
+    robot = RobotModel.from_urdf(text, frame)
+    odom = recording.odometry() if "odom" in has else None
+    try:
+        joints = recording.joint_states(names=robot.joint_names)
+    except InputError as error:
+        base = base_joints(robot)
+        if error.code is not ErrorCode.JOINT_MISSING or odom is None or not base:
+            raise
+        joints = recording.joint_states(names=robot.joint_names[base:])
+        robot = RobotModel.from_urdf(_locked(text, robot.joint_names[:base]), frame, base="floating")
+        return joints, robot, odom
+    if odom is not None and base_joints(robot) == 0:
+        return joints, RobotModel.from_urdf(text, frame, base="floating"), odom
+    return joints, robot, None
+
+
+def _locked(text: str, names: tuple[str, ...]) -> str:
+    """A URDF with these joints fixed: odometry says where they put the base."""
+    root = ElementTree.fromstring(parse_urdf(text).text.strip())
+    for joint in root.findall("joint"):
+        if joint.get("name") in names:
+            joint.set("type", "fixed")
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def world_from_streams(
+    robot: RobotModel, joints: JointStream, odom: PoseStream | None, wrench: WrenchStream, phi: Array, gravity: float
+) -> tuple[World, list[str]]:
+    """A world from streams, and what there is to say about them; arguments as `read_world` has them.
+
+    Raises:
+        InputError: JOINT_MISSING, TOO_FEW_SAMPLES, EMPTY.
+    """
+    (position,) = robot.order(joints.names, joints.position)
+    finite = np.isfinite(position).all(axis=1)
+    notes = [] if finite.all() else [f"{int((~finite).sum())} joint states are not finite and were left out"]
+    start = int(wrench.stamps[0])
+    sampled, seconds = _seconds(joints.stamps[finite], start), _seconds(wrench.stamps, start)
+    moved = smooth(sampled, position[finite], seconds)
+    base, known = _odometry(odom, start, seconds) if odom is not None else (None, np.ones(len(seconds), dtype=bool))
+    known &= moved.known
+    if known.sum() < 100:
+        raise InputError(
+            ErrorCode.EMPTY,
+            f"wrench and joint states overlap in {int(known.sum())} samples only: are their clocks the same? "
+            f"joint states run from {sampled[0]:.3f} s to {sampled[-1]:.3f} s after the first wrench",
+        )
+    if not known.all():
+        notes.append(f"{int((~known).sum())} wrench samples have no joint motion around them and were left out")
+    if moved.jitter > 0:
+        notes.append(f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used")
+    motion = Motion(moved.position[known], moved.velocity[known], moved.acceleration[known], _at(base, known))
+    effort = None
+    (efforts,) = robot.order(joints.names, joints.effort)
+    if np.isfinite(efforts[finite]).all(axis=0).any() and odom is None:
+        at = sampled[(sampled > sampled[0] + 0.1) & (sampled < sampled[-1] - 0.1)]
+        rows = np.isin(sampled, at)
+        along = smooth(sampled, position[finite], sampled[rows])
+        good = along.known
+        whole = Motion(along.position[good], along.velocity[good], along.acceleration[good])
+        effort = effort_track(robot, sampled[rows][good], whole, efforts[finite][rows][good], phi)
+    world = world_from_motion(
+        robot,
+        seconds[known],
+        motion,
+        phi,
+        wrench.wrench_in_sensor[known],
+        gravity=gravity,
+        start=start,
+        effort=effort if effort is not None and effort.names else None,
+    )
+    return world, notes
+
+
+def _seconds(stamps: NDArray[np.int64], start: int) -> Array:
+    return np.asarray((stamps - start) * 1e-9, dtype=np.float64)
+
+
+def _odometry(odom: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, NDArray[np.bool_]]:
+    """The root link's motion at the wrench's stamps, and where it is known."""
+    sampled = _seconds(odom.stamps, start)
+    moved = smooth(sampled, odom.translation_parent_child, seconds)
+    turned = differentiate_rotations(odom.stamps, odom.rotation_parent_child)
+    fine = np.isfinite(turned.angular_acceleration).all(axis=1)
+
+    def carried(values: Array) -> Array:
+        return at_times(sampled[fine], values[fine].reshape(int(fine.sum()), -1), seconds)
+
+    rotation = carried(turned.rotation).reshape(-1, 3, 3)
+    left, _, right = np.linalg.svd(rotation)
+    rotation = left @ right
+
+    def in_base(values: Array) -> Array:
+        return np.asarray(np.einsum("nji,nj->ni", rotation, values))
+
+    base = BaseMotion(
+        rotation,
+        moved.position,
+        in_base(moved.velocity),
+        carried(turned.angular_velocity),
+        in_base(moved.acceleration),
+        carried(turned.angular_acceleration),
+    )
+    return base, moved.known
+
+
+def _at(base: BaseMotion | None, known: NDArray[np.bool_]) -> BaseMotion | None:
+    return None if base is None else BaseMotion(*(value[known] for value in vars(base).values()))
+
+
+def _from_tf(recording: Recording, frame: str, wrench: WrenchStream, phi: Array, gravity: float) -> World:
+    """A world from the sensor's poses alone: no joints, and accelerations as far as the poses tell them."""
+    kinematics = find_kinematics(recording, frame)
+    kinematics.feed(None, None)
+    newest = kinematics.source.newest
+    motion = kinematics.source.motion(0, newest if newest is not None else 0)
+    start = int(wrench.stamps[0])
+    sampled, seconds = _seconds(motion.stamps, start), _seconds(wrench.stamps, start)
+    known = (seconds >= sampled[0]) & (seconds <= sampled[-1])
+    if known.sum() < 100:
+        raise InputError(ErrorCode.EMPTY, f"{recording.path}: wrench and tf overlap in {int(known.sum())} samples only")
+    seconds = seconds[known]
+
+    def carried(values: Array) -> Array:
+        return at_times(sampled, values.reshape(len(values), -1), seconds)
+
+    left, _, right = np.linalg.svd(carried(motion.rotation_world_sensor).reshape(-1, 3, 3))
+    rotation = left @ right
+    down = np.array([0.0, 0.0, -gravity]) @ rotation
+    linear = carried(motion.linear_acceleration_in_sensor)
+    omega, alpha = carried(motion.angular_velocity_in_sensor), carried(motion.angular_acceleration_in_sensor)
+    poses = kinematics.source.poses(int(motion.stamps[0]), int(motion.stamps[-1]))
+    place = at_times(_seconds(poses.stamps, start), poses.translation, seconds)
+    return World(
+        start=start,
+        seconds=seconds,
+        wrench=wrench.wrench_in_sensor[known],
+        phi=phi,
+        prediction=load_wrench(phi, down - linear, omega, alpha),
+        gravity=down,
+        linear_acceleration=linear,
+        angular_velocity=omega,
+        angular_acceleration=alpha,
+        rotation_world_sensor=rotation,
+        position_in_world=place,
+        velocity_in_world=np.gradient(place, seconds, axis=0),
+    )
