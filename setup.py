@@ -118,6 +118,8 @@ setup(
         # ROS 2 Jazzy from PyPI: always the ros-jazzy names (a bare ros-rclpy is another distribution's).
         "ros-jazzy-rclpy[fastrtps]==7.1.6",
         "ros-jazzy-common-interfaces==5.3.6",
+        "clarabel>=0.9",
+        "coal>=3",
         "numpy>=2",  # what the pin wheels are built against
         "scipy>=1.13",
         "pin>=3.2",
@@ -132,9 +134,12 @@ setup(
         "matplotlib>=3.8",
         "typer>=0.15",
         "rich>=13",
+        "shapely>=2",
+        "trimesh>=4.4",
     ],
     extras_require={
         "viewer": ["rerun-sdk>=0.30"],
+        "sim": ["mujoco>=3.2"],  # the other engine that benchmarks/concealed makes its recordings with
         "test": [
             "pytest>=8",
             "pytest-timeout",
