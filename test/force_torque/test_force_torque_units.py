@@ -1,11 +1,16 @@
 """Counts and units become N and N m, in the contract's sign."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, InputError
 from poise.force_torque.samples import Calibration, Reports
 from poise.force_torque.units import FORCE, TORQUE, newton_metres_per, newtons_per
+from poise.recording import open_recording
+
+BAGS = Path(__file__).parents[2] / "bags"
 
 
 @pytest.mark.parametrize(
@@ -50,6 +55,18 @@ def test_a_device_that_reports_its_own_force_is_turned_round() -> None:
     on_load = Calibration.from_counts(10, 100, reports=Reports.SENSOR_ON_LOAD).wrench(counts)
     np.testing.assert_allclose(on_sensor, [[0.1, -0.2, 0.3, -0.04, 0.05, -0.06]])
     np.testing.assert_array_equal(on_load, -on_sensor)
+
+
+def test_the_recorded_ati_sensor_reports_the_load_on_the_sensor_as_is_the_default() -> None:
+    recording = open_recording(BAGS / "kuka_static_poses.mcap")
+    wrench, poses = recording.wrench(), recording.poses("ft_sensor")
+    rotation_base_sensor = poses.rotation_parent_child[np.searchsorted(poses.stamps, wrench.stamps) - 1]
+    gravity_in_sensor = rotation_base_sensor.transpose(0, 2, 1) @ [0.0, 0.0, -9.82085]
+    force = wrench.wrench_in_sensor[:, :3]
+    # f = m g + bias: the slope, with the means (that is, the bias) taken off.
+    gravity = gravity_in_sensor - gravity_in_sensor.mean(axis=0)
+    mass = np.sum(gravity * (force - force.mean(axis=0))) / np.sum(gravity**2)
+    assert mass == pytest.approx(0.9323, abs=0.01)
 
 
 def test_the_limit_is_given_in_the_units_of_the_counts_and_zero_means_none() -> None:

@@ -3,6 +3,7 @@
 import socket
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,9 @@ from poise.force_torque.rdt_link import RdtLink, RdtOptions
 from poise.force_torque.robotiq_link import RobotiqModbusLink, RobotiqStreamLink
 from poise.force_torque.samples import Calibration, Samples
 from poise.force_torque.sequence import SequenceCounter
+from poise.recording import open_recording
+
+BAG = Path(__file__).parents[2] / "bags" / "kuka_at_rest.mcap"
 
 WRENCH = np.array([1.0, -2.0, 30.0, 0.4, -0.5, 0.6])
 ROBOTIQ = Calibration.from_counts(robotiq.COUNTS_PER_NEWTON, robotiq.COUNTS_PER_NEWTON_METRE, limit=robotiq.RANGE)
@@ -46,16 +50,31 @@ def count(reads: list[Samples]) -> int:
 
 @pytest.mark.parametrize("buffered", [False, True])
 def test_an_rdt_device_is_read_whole_in_either_mode(buffered: bool) -> None:
-    with FakeRdtSensor(WrenchSource(WRENCH), rate=7000.0) as sensor:
+    with FakeRdtSensor(WrenchSource(WRENCH), rate=2000.0) as sensor:
         link = RdtLink(options(sensor, buffered=buffered))
         link.start()
-        reads = read_until(link, lambda reads: count(reads) > 2000)
+        reads = read_until(link, lambda reads: count(reads) > 1000)
         link.close()
     sequence = np.concatenate([samples.sequence for samples in reads])
     np.testing.assert_array_equal(sequence, np.arange(1, len(sequence) + 1))
     np.testing.assert_allclose(reads[-1].wrench_in_sensor, np.tile(WRENCH, (len(reads[-1]), 1)), atol=1e-6)
-    assert link.rate == 7000.0
+    assert link.rate == 2000.0
     assert link.name.endswith("(Axia80 (fake) FT00000)")
+
+
+def test_a_recording_comes_out_of_the_wire_as_it_went_in() -> None:
+    recorded = open_recording(BAG).wrench()
+    source = WrenchSource.from_bag(BAG, rate=5000.0)
+    with FakeRdtSensor(source, rate=5000.0) as sensor:
+        link = RdtLink(options(sensor))
+        link.start()
+        reads = read_until(link, lambda reads: count(reads) > 2000)
+        link.close()
+    read = np.concatenate([samples.wrench_in_sensor for samples in reads])
+    first = np.argmin(np.abs(source.samples(0, 5000) - read[0]).sum(axis=1))
+    np.testing.assert_allclose(read, source.samples(first, len(read)), atol=0.6e-6)  # half a count
+    assert np.all(read.min(axis=0) >= recorded.wrench_in_sensor.min(axis=0) - 1e-6)
+    assert np.all(read.max(axis=0) <= recorded.wrench_in_sensor.max(axis=0) + 1e-6)
 
 
 @pytest.mark.parametrize("fault", [dropping, duplicating, delaying])
