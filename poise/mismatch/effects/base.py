@@ -41,6 +41,9 @@ class Parameter:
         log: the prior of a non-linear parameter is uniform in its logarithm (times, frequencies, stiffnesses).
         choice: a non-linear parameter that takes few whole values (the number of a joint); it is taken from
             `Effect.starts` and never refined.
+        resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
+            finely `Effect.starts` already knows it. It is not refined then.
+        hidden: kept in the model, not told to people (`Effect.derived` tells what they want to know instead).
     """
 
     name: str
@@ -51,6 +54,8 @@ class Parameter:
     linear: bool = True
     log: bool = False
     choice: bool = False
+    resolution: float = 0.0
+    hidden: bool = False
 
     def to_unit(self, value: float) -> float:
         """Where a value lies in its prior, 0 to 1 (the distribution function)."""
@@ -134,6 +139,11 @@ class Effect(ABC):
         """When it acts, as (start, end) in seconds of the world's clock; none: all the time."""
         del world, values
         return ()
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        """More numbers to tell, {name: (value, unit)}: functions of the parameters that people think in."""
+        del world, values
+        return {}
 
     def untestable(self, world: World) -> str:
         """Why this recording cannot show the effect, as the end of a sentence; "" when it can."""

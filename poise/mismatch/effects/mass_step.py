@@ -26,7 +26,14 @@ class MassStep(Effect):
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         return (
-            Parameter("time", "s", low=float(world.seconds[0]), high=float(world.seconds[-1]), linear=False),
+            Parameter(
+                "time",
+                "s",
+                low=float(world.seconds[0]),
+                high=float(world.seconds[-1]),
+                linear=False,
+                resolution=world.period,
+            ),
             Parameter("mass", "kg", 0.3),
             *(Parameter(name, "kg m", 0.03) for name in ROWS[1:]),
         )

@@ -1,0 +1,84 @@
+"""What every honest robot has: small errors of payload, sensor, joints and clock, inside the declared tolerances.
+
+They are fitted under every hypothesis with tight priors, so that no hypothesis wins by mending them. A calibration
+effect (`widens`) is the same columns with a wide prior: then the tolerance itself is what the data speak against.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.inertia.parameters import InertialParameters, about_com_jacobian
+from poise.inertia.regressor import regressor
+from poise.mismatch.effects.joint_offset import joint_columns
+from poise.mismatch.effects.sensor_rotation import rotation_columns
+from poise.mismatch.model import Tolerance
+from poise.mismatch.world import World
+
+Array = NDArray[np.float64]
+
+SIGMAS = 0.6
+"""One sigma of the prior in units of the tolerance: that of errors spread evenly inside it, 1/sqrt(3), rounded up."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """A group of calibration errors.
+
+    Args:
+        name: payload, bias, drift, gain, rotation, joints or clock.
+        columns: (N, 6, k) response to one tolerance of each.
+        sigma: (k,) prior, in units of the tolerance.
+    """
+
+    name: str
+    columns: Array
+    sigma: Array
+
+
+def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
+    """All groups for a world; the wrench that gain, rotation and clock act on is `world.prediction`."""
+    wrench = world.prediction
+    gain = np.zeros((len(world), 6, 6))
+    gain[:, range(6), range(6)] = wrench * tolerance.sensor_gain
+    middle = (world.seconds[0] + world.seconds[-1]) / 2
+    ramp = (world.seconds - middle) / max(world.duration, 1e-9)
+    bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
+    drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
+    late = -np.gradient(wrench, world.seconds, axis=0)[:, :, None]
+    groups = [
+        ("payload", payload_columns(world, tolerance)),
+        ("bias", np.broadcast_to(np.diag(bias), (len(world), 6, 6))),
+        ("drift", ramp[:, None, None] * np.diag(drift)),
+        ("gain", gain),
+        ("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
+        ("joints", joint_columns(world) * tolerance.joint_offset),
+        ("clock", late * tolerance.clock_offset),
+    ]
+    return tuple(Group(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
+
+
+def payload_columns(world: World, tolerance: Tolerance) -> Array:
+    """(N, 6, 10) response to one tolerance of mass, centre of mass (3) and inertia about it (6).
+
+    The mass varies with the body's shape held: its inertia grows with it.
+    """
+    matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)
+    return np.asarray(matrix @ payload_steps(world.phi, tolerance))
+
+
+def payload_steps(phi: Array, tolerance: Tolerance) -> Array:
+    """(10, 10) change of phi by one tolerance of each of mass, com and inertia about it; zero without a payload."""
+    steps = np.zeros((10, 10))
+    if abs(phi[0]) < 1e-6:
+        return steps
+    body = InertialParameters.from_phi(phi)
+    steps[:, 0] = phi * tolerance.payload_mass
+    # d(com, inertia about com) / d phi, inverted at constant mass.
+    about = about_com_jacobian(phi)
+    inverse = np.linalg.inv(about[:, 1:])
+    steps[1:, 1:4] = inverse[:, :3] * tolerance.payload_com
+    size = max(float(np.trace(body.inertia)) / 3, 1e-4 * float(phi[0]))
+    steps[1:, 4:] = inverse[:, 3:] * tolerance.payload_inertia * size
+    return steps

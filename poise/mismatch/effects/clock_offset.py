@@ -1,0 +1,56 @@
+"""Clock offset: the wrench's stamps are late, or early, against those of the joints."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.mismatch.dynamics import at_times
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.world import World
+
+LARGEST = 0.3
+"""s that are searched."""
+
+
+class ClockOffset(Effect):
+    """w_read(t) = w(t - delay); the shift is exact, by splines through the prediction."""
+
+    name = "clock_offset"
+    layer = "sensor"
+    equation = "w_read(t) = w(t - d)"
+    source = "thesis section 3.2 (delay between kinematics and wrench); temporal calibration (Furgale et al. 2013)"
+    excited_by = "wrenches that change quickly: starts, stops, turning under load"
+    separating_motion = "quick turns both ways: a delay shifts the wrench, a filter also rounds it"
+    confused_with = ("low_pass", "joint_offset", "clock_skew")
+    needs = ("load",)
+    widens = "clock"
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        return (Parameter("delay", "s", low=-LARGEST, high=LARGEST, linear=False),)
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        weight = np.repeat([1.0, 20.0], 3)
+        wanted = residual * weight
+        tried = np.arange(-LARGEST, LARGEST + 0.005, 0.01)
+        misfit = [float(np.var(wanted - self._shift(world, delay) * weight, axis=0).sum()) for delay in tried]
+        yield {"delay": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * LARGEST, 0.99 * LARGEST))}
+
+    def simulate(self, world: World, values: Values) -> Array:
+        moved = at_times(world.seconds, world.prediction, world.seconds - values["delay"])
+        return np.asarray(moved - world.prediction)
+
+    def sentence(self, world: World, values: Values) -> str:
+        delay = values["delay"]
+        return (
+            f"The wrench's stamps are {1e3 * abs(delay):.1f} ms {'late' if delay > 0 else 'early'} "
+            "against the joints': the nominal model has one clock."
+        )
+
+    @staticmethod
+    def _shift(world: World, delay: float) -> Array:
+        """Coarse: linear between samples, to choose where to begin."""
+        out = np.empty_like(world.prediction)
+        for channel in range(6):
+            out[:, channel] = np.interp(world.seconds - delay, world.seconds, world.prediction[:, channel])
+        return out - world.prediction

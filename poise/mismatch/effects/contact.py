@@ -1,0 +1,90 @@
+"""Contact: for a while something pushes on the tool, with or without sliding along it."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import forces_at
+from poise.mismatch.starts import bursts
+from poise.mismatch.wording import directed
+from poise.mismatch.world import World
+
+POINT = ("point_x", "point_y", "point_z")
+KNOTS = 7
+REACH = 0.5
+
+
+class Contact(Effect):
+    """A force in the world at a point of the tool, from `start` for `length`; its course is a chain of hat functions.
+
+    The course covers normal force and friction alike: friction is what of the force lies against the sliding.
+    """
+
+    name = "contact"
+    layer = "event"
+    equation = "f = R^T sum_k h_k(t) F_k, tau = p x f; h_k: hat functions, zero at both ends of the window"
+    source = "a unilateral contact whose force is known by its course alone (Coulomb: friction opposes sliding)"
+    excited_by = "nothing: it happens"
+    separating_motion = "repeat the motion without the obstacle; press again at another attitude"
+    confused_with = ("mass_step", "external_vibration", "loose_part", "cable")
+    transfers = False
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        first, last = float(world.seconds[0]), float(world.seconds[-1])
+        when = (
+            Parameter("start", "s", low=first - 1.0, high=last, linear=False),
+            Parameter("length", "s", low=0.03, high=max(world.duration / 2, 1.0), linear=False, log=True),
+        )
+        points = (Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in POINT)
+        forces = (Parameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(KNOTS) for a in "xyz")
+        return (*when, *points, *forces)
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """Bursts of the residual; in each, the point from torque = p x force."""
+        for begin, end in bursts(world, residual):
+            inside = (world.seconds >= begin) & (world.seconds <= end)
+            force, torque = residual[inside, :3], residual[inside, 3:]
+            lever = np.stack([np.cross(unit, force) for unit in np.eye(3)], axis=2)
+            normal = np.einsum("nci,ncj->ij", lever, lever)
+            normal += (0.02 * np.trace(normal) + 1e-9) / 3 * np.eye(3)
+            point = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
+            yield {
+                "start": begin - world.period,
+                "length": float(np.clip(end - begin + 2 * world.period, 0.05, world.duration / 3)),
+                **dict(zip(POINT, np.clip(point, -0.9 * REACH, 0.9 * REACH).tolist(), strict=True)),
+            }
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        point = np.array([nonlinear[name] for name in POINT])
+        place = (world.seconds - nonlinear["start"]) / nonlinear["length"] * (KNOTS + 1)
+        rows = np.flatnonzero((place > 0.0) & (place < KNOTS + 1))
+        out = np.zeros((len(world), 6, 3 * KNOTS))
+        hats = np.maximum(1.0 - np.abs(place[rows, None] - np.arange(1, KNOTS + 1)), 0.0)
+        turn = world.rotation_world_sensor[rows]
+        for axis in range(3):
+            unit = forces_at(point, turn[:, axis])
+            out[rows, :, axis::3] = unit[:, :, None] * hats[:, None, :]
+        return out
+
+    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
+        del world
+        return ((values["start"], values["start"] + values["length"]),)
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        peak = self._peak(values)
+        parts = {f"force_{axis}": (float(value), "N") for axis, value in zip("xyz", peak, strict=True)}
+        return {"peak_force": (float(np.linalg.norm(peak)), "N"), **parts}
+
+    def sentence(self, world: World, values: Values) -> str:
+        ((start, end),) = self.windows(world, values)
+        return (
+            f"From {start:.1f} s to {end:.1f} s something pushed on the tool: up to "
+            f"{directed(self._peak(values).tolist(), 'N')} of the world; the nominal model has no contact."
+        )
+
+    @staticmethod
+    def _peak(values: Values) -> Array:
+        """(3,) the force at the knot where it is greatest, world axes."""
+        forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(KNOTS)])
+        return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])

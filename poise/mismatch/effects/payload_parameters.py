@@ -1,0 +1,54 @@
+"""Payload parameters: the load is not the one that the model carries."""
+
+import numpy as np
+
+from poise.inertia.parameters import InertialParameters
+from poise.inertia.regressor import regressor
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.world import World
+
+ROWS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+
+
+class PayloadParameters(Effect):
+    """phi_true = phi + dphi, linear in the ten parameters (m, m c, I about the sensor's origin)."""
+
+    name = "payload_parameters"
+    layer = "load"
+    equation = "w = A(g - a, omega, alpha) (phi + dphi)"
+    source = "thesis eq. 2.97; Atkeson, An, Hollerbach 1986"
+    excited_by = "gravity in several directions (mass, centre of mass); angular acceleration (inertia)"
+    separating_motion = "six attitudes, then quick turns about all axes"
+    confused_with = ("sensor_gain", "sensor_bias", "mass_step", "mass_leak", "world_force")
+    widens = "payload"
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        mass = max(float(world.phi[0]), 0.5)
+        return (
+            Parameter("mass", "kg", 0.15 * mass),
+            *(Parameter(name, "kg m", 0.03 * mass) for name in ROWS[1:4]),
+            *(Parameter(name, "kg m2", 0.01 * mass) for name in ROWS[4:]),
+        )
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        del nonlinear
+        return regressor(world.specific, world.angular_velocity, world.angular_acceleration)
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        body = self._body(world, values)
+        com = [(f"com_{axis}", (float(value), "m")) for axis, value in zip("xyz", body.com, strict=True)]
+        return {"true_mass": (body.mass, "kg"), **dict(com)}
+
+    def sentence(self, world: World, values: Values) -> str:
+        body = self._body(world, values)
+        if body.mass < 0.05 * max(float(world.phi[0]), 0.1):
+            return f"The payload of {world.phi[0]:.2f} kg is not there: the sensor carries {body.mass:.2f} kg."
+        place = ", ".join(f"{1e3 * value:.1f}" for value in body.com)
+        return (
+            f"The payload weighs {body.mass:.3f} kg with its centre of mass at ({place}) mm: "
+            f"the nominal model has {world.phi[0]:.3f} kg."
+        )
+
+    @staticmethod
+    def _body(world: World, values: Values) -> InertialParameters:
+        return InertialParameters.from_phi(world.phi + np.array([values[name] for name in ROWS]))

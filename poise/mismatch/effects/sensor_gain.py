@@ -1,0 +1,58 @@
+"""Sensor gain: scale errors and crosstalk between the axes of the force-torque sensor."""
+
+import numpy as np
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.sensor_bias import AXES
+from poise.mismatch.world import World
+
+LEVER = 0.1
+"""m: a sensor's force range over its torque range (FT 300: 300 N, 30 N m), which scales crosstalk between the two."""
+
+
+class SensorGain(Effect):
+    """w_read = (1 + E) w with a constant 6x6 matrix E: a calibration matrix that has aged or is another sensor's."""
+
+    name = "sensor_gain"
+    layer = "sensor"
+    equation = "w_read = (1 + E) w; E_ii: scale, E_ij: crosstalk from channel j to channel i"
+    source = "Braun and Woernle 2011 (calibration of six-component sensors); the calibration matrix of ATI sensors"
+    excited_by = "wrenches in many directions: gravity turning in the sensor, accelerations"
+    separating_motion = "six attitudes with and without the payload: a gain scales with the load, a bias does not"
+    confused_with = ("payload_parameters", "sensor_rotation", "sensor_nonlinearity")
+    needs = ("load",)
+    widens = "gain"
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        made = []
+        for i, read in enumerate(AXES):
+            for j, felt in enumerate(AXES):
+                unit = "" if i // 3 == j // 3 else "m" if i > j else "1/m"
+                size = 0.05 if i == j else 0.03 if i // 3 == j // 3 else 0.03 * LEVER if i > j else 0.03 / LEVER
+                made.append(Parameter(f"scale_{read}" if i == j else f"{read}_from_{felt}", unit, size, hidden=i != j))
+        return tuple(made)
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        del nonlinear
+        out = np.zeros((len(world), 6, 36))
+        for channel in range(6):
+            out[:, channel, 6 * channel : 6 * channel + 6] = world.prediction
+        return out
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        matrix = self._matrix(world, values)
+        scaled = matrix * np.where(np.arange(6)[:, None] // 3 == np.arange(6) // 3, 1.0, np.nan)
+        np.fill_diagonal(scaled, np.nan)
+        return {"largest_crosstalk": (float(np.nanmax(np.abs(scaled))), "")}
+
+    def sentence(self, world: World, values: Values) -> str:
+        matrix = self._matrix(world, values)
+        i = int(np.argmax(np.abs(np.diag(matrix))))
+        return (
+            f"The sensor's scale is off: {AXES[i]} reads {100 * matrix[i, i]:+.1f} %, with crosstalk of up to "
+            f"{100 * self.derived(world, values)['largest_crosstalk'][0]:.1f} %: the nominal sensor has unit gain."
+        )
+
+    def _matrix(self, world: World, values: Values) -> Array:
+        return np.array([values[p.name] for p in self.parameters(world)]).reshape(6, 6)

@@ -1,0 +1,59 @@
+"""Sensor rotation: the sensor is mounted turned against where the robot description has it."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.world import World
+
+NAMES = ("rotation_x", "rotation_y", "rotation_z")
+
+
+class SensorRotation(Effect):
+    """w_read = R(r)^T w: the true sensor axes are the described ones turned by the rotation vector r. Exact in r."""
+
+    name = "sensor_rotation"
+    layer = "sensor"
+    equation = "f_read = R(r)^T f, tau_read = R(r)^T tau; r: rotation vector from described to true axes"
+    source = "rotation of a wrench's axes (Featherstone 2008, section 2.8); second order in r matters from 2 degrees on"
+    excited_by = "weight in changing directions, torques"
+    separating_motion = "six attitudes, gravity along each sensor axis both ways"
+    confused_with = ("sensor_gain", "joint_offset", "base_tilt")
+    needs = ("load",)
+    widens = "rotation"
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        return tuple(Parameter(name, "rad", low=-0.5, high=0.5, linear=False) for name in NAMES)
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """First order: the residual is w x r, for force and torque alike."""
+        weight = np.repeat([1.0, 20.0], 3)
+        columns = rotation_columns(world.prediction) * weight[:, None]
+        centred = columns - columns.mean(axis=0)
+        wanted = (residual - residual.mean(axis=0)) * weight
+        turn = np.linalg.lstsq(centred.reshape(-1, 3), wanted.ravel(), rcond=None)[0]
+        yield dict(zip(NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
+
+    def simulate(self, world: World, values: Values) -> Array:
+        turn = Rotation.from_rotvec([values[name] for name in NAMES]).as_matrix()
+        read = np.hstack([world.prediction[:, :3] @ turn, world.prediction[:, 3:] @ turn])
+        return np.asarray(read - world.prediction)
+
+    def sentence(self, world: World, values: Values) -> str:
+        turn = np.array([values[name] for name in NAMES])
+        return (
+            f"The sensor's axes are turned by {np.degrees(np.linalg.norm(turn)):.2f} degrees, mostly about "
+            f"{'xyz'[int(np.argmax(np.abs(turn)))]}, against the robot description."
+        )
+
+
+def rotation_columns(wrench: Array) -> Array:
+    """(N, 6, 3) first-order response w x r to a rotation vector of the sensor's axes."""
+    out = np.zeros((len(wrench), 6, 3))
+    for axis, unit in enumerate(np.eye(3)):
+        out[:, :3, axis] = np.cross(wrench[:, :3], unit)
+        out[:, 3:, axis] = np.cross(wrench[:, 3:], unit)
+    return out
