@@ -166,7 +166,9 @@ class Acquisition:
     def _collect(self, count: int, deadline: float) -> Bias:
         job = BiasJob(count)
         with self._lock:
-            if not self._health.is_connected(time.monotonic()):
+            if self._stopping.is_set():
+                raise SensorError(ErrorCode.CANCELLED, "the driver was stopped")
+            if not self._health.is_connected:
                 raise SensorError(ErrorCode.SENSOR_STALE, "no samples to take a bias from; connect the sensor first")
             if self._job is not None:
                 self._job.fail(SensorError(ErrorCode.BUSY, "another bias was asked for"))
@@ -203,17 +205,20 @@ class Acquisition:
             self._stopping.wait(0.01)  # an error that comes at once must not burn a core
 
     def _step(self) -> None:
-        now = time.monotonic()
-        connected = self._health.is_connected(now)
-        if not connected and now >= self._next_start:
+        connected = self._health.is_connected
+        if not connected and time.monotonic() >= self._next_start:
             self._connect()
+        now = time.monotonic()
         due = self._options.silence - (self._health.age(now) or 0.0) if connected else self._next_start - now
         samples = self._read(min(LONGEST_WAIT, max(0.0, due)))
         if samples is None:
+            self._health.check(time.monotonic())
             return
         if len(samples) and not connected:
             self._backoff.reset()
-        blocks, batch = self._digest(samples)
+        self._deliver(*self._digest(samples))
+
+    def _deliver(self, blocks: Blocks, batch: Batch | None) -> None:
         if len(blocks):
             self._sink.blocks(blocks)
         if batch is not None:
@@ -289,7 +294,7 @@ class Acquisition:
                 usable = not (stamped.saturated.any() or stamped.faulty.any())
                 self._job.feed(samples.wrench_in_sensor, usable)
             batch = self._batcher.push(samples, stamped, counter, self._clock)
-            return self._publishable(self._averager.push(stamped), now), batch
+            return self._publishable(self._averager.push(stamped)), batch
 
     def _stamp(self, samples: Samples, position: NDArray[np.int64]) -> Stamped:
         if self._clock is None:
@@ -302,10 +307,10 @@ class Acquisition:
         wrench = samples.wrench_in_sensor - self._bias
         return Stamped(position, stamps, wrench, samples.saturated, samples.faulty)
 
-    def _publishable(self, blocks: Blocks, now: float) -> Blocks:
+    def _publishable(self, blocks: Blocks) -> Blocks:
         """Leave out what is no measurement."""
         bad = blocks.faulty | (blocks.saturated & (not self._options.publish_saturated))
-        if self._health.is_stalled(now):
+        if self._health.is_stalled:
             bad[:] = True
         if not bad.any():
             return blocks

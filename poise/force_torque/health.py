@@ -79,6 +79,8 @@ class Report:
 class Health:
     """Follows what happens and names the condition. All times are of time.monotonic(), in s.
 
+    Silence is judged at the end of a read, not by the clock: a thread that was held up finds samples waiting.
+
     Args:
         silence: s without a sample that make a sensor silent.
         now: time of activation.
@@ -89,6 +91,7 @@ class Health:
         self.status = 0
         self.rejected = 0
         self._began = now
+        self._checked = now
         self._last_sample: float | None = None
         self._measured: int | None = None
         self._measured_at = now
@@ -99,13 +102,19 @@ class Health:
         """Seconds since the last sample."""
         return None if self._last_sample is None else now - self._last_sample
 
-    def is_connected(self, now: float) -> bool:
+    @property
+    def is_connected(self) -> bool:
         """Whether samples are coming in."""
-        return self._last_sample is not None and now - self._last_sample <= self.silence
+        return self._last_sample is not None and self._checked - self._last_sample <= self.silence
 
-    def is_stalled(self, now: float) -> bool:
+    @property
+    def is_stalled(self) -> bool:
         """Whether records come but the device measures nothing new."""
-        return self._measured is not None and now - self._measured_at > self.silence
+        return self._measured is not None and self._checked - self._measured_at > self.silence
+
+    def check(self, now: float) -> None:
+        """A read has ended, or was not possible."""
+        self._checked = now
 
     def failed(self, error: PoiseError) -> None:
         """An attempt to reach the device, or to read it, failed."""
@@ -117,6 +126,7 @@ class Health:
 
     def take(self, samples: Samples, now: float) -> None:
         """Note a read."""
+        self.check(now)
         if samples.rejected:
             self.rejected += samples.rejected
             self.note("rejecting", f"{self.rejected} messages were not valid: check cable, baud rate and address", now)
@@ -148,8 +158,8 @@ class Health:
         return None if text is None else Condition("failed", Severity.ERROR, ErrorCode.INTERNAL, text)
 
     def _no_stream(self, now: float) -> Condition | None:
-        if self.is_connected(now):
-            if not self.is_stalled(now):
+        if self.is_connected:
+            if not self.is_stalled:
                 return None
             text = "the device repeats one measurement: switch it off and on"
             return Condition("stalled", Severity.ERROR, ErrorCode.SENSOR_STALE, text)

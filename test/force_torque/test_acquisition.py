@@ -27,9 +27,12 @@ class Witness:
         self.batches: list[Batch] = []
         self.reports: list[Report] = []
         self.broken = False
+        self.free = threading.Event()
+        self.free.set()
 
     def blocks(self, blocks: Blocks) -> None:
         self._keep(self.all_blocks, blocks)
+        self.free.wait(20.0)
         if self.broken:
             raise RuntimeError("a sink that fails")
 
@@ -119,6 +122,20 @@ def test_a_cable_that_is_out_for_a_moment_costs_exactly_the_samples_of_that_mome
         report = session.acquisition.report()
     assert report.lost == sum(taken)
     assert report.connects == 1
+
+
+def test_a_reader_that_was_held_up_loses_nothing_and_does_not_disturb_its_sensor(sensor: FakeRdtSensor) -> None:
+    with Session(sensor, silence=0.05) as session:
+        witness = session.witness
+        witness.wait_for(lambda: witness.all_blocks)
+        witness.free.clear()
+        sent = sensor.sent
+        witness.wait_for(lambda: sensor.sent > sent + 200)  # four times the silence
+        witness.free.set()
+        witness.wait_for(lambda: session.acquisition.report().received > sent + 200)
+        report = session.acquisition.report()
+    assert (report.lost, report.restarts, report.connects) == (0, 0, 1)
+    assert "silent" not in witness.kinds
 
 
 def test_batches_hold_every_sample_that_was_received(sensor: FakeRdtSensor) -> None:
@@ -279,6 +296,7 @@ def samples(status: int = 0, saturated: bool = False, faulty: bool = False, reje
 
 
 def kind(health: Health, now: float) -> str:
+    health.check(now)
     return health.condition(now, "words").kind
 
 
@@ -308,11 +326,21 @@ def test_the_worst_condition_is_named_and_passing_ones_are_held() -> None:
     assert kind(health, 13.0) == "silent"
 
 
+def test_silence_is_judged_by_reads_and_not_by_the_clock() -> None:
+    health = Health(silence=1.0, now=0.0)
+    health.take(samples(), 0.0)
+    assert health.condition(10.0, "").kind == "streaming"  # nobody has looked since
+    health.check(10.0)
+    assert health.condition(10.0, "").kind == "silent"
+
+
 def test_an_error_is_forgotten_with_the_next_sample() -> None:
     health = Health(silence=1.0, now=0.0)
     health.take(samples(), 0.0)
     health.failed(SensorError(ErrorCode.SENSOR_UNREACHABLE, "gone"))
+    assert kind(health, 5.0) == "silent"
     assert "gone" in health.condition(5.0, "").text
     health.take(samples(), 6.0)
     assert kind(health, 6.0) == "streaming"
+    assert kind(health, 9.0) == "silent"
     assert "gone" not in health.condition(9.0, "").text
