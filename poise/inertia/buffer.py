@@ -15,10 +15,16 @@ class StampedBuffer:
         self._stamps: Stamps = np.zeros(0, dtype=np.int64)
         self._rows: Array = np.zeros((0, width))
         self._new: list[tuple[Stamps, Array]] = []
+        self.newest: int | None = None
+        """The last stamp."""
 
     def extend(self, stamps: Stamps, rows: ArrayLike) -> None:
         """Add (N,) stamps with their rows (N, width)."""
-        self._new.append((np.asarray(stamps, dtype=np.int64), np.asarray(rows, dtype=np.float64)))
+        times = np.asarray(stamps, dtype=np.int64)
+        if len(times):
+            self._new.append((times, np.asarray(rows, dtype=np.float64)))
+            latest = int(times.max())
+            self.newest = latest if self.newest is None else max(self.newest, latest)
 
     @property
     def stamps(self) -> Stamps:
@@ -32,11 +38,6 @@ class StampedBuffer:
         self._settle()
         return self._rows
 
-    @property
-    def newest(self) -> int | None:
-        """The last stamp."""
-        return int(self.stamps[-1]) if len(self.stamps) else None
-
     def between(self, begin: int, end: int) -> tuple[Stamps, Array]:
         """Stamps and rows with begin <= stamp <= end."""
         low, high = np.searchsorted(self.stamps, begin, "left"), np.searchsorted(self.stamps, end, "right")
@@ -49,7 +50,7 @@ class StampedBuffer:
 
     def clear(self) -> None:
         """Drop everything."""
-        self._stamps, self._rows, self._new = self._stamps[:0], self._rows[:0], []
+        self._stamps, self._rows, self._new, self.newest = self._stamps[:0], self._rows[:0], [], None
 
     def _settle(self) -> None:
         if not self._new:

@@ -130,6 +130,7 @@ def identify_wrenches(
         saturation=saturation,
         settings=settings,
         patience=math.inf,
+        max_intervals=None,
     )
     paired: dict[str, list[PairedSamples]] = {}
     begin: int | None = None

@@ -42,11 +42,11 @@ NOTHING = SensorMotion.at_rest(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3)))
 class _Run:
     """One method at work: wrenches wait until the track knows the motion around them, then go into the sums."""
 
-    def __init__(self, track: Track, gravity: float) -> None:
+    def __init__(self, track: Track, gravity: float, max_intervals: int | None) -> None:
         self.track = track
         self.gravity = np.array([0.0, 0.0, -gravity])
         self.information = InformationAccumulator()
-        self.rejections = RejectionLog()
+        self.rejections = RejectionLog(max_intervals)
         self.stamp: int | None = None
         self._waiting = StampedBuffer(6)
 
@@ -71,7 +71,7 @@ class _Run:
         self.information.add(model_matrix(motion.select(used), self.gravity), wrench[used])
         self.rejections.add(stamps, reasons)
         if used.any():
-            self.stamp = max(int(stamps[used][-1]), self.stamp or 0)
+            self.stamp = int(stamps[used][-1])
         return PairedSamples(stamps, wrench, motion, reasons)
 
     def drop_waiting(self, reason: str) -> None:
@@ -93,6 +93,7 @@ class OnlineEstimator:
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
         patience: s that a wrench waits for its kinematics.
+        max_intervals: how many rejected intervals are remembered; None: all.
 
     Raises:
         InputError: BAD_INPUT for a method that does not exist, or numbers that make no sense.
@@ -108,6 +109,7 @@ class OnlineEstimator:
         saturation: tuple[float, float] = (np.inf, np.inf),
         settings: PairingSettings | None = None,
         patience: float = 5.0,
+        max_intervals: int | None = 100,
     ) -> None:
         check_method(method)
         for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
@@ -122,6 +124,7 @@ class OnlineEstimator:
         self._limits = np.repeat(saturation, 3)
         self._settings = settings or PairingSettings()
         self._patience = round(min(patience, 1e9) * 1e9)
+        self._max_intervals = max_intervals
         self._source_jumps = source.jumps
         self._newest: int | None = None
         self.reset()
@@ -129,7 +132,13 @@ class OnlineEstimator:
     def reset(self) -> None:
         """Forget all samples: a new payload."""
         names = (STATIC, OLS) if self.method == AUTO else (self.method,)
-        self._runs = {name: _Run(self._track(name), self._gravity) for name in names}
+        self._runs = {name: _Run(self._track(name), self._gravity, self._max_intervals) for name in names}
+
+    def change_source(self, source: MotionSource) -> None:
+        """Take the motion from elsewhere from now on; what was learnt and what waits stays."""
+        self.source, self._source_jumps = source, source.jumps
+        for name, run in self._runs.items():
+            run.track = self._track(name)
 
     @property
     def n_samples(self) -> int:
@@ -140,6 +149,12 @@ class OnlineEstimator:
     def rejected(self) -> Mapping[str, int]:
         """Samples by reason, of the method that used most."""
         return self._busiest.rejections.counts
+
+    @property
+    def clocks_apart(self) -> float | None:
+        """s by which the newest wrench is stamped later than the newest kinematics."""
+        newest = self.source.newest
+        return None if newest is None or self._newest is None else (self._newest - newest) * 1e-9
 
     def add_wrench(self, stamps: ArrayLike, wrench: ArrayLike) -> None:
         """Add wrenches: (N,) int64 ns and (N, 6) N and N m, or one of them."""

@@ -10,9 +10,9 @@ from poise.inertia.tracks import USED, Reasons
 
 
 class RejectionLog:
-    """Intervals of consecutive samples that share a reason; only the newest `limit` intervals are kept."""
+    """Intervals of consecutive samples that share a reason; only the newest `limit` are kept (None: all)."""
 
-    def __init__(self, limit: int = 1000) -> None:
+    def __init__(self, limit: int | None) -> None:
         self.counts: Counter[str] = Counter()
         """Samples by reason, of all time."""
         self._intervals: deque[RejectedInterval] = deque(maxlen=limit)

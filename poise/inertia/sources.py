@@ -95,7 +95,7 @@ class JointSource:
 
     def extend(
         self, stamps: ArrayLike, names: Sequence[str], position: ArrayLike, velocity: ArrayLike | None = None
-    ) -> None:
+    ) -> bool:
         """Add joint states; what lacks joints of this robot, or holds no number, is counted and left out.
 
         Args:
@@ -103,13 +103,16 @@ class JointSource:
             names: (K) joints of the columns.
             position: (N, K) rad or m.
             velocity: (N, K) rad/s or m/s, NaN or None where not measured.
+
+        Returns:
+            Whether any of them is used.
         """
         times = np.asarray(stamps, dtype=np.int64)
         places = np.asarray(position, dtype=np.float64)
         rates = np.full(places.shape, np.nan) if velocity is None else np.asarray(velocity, dtype=np.float64)
         if not set(self.model.joint_names) <= set(names) or places.shape != (len(times), len(names)):
             self.foreign += len(times)
-            return
+            return False
         if rates.shape != places.shape:
             rates = np.full(places.shape, np.nan)
         places, rates = self.model.order(names, places, rates)
@@ -120,6 +123,7 @@ class JointSource:
                 self.jumps += 1
                 self.clear()
             self._buffer.extend(times[finite], np.hstack([places, rates])[finite])
+        return bool(finite.any())
 
     @property
     def newest(self) -> int | None:
@@ -181,7 +185,7 @@ class FrameSource:
         translation: ArrayLike,
         *,
         fixed: bool = False,
-    ) -> None:
+    ) -> bool:
         """Add transforms, x_parent = rotation @ x_child + translation; what is no rigid motion is counted and left out.
 
         Args:
@@ -190,6 +194,9 @@ class FrameSource:
             rotation: (N, 3, 3).
             translation: (N, 3) m.
             fixed: they come from tf_static; the last one holds for all times.
+
+        Returns:
+            Whether any of them is used.
 
         Raises:
             InputError: FRAME_UNKNOWN when a frame changes its parent.
@@ -205,16 +212,22 @@ class FrameSource:
         good = unit & np.isfinite(rows).all(axis=1)
         self.not_finite += int(np.count_nonzero(~good))
         if not good.any():
-            return
+            return False
         self._has_positions |= bool(np.any(rows[good, 9:] != 0))
         if fixed:
             self._fixed[child] = rows[good][-1]
-            return
+            return True
         buffer = self._moving.setdefault(child, StampedBuffer(12))
         if went_back(times[good], buffer.newest):
             self.jumps += 1
             self.clear()
         buffer.extend(times[good], rows[good])
+        return True
+
+    @property
+    def known_frames(self) -> tuple[str, ...]:
+        """Every child that was told of."""
+        return tuple(self._parents)
 
     @property
     def newest(self) -> int | None:
@@ -250,6 +263,12 @@ class FrameSource:
     def forget_before(self, stamp: int) -> None:
         for buffer in self._moving.values():
             buffer.forget_before(stamp)
+
+    def keep_last(self, seconds: float) -> None:
+        """Of each transform, drop what is older than its newest by more."""
+        for buffer in self._moving.values():
+            if buffer.newest is not None:
+                buffer.forget_before(buffer.newest - round(seconds * 1e9))
 
     def clear(self) -> None:
         for buffer in self._moving.values():

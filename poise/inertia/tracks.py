@@ -12,6 +12,7 @@ from poise.inertia.parameters import Array
 from poise.inertia.sources import MotionSource
 from poise.recording.alignment import interpolate, interpolate_rotations
 from poise.robot import SensorMotion
+from poise.robot.differentiation import GAP
 
 Reasons = NDArray[np.str_]
 BEGINNING = -(2**62)
@@ -210,7 +211,10 @@ class MotionTrack:
             if error.code is not ErrorCode.TOO_FEW_SAMPLES:
                 raise
             return
-        first, final = _stretch_ends(stamps, _ns(self._settings.max_gap))
+        steps = np.diff(stamps)
+        # What counts as a gap for the differentiation has uncertain edges too.
+        gap = min(_ns(self._settings.max_gap), GAP * float(np.median(steps[steps > 0]))) if np.any(steps > 0) else 0
+        first, final = _stretch_ends(stamps, gap)
         sure = stamps[(stamps - first >= edge) & (final - stamps >= edge)]
         part = motion.select((motion.stamps >= begin) & (motion.stamps < end) & np.isin(motion.stamps, sure))
         rates = (
@@ -225,7 +229,7 @@ def _ns(seconds: float) -> int:
     return round(seconds * 1e9)
 
 
-def _stretch_ends(stamps: Stamps, gap: int) -> tuple[Stamps, Stamps]:
+def _stretch_ends(stamps: Stamps, gap: float) -> tuple[Stamps, Stamps]:
     """First and last stamp (N,) of the stretch without gaps that each sample belongs to."""
     starts = np.concatenate([[True], np.diff(stamps) > gap])
     number = np.cumsum(starts) - 1

@@ -1,0 +1,60 @@
+"""InertialEstimate of the core <-> the message of that name."""
+
+import numpy as np
+from builtin_interfaces.msg import Time
+
+from poise.errors import PoiseError
+from poise.inertia import InertialEstimate
+from poise.nodes.runtime import to_message
+from poise_msgs.msg import InertialEstimate as InertialEstimateMessage
+from poise_msgs.msg import RejectedInterval
+
+
+def time_message(stamp: int) -> Time:
+    """Stamp in ns as a message; what a message cannot hold becomes zero."""
+    seconds, nanoseconds = divmod(stamp, 10**9)
+    return Time(sec=seconds, nanosec=nanoseconds) if 0 <= seconds < 2**31 else Time()
+
+
+def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
+    """Turn an estimate into a message."""
+    message = InertialEstimateMessage()
+    message.header.stamp = time_message(estimate.stamp)
+    message.header.frame_id = estimate.frame_id
+    inertia, parameters = message.inertia, estimate.parameters
+    inertia.m = parameters.mass
+    inertia.com.x, inertia.com.y, inertia.com.z = parameters.com.tolist()
+    inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz = parameters.inertia_vector.tolist()
+    message.covariance = np.ascontiguousarray(estimate.covariance).ravel()
+    force, torque = message.bias.force, message.bias.torque
+    force.x, force.y, force.z, torque.x, torque.y, torque.z = estimate.bias.tolist()
+    message.bias_covariance = np.ascontiguousarray(estimate.bias_covariance).ravel()
+    message.delay, message.delay_std = float(estimate.delay), float(estimate.delay_std)
+    message.method = estimate.method
+    message.consistent = estimate.consistent
+    message.unidentified = list(estimate.unidentified)
+    message.condition_number = float(estimate.condition_number)
+    message.n_samples = min(estimate.n_samples, 2**32 - 1)
+    message.rejected = [
+        RejectedInterval(
+            start=time_message(span.start), end=time_message(span.end), samples=span.n_samples, reason=span.reason
+        )
+        for span in estimate.rejected
+    ]
+    message.residual_force, message.residual_torque = estimate.residual_force, estimate.residual_torque
+    return message
+
+
+def no_estimate_message(error: PoiseError, frame_id: str) -> InertialEstimateMessage:
+    """Say with a message that there is no estimate yet, and why; every number in it is NaN."""
+    message = InertialEstimateMessage(error=to_message(error))
+    message.header.frame_id = frame_id
+    inertia, nan = message.inertia, float("nan")
+    inertia.m = inertia.com.x = inertia.com.y = inertia.com.z = nan
+    inertia.ixx = inertia.ixy = inertia.ixz = inertia.iyy = inertia.iyz = inertia.izz = nan
+    message.covariance, message.bias_covariance = np.full(100, nan), np.full(36, nan)
+    force, torque = message.bias.force, message.bias.torque
+    force.x = force.y = force.z = torque.x = torque.y = torque.z = nan
+    message.delay = message.delay_std = message.condition_number = nan
+    message.residual_force = message.residual_torque = nan
+    return message

@@ -1,0 +1,91 @@
+"""docs/identify.md: its examples run, and what it says of options, reasons and fields is so."""
+
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from poise.cli import run
+from poise.inertia import online, tracks
+from poise.inertia.tracks import PairingSettings
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "identify.md").read_text(encoding="utf-8")
+COMMANDS = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL) for line in block.splitlines()]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch) -> Path:
+    """A folder with the bags in it, as a reader of the page has."""
+    shutil.copytree(ROOT / "bags", tmp_path / "bags")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("example", re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+def test_the_python_examples_run(example, here):
+    done = subprocess.run([sys.executable, "-c", example], cwd=here, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("line", [line for line in COMMANDS if line.startswith("poise identify")])
+def test_the_commands_run(line, here, capsys):
+    assert run(shlex.split(line)[1:]) == 0
+    printed = capsys.readouterr().out.replace("│", " ").split()
+    table = re.search(r"```text\n(.*?)```", PAGE, re.DOTALL).group(1).split()
+    position = 0
+    for word in table:  # in this order, with the table's lines around
+        position = printed.index(word, position) + 1
+
+
+def test_the_command_that_compares_runs(here, capsys):
+    (line,) = [line for line in COMMANDS if line.startswith("poise evaluate")]
+    (here / "bags" / "kuka_at_rest.mcap").unlink()  # has no kinematics, and says so with status 2
+    assert run(shlex.split(line)[1:]) == 0
+    assert "0.9323" in capsys.readouterr().out
+
+
+def test_every_field_of_the_json_is_on_the_page_and_the_other_way_round(here, capsys):
+    assert run(["identify", "bags/kuka_static_poses.mcap", "--json", "-"]) == 0
+    section = PAGE.split("## JSON")[1].split("## ")[0]
+    left = "\n".join(line.split("|")[1] for line in section.splitlines() if line.startswith("| `"))
+    assert set(re.findall(r"`(\w+)`", left)) == set(json.loads(capsys.readouterr().out))
+
+
+def test_every_reason_is_on_the_page():
+    section = PAGE.split("## What is left out")[1].split("## ")[0]
+    named = set(re.findall(r"^\| `(\w+)`", section, re.MULTILINE))
+    assert named == {
+        online.NOT_FINITE,
+        online.SATURATED,
+        online.OUT_OF_ORDER,
+        tracks.MOVING,
+        tracks.NO_KINEMATICS,
+        tracks.STALE,
+    }
+
+
+def test_the_numbers_of_the_page_are_the_defaults():
+    settings = PairingSettings()
+    assert f"{settings.rest_turning} rad/s" in PAGE
+    assert f"{settings.rest_speed * 100:.0f} cm/s within {settings.rest_window} s" in PAGE
+    assert f"gap of more than {settings.max_gap} s ({settings.rest_gap:.0f} s between equal poses)" in PAGE
+    assert f"within {settings.edge} s of one" in PAGE
+    assert f"up to {settings.block + settings.margin + settings.edge:.1f} s for `ols`" in PAGE
+    written = yaml.safe_load((ROOT / "config" / "inertial_estimator.yaml").read_text())
+    (parameters,) = (node["inertial_estimator"]["ros__parameters"] for node in written.values())
+    for name in ("max_gap", "rest_gap", "rest_window", "rest_turning", "rest_speed", "block", "margin"):
+        assert parameters[name] == getattr(settings, name)
+
+
+def test_the_pictures_and_links_of_the_page_exist():
+    targets = re.findall(r"\]\(([^)]+)\)", PAGE)
+    assert targets
+    for target in targets:
+        assert (ROOT / "docs" / target).exists(), target
