@@ -18,8 +18,11 @@ from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
 
-SIGMAS = 0.6
-"""One sigma of the prior in units of the tolerance: that of errors spread evenly inside it, 1/sqrt(3), rounded up."""
+SIGMAS = 0.5
+"""One sigma of the prior in units of the tolerance: two sigma is what is declared good enough."""
+
+CROSS = 0.1
+"""Gain across axes (within force, within torque) in units of that along them: what is left after calibration."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +43,6 @@ class Group:
 def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
     """All groups for a world; the wrench that gain, rotation and clock act on is `world.prediction`."""
     wrench = world.prediction
-    gain = np.zeros((len(world), 6, 6))
-    gain[:, range(6), range(6)] = wrench * tolerance.sensor_gain
     middle = (world.seconds[0] + world.seconds[-1]) / 2
     ramp = (world.seconds - middle) / max(world.duration, 1e-9)
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
@@ -51,12 +52,22 @@ def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
         ("payload", payload_columns(world, tolerance)),
         ("bias", np.broadcast_to(np.diag(bias), (len(world), 6, 6))),
         ("drift", ramp[:, None, None] * np.diag(drift)),
-        ("gain", gain),
+        ("gain", gain_columns(wrench) * tolerance.sensor_gain),
         ("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         ("joints", joint_columns(world) * tolerance.joint_offset),
         ("clock", late * tolerance.clock_offset),
     ]
     return tuple(Group(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
+
+
+def gain_columns(wrench: Array) -> Array:
+    """(N, 6, 18) response to the gains of the six axes, and to the twelve across axes in units of `CROSS`."""
+    out = np.zeros((len(wrench), 6, 18))
+    out[:, range(6), range(6)] = wrench
+    across = [(i, j) for i in range(6) for j in range(6) if i != j and i // 3 == j // 3]
+    for column, (i, j) in enumerate(across, start=6):
+        out[:, i, column] = CROSS * wrench[:, j]
+    return out
 
 
 def payload_columns(world: World, tolerance: Tolerance) -> Array:

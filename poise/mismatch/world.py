@@ -136,10 +136,9 @@ class World:
 
     @cached_property
     def speed(self) -> Array:
-        """(N,) how fast things move, 0 to 1: the largest joint speed (or the sensor's turning, without joints)."""
+        """(N,) rad/s: the norm of the joints' speeds (or of the sensor's turning, without joints)."""
         rates = self.angular_velocity if self.joints is None else self.joints.velocity
-        fastest = np.abs(rates).max(axis=1)
-        return np.asarray(fastest / max(float(fastest.max()), 1e-9))
+        return np.asarray(np.linalg.norm(rates, axis=1))
 
     def has(self, what: str) -> bool:
         """Whether the recording holds "joints", "effort", a "base" that moves, or a "load" that weighs anything."""

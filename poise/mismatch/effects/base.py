@@ -39,6 +39,8 @@ class Parameter:
         low, high: of a non-linear parameter: its prior is uniform between them. What lies outside is not tried.
         linear: the response is proportional to it, for given non-linear parameters.
         log: the prior of a non-linear parameter is uniform in its logarithm (times, frequencies, stiffnesses).
+        peaked: the prior of a non-linear parameter is a Cauchy distribution about zero with half-width `scale`, cut at
+            low and high: mostly small, now and then large.
         choice: a non-linear parameter that takes few whole values (the number of a joint); it is taken from
             `Effect.starts` and never refined.
         resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
@@ -53,23 +55,24 @@ class Parameter:
     high: float = np.inf
     linear: bool = True
     log: bool = False
+    peaked: bool = False
     choice: bool = False
     resolution: float = 0.0
     hidden: bool = False
 
     def to_unit(self, value: float) -> float:
         """Where a value lies in its prior, 0 to 1 (the distribution function)."""
-        low, high, at = self._stretched(self.low, self.high, value)
+        low, high, at = (self._stretched(number) for number in (self.low, self.high, value))
         return float(np.clip((at - low) / (high - low), 0.0, 1.0))
 
     def from_unit(self, place: float) -> float:
         """The value at a place 0 to 1 of its prior."""
-        low, high = self._stretched(self.low, self.high)
+        low, high = self._stretched(self.low), self._stretched(self.high)
         value = low + (high - low) * min(max(place, 0.0), 1.0)
-        return float(np.exp(value) if self.log else value)
+        return float(np.exp(value)) if self.log else float(np.tan(value) * self.scale) if self.peaked else value
 
-    def _stretched(self, *values: float) -> tuple[float, ...]:
-        return tuple(float(np.log(value)) for value in values) if self.log else values
+    def _stretched(self, value: float) -> float:
+        return float(np.log(value)) if self.log else float(np.arctan(value / self.scale)) if self.peaked else value
 
 
 class Effect(ABC):
@@ -84,6 +87,7 @@ class Effect(ABC):
         excited_by: what a motion must have for it to show.
         separating_motion: the motion that tells it from what it is confused with; a sentence.
         confused_with: names of effects that look like it on poor motions.
+        order: among effects of one layer, the lower acts first.
         needs: what the recording must hold: of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
         widens: name of the calibration group (poise.mismatch.calibration) that it is the excess of, or "".
@@ -99,6 +103,7 @@ class Effect(ABC):
     confused_with: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     transfers: ClassVar[bool] = True
+    order: ClassVar[int] = 0
     widens: ClassVar[str] = ""
 
     @abstractmethod

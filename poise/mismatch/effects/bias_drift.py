@@ -9,11 +9,11 @@ from poise.mismatch.world import World
 
 
 class BiasDrift(Effect):
-    """w_read = w + r (t - middle): the rate is what counts, the offset is the bias's business."""
+    """w_read = w + d (t - middle) / T: the change d is what counts, the offset is the bias's business."""
 
     name = "bias_drift"
     layer = "sensor"
-    equation = "w_read = w + r (t - t_middle), r constant in sensor axes"
+    equation = "w_read = w + d (t - t_middle) / T, d in sensor axes: the change over the recording of length T"
     source = "Robotiq FT 300-S manual, section 7 (drift); first order in time"
     excited_by = "time alone"
     separating_motion = "visit the same pose at the start, in the middle and at the end"
@@ -21,19 +21,20 @@ class BiasDrift(Effect):
     widens = "drift"
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
-        span = max(world.duration, 1.0)
+        del world
         return tuple(
-            Parameter(f"{axis}_rate", unit, size / span)
-            for axis, unit, size in zip(AXES, ["N/s"] * 3 + ["N m/s"] * 3, [1.0] * 3 + [0.08] * 3, strict=True)
+            Parameter(axis, unit, size)
+            for axis, unit, size in zip(AXES, ["N"] * 3 + ["N m"] * 3, [0.6] * 3 + [0.04] * 3, strict=True)
         )
 
     def columns(self, world: World, nonlinear: Values) -> Array:
         del nonlinear
         middle = (world.seconds[0] + world.seconds[-1]) / 2
-        return np.asarray((world.seconds - middle)[:, None, None] * np.eye(6))
+        return np.asarray(((world.seconds - middle) / world.duration)[:, None, None] * np.eye(6))
 
     def sentence(self, world: World, values: Values) -> str:
-        change = np.array([values[f"{axis}_rate"] for axis in AXES]) * world.duration
+        del world
+        change = np.array([values[axis] for axis in AXES])
         return (
             f"Over the recording the sensor's zero drifts by {directed(change[:3].tolist(), 'N')} and "
             f"{np.linalg.norm(change[3:]):.3f} N m: the nominal model's sensor does not drift."

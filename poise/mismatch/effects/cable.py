@@ -9,7 +9,7 @@ from poise.mismatch.load import forces_at
 from poise.mismatch.world import World
 
 ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
-HOOK = ("hook_x", "hook_y", "hook_z")
+HOOK = ("x", "y", "z")
 
 
 class Cable(Effect):
@@ -38,7 +38,7 @@ class Cable(Effect):
             Parameter("on_base", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
             *anchors,
             *hooks,
-            Parameter("length", "m", low=0.0, high=4.0, linear=False),
+            Parameter("rest_length", "m", low=0.0, high=4.0, linear=False),
             Parameter("stiffness", "N/m", 30.0),
             Parameter("damping", "N s/m", 5.0),
         )
@@ -63,7 +63,7 @@ class Cable(Effect):
                     "on_base": on_base,
                     **dict(zip(ANCHOR, anchor.tolist(), strict=True)),
                     **dict.fromkeys(HOOK, 0.0),
-                    "length": slack,
+                    "rest_length": slack,
                 }
 
     def columns(self, world: World, nonlinear: Values) -> Array:
@@ -71,8 +71,8 @@ class Cable(Effect):
         away = np.array([nonlinear[name] for name in ANCHOR]) - hook
         length = np.linalg.norm(away, axis=1)
         toward = away / np.maximum(length, 1e-6)[:, None]
-        taut = length > nonlinear["length"]
-        stretch = np.where(taut, length - nonlinear["length"], 0.0)
+        taut = length > nonlinear["rest_length"]
+        stretch = np.where(taut, length - nonlinear["rest_length"], 0.0)
         rate = np.where(taut, np.gradient(length, world.seconds), 0.0)
         pull = world.to_sensor(np.einsum("nij,nj->ni", turn, toward))
         point = np.array([nonlinear[name] for name in HOOK])

@@ -27,21 +27,21 @@ class ClockOffset(Effect):
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         del world
-        return (Parameter("delay", "s", low=-LARGEST, high=LARGEST, linear=False),)
+        return (Parameter("offset", "s", 0.02, -LARGEST, LARGEST, linear=False, peaked=True),)
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         weight = np.repeat([1.0, 20.0], 3)
         wanted = residual * weight
         tried = np.arange(-LARGEST, LARGEST + 0.005, 0.01)
         misfit = [float(np.var(wanted - self._shift(world, delay) * weight, axis=0).sum()) for delay in tried]
-        yield {"delay": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * LARGEST, 0.99 * LARGEST))}
+        yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * LARGEST, 0.99 * LARGEST))}
 
     def simulate(self, world: World, values: Values) -> Array:
-        moved = at_times(world.seconds, world.prediction, world.seconds - values["delay"])
+        moved = at_times(world.seconds, world.prediction, world.seconds - values["offset"])
         return np.asarray(moved - world.prediction)
 
     def sentence(self, world: World, values: Values) -> str:
-        delay = values["delay"]
+        delay = values["offset"]
         return (
             f"The wrench's stamps are {1e3 * abs(delay):.1f} ms {'late' if delay > 0 else 'early'} "
             "against the joints': the nominal model has one clock."

@@ -10,7 +10,7 @@ from poise.mismatch.starts import bursts
 from poise.mismatch.wording import directed
 from poise.mismatch.world import World
 
-POINT = ("point_x", "point_y", "point_z")
+POINT = ("x", "y", "z")
 KNOTS = 7
 REACH = 0.5
 

@@ -8,11 +8,11 @@ from poise.mismatch.world import World
 
 
 class JointOffset(Effect):
-    """q_true = q_read + d, joint by joint: gravity and all motion above the joint reach the sensor turned."""
+    """q_read = q_true + d, joint by joint: gravity and all motion above the joint reach the sensor turned."""
 
     name = "joint_offset"
     layer = "kinematics"
-    equation = "q_true = q_read + d; dw = (dw/dq) d with the exact derivative of the sensor's motion"
+    equation = "q_read = q_true + d; dw = -(dw/dq) d with the exact derivative of the sensor's motion"
     source = "kinematic calibration (Mooring, Roth, Driels 1991); derivatives: Carpentier and Mansard 2018"
     excited_by = "attitudes in which the joint turns gravity in the sensor"
     separating_motion = "move the other joints: an offset acts through the arm's pose, a turned sensor does not"
@@ -22,16 +22,18 @@ class JointOffset(Effect):
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         names = () if world.joints is None else world.joints.names
-        return tuple(Parameter(name, "rad", 0.02) for name in names)
+        return tuple(Parameter(f"offset_{i}", "rad", 0.01) for i in range(1, len(names) + 1))
 
     def columns(self, world: World, nonlinear: Values) -> Array:
         del nonlinear
-        return joint_columns(world)
+        return -joint_columns(world)
 
     def sentence(self, world: World, values: Values) -> str:
-        worst = max(values, key=lambda name: abs(values[name]))
+        names = () if world.joints is None else world.joints.names
+        offsets = [values[f"offset_{i}"] for i in range(1, len(names) + 1)]
+        worst = int(np.argmax(np.abs(offsets)))
         return (
-            f"The zero of {worst} is off by {np.degrees(values[worst]):+.2f} degrees: "
+            f"The encoder of {names[worst]} reads {np.degrees(offsets[worst]):+.2f} degrees too much: "
             "the nominal model takes its encoder at its word."
         )
 

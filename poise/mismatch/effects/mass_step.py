@@ -50,6 +50,11 @@ class MassStep(Effect):
     def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
         return ((values["time"], float(world.seconds[-1])),)
 
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        del world
+        mass = values["mass"] or 1e-9
+        return {axis: (values[f"moment_{axis}"] / mass, "m") for axis in "xyz"}
+
     def sentence(self, world: World, values: Values) -> str:
         change = "heavier" if values["mass"] > 0 else "lighter"
         return (

@@ -26,8 +26,8 @@ class PayloadParameters(Effect):
         mass = max(float(world.phi[0]), 0.5)
         return (
             Parameter("mass", "kg", 0.15 * mass),
-            *(Parameter(name, "kg m", 0.03 * mass) for name in ROWS[1:4]),
-            *(Parameter(name, "kg m2", 0.01 * mass) for name in ROWS[4:]),
+            *(Parameter(name, "kg m", 0.02 * mass, hidden=True) for name in ROWS[1:4]),
+            *(Parameter(name, "kg m2", 0.005 * mass, hidden=True) for name in ROWS[4:]),
         )
 
     def columns(self, world: World, nonlinear: Values) -> Array:
@@ -35,9 +35,13 @@ class PayloadParameters(Effect):
         return regressor(world.specific, world.angular_velocity, world.angular_acceleration)
 
     def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        body = self._body(world, values)
-        com = [(f"com_{axis}", (float(value), "m")) for axis, value in zip("xyz", body.com, strict=True)]
-        return {"true_mass": (body.mass, "kg"), **dict(com)}
+        body, nominal = self._body(world, values), InertialParameters.from_phi(world.phi)
+        com = np.nan_to_num(body.com - nominal.com)
+        inertia = np.nan_to_num(body.inertia_vector - nominal.inertia_vector)
+        told = {f"com_{axis}": (float(value), "m") for axis, value in zip("xyz", com, strict=True)}
+        return told | {
+            f"inertia_{row[1:]}": (float(value), "kg m2") for row, value in zip(ROWS[4:], inertia, strict=True)
+        }
 
     def sentence(self, world: World, values: Values) -> str:
         body = self._body(world, values)

@@ -6,6 +6,7 @@ from poise.mismatch.effects.base import Array, Effect, Parameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
 from poise.mismatch.world import World
 
+CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 LEVER = 0.1
 """m: a sensor's force range over its torque range (FT 300: 300 N, 30 N m), which scales crosstalk between the two."""
 
@@ -26,11 +27,11 @@ class SensorGain(Effect):
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         del world
         made = []
-        for i, read in enumerate(AXES):
-            for j, felt in enumerate(AXES):
+        for i, read in enumerate(CHANNELS):
+            for j, felt in enumerate(CHANNELS):
                 unit = "" if i // 3 == j // 3 else "m" if i > j else "1/m"
-                size = 0.05 if i == j else 0.03 if i // 3 == j // 3 else 0.03 * LEVER if i > j else 0.03 / LEVER
-                made.append(Parameter(f"scale_{read}" if i == j else f"{read}_from_{felt}", unit, size, hidden=i != j))
+                size = 0.03 if i // 3 == j // 3 else 0.03 * LEVER if i > j else 0.03 / LEVER
+                made.append(Parameter(f"gain_{read}_{felt}", unit, size))
         return tuple(made)
 
     def columns(self, world: World, nonlinear: Values) -> Array:

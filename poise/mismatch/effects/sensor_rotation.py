@@ -26,7 +26,7 @@ class SensorRotation(Effect):
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         del world
-        return tuple(Parameter(name, "rad", low=-0.5, high=0.5, linear=False) for name in NAMES)
+        return tuple(Parameter(name, "rad", 0.02, -0.5, 0.5, linear=False, peaked=True) for name in NAMES)
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         """First order: the residual is w x r, for force and torque alike."""

@@ -8,7 +8,7 @@ from poise.mismatch.effects.base import Array, Effect, Parameter, Values
 from poise.mismatch.wording import directed
 from poise.mismatch.world import World
 
-POINT = ("point_x", "point_y", "point_z")
+POINT = ("x", "y", "z")
 FORCE = ("force_x", "force_y", "force_z")
 REACH = 0.5
 """m from the sensor within which the force attacks."""
