@@ -7,6 +7,7 @@
 - `estimate`: `InertialEstimate`, `Identification`, `RejectedInterval`: what is handed over.
 - `sources`, `tracks`: joint states or tf -> the sensor's motion and where it rests, as they come in (`buffer`).
 - `online`: `OnlineEstimator`, wrenches and motion stream in; `rejection` keeps count of what was not used.
+- `live`: `LiveEstimator`, the same for messages as they arrive, of whatever comes; `status` says how it goes.
 - `identification`: `identify`, the same for a recording.
 """
 

@@ -212,3 +212,55 @@ def test_mostly_unusable_samples_are_a_warning_that_names_the_reason(scene):
     told = status_of(live, 1.0)
     assert told.level is Level.WARN
     assert "not_finite" in told.message
+
+
+# -- a stream full of rubbish ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rubbish_in_between_neither_stops_it_nor_moves_the_answer(scene, seed):
+    """Messages with missing joints, no numbers, wild stamps and foreign frames, between good ones."""
+    rng = np.random.default_rng(seed)
+    live = LiveEstimator(LiveOptions(method="static", saturation=(1e3, 1e3)))
+    live.set_robot_description(URDF, 0.0)
+    joints, wrench = scene.joints, scene.wrench
+    start = int(joints.stamps[0])
+    stream = [(int(stamp), "j", k) for k, stamp in enumerate(joints.stamps)]
+    stream += [(int(stamp), "w", k) for k, stamp in enumerate(wrench.stamps)]
+    for stamp, kind, k in sorted(stream):
+        now = (stamp - start) * 1e-9
+        if kind == "j":
+            live.add_joint_state(stamp, joints.names, joints.position[k], [], now)
+        else:
+            live.add_wrench(stamp, "ft_sensor", wrench.wrench_in_sensor[k], now)
+        if rng.random() < 0.2 and live.sensor_frame:  # the first wrench says which sensor is meant
+            _add_rubbish(live, rng, stamp, now)
+        if rng.random() < 0.05:
+            live.update(now)
+        if rng.random() < 0.001:
+            wild = int(rng.integers(-(2**31), 2**31)) * 10**9
+            live.add_joint_state(wild, joints.names, rng.normal(size=7), [], now)
+            live.add_wrench(wild, "ft_sensor", rng.normal(size=6), now)
+    live.update(now + QUIET + 0.1)
+    estimate = live.estimate()
+    assert estimate.parameters.mass == pytest.approx(LOAD.mass, abs=0.005)
+    np.testing.assert_allclose(estimate.parameters.com, LOAD.com, atol=0.001)
+    assert live.n_samples > 100
+    assert status_of(live, 6.0).values["wrenches_of_other_frames"] != "0"
+
+
+def _add_rubbish(live: LiveEstimator, rng: np.random.Generator, stamp: int, now: float) -> None:
+    names = live.joints.model.joint_names if live.joints else ("fr3_joint1",)
+    kind = int(rng.integers(6))
+    if kind == 0:
+        live.add_wrench(stamp, "ft_sensor", np.where(rng.random(6) < 0.5, np.nan, 1.0) * np.inf, now)
+    elif kind == 1:
+        live.add_wrench(stamp, "elsewhere", rng.normal(size=6), now)
+    elif kind == 2:
+        live.add_joint_state(stamp, names[:-1], rng.normal(size=len(names) - 1), [], now)
+    elif kind == 3:
+        live.add_joint_state(stamp, names, np.full(len(names), rng.choice([np.nan, np.inf])), [], now)
+    elif kind == 4:
+        live.add_joint_state(stamp, names, [], [], now)
+    else:
+        live.add_wrench(stamp, "ft_sensor", rng.normal(size=6) * 1e6, now)
