@@ -1,0 +1,160 @@
+"""How hard may each of these be pushed? The answer of the robustness service and of `poise robustness`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from poise.assembly.analysis import Analysis, Mechanism
+from poise.assembly.geometry import Array
+from poise.assembly.models import MODELS, Collapses, Deadline, Model
+from poise.assembly.pushes import Loads, Push, loads_of
+from poise.assembly.scene import Assembly
+from poise.errors import ErrorCode, InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """How hard one push can be before something moves.
+
+    Args:
+        robustness: N; inf when no force along this line moves anything. The factor on all forces, for several.
+        lower, upper: N; certified by the model: lower <= truth <= upper.
+        checked: elastic contacts with Coulomb friction hold 98 % of it, or lowered it to what they hold.
+    """
+
+    robustness: float
+    lower: float
+    upper: float
+    checked: bool
+    _evidence: "_Evidence"
+
+    @property
+    def mode(self) -> str:
+        """none, slip, topple or mixed."""
+        mechanism = self._evidence.mechanism
+        return "none" if mechanism is None else mechanism.mode
+
+    @property
+    def moves(self) -> tuple[str, ...]:
+        """Ids of what moves first."""
+        mechanism = self._evidence.mechanism
+        if mechanism is None:
+            return ()
+        return tuple(mechanism.block.structure.assembly.objects[place].id for place in mechanism.velocities)
+
+    @property
+    def mechanism(self) -> Array:
+        """(len(moves), 6) velocity of each com, m/s, and angular velocity, rad/s, in the assembly's frame.
+
+        Scaled so that the pushed point moves at 1 m/s along the push.
+        """
+        return self._evidence.scaled
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """Where a robustness comes from; worked out when asked for."""
+
+    collapses: Collapses
+    loads: Loads
+    question: int
+
+    @property
+    def mechanism(self) -> Mechanism | None:
+        return self.collapses.mechanisms[self.question]
+
+    @cached_property
+    def scaled(self) -> Array:
+        if self.mechanism is None:
+            return np.zeros((0, 6))
+        velocities = self.mechanism.velocities
+        objects = self.mechanism.block.structure.assembly.objects
+        power = 0.0
+        for row in np.flatnonzero(self.loads.question == self.question):
+            place = int(self.loads.place[row])
+            if place in velocities:
+                wrench, velocity = self.loads.wrench[row], velocities[place]
+                moment = wrench[3:] - np.cross(objects[place].com_in_world, wrench[:3])
+                power += float(wrench[:3] @ velocity[:3] + moment @ velocity[3:])
+        return np.array(list(velocities.values())).reshape(-1, 6) / (power if abs(power) > 1e-12 else 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """Answers about an assembly.
+
+    Args:
+        stable: it stands by itself.
+        margin: N by which every interface could press less and still hold; 0 on the verge of moving; negative when
+            it falls.
+        falling: ids of what falls, or is on the verge of it.
+        results: one per push; all 0 when the assembly does not stand.
+        complete: the deadline left time for all; otherwise bounds may be 0 and inf.
+    """
+
+    stable: bool
+    margin: float
+    falling: tuple[str, ...]
+    results: tuple[Robustness, ...]
+    complete: bool = True
+
+
+def assess(
+    assembly: Assembly | Analysis,
+    pushes: Sequence[Push | Sequence[Push]],
+    model: str | None = None,
+    deadline: float | None = None,
+) -> Assessment:
+    """How hard each push may be before something moves.
+
+    Args:
+        assembly: prepared as an `Analysis` when more questions will follow.
+        pushes: single ones, or sequences of pushes that grow together.
+        model: a name in `MODELS`; None: default.
+        deadline: s; what is certified by then is returned, with `complete` False.
+
+    Raises:
+        InputError: a bad push or model name; INTERPENETRATION, FLOATING.
+        NoAnswerError: SOLVER_FAILED.
+    """
+    clock = Deadline.after(deadline)
+    solve = find_model(model)
+    analysis = Analysis.of(assembly)
+    loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
+    if analysis.stable:
+        collapses = solve(analysis, loads, clock)
+    else:
+        collapses = Collapses.start(loads.count)
+        collapses.lower[:] = collapses.upper[:] = 0.0
+    return Assessment(
+        analysis.stable, analysis.margin, analysis.falling, robustness(collapses, loads), collapses.complete
+    )
+
+
+def robustness(collapses: Collapses, loads: Loads) -> tuple[Robustness, ...]:
+    """Results of a model, one per question."""
+    # Where elastic contacts hold less than limit analysis allows, or time ran out, the lower bound is what is known.
+    lowered = collapses.lower < 0.999 * collapses.upper
+    values = np.where(lowered, collapses.lower, collapses.upper)
+    rows = zip(
+        values.tolist(), collapses.lower.tolist(), collapses.upper.tolist(), collapses.checked.tolist(), strict=True
+    )
+    return tuple(
+        Robustness(value, min(lower, upper), upper, checked, _Evidence(collapses, loads, question))
+        for question, (value, lower, upper, checked) in enumerate(rows)
+    )
+
+
+def find_model(name: str | None) -> Model:
+    """A model by name; none or empty is the default.
+
+    Raises:
+        InputError: BAD_INPUT.
+    """
+    if not name:
+        return MODELS["default"]
+    if name not in MODELS:
+        raise InputError(ErrorCode.BAD_INPUT, f"there is no model {name!r}; there are {', '.join(sorted(MODELS))}")
+    return MODELS[name]

@@ -1,0 +1,27 @@
+"""Model `limit`: limit analysis with exact Coulomb cones at the corners of every interface, one small SOCP per load."""
+
+import numpy as np
+from scipy.sparse import csc_array, diags_array, vstack
+
+from poise.assembly.block import BlockGeometry
+from poise.assembly.equilibrium import cone_rows
+from poise.assembly.gauge import Gauge, GaugeProgram
+from poise.assembly.geometry import Array
+from poise.assembly.solvers import Cones
+
+
+def limit_program(geometry: BlockGeometry) -> GaugeProgram:
+    """The gauge of loads on a block whose contact forces lie in |t| <= mu n at each corner (thesis eq. 4.7, 4.11)."""
+    corners = len(geometry.points)
+    cone = diags_array(cone_rows(geometry.friction).ravel())
+    gravity = csc_array(geometry.gravity.reshape(1, -1))
+    matrix = vstack([-gravity, -(cone @ geometry.grasp.T)], format="csc")
+    right = np.concatenate([[1.0], np.zeros(3 * corners)])
+    return GaugeProgram(matrix, right, Cones(nonnegative=1, second_order=(3,) * corners), 6 * geometry.count)
+
+
+def forces_at_collapse(geometry: BlockGeometry, gauge: Gauge) -> Array | None:
+    """(K, 3) contact forces (normal, two tangents; in block weights) at the factor 1 / gauge; None without collapse."""
+    if gauge.multipliers is None or gauge.value == 0:
+        return None
+    return gauge.multipliers[1:].reshape(-1, 3) * cone_rows(geometry.friction) / gauge.value

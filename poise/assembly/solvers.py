@@ -1,0 +1,183 @@
+"""The one door to the conic solver (Clarabel): finite data in, capped time, an own check of every answer."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+import clarabel
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from poise.assembly.geometry import Array
+from poise.errors import ErrorCode, NoAnswerError
+
+MAX_ITERATIONS = 200
+TIME_LIMIT = 30.0
+TOLERANCE = 1e-9
+# What is left of the equations in an accepted answer, relative to the data. Clarabel itself aims at TOLERANCE.
+ACCEPTED_RESIDUAL = 1e-5
+# Matrices up to this many entries are multiplied dense.
+DENSE = 40_000
+
+
+class Outcome(Enum):
+    """How a program ended."""
+
+    SOLVED = "solved"
+    INFEASIBLE = "no point satisfies the constraints"
+    UNBOUNDED = "the objective falls without end"
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Answer of a program.
+
+    Args:
+        outcome: see `Outcome`.
+        x: (n,) the minimiser; a direction of unending descent when unbounded.
+        z: (m,) multipliers of the rows; a certificate when infeasible.
+        value: of the objective at x.
+        dual_value: of the dual objective at z, which bounds the minimum from below.
+    """
+
+    outcome: Outcome
+    x: Array
+    z: Array
+    value: float
+    dual_value: float
+
+
+@dataclass(frozen=True)
+class Cones:
+    """The cone of the slacks: `zero` equations, then `nonnegative` rows, then second-order cones of these sizes."""
+
+    zero: int = 0
+    nonnegative: int = 0
+    second_order: tuple[int, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        return self.zero + self.nonnegative + sum(self.second_order)
+
+    def for_clarabel(self) -> list[object]:
+        cones: list[object] = []
+        if self.zero:
+            cones.append(clarabel.ZeroConeT(self.zero))
+        if self.nonnegative:
+            cones.append(clarabel.NonnegativeConeT(self.nonnegative))
+        return cones + [clarabel.SecondOrderConeT(size) for size in self.second_order]
+
+
+class ConicProgram:
+    """min 1/2 x'Px + q'x subject to b - A x in a cone; kept in memory, so that only q is sent again.
+
+    A solver of its own per program: not to be shared between threads.
+
+    Args:
+        matrix: (m, n) A.
+        right: (m,) b.
+        cones: what the m rows are, in this order.
+        quadratic: (n, n) P, positive semidefinite; None: zero.
+        tolerance: of feasibility and of the gap, relative.
+        time_limit: for one solve, s.
+
+    Raises:
+        NoAnswerError: SOLVER_FAILED when the data is not finite.
+    """
+
+    def __init__(
+        self,
+        matrix: Any,
+        right: Array,
+        cones: Cones,
+        quadratic: Any = None,
+        tolerance: float = TOLERANCE,
+        time_limit: float = TIME_LIMIT,
+    ) -> None:
+        self._A: Any = csc_matrix(matrix, copy=True)
+        self._b = np.asarray(right, dtype=np.float64)
+        rows, columns = self._A.shape
+        self._P: Any = csc_matrix((columns, columns)) if quadratic is None else csc_matrix(quadratic)
+        if rows != cones.rows or rows != len(self._b):
+            raise ValueError(f"{rows} rows, {len(self._b)} right sides, cones of {cones.rows} rows")
+        for data in (self._A.data, self._b, self._P.data):
+            _check_finite(data)
+        self._solver = clarabel.DefaultSolver(
+            self._P, np.zeros(columns), self._A, self._b, cones.for_clarabel(), _settings(tolerance, time_limit)
+        )
+        self._scale = 1.0 + _norm(self._b)
+        self._dense = rows * columns <= DENSE
+        self._prepare_check()
+        self._curvature = None if quadratic is None else self._P
+
+    def _prepare_check(self) -> None:
+        """Keep A and its transpose as the check of answers multiplies fastest: small ones dense."""
+        self._rows: Any = self._A.toarray() if self._dense else self._A
+        self._columns: Any = self._rows.T if self._dense else self._A.T.tocsr()
+
+    def set_matrix(self, data: Array) -> None:
+        """Replace the stored entries of A (in the order of its `data`), leaving where they are.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED when one is not finite.
+        """
+        _check_finite(data)
+        self._A.data[:] = data
+        self._prepare_check()
+        self._solver.update(A=self._A)
+
+    def solve(self, q: Array) -> Solution:
+        """Minimise for the linear objective q (n,).
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED: q not finite, no convergence within the caps, or the answer fails the check.
+        """
+        _check_finite(q)
+        self._solver.update(q=q)
+        raw = self._solver.solve()
+        x, z = np.array(raw.x), np.array(raw.z)
+        status = raw.status
+        if status in (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible):
+            return Solution(Outcome.INFEASIBLE, x, z, np.inf, np.inf)
+        if status in (clarabel.SolverStatus.DualInfeasible, clarabel.SolverStatus.AlmostDualInfeasible):
+            return Solution(Outcome.UNBOUNDED, x, z, -np.inf, -np.inf)
+        self._check(raw, x, z, q)
+        return Solution(Outcome.SOLVED, x, z, float(raw.obj_val), float(raw.obj_val_dual))
+
+    def _check(self, raw: "clarabel.DefaultSolution", x: Array, z: Array, q: Array) -> None:
+        """Accept an answer by its own residuals, whatever the solver calls it."""
+        primal = _norm(self._rows @ x + np.array(raw.s) - self._b)
+        gradient = self._columns @ z + q
+        if self._curvature is not None:
+            gradient += self._curvature @ x
+        dual = _norm(gradient)
+        good = primal <= ACCEPTED_RESIDUAL * (self._scale + _norm(x))
+        good = good and dual <= ACCEPTED_RESIDUAL * (1.0 + _norm(q) + _norm(z))
+        gap = abs(raw.obj_val - raw.obj_val_dual)
+        if not (good and gap <= 1e-4 * (1.0 + abs(raw.obj_val))):
+            raise NoAnswerError(
+                ErrorCode.SOLVER_FAILED,
+                f"the conic solver stopped with {raw.status} after {raw.iterations} iterations and residuals "
+                f"{primal:.1e}, {dual:.1e}; check masses, sizes and friction for values far apart",
+            )
+
+
+def _settings(tolerance: float, time_limit: float) -> "clarabel.DefaultSettings":
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_iter = MAX_ITERATIONS
+    settings.time_limit = time_limit
+    settings.max_threads = 1
+    settings.presolve_enable = False  # it would forbid sending q alone
+    settings.direct_solve_method = "qdldl"
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    return settings
+
+
+def _check_finite(data: Array) -> None:
+    if not np.isfinite(data).all():
+        raise NoAnswerError(ErrorCode.SOLVER_FAILED, "a number that is not finite was about to reach the conic solver")
+
+
+def _norm(vector: Array) -> float:
+    return float(np.sqrt(vector @ vector))
