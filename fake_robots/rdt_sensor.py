@@ -1,6 +1,6 @@
 """An ATI sensor that is not there: RDT over loopback UDP and the web page, with faults on purpose.
 
-python -m poise.fake_robots.rdt_sensor --bag bags/baseline.mcap --rate 7000
+python -m poise.fake_robots.rdt_sensor --bag bags/kuka_free_motion.mcap --rate 7000
 """
 
 import argparse

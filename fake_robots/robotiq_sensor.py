@@ -1,6 +1,6 @@
 """A Robotiq FT 300 that is not there: the stream and Modbus RTU on a pseudo-terminal, with faults on purpose.
 
-python -m poise.fake_robots.robotiq_sensor --bag bags/baseline.mcap
+python -m poise.fake_robots.robotiq_sensor --bag bags/kuka_free_motion.mcap
 """
 
 import argparse
