@@ -1,6 +1,6 @@
 """PMD: point masses inside the object's shape, and a model that trusts motion as far as it can (thesis section 3.1)."""
 
-import clarabel  # type: ignore[import-untyped]
+import clarabel
 import numpy as np
 from scipy import sparse
 from scipy.spatial.distance import cdist
