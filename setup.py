@@ -145,8 +145,8 @@ setup(
             "pytest-timeout",
             "pytest-xdist",
             "hypothesis",
-            "ruff",
-            "mypy",
+            "ruff==0.17.5",  # another release formats differently
+            "mypy==2.4.1",  # and finds other things
             "types-PyYAML",
             "types-pyserial",
             "pre-commit",

@@ -15,9 +15,7 @@ def generate_launch_description() -> LaunchDescription:
     default = Path(get_package_share_directory("poise")) / "config" / "fake_robot_xarm7.yaml"
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "params_file", default_value=str(default), description="parameters of the robot"
-            ),
+            DeclareLaunchArgument("params_file", default_value=str(default), description="parameters of the robot"),
             DeclareLaunchArgument("namespace", default_value="", description="namespace of all topics"),
             Node(
                 package="poise",

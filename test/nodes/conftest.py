@@ -18,7 +18,7 @@ DOMAINS = 102
 TRANSPORT = {
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     # Without it a node is found 3 s after its start in a third of all starts.
-    "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).parent / "quick_discovery.xml"),
+    "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).resolve().parents[2] / "config" / "quick_discovery.xml"),
     # A killed node leaves files in shared memory.
     "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
 }
