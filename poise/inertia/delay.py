@@ -1,0 +1,85 @@
+"""How late wrenches are against the kinematics: evidence at a few lags becomes a delay and its uncertainty."""
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poise.inertia.parameters import Array
+
+LAG_STEP = 0.02
+"""s: what a robot does hardly changes in this time, so that three lags tell what lies between them."""
+
+PROFILE_DEGREE = 4
+"""Of the polynomial through the log evidence: its curvature counts, and not how noise differs from lag to lag."""
+
+FINE_STEPS = 1200
+"""Of the grid on which the delay is integrated over."""
+
+PRIOR_SPREAD = 0.03
+"""s: clocks are hardly further apart."""
+
+
+@dataclass(frozen=True)
+class Delay:
+    """Wrench stamps minus kinematics stamps.
+
+    Args:
+        mean, std: s.
+        log_integral: log of the evidence integrated over the delay and its prior, less that at the mean.
+    """
+
+    mean: float = 0.0
+    std: float = 0.0
+    log_integral: float = 0.0
+
+
+class LagGrid:
+    """Delays at which samples are paired: multiples of `LAG_STEP` from -longest to longest, at least five.
+
+    Args:
+        longest: s; with 0 the delay is known to be none, and there is a single lag.
+    """
+
+    def __init__(self, longest: float) -> None:
+        steps = max(2, round(longest / LAG_STEP)) if longest > 0 else 0
+        self.nanoseconds = np.arange(-steps, steps + 1, dtype=np.int64) * round(LAG_STEP * 1e9)
+        self.lags = self.nanoseconds * 1e-9
+        self._fine, self._smooth = _fine_grid(steps)
+
+    def __len__(self) -> int:
+        return len(self.lags)
+
+    def weights(self, delays: ArrayLike) -> Array:
+        """(..., L) with which quantities at the lags add up to those at delays (...,): parabolas through three lags."""
+        if len(self) == 1:
+            return np.ones((*np.shape(delays), 1))
+        place = (np.asarray(delays, dtype=np.float64)[..., None] - self.lags[0]) / LAG_STEP
+        nearest = np.rint(place).clip(1, len(self) - 2)
+        beyond, steps = place - nearest, np.arange(len(self)) - nearest
+        at, beside = 1 - beyond**2, beyond * (beyond + steps) / 2
+        return np.asarray(np.where(steps == 0, at, np.where(np.abs(steps) == 1, beside, 0.0)))
+
+    def estimate(self, log_evidence: Array) -> Delay:
+        """Mean and spread of the delay under a normal prior about zero, from the log evidence (L,)."""
+        smooth = self._smooth @ log_evidence
+        log = smooth - (self._fine / PRIOR_SPREAD) ** 2 / 2
+        probability = np.exp(log - log.max())
+        total = probability.sum()
+        mean = float(probability @ self._fine / total)
+        step = self._fine[1] - self._fine[0]
+        std = float(np.sqrt(probability @ (self._fine - mean) ** 2 / total + step**2 / 12))
+        at_mean = np.interp(mean, self._fine, smooth)
+        norm = step / (np.sqrt(2 * np.pi) * PRIOR_SPREAD)
+        return Delay(mean, std, float(np.log(total * norm) + log.max() - at_mean))
+
+
+@functools.cache
+def _fine_grid(steps: int) -> tuple[Array, Array]:
+    """(F,) delays, and the (F, L) map from values at the lags to the polynomial through them."""
+    if steps == 0:
+        return np.zeros(1), np.ones((1, 1))
+    coarse, fine = np.linspace(-1.0, 1.0, 2 * steps + 1), np.linspace(-1.0, 1.0, FINE_STEPS + 1)
+    smooth = np.vander(fine, PROFILE_DEGREE + 1) @ np.linalg.pinv(np.vander(coarse, PROFILE_DEGREE + 1))
+    return fine * steps * LAG_STEP, smooth

@@ -1,0 +1,112 @@
+"""How mass may be spread over an object of roughly known shape: a few numbers in, a body that can exist out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.inertia.parameters import Array, phi_of_pseudo_inertia, pseudo_inertia
+
+N_DEFORMATIONS = 9
+"""Six ways to stretch, three to shift."""
+
+HALVINGS = 2
+"""The deformation of a body of unknown shape is the 4th power of a quarter of itself."""
+
+
+def _generators() -> Array:
+    """(9, 4, 4) stretches xx xy xz yy yz zz, each of unit norm, then shifts along x y z."""
+    matrices = np.zeros((N_DEFORMATIONS, 4, 4))
+    for k, (i, j) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+        matrices[k, i, j] = matrices[k, j, i] = 1.0 if i == j else np.sqrt(0.5)
+    for axis in range(3):
+        matrices[6 + axis, axis, 3] = 1.0
+    return matrices
+
+
+GENERATORS = _generators()
+_ONE = np.eye(4)
+# phi as a linear map of the 16 entries of a symmetric pseudo-inertia, and back.
+_PHI = np.stack([phi_of_pseudo_inertia((unit + unit.T) / 2) for unit in np.eye(16).reshape(16, 4, 4)], axis=1)
+_MOMENTS = np.stack([pseudo_inertia(unit).ravel() for unit in np.eye(10)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class MassModel:
+    """phi as a function of a state: log masses of parts if of equal density (K), then a small deformation (9).
+
+    The pseudo-inertia is J = E (sum_k share_k exp(x_k) J_k) E^T: parts of positive mass, then the slack of an affine
+    map E near the identity. A sum of bodies and an affine image of a body are bodies: every state is physically
+    consistent, so nothing has to be enforced.
+
+    Everything is in the normalised frame of the object, in which the homogeneous body has its centroid at the origin
+    and unit second moments: there a relative error of the shape looks the same in all directions, however long and
+    thin the object.
+
+    Args:
+        unit_moments: (K, 4, 4) pseudo-inertia of each part at 1 kg, normalised.
+        shares: (K,) of the volume.
+        to_sensor: (10, 10) takes phi from the normalised to the sensor frame.
+        halvings: of large deformations, see `_deformation`.
+    """
+
+    unit_moments: Array
+    shares: Array
+    to_sensor: Array
+    halvings: int = 0
+
+    @classmethod
+    def of_parts(cls, unit_phi: Array, volumes: Array) -> "MassModel":
+        """From parts in the sensor frame, see `poise.inertia.parts.Parts`."""
+        shares = volumes / volumes.sum()
+        moments = (_MOMENTS @ unit_phi).T.reshape(-1, 4, 4)
+        whole = (shares @ moments.reshape(-1, 16)).reshape(4, 4)
+        # Upper triangular, so that homogeneous points map affinely: whole = root root^T.
+        root = np.linalg.cholesky(whole[::-1, ::-1])[::-1, ::-1]
+        inverse = np.linalg.inv(root)
+        return cls(inverse @ moments @ inverse.T, shares, _PHI @ np.kron(root, root) @ _MOMENTS)
+
+    @classmethod
+    def of_blob(cls, centre: Array, radius: float) -> "MassModel":
+        """A body of unknown shape: one part about `centre` (3,) m, with a radius of gyration in m along each axis."""
+        root = np.diag([radius, radius, radius, 1.0])
+        root[:3, 3] = centre
+        return cls(np.eye(4)[None], np.ones(1), _PHI @ np.kron(root, root) @ _MOMENTS, HALVINGS)
+
+    @property
+    def n_parts(self) -> int:
+        """K."""
+        return len(self.shares)
+
+    @property
+    def n_states(self) -> int:
+        """K + 9."""
+        return self.n_parts + N_DEFORMATIONS
+
+    def evaluate(self, states: Array) -> tuple[Array, Array]:
+        """(H, 10) phi and its derivative (H, 10, K + 9) at states (H, K + 9), in the normalised frame."""
+        parts = (self.shares * np.exp(states[:, : self.n_parts]))[:, :, None, None] * self.unit_moments
+        deformation, slopes = _deformation(states[:, self.n_parts :], self.halvings)
+        back = deformation.swapaxes(1, 2)
+        moved = deformation[:, None] @ parts @ back[:, None]
+        half = slopes @ (parts.sum(axis=1) @ back)[:, None]
+        change = np.concatenate([moved, half + half.swapaxes(2, 3)], axis=1)
+        jacobian = _PHI @ change.reshape(len(states), -1, 16).swapaxes(1, 2)
+        return jacobian[:, :, : self.n_parts].sum(axis=2), jacobian
+
+
+def _deformation(coordinates: Array, halvings: int) -> tuple[Array, Array]:
+    """(H, 4, 4) E and its derivative (H, 9, 4, 4), for coordinates (H, 9) of the generators.
+
+    E = (1 + Y + Y^2/2)^(2^h) with Y the generator's sum, halved h times: the exponential to second order or better,
+    and never singular, for 1 + y + y^2/2 > 0 for every real y.
+    """
+    share = 0.5**halvings
+    exponent = share * (coordinates @ GENERATORS.reshape(N_DEFORMATIONS, 16)).reshape(-1, 4, 4)
+    result = _ONE + exponent + exponent @ exponent / 2
+    products = exponent[:, None] @ GENERATORS
+    products += GENERATORS @ exponent[:, None]
+    slopes = share * GENERATORS + (share / 2) * products
+    for _ in range(halvings):
+        slopes = slopes @ result[:, None] + result[:, None] @ slopes
+        result = result @ result
+    return result, slopes

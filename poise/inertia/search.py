@@ -1,0 +1,186 @@
+"""Weights, delay, outliers and noise depend on the answer and the answer on them: rounds until they agree."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.inertia.averaging import Cases, Effort, ModelAverage, Posterior
+from poise.inertia.blocks import Blocks
+from poise.inertia.delay import Delay, LagGrid
+from poise.inertia.outliers import UNLIKELY, residuals, sample_excess, slow_excess
+from poise.inertia.parameters import Array
+from poise.inertia.problem import NoiseLevels
+from poise.inertia.signals import (
+    N_MOTION,
+    Calibration,
+    NormalEquations,
+    log_likelihood,
+    mixed,
+    normal_equations,
+    residual_covariance,
+)
+
+COARSE, FINE = Effort(0.1, 10, 1e-12), Effort(0.003, 25, 1e-4)
+"""Of the first rounds, and of the last ones."""
+
+MAX_ROUNDS = 10
+
+STILL = 0.3
+"""Standard deviations; what moves less from round to round has arrived."""
+
+SAME_NOISE = 0.1
+"""Relative change of a variance that does not matter."""
+
+
+class Search:
+    """The rounds of one estimate, and what they arrive at.
+
+    A delay looks like a bias, and either explains part of the other; so every case of the bias has a delay of its own.
+
+    Args:
+        blocks: the samples.
+        grid: their lags.
+        noise: as told.
+        average: the hypotheses, started.
+        phi: (10,) a first guess.
+    """
+
+    def __init__(self, blocks: Blocks, grid: LagGrid, noise: NoiseLevels, average: ModelAverage, phi: Array) -> None:
+        self.blocks = blocks
+        self.grid = grid
+        self.noise = noise
+        self.average = average
+        self.keep: NDArray[np.bool_] = np.ones(len(blocks), dtype=bool)
+        """(B,) blocks that a payload explains."""
+        self.slow = np.ones(2)
+        """(2,) how many samples of force and of torque weigh as much as one, see `slow_excess`."""
+        n_cases = len(average.hypotheses.bias_variances)
+        self._delays, self._drifts = [Delay()] * n_cases, np.zeros((n_cases, 16))
+        self._shares = np.full(n_cases, 1 / n_cases)  # probability of each case of the bias
+        self._at_delay = grid.weights(0.0)  # of the lags
+        self._sample = np.ones(2)
+        self._phi = phi
+        normals = self._normals()
+        self._find_delays(normals, None)
+        self.posterior = self._solve(normals, COARSE)
+
+    def run(self) -> "Search":
+        """Go round until nothing moves any more."""
+        for _ in range(MAX_ROUNDS):
+            before = self.posterior
+            normals = self._normals()
+            self._find_delays(normals, before)
+            self.posterior = self._solve(normals, FINE)
+            if not self._moved(before) and not self._judge():
+                break
+        return self
+
+    @property
+    def delay(self) -> Delay:
+        """Averaged over the cases of the bias."""
+        means = np.array([delay.mean for delay in self._delays])
+        squares = means**2 + np.array([delay.std for delay in self._delays]) ** 2
+        mean = float(self._shares @ means)
+        return Delay(mean, float(np.sqrt(self._shares @ squares - mean**2)))
+
+    @property
+    def covariance(self) -> Array:
+        """(16, 16) of phi and bias, the uncertainty of the delay included."""
+        moved = self._drifts * np.array([delay.std for delay in self._delays])[:, None]
+        return np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
+
+    @property
+    def shown(self) -> Array:
+        """(10, 10) what the motion alone says of phi."""
+        return self.average.shown(self._normal, self.posterior)
+
+    @property
+    def condition_number(self) -> float:
+        """Of the samples' information about phi, weighted by the noise of the sensor, columns scaled to one."""
+        moments = mixed(self._at_delay, self._total)
+        normal = normal_equations(moments, np.diag(1 / self.noise.wrench**2), Calibration.perfect())
+        information = normal.information[:10, :10]
+        scale = np.sqrt(np.diag(information))
+        scale[scale == 0] = 1.0
+        eigenvalues = np.linalg.eigvalsh(information / np.outer(scale, scale))
+        return float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 1e-13 else np.inf
+
+    def _moments(self) -> Array:
+        """(B, 19, 19) sums of blocks, for the delay."""
+        moments = self.blocks.moments
+        rows = moments.reshape(*moments.shape[:2], -1)
+        return np.asarray((self._at_delay @ rows).reshape(-1, *moments.shape[2:]))
+
+    def _normals(self) -> NormalEquations:
+        """At all lags, weighted by the last answer."""
+        self._total = self.blocks.moments[self.keep].sum(axis=0)
+        self._count = int(self.blocks.sizes[self.keep].sum())
+        self._calibration = Calibration.of(
+            mixed(self._at_delay, self._total)[:N_MOTION, :N_MOTION],
+            self._count,
+            self.noise,
+            float(self._at_delay @ self.blocks.counts[self.keep].sum(axis=0)) / self._count,
+        )
+        self._residual_covariance = residual_covariance(
+            self._phi, self.noise, self._calibration, self._sample * self.slow
+        )
+        return normal_equations(self._total, np.asarray(np.linalg.inv(self._residual_covariance)), self._calibration)
+
+    def _find_delays(self, normals: NormalEquations, posterior: Posterior | None) -> None:
+        """Compare the lags by the last answer."""
+        if len(self.grid) == 1:
+            return
+        log_evidence, unknowns = self.average.along(normals, posterior)
+        self._delays = [self.grid.estimate(log) for log in log_evidence]
+        means = np.array([delay.mean for delay in self._delays])
+        step = 0.25 * (self.grid.lags[1] - self.grid.lags[0])
+        slopes = (self.grid.weights(means + step) - self.grid.weights(means - step)) / (2 * step)
+        self._drifts = (slopes[:, None] @ unknowns)[:, 0]
+
+    def _solve(self, normals: NormalEquations, effort: Effort) -> Posterior:
+        """Refine the answer."""
+        weights = self.grid.weights(np.array([delay.mean for delay in self._delays]))
+        totals = mixed(weights, self._total)
+        by_delay = np.array([delay.log_integral for delay in self._delays])
+
+        def likelihood(unknowns: Array, cases: Cases) -> Array:
+            inflation = self._sample * self.slow
+            samples = log_likelihood(totals[cases], self._count, unknowns, self.noise, self._calibration, inflation)
+            return np.asarray(samples + by_delay[cases])
+
+        posterior = self.average.refine(normals.mixed(weights), likelihood, effort)
+        self._phi = posterior.phi
+        chances, cases = posterior.weights, posterior.bias_cases
+        self._shares = np.array([chances[cases == case].sum() for case in range(len(self._shares))])
+        self._at_delay = self._shares @ weights
+        self._normal = normals.mixed(self._at_delay)
+        return posterior
+
+    def _moved(self, before: Posterior) -> bool:
+        """The answer has changed by something against its uncertainty."""
+        deviation = np.sqrt(np.diag(self.posterior.covariance))[:10]
+        return bool(np.any(np.abs(self.posterior.phi - before.phi) > STILL * deviation))
+
+    def _judge(self) -> bool:
+        """Judge blocks and noise by the answer; whether that changes anything."""
+        moments = self._moments()
+        self.found = residuals(
+            moments, self.blocks.sizes, self.posterior.unknowns, self._residual_covariance, self._calibration
+        )
+        keep = self.found.surprise < UNLIKELY
+        if not keep.any():
+            keep = self.keep
+        other_blocks = bool(np.any(keep != self.keep))
+        before = self._sample, self.slow
+        self._sample = np.maximum(self._sample * sample_excess(self.found, self.blocks.sizes), 1.0)
+        other_noise = _differ(self._sample, before[0])
+        if not other_blocks and not other_noise:
+            self.slow = self.slow * slow_excess(self.found, keep)
+            other_noise = _differ(self.slow, before[1])
+        self.keep = keep
+        if other_blocks:
+            self.average.consider()
+        return other_blocks or other_noise
+
+
+def _differ(one: Array, other: Array) -> bool:
+    return bool(np.abs(one / other - 1).max() > SAME_NOISE)
