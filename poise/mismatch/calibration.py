@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from poise.inertia.parameters import InertialParameters, about_com_jacobian
 from poise.inertia.regressor import regressor
+from poise.mismatch.dynamics import at_times
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.mismatch.model import Tolerance
@@ -40,6 +41,10 @@ class Group:
     sigma: Array
 
 
+TORQUE_CONSTANT = 0.01
+"""Relative tolerance of the motors' torque constants."""
+
+
 def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
     """All groups for a world; the wrench that gain, rotation and clock act on is `world.prediction`."""
     wrench = world.prediction
@@ -56,6 +61,26 @@ def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
         ("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         ("joints", joint_columns(world) * tolerance.joint_offset),
         ("clock", late * tolerance.clock_offset),
+    ]
+    return tuple(Group(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
+
+
+def effort_calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
+    """Calibration errors as joint efforts show them: payload, joint offsets, torque constants; (M, J, k) columns."""
+    track, joints = world.effort, world.joints
+    if track is None or joints is None:
+        return ()
+    chosen = [joints.names.index(name) for name in track.names]
+    # What pushes the sensor one way asks the joints for the opposite: tau = -J^T w.
+    felt = payload_columns(world, tolerance)
+    along = -np.einsum("ncj,nck->njk", joints.jacobian_in_sensor[:, :, chosen], felt)
+    count = len(chosen)
+    payload = at_times(world.seconds, along.reshape(len(world), -1), track.seconds).reshape(-1, count, 10)
+    gain = track.rigid[:, :, None] * np.eye(count) * TORQUE_CONSTANT
+    groups = [
+        ("payload", payload),
+        ("joints", track.by_position * tolerance.joint_offset),
+        ("gain", gain),
     ]
     return tuple(Group(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
 

@@ -93,7 +93,9 @@ def base_joints(robot: RobotModel) -> int:
 
 
 def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Array, phi: ArrayLike) -> EffortTrack:
-    """What the joints were told to give, and what a rigid arm with its payload needs (Featherstone 2008, section 5.3).
+    """What the joints gave, and what a rigid arm with its payload needs (Featherstone 2008, section 5.3).
+
+    With its derivatives (Carpentier and Mansard 2018).
 
     Args:
         robot: fixed base, or the root link's motion in `motion.base`.
@@ -108,17 +110,19 @@ def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Ar
     data = loaded.createData()
     whole = state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
     moving = len(robot.coupling)
-    torque, inertia = np.empty((len(seconds), moving)), np.empty((len(seconds), moving, moving))
+    torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
-        torque[i] = pin.rnea(loaded, data, q, v, a)[-moving:]
-        upper = np.triu(pin.crba(loaded, data, q)[-moving:, -moving:])
+        slopes = pin.computeRNEADerivatives(loaded, data, q, v, a)
+        torque[i] = data.tau[-moving:]
+        by_q[i] = slopes[0][-moving:, -moving:]
+        upper = np.triu(slopes[2][-moving:, -moving:])
         inertia[i] = upper + np.triu(upper, 1).T
-    known = np.asarray(np.isfinite(measured).all(axis=0))
+    known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= base_joints(robot)))
     rigid = (torque @ robot.coupling)[:, known]
-    by_acceleration = (robot.coupling.T @ inertia @ robot.coupling)[:, known][:, :, known]
+    slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (motion.position[:, known], motion.velocity[:, known], motion.acceleration[:, known])
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_acceleration)
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes)
 
 
 @dataclass(frozen=True, eq=False)

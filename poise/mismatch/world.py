@@ -59,7 +59,7 @@ class EffortTrack:
         measured: (M, J) what was recorded.
         rigid: (M, J) what the arm and its payload need without friction, by the recursive Newton-Euler algorithm.
         prediction: (M, J) what the model says so far; begins as `rigid`.
-        by_acceleration: (M, J, J) the joint-space inertia, d rigid / d acceleration.
+        by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
     """
 
     seconds: Array
@@ -70,6 +70,7 @@ class EffortTrack:
     measured: Array
     rigid: Array
     prediction: Array
+    by_position: Array
     by_acceleration: Array
 
 
@@ -148,6 +149,10 @@ class World:
     def with_prediction(self, prediction: Array) -> "World":
         """The same recording under a model that says something else."""
         return replace(self, prediction=prediction)
+
+    def with_effort(self, prediction: Array) -> "World":
+        """The same recording under a model that says something else of the joint efforts (M, J)."""
+        return self if self.effort is None else replace(self, effort=replace(self.effort, prediction=prediction))
 
     def select(self, rows: NDArray[np.bool_]) -> "World":
         """The samples that a mask (N,) picks; joint efforts, which have stamps of their own, are kept."""

@@ -1,0 +1,123 @@
+"""How well a linear model with priors explains whitened data, from small matrices: the algebra of the competition.
+
+Whitened data t (R,) and columns C (R, k) with t = C c + e, e white, c normal about `mean` with `precision`. What other
+columns X can add is told by two small quantities once C is projected out: the information S = X'X - X'C A^-1 C'X and
+the vector s = X't - X'C A^-1 b, with A = C'C + diag(precision).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Whitened data and the columns that are fitted under every hypothesis.
+
+    Args:
+        columns: (R, k) whitened.
+        precision: (k,) of their prior; 0 is none.
+        mean: (k,) of their prior.
+        target: (R,) whitened residual.
+    """
+
+    columns: Array
+    precision: Array
+    mean: Array
+    target: Array
+
+    @cached_property
+    def _solved(self) -> tuple[Array, Array, float]:
+        normal = self.columns.T @ self.columns
+        size = np.arange(len(normal))
+        normal[size, size] += self.precision + 1e-9
+        factor = np.asarray(np.linalg.cholesky(normal), dtype=np.float64)
+        right = self.columns.T @ self.target + self.precision * self.mean
+        half = solve_triangular(factor, right, lower=True)
+        square = float(self.target @ self.target + self.precision @ self.mean**2 - half @ half)
+        return factor, half, square
+
+    @property
+    def square(self) -> float:
+        """The least of |t - C c|^2 + (c - mean)' precision (c - mean)."""
+        return self._solved[2]
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """log p(t) up to what all models of the same data share; columns without a prior count as unit width."""
+        factor, _, square = self._solved
+        prior = float(np.log(self.precision[self.precision > 0]).sum())
+        return -0.5 * square - float(np.log(np.diag(factor)).sum()) + 0.5 * prior
+
+    def coefficients(self) -> Array:
+        """(k,) the most likely c."""
+        factor, half, _ = self._solved
+        return np.asarray(solve_triangular(factor, half, lower=True, trans="T"))
+
+    def covariance(self) -> Array:
+        """(k, k) of c."""
+        return np.asarray(cho_solve((self._solved[0], True), np.eye(len(self.mean))))
+
+    def beside(self, extra: Array) -> "Beside":
+        """What further columns (R, m) can add."""
+        factor, half, _ = self._solved
+        across = solve_triangular(factor, self.columns.T @ extra, lower=True)
+        return Beside(extra.T @ extra - across.T @ across, extra.T @ self.target - across.T @ half)
+
+    def extended(self, extra: Array, precision: Array, mean: Array) -> "Frame":
+        """With further columns that are fitted under every hypothesis from now on."""
+        return Frame(
+            np.hstack([self.columns, extra]),
+            np.concatenate([self.precision, precision]),
+            np.concatenate([self.mean, mean]),
+            self.target,
+        )
+
+    def rows(self, keep: Array) -> "Frame":
+        """The same on a part of the data: a mask (R,) of rows."""
+        return Frame(self.columns[keep], self.precision, self.mean, self.target[keep])
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """Columns beside a frame: information S (m, m) and vector s (m,)."""
+
+    information: Array
+    vector: Array
+
+    def solve(self, precision: Array) -> Array:
+        """(m,) most likely coefficients for priors about zero."""
+        return np.asarray(cho_solve(cho_factor(self._posterior(precision), lower=True), self.vector))
+
+    def drop(self, coefficients: Array) -> float:
+        """By how much the square falls when the columns get these coefficients."""
+        return float(2.0 * self.vector @ coefficients - coefficients @ self.information @ coefficients)
+
+    def gain(self, precision: Array) -> float:
+        """log evidence won by the columns with normal priors about zero."""
+        factor = np.linalg.cholesky(self._posterior(precision))
+        half = solve_triangular(factor, self.vector, lower=True)
+        return float(0.5 * half @ half - np.log(np.diag(factor)).sum() + 0.5 * np.log(precision).sum())
+
+    def pick(self, index: Array | slice) -> "Beside":
+        """Some of the columns."""
+        return Beside(self.information[index][:, index], self.vector[index])
+
+    def _posterior(self, precision: Array) -> Array:
+        size = np.arange(len(precision))
+        total = self.information.copy()
+        total[size, size] += precision + 1e-9 * max(float(np.trace(total)), 1e-6) / max(len(size), 1)
+        return total
+
+
+def flat_width(information: Array) -> float:
+    """log of the volume that data leave of a unit cube of parameters with this information; never more than all."""
+    if not len(information):
+        return 0.0
+    strength = np.linalg.eigvalsh((information + information.T) / 2)
+    return float(np.minimum(0.5 * np.log(2.0 * np.pi / np.maximum(strength, 1e-9)), 0.0).sum())

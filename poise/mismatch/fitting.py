@@ -1,0 +1,332 @@
+"""Fitting hypotheses: effects with their exact responses, by Gauss-Newton steps on all parameters at once.
+
+Linear parameters have normal priors about zero whose width is one of `SCALES` times what is typical; non-linear ones
+move in the unit interval of their priors. The evidence is exact in the linear parameters and the calibration errors,
+and by Laplace's method in the non-linear ones (MacKay 1992, "Bayesian interpolation").
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.evidence import Beside, Frame, flat_width
+from poise.mismatch.problem import Part, Problem
+from poise.mismatch.world import World
+
+Array = NDArray[np.float64]
+
+SCALES = (1 / 3, 1.0, 3.0)
+STEP = 1e-4
+"""Of the unit interval, for derivatives by differences."""
+MOST_STEPS = 8
+SETTLED = 0.05
+"""Fall of the square below which a fit has settled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A hypothesis at its most likely parameters.
+
+    Args:
+        parts: effects with values.
+        log_evidence: comparable between fits of one problem, whatever their noise.
+        square: least weighted square of residual and priors.
+        frame: calibration and the linearised parts about the fit, with their priors: what more effects build on.
+        response: (N, C) of the parts.
+        calibrated: (N, C) of the calibration errors.
+        covariance: of each part's parameters, in the order of `Effect.parameters`.
+    """
+
+    parts: tuple[Part, ...]
+    log_evidence: float
+    square: float
+    frame: Frame
+    response: Array
+    calibrated: Array
+    covariance: tuple[Array, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One effect beside a frame: its values, and by how much it raises the log evidence."""
+
+    effect: Effect
+    values: Values
+    gain: float
+    drop: float
+
+
+def refine(
+    problem: Problem, frame: Frame, world: World, effect: Effect, start: Values, steps: int = MOST_STEPS
+) -> Candidate:
+    """The most likely parameters of one effect beside a frame that stays as it is, from a starting point.
+
+    Args:
+        problem: whitens.
+        frame: what is fitted besides.
+        world: that the effect acts in.
+        effect: to fit.
+        start: non-linear values.
+        steps: at the most.
+    """
+    parameters = effect.parameters(world)
+    moving = [p for p in parameters if not p.linear and not p.choice and not p.resolution]
+    weak = np.array([(SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
+    at = _linear(problem, frame, world, effect, dict(start), weak)
+    for _ in range(steps if moving else 0):
+        slopes = _slopes(problem, world, effect, at, moving)
+        moved = _stepped(problem, frame, world, effect, at, moving, slopes, weak)
+        if moved is None:
+            break
+        settled = moved.drop - at.drop < SETTLED
+        at = moved
+        if settled:
+            break
+    slopes = _slopes(problem, world, effect, at, moving)
+    gain = _evidence_gain(frame, at, parameters, slopes)
+    return Candidate(effect, at.values, gain, at.drop)
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """An effect at some values: its whitened columns and response, and how far the square falls."""
+
+    values: dict[str, float]
+    columns: Array
+    response: Array
+    drop: float
+
+
+def _linear(
+    problem: Problem, frame: Frame, world: World, effect: Effect, nonlinear: dict[str, float], weak: Array
+) -> _Point:
+    """The most likely linear parameters at given non-linear ones."""
+    if not len(weak):
+        response = problem.whiten(effect.simulate(world, nonlinear))
+        drop = frame.beside(response[:, None]).drop(np.ones(1))
+        return _Point(nonlinear, np.zeros((len(response), 0)), response, drop)
+    columns = problem.whiten(effect.columns(world, nonlinear))
+    beside = frame.beside(columns)
+    linear = beside.solve(weak)
+    names = [p.name for p in effect.parameters(world) if p.linear]
+    values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
+    return _Point(values, columns, columns @ linear, beside.drop(linear) - float(weak @ linear**2))
+
+
+def _slopes(problem: Problem, world: World, effect: Effect, at: _Point, moving: Sequence[Parameter]) -> Array:
+    """(R, d) whitened derivative of the response by the place of each non-linear parameter in its prior."""
+    if not moving:
+        return np.zeros((len(at.response), 0))
+    here = effect.simulate(world, at.values)
+    out = []
+    for p in moving:
+        place = p.to_unit(at.values[p.name])
+        ahead = place + STEP if place + STEP <= 1.0 else place - STEP
+        there = effect.simulate(world, {**at.values, p.name: p.from_unit(ahead)})
+        out.append((there - here) / (ahead - place))
+    return problem.whiten(np.stack(out, axis=2))
+
+
+def _stepped(
+    problem: Problem,
+    frame: Frame,
+    world: World,
+    effect: Effect,
+    at: _Point,
+    moving: Sequence[Parameter],
+    slopes: Array,
+    weak: Array,
+) -> _Point | None:
+    """A Gauss-Newton step in all parameters, shortened until the fit is better; None when it cannot be."""
+    count = at.columns.shape[1]
+    beside = frame.beside(np.hstack([at.columns, slopes, at.response[:, None]]))
+    inner = beside.pick(slice(0, -1))
+    # What is left when the response as it is has been taken away.
+    vector = inner.vector - beside.information[:-1, -1]
+    vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(world) if p.linear])
+    precision = np.concatenate([weak, np.full(len(moving), 1.0)])
+    step = Beside(inner.information, vector).solve(precision)[count:]
+    length = 1.0
+    for _ in range(5):
+        values = {
+            p.name: p.from_unit(float(np.clip(p.to_unit(at.values[p.name]) + length * s, 1e-6, 1.0 - 1e-6)))
+            for p, s in zip(moving, step, strict=True)
+        }
+        trial = _linear(problem, frame, world, effect, {**at.values, **values}, weak)
+        if trial.drop > at.drop:
+            return trial
+        length /= 3.0
+    return None
+
+
+def _evidence_gain(frame: Frame, at: _Point, parameters: Sequence[Parameter], slopes: Array) -> float:
+    """log evidence won: exact in the linear parameters, Laplace in the others, averaged over the width of priors."""
+    linear = [p for p in parameters if p.linear]
+    count = len(linear)
+    beside = frame.beside(np.hstack([at.columns, slopes]))
+    inner = beside.pick(slice(0, count))
+    scores = []
+    for scale in SCALES if count else (1.0,):
+        precision = np.array([(scale * p.scale) ** -2.0 for p in linear])
+        won = inner.gain(precision) if count else 0.5 * at.drop
+        across = beside.information[:count, count:]
+        held = inner.information + np.diag(precision)
+        own = beside.information[count:, count:] - (across.T @ np.linalg.solve(held, across) if count else 0.0)
+        scores.append(won + flat_width(own))
+    known = sum(
+        float(np.log(min(p.resolution / (p.high - p.low), 1.0))) for p in parameters if p.resolution and not p.linear
+    )
+    return float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known
+
+
+def fit(problem: Problem, parts: Sequence[Part], steps: int = 4) -> Fit:
+    """The most likely parameters of several effects at once, the calibration taken about what they say.
+
+    Args:
+        problem: the signal.
+        parts: effects with values to start from; none: the nominal model with its calibration errors.
+        steps: at the most.
+    """
+    current = _about(problem, tuple(parts))
+    for _ in range(steps if parts else 0):
+        moved = _all_stepped(problem, current)
+        if moved is None:
+            break
+        settled = current.square - moved.square < SETTLED
+        current = moved
+        if settled:
+            break
+    return _finished(problem, current)
+
+
+@dataclass(frozen=True, eq=False)
+class _About:
+    """A hypothesis linearised at its values."""
+
+    parts: tuple[Part, ...]
+    worlds: list[World]
+    calibration: Frame
+    columns: Array
+    square: float
+
+    def parameters(self) -> list[tuple[int, Parameter]]:
+        """(part, parameter) of the columns."""
+        return [
+            (i, p)
+            for i, (part, world) in enumerate(zip(self.parts, self.worlds, strict=True))
+            for p in part.effect.parameters(world)
+            if p.linear or not (p.choice or p.resolution)
+        ]
+
+    def priors(self, scale: float) -> tuple[Array, Array]:
+        """Precision and mean of the columns' coefficients, which count from the present values."""
+        own = self.parameters()
+        precision = np.array([(scale * p.scale) ** -2.0 if p.linear else 0.0 for _, p in own])
+        mean = np.array([-self.parts[i].values[p.name] if p.linear else 0.0 for i, p in own])
+        return precision, mean
+
+
+def _about(problem: Problem, parts: tuple[Part, ...]) -> _About:
+    worlds, whole = problem.compose(parts)
+    calibration = problem.frame(parts, whole)
+    columns = []
+    for part, world in zip(parts, worlds, strict=True):
+        here = part.effect.simulate(world, part.values)
+        straight = part.effect.columns(world, part.values)
+        taken = 0
+        for p in part.effect.parameters(world):
+            if p.linear:
+                columns.append(straight[:, :, taken])
+                taken += 1
+            elif not (p.choice or p.resolution):
+                place = p.to_unit(part.values[p.name])
+                ahead = place + STEP if place + STEP <= 1.0 else place - STEP
+                there = part.effect.simulate(world, {**part.values, p.name: p.from_unit(ahead)})
+                columns.append((there - here) / (ahead - place))
+    stacked = problem.whiten(np.stack(columns, axis=2)) if columns else np.zeros((len(calibration.target), 0))
+    about = _About(parts, worlds, calibration, stacked, 0.0)
+    precision, mean = about.priors(SCALES[-1])
+    return _About(parts, worlds, calibration, stacked, calibration.square + float(precision @ mean**2))
+
+
+def _all_stepped(problem: Problem, at: _About) -> _About | None:
+    precision, mean = at.priors(SCALES[-1])
+    frame = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
+    step = frame.coefficients()[at.calibration.columns.shape[1] :]
+    own = at.parameters()
+    length = 1.0
+    for _ in range(4):
+        values = [dict(part.values) for part in at.parts]
+        for (i, p), s in zip(own, step, strict=True):
+            if p.linear:
+                values[i][p.name] += length * float(s)
+            else:
+                place = float(np.clip(p.to_unit(values[i][p.name]) + length * s, 1e-6, 1.0 - 1e-6))
+                values[i][p.name] = p.from_unit(place)
+        parts = tuple(Part(part.effect, new) for part, new in zip(at.parts, values, strict=True))
+        moved = _about(problem, parts)
+        if moved.square < at.square:
+            return moved
+        length /= 3.0
+    return None
+
+
+def _finished(problem: Problem, at: _About) -> Fit:
+    own = at.parameters()
+    linear = np.array([p.linear for _, p in own], dtype=bool)
+    scores, frames = [], []
+    for scale in SCALES if linear.any() else (1.0,):
+        precision, mean = at.priors(scale)
+        frame = at.calibration.extended(at.columns[:, linear], precision[linear], mean[linear])
+        bent = frame.beside(at.columns[:, ~linear])
+        scores.append(frame.log_evidence + flat_width(bent.information))
+        frames.append(frame)
+    best = int(np.argmax(scores))
+    known = sum(
+        float(np.log(min(p.resolution / (p.high - p.low), 1.0)))
+        for part, world in zip(at.parts, at.worlds, strict=True)
+        for p in part.effect.parameters(world)
+        if p.resolution and not p.linear
+    )
+    evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.noise.log_scale
+    precision, mean = at.priors(SCALES[best])
+    whole = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
+    response = problem.predicted(problem.compose(at.parts)[1]) - problem.predicted(problem.world)
+    calibrated = _calibrated(problem, at)
+    return Fit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole))
+
+
+def _calibrated(problem: Problem, at: _About) -> Array:
+    """(N, C) the calibration errors' response, in the signal's units."""
+    world = problem.compose(at.parts)[1]
+    columns = np.concatenate([group.columns for group in problem.groups(world, at.parts)], axis=2)
+    columns = columns[:, :, np.abs(columns).max(axis=(0, 1)) > 0.0]
+    return np.asarray(columns @ at.calibration.coefficients())
+
+
+def _covariances(at: _About, whole: Frame) -> tuple[Array, ...]:
+    """Of each part's parameters; what was not fitted has its resolution."""
+    covariance = whole.covariance()[at.calibration.columns.shape[1] :, at.calibration.columns.shape[1] :]
+    own = at.parameters()
+    found = []
+    for i, (part, world) in enumerate(zip(at.parts, at.worlds, strict=True)):
+        parameters = part.effect.parameters(world)
+        matrix = np.diag([p.resolution**2 / 12.0 for p in parameters])
+        rows = [k for k, (j, _) in enumerate(own) if j == i]
+        places = [parameters.index(own[k][1]) for k in rows]
+        # From places in the prior to values: dv/du by differences.
+        rates = np.array([_rate(p, part.values[p.name]) for p in (parameters[place] for place in places)])
+        matrix[np.ix_(places, places)] = covariance[np.ix_(rows, rows)] * np.outer(rates, rates)
+        found.append(matrix)
+    return tuple(found)
+
+
+def _rate(p: Parameter, value: float) -> float:
+    if p.linear:
+        return 1.0
+    place = p.to_unit(value)
+    low, high = max(place - STEP, 0.0), min(place + STEP, 1.0)
+    return (p.from_unit(high) - p.from_unit(low)) / (high - low)

@@ -1,0 +1,185 @@
+"""What the sensor's noise is like: white, plus a coloured part that grows with speed; and the filter that whitens it.
+
+Each channel is n_t = sigma (e_t + g_t x_t): e white, x an Ornstein-Uhlenbeck process of unit variance and
+correlation time tau, g_t = floor + slope * speed_t. Forces share floor, slope and tau; so do torques;
+each joint effort has its own. Whitening is the
+Kalman filter's innovation, exact for stamps that are not even.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dtbtrs
+
+Array = NDArray[np.float64]
+
+FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
+SLOPES = (0.0, 0.15, 0.3, 0.5, 0.8)
+TAUS = (0.04, 0.08, 0.16, 0.32)
+"""What is tried: coloured noise of up to the white noise's size at rest, and somewhat more at speed.
+
+These are caps too. A slow residual that is larger is no sensor noise, however well a filter would whiten it.
+"""
+EXCESS = 1.15
+"""The white level may exceed what neighbouring samples differ by, by this much."""
+
+
+@dataclass(frozen=True)
+class Colour:
+    """The coloured part of a channel, in units of its white level: floor + slope * speed (rad/s), tau in s."""
+
+    floor: float = 0.0
+    slope: float = 0.0
+    tau: float = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """The noise of a signal with C channels; channels of a group share their colour.
+
+    Args:
+        sigma: (C,) white level of a sample, in the signal's units.
+        groups: the channels of each group.
+        colours: of each group.
+        seconds: (N,) stamps.
+        speed: (N,) rad/s.
+    """
+
+    sigma: Array
+    groups: tuple[slice, ...]
+    colours: tuple[Colour, ...]
+    seconds: Array
+    speed: Array
+
+    def whiten(self, values: Array) -> Array:
+        """(N, C) or (N, C, k) -> the same shape: unit white noise, when `values` are noise of this kind."""
+        flat = values.reshape(len(values), len(self.sigma), -1)
+        out = np.empty(flat.shape)
+        for channels, filtered in zip(self.groups, self._filters, strict=True):
+            part = flat[:, channels] / self.sigma[channels, None]
+            out[:, channels] = filtered(part.reshape(len(part), -1)).reshape(part.shape)
+        return out.reshape(values.shape)
+
+    @cached_property
+    def log_scale(self) -> float:
+        """Sum of the logarithms of what samples are divided by: minus this belongs to every log likelihood."""
+        sizes = [len(self.sigma[channels]) for channels in self.groups]
+        spread = [float(np.log(one.deviation).sum()) for one in self._filters]
+        return float(len(self.seconds) * np.log(self.sigma).sum()) + float(np.dot(sizes, spread))
+
+    @cached_property
+    def total(self) -> Array:
+        """(N, C) one sigma of everything: what a sample may be off by."""
+        out = np.empty((len(self.seconds), len(self.sigma)))
+        for channels, colour in zip(self.groups, self.colours, strict=True):
+            gain = colour.floor + colour.slope * self.speed
+            out[:, channels] = np.sqrt(1.0 + gain**2)[:, None] * self.sigma[channels]
+        return out
+
+    @cached_property
+    def _filters(self) -> tuple["_Innovation", ...]:
+        return tuple(_Innovation(self.seconds, self.speed, colour) for colour in self.colours)
+
+
+class _Innovation:
+    """The innovation of a white-plus-OU signal, divided by its deviation: a banded triangular solve per signal."""
+
+    def __init__(self, seconds: Array, speed: Array, colour: Colour) -> None:
+        self.gain = colour.floor + colour.slope * speed
+        self.plain = colour.floor == 0.0 and colour.slope == 0.0
+        n = len(seconds)
+        decay = np.exp(-np.diff(seconds, append=seconds[-1]) / colour.tau)
+        variance, kalman = np.empty(n), np.empty(n)
+        p = 1.0
+        for i, (g, a) in enumerate(zip(self.gain.tolist(), decay.tolist(), strict=True)):
+            s = 1.0 + g * g * p
+            k = p * g / s
+            variance[i], kalman[i] = s, k
+            p = a * a * (p - k * g * p) + 1.0 - a * a
+        self.deviation = np.sqrt(variance)
+        # x+ = a (1 - k g) x + a k y: a lower bidiagonal system for all x at once.
+        self._band = np.ones((2, n), order="F")
+        self._band[1] = -decay * (1.0 - kalman * self.gain)
+        self._drive = (decay * kalman)[:, None]
+
+    def __call__(self, values: Array) -> Array:
+        """(N, K) -> (N, K)."""
+        if self.plain:
+            return values
+        right = np.zeros(values.shape, order="F")
+        np.multiply(self._drive[:-1], values[:-1], out=right[1:])
+        state, _ = dtbtrs(self._band, right, uplo="L", overwrite_b=1)
+        return np.asarray((values - self.gain[:, None] * state) / self.deviation[:, None])
+
+
+def white_level(values: Array) -> Array:
+    """(C,) one sigma of white noise in (N, C), from third differences: blind to what changes slowly.
+
+    The median over stretches of 100 samples; bursts and quiet stretches do not matter.
+    """
+    differences = np.diff(values, n=3, axis=0) / np.sqrt(20.0)
+    length = 100
+    count = max(len(differences) // length, 1)
+    stretches = np.array_split(np.abs(differences), count)
+    levels = np.array([1.4826 * np.median(part, axis=0) for part in stretches])
+    # Numbers on a coarse grid make differences of exactly zero: their spread is then the better measure.
+    spread = np.array([np.sqrt(np.mean(np.square(part), axis=0)) for part in stretches])
+    found = np.median(levels, axis=0)
+    return np.asarray(np.where(found > 0.3 * np.median(spread, axis=0), found, np.median(spread, axis=0)))
+
+
+def fit_noise(
+    seconds: Array,
+    speed: Array,
+    residual: Array,
+    groups: tuple[slice, ...],
+    given: tuple[float | None, ...],
+    *,
+    white: bool = False,
+) -> Noise:
+    """The noise of the most likely kind for a residual that should be nothing else.
+
+    Args:
+        seconds, speed: (N,).
+        residual: (N, C) measured minus predicted.
+        groups: channels that share a colour.
+        given: stated white level of each group, or None; the measured one counts, unless it is less than half of it.
+        white: look for no colour.
+    """
+    level = white_level(residual)
+    sigma = np.empty(len(level))
+    colours = []
+    for part, stated in zip(groups, given, strict=True):
+        level[part] = np.maximum(level[part], 1e-9 if stated is None else 0.5 * stated)
+        colour, sigma[part] = (
+            (Colour(), level[part]) if white else _most_likely(seconds, speed, residual[:, part], level[part])
+        )
+        colours.append(colour)
+    return Noise(sigma, groups, tuple(colours), seconds, speed)
+
+
+def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[Colour, Array]:
+    """The colour and white level of some channels: every kind is run through its Kalman filter side by side."""
+    kinds = [Colour(*kind) for kind in product(FLOORS, SLOPES, TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == TAUS[0]]
+    floor, slope, tau = (np.array([getattr(kind, name) for kind in kinds]) for name in ("floor", "slope", "tau"))
+    gain = floor + slope * speed[:, None]
+    decay = np.exp(-np.diff(seconds, append=seconds[-1])[:, None] / tau)
+    p, state = np.ones(len(kinds)), np.zeros((residual.shape[1], len(kinds)))
+    square, log_variance = np.zeros_like(state), np.zeros(len(kinds))
+    for g, a, y in zip(gain, decay, residual[:, :, None], strict=True):
+        s = 1.0 + g * g * p
+        k = p * g / s
+        innovation = y - g * state
+        square += innovation * innovation / s
+        log_variance += np.log(s)
+        state = a * (state + k * innovation)
+        p = a * a * (p - k * g * p) + 1.0 - a * a
+    n, channels = residual.shape
+    # Most likely level given the kind, kept near what neighbouring samples say.
+    sigma2 = np.clip(square / n, (level[:, None] / EXCESS) ** 2, (level[:, None] * EXCESS) ** 2)
+    loglik = -0.5 * (square / sigma2 + n * np.log(sigma2)).sum(axis=0) - 0.5 * channels * log_variance
+    best = int(np.argmax(loglik))
+    return kinds[best], np.sqrt(sigma2[:, best])
