@@ -1,6 +1,5 @@
 # How poise is installed: by colcon as an ordinary ament_python package, by pip together with its interfaces.
 import hashlib
-import os
 import shutil
 import subprocess
 import sys
@@ -10,8 +9,7 @@ from pathlib import Path
 from setuptools import Distribution, find_packages, setup
 
 PACKAGE = "poise"
-HERE = Path(__file__).parent.resolve()
-os.chdir(HERE)  # setuptools wants relative paths, and finds them from here
+HERE = Path(__file__).resolve().parent  # the sources, also where colcon --symlink-install runs a link to this file
 
 # Executables of `ros2 run poise NAME`.
 NODES = {
@@ -24,7 +22,7 @@ INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs"}
 
 
 # A colcon build on PyPI alone (test/test_install.py) needs in the environment what pip brings to its own builds.
-BUILD_REQUIRES = tomllib.loads(Path("pyproject.toml").read_text())["build-system"]["requires"]
+BUILD_REQUIRES = tomllib.loads((HERE / "pyproject.toml").read_text())["build-system"]["requires"]
 
 
 def files(folder: str, pattern: str) -> list[str]:
