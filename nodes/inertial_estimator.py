@@ -77,7 +77,8 @@ class InertialEstimator(Node):
             )
         )
         self._published = 0
-        self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", 10)
+        # Who joins later (a planner, the demo) still hears what is being held.
+        self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         best_effort = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
         wrench_qos = best_effort if values["best_effort"] else QoSProfile(depth=2000)

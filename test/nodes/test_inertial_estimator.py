@@ -21,6 +21,8 @@ from poise.recording import open_recording
 from poise.robot.model import find_urdf
 from poise_msgs.msg import InertialEstimate
 
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
 ROOT = Path(__file__).resolve().parents[2]
 STATIC = ROOT / "bags" / "kuka_static_poses.mcap"
 FREE = ROOT / "bags" / "kuka_free_motion.mcap"
@@ -30,7 +32,7 @@ pytestmark = pytest.mark.ros
 
 def replay(start_node, graph, bag: Path, rate: float, **parameters) -> InertialEstimate:
     """Play a bag to an estimator and return its last word."""
-    estimates = graph.collect("inertial_estimate", InertialEstimate)
+    estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
     start_node("inertial_estimator", {"gravity": 9.82085, "publish_rate": 20.0, **parameters})
     graph.wait_for(lambda: graph.node.count_publishers("inertial_estimate"), what="the estimator")
     robot = start_node(
@@ -88,7 +90,7 @@ def test_a_motion_through_the_graph_is_the_offline_answer_to_1e_9(start_node, gr
 
 
 def test_the_payload_of_a_simulated_arm_is_weighed_from_its_joint_states(start_node, graph):
-    estimates = graph.collect("inertial_estimate", InertialEstimate)
+    estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
     diagnostics = graph.collect("diagnostics", DiagnosticArray)
     start_node("inertial_estimator", {"method": "ols"})
     graph.wait_for(lambda: graph.node.count_publishers("inertial_estimate"), what="the estimator")
@@ -179,7 +181,7 @@ class Feeder:
 @pytest.fixture
 def watched(start_node, graph):
     """A static estimator that reads tf, a feeder for it, its estimates and its diagnostics."""
-    estimates = graph.collect("inertial_estimate", InertialEstimate)
+    estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
     diagnostics = graph.collect("diagnostics", DiagnosticArray)
     start_node("inertial_estimator", {"method": "static", "motion_source": "tf", "max_force": 200.0})
     return Feeder(graph), estimates, diagnostics
@@ -239,7 +241,7 @@ def test_before_there_is_an_answer_the_message_says_why_and_holds_no_number(watc
 
 def test_joint_states_of_another_robot_are_not_read_as_this_ones(start_node, graph):
     diagnostics = graph.collect("diagnostics", DiagnosticArray)
-    estimates = graph.collect("inertial_estimate", InertialEstimate)
+    estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
     start_node("inertial_estimator", {"motion_source": "joint_states"})
     feeder = Feeder(graph)
     feeder.description.publish(String(data=find_urdf("fr3").read_text()))
