@@ -291,20 +291,13 @@ def _finished(problem: Problem, at: _About) -> Fit:
         for p in part.effect.parameters(world)
         if p.resolution and not p.linear
     )
-    evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.noise.log_scale
+    evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale
     precision, mean = at.priors(SCALES[best])
     whole = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
-    response = problem.predicted(problem.compose(at.parts)[1]) - problem.predicted(problem.world)
-    calibrated = _calibrated(problem, at)
-    return Fit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole))
-
-
-def _calibrated(problem: Problem, at: _About) -> Array:
-    """(N, C) the calibration errors' response, in the signal's units."""
     world = problem.compose(at.parts)[1]
-    columns = np.concatenate([group.columns for group in problem.groups(world, at.parts)], axis=2)
-    columns = columns[:, :, np.abs(columns).max(axis=(0, 1)) > 0.0]
-    return np.asarray(columns @ at.calibration.coefficients())
+    response = problem.predicted(world) - problem.predicted(problem.world)
+    calibrated = problem.calibrated(problem.groups(world, at.parts), at.calibration.coefficients())
+    return Fit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole))
 
 
 def _covariances(at: _About, whole: Frame) -> tuple[Array, ...]:

@@ -185,18 +185,22 @@ class _BaseRows:
     def __init__(self, robot: RobotModel, n: int) -> None:
         first = robot.pinocchio.njoints - len(robot.coupling)
         self._joint = first - 1 + base_joints(robot)
-        self._rotation, self._rows = np.empty((n, 3, 3)), np.empty((n, 5, 3))
+        self._rotation, self._place = np.empty((n, 3, 3)), np.empty((n, 3))
+        self._rates = np.empty((2, n, 6))
 
     def take(self, i: int, model: pin.Model, data: pin.Data) -> None:
         pose = data.oMi[self._joint]
-        speed, change = data.v[self._joint], data.a[self._joint]
-        classical = change.linear + np.cross(speed.angular, speed.linear)
-        turn = pose.rotation
-        self._rotation[i] = turn
-        self._rows[i] = pose.translation, turn @ speed.linear, turn @ classical, speed.angular, change.angular
+        self._rotation[i], self._place[i] = pose.rotation, pose.translation
+        self._rates[0, i], self._rates[1, i] = data.v[self._joint].vector, data.a[self._joint].vector
 
     def track(self) -> BaseTrack:
-        return BaseTrack(self._rotation, *self._rows.swapaxes(0, 1))
+        linear, angular = self._rates[..., :3], self._rates[..., 3:]
+        classical = linear[1] + np.cross(angular[0], linear[0])
+
+        def in_world(vectors: Array) -> Array:
+            return np.asarray(np.einsum("nij,nj->ni", self._rotation, vectors))
+
+        return BaseTrack(self._rotation, self._place, in_world(linear[0]), in_world(classical), angular[0], angular[1])
 
 
 def _moves(base: BaseTrack) -> bool:

@@ -64,11 +64,11 @@ class Noise:
         return out.reshape(values.shape)
 
     @cached_property
-    def log_scale(self) -> float:
-        """Sum of the logarithms of what samples are divided by: minus this belongs to every log likelihood."""
+    def log_divisor(self) -> Array:
+        """(N,) logarithm of what the channels of a sample are divided by: minus this belongs to a log likelihood."""
         sizes = [len(self.sigma[channels]) for channels in self.groups]
-        spread = [float(np.log(one.deviation).sum()) for one in self._filters]
-        return float(len(self.seconds) * np.log(self.sigma).sum()) + float(np.dot(sizes, spread))
+        spread = [size * np.log(one.deviation) for size, one in zip(sizes, self._filters, strict=True)]
+        return np.asarray(np.log(self.sigma).sum() + np.sum(spread, axis=0))
 
     @cached_property
     def total(self) -> Array:

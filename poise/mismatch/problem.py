@@ -17,6 +17,9 @@ from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
 
+RUN_UP, RUN_OUT = 0.4, 0.1
+"""s at the start and the end of a recording that are predicted, but not judged."""
+
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -53,6 +56,16 @@ class Problem:
         return self.world.wrench if self.world.effort is None or self.signal == "wrench" else self.world.effort.measured
 
     @cached_property
+    def active(self) -> NDArray[np.bool_]:
+        """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
+        return (self.seconds >= self.seconds[0] + RUN_UP) & (self.seconds <= self.seconds[-1] - RUN_OUT)
+
+    @cached_property
+    def log_scale(self) -> float:
+        """What whitening divides by, see `Noise.log_scale`."""
+        return float(self.noise.log_divisor[self.active].sum())
+
+    @cached_property
     def seconds(self) -> Array:
         """(N,)."""
         return self.noise.seconds
@@ -85,16 +98,21 @@ class Problem:
         world = self.compose(parts)[1] if world is None else world
         groups = self.groups(world, parts)
         columns = np.concatenate([group.columns for group in groups], axis=2)
-        keep = np.abs(columns).max(axis=(0, 1)) > 0.0
+        keep = _seen(columns)
         sigma = np.concatenate([group.sigma for group in groups])[keep]
         white = self.whiten(columns[:, :, keep])
         target = self.whiten(self.measured - self.predicted(world))
         return Frame(white, sigma**-2.0, np.zeros(len(sigma)), target)
 
     def whiten(self, values: Array) -> Array:
-        """(N, C) -> (R,); (N, C, k) -> (R, k), R = N C."""
-        white = self.noise.whiten(values)
+        """(N, C) -> (R,); (N, C, k) -> (R, k), R = C times the samples that count."""
+        white = self.noise.whiten(values)[self.active]
         return white.reshape(-1) if values.ndim == 2 else white.reshape(-1, values.shape[2])
+
+    def calibrated(self, groups: Sequence[Group], coefficients: Array) -> Array:
+        """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""
+        columns = np.concatenate([group.columns for group in groups], axis=2)
+        return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
 
     def with_noise(self, noise: Noise) -> "Problem":
         """The same under other noise."""
@@ -102,7 +120,12 @@ class Problem:
 
     def fitted_noise(self, residual: Array) -> Noise:
         """The most likely noise for a residual (N, C)."""
-        return signal_noise(self.world, self.model, self.signal, residual)
+        return signal_noise(self.world, self.model, self.signal, residual, self.active)
+
+
+def _seen(columns: Array) -> NDArray[np.bool_]:
+    """(k,) which calibration errors show at all."""
+    return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
 
 
 def wrench_problem(world: World, model: NominalModel) -> Problem:
@@ -117,15 +140,17 @@ def effort_problem(world: World, model: NominalModel) -> Problem:
 
 def _begun(world: World, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
     rough = Problem(world, model, signal_noise(world, model, signal, None), signal)
-    frame = rough.frame()
-    fitted = frame.columns @ frame.coefficients()
-    # Without colour whitening is division by sigma: the residual of the calibrated model, in the signal's units.
-    residual = (frame.target - fitted).reshape(rough.measured.shape) * rough.noise.sigma
-    return rough.with_noise(rough.fitted_noise(residual))
+    groups = rough.groups(world)
+    fitted = rough.calibrated(groups, rough.frame().coefficients())
+    return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(world) - fitted))
 
 
 def signal_noise(
-    world: World, model: NominalModel, signal: Literal["wrench", "effort"], residual: Array | None
+    world: World,
+    model: NominalModel,
+    signal: Literal["wrench", "effort"],
+    residual: Array | None,
+    active: NDArray[np.bool_] | None = None,
 ) -> Noise:
     """Noise of a signal: white of the measured level when `residual` is None, else of the most likely kind."""
     if signal == "wrench" or world.effort is None:
@@ -138,4 +163,8 @@ def signal_noise(
         measured = track.measured - track.prediction
         groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
         given = (None,) * len(groups)
-    return fit_noise(seconds, speed, measured if residual is None else residual, groups, given, white=residual is None)
+    if residual is None:
+        return fit_noise(seconds, speed, measured, groups, given, white=True)
+    rows = slice(None) if active is None else active
+    found = fit_noise(seconds[rows], speed[rows], residual[rows], groups, given)
+    return replace(found, seconds=seconds, speed=speed)

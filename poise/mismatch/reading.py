@@ -142,12 +142,12 @@ def world_from_streams(
     Raises:
         InputError: JOINT_MISSING, TOO_FEW_SAMPLES, EMPTY.
     """
-    (position,) = robot.order(joints.names, joints.position)
+    position, rates = robot.order(joints.names, joints.position, joints.velocity)
     finite = np.isfinite(position).all(axis=1)
     notes = [] if finite.all() else [f"{int((~finite).sum())} joint states are not finite and were left out"]
     start = int(wrench.stamps[0])
     sampled, seconds = _seconds(joints.stamps[finite], start), _seconds(wrench.stamps, start)
-    moved = smooth(sampled, position[finite], seconds)
+    moved = smooth(sampled, position[finite], seconds, rates[finite])
     base, known = _odometry(odom, start, seconds) if odom is not None else (None, np.ones(len(seconds), dtype=bool))
     known &= moved.known
     if known.sum() < 100:
@@ -166,7 +166,7 @@ def world_from_streams(
     if np.isfinite(efforts[finite]).all(axis=0).any() and odom is None:
         at = sampled[(sampled > sampled[0] + 0.1) & (sampled < sampled[-1] - 0.1)]
         rows = np.isin(sampled, at)
-        along = smooth(sampled, position[finite], sampled[rows])
+        along = smooth(sampled, position[finite], sampled[rows], rates[finite])
         good = along.known
         whole = Motion(along.position[good], along.velocity[good], along.acceleration[good])
         effort = effort_track(robot, sampled[rows][good], whole, efforts[finite][rows][good], phi)

@@ -17,8 +17,12 @@ GAP = 6.0
 MIN_SAMPLES = 30
 EDGE = 0.08
 """s at the ends of a stretch where accelerations are too uncertain."""
-SPACINGS = tuple(0.02 * 2 ** (k / 2) for k in range(11))
-"""s between knots that are tried: 0.02 to 0.64."""
+SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
+"""s between knots that are tried: 0.03 to 0.51."""
+LOCAL = 0.7
+"""s around a sample that say which spline suits it."""
+HONEST = 2.5
+"""Measured rates whose means over 25 samples scatter by this much more than white noise would are not used."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,21 +43,25 @@ class Smoothed:
     noise: Array
 
 
-def smooth(seconds: Array, values: Array, wanted: Array) -> Smoothed:
+def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> Smoothed:
     """Differentiate samples and evaluate at other times, never across a gap.
 
-    The stamps are taken as they are or as those of a regular clock with jitter, whichever the splines follow better.
+    Splines with close knots follow a jerk, splines with wide knots are quiet: each is used where it suits the samples
+    around (a weighted mean by local likelihood). The stamps are taken as they are or as those of a regular clock with
+    jitter, whichever the splines follow better.
 
     Args:
         seconds: (M,) not descending.
         values: (M, J) finite.
         wanted: (N,).
+        rates: (M, J) measured first derivatives; columns with NaN, or with more than white noise, are left out.
 
     Raises:
         InputError: TOO_FEW_SAMPLES.
     """
     fresh = np.concatenate([[True], np.diff(seconds) > 0])
     seconds, values = seconds[fresh], values[fresh]
+    rates = None if rates is None else rates[fresh]
     even = regular(seconds)
     jitter = 0.0
     if even is not None:
@@ -65,21 +73,67 @@ def smooth(seconds: Array, values: Array, wanted: Array) -> Smoothed:
     for part in _stretches(seconds):
         begin, end = seconds[part][0], seconds[part][-1]
         inside = (wanted >= begin + EDGE) & (wanted <= end - EDGE)
-        for columns, fit in _best(seconds[part], values[part]):
-            noise[columns] = np.maximum(noise[columns], fit.sigma[columns])
-            for order in range(3):
-                out[order][np.ix_(inside, columns)] = fit(wanted[inside], order)[:, columns]
+        blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
+        noise = np.maximum(noise, blend.noise)
+        out[:, inside] = blend(wanted[inside])
     return Smoothed(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
 
 
-def _best(seconds: Array, values: Array) -> list[tuple[NDArray[np.intp], SplineFit]]:
-    """Columns with the spline whose knots suit them best (generalised cross-validation, column by column)."""
-    span = float(seconds[-1] - seconds[0])
-    sizes = sorted({max(round(span / spacing), 1) for spacing in SPACINGS})
-    most = max(len(seconds) * 2 // 3 - 5, 1)
-    fits = [SplineFit(Grid.across(seconds, size), seconds, values) for size in sizes if size <= most]
-    chosen = np.argmin([fit.score() for fit in fits], axis=0)
-    return [(np.flatnonzero(chosen == i), fits[i]) for i in np.unique(chosen)]
+class _Blend:
+    """Splines of several knot spacings through one stretch, and how well each suits each moment, column by column."""
+
+    def __init__(self, seconds: Array, values: Array, rates: Array | None) -> None:
+        span = float(seconds[-1] - seconds[0])
+        sizes = sorted({max(round(span / spacing), 1) for spacing in SPACINGS})
+        grids = [Grid.across(seconds, size) for size in sizes if size <= max(len(seconds) * 2 // 3 - 5, 1)]
+        plain = [SplineFit(grid, seconds, values) for grid in grids]
+        best = np.argmin([fit.score() for fit in plain], axis=0)
+        columns = np.arange(values.shape[1])
+        self.noise = np.array([fit.sigma for fit in plain])[best, columns]
+        self.noise = np.maximum(self.noise, 1e-12)
+        self._seconds = seconds
+        slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
+        self._fits = plain if slopes is None else [SplineFit(g, seconds, values, slopes, weight) for g in grids]
+        self._score = np.stack([self._local(fit, values) for fit in self._fits])
+
+    def _local(self, fit: SplineFit, values: Array) -> Array:
+        """(M, J) local log likelihood, less one for every coefficient that is spent around (Akaike 1974)."""
+        period = float(np.median(np.diff(self._seconds)))
+        half = min(max(round(LOCAL / period), 3), (len(values) - 1) // 2)
+        window = np.hanning(2 * half + 3)[1:-1]
+        square = ((values - fit(self._seconds)) / self.noise) ** 2
+        padded = np.pad(square, ((half, half), (0, 0)), mode="reflect")
+        misfit = np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
+        return -0.5 * misfit - float(window.sum()) * fit.grid.size / len(values)
+
+    def __call__(self, wanted: Array) -> Array:
+        """(3, N, J) value, rate and second rate."""
+        count = self._score.shape[2]
+        score = np.stack(
+            [np.stack([np.interp(wanted, self._seconds, s[:, j]) for j in range(count)], axis=1) for s in self._score]
+        )
+        share = np.exp(score - score.max(axis=0))
+        share /= share.sum(axis=0)
+        return np.stack(
+            [sum(w * fit(wanted, order) for w, fit in zip(share, self._fits, strict=True)) for order in range(3)]
+        )
+
+
+def _trusted(
+    seconds: Array, rates: Array | None, fits: list[SplineFit], best: Array, noise: Array
+) -> tuple[Array | None, float]:
+    """Measured rates to use, with the weight (s2) that their noise earns them; None when they are no white noise."""
+    if rates is None or not np.isfinite(rates).all():
+        return None, 0.0
+    off = np.stack([rates[:, j] - fits[i](seconds, 1)[:, j] for j, i in enumerate(best)], axis=1)
+    length = len(off) // 25 * 25
+    if length < 100:
+        return None, 0.0
+    means = off[:length].reshape(-1, 25, off.shape[1]).mean(axis=1)
+    scatter = np.maximum(off.var(axis=0), 1e-18)
+    if (25.0 * np.mean(means**2, axis=0) > HONEST * scatter).any():
+        return None, 0.0
+    return rates, float(np.median(noise**2 / scatter))
 
 
 def _roughness(seconds: Array, values: Array) -> float:

@@ -87,12 +87,13 @@ def make_case(
     wrench = wrench + _noise(rng, exact)
     joint_times = np.arange(round(duration * 125)) * 0.008
     joints = trajectory.at(joint_times)
-    read = joints.position + offsets + shift + rng.normal(size=joints.position.shape) * 2e-5
+    read = joints.position + offsets + shift + rng.normal(size=joints.position.shape) * 1e-5
+    rates = joints.velocity + rng.normal(size=joints.position.shape) * 5e-4
     stamps = [times + rng.normal(size=len(times)) * 3e-4 for times in (joint_times, said)]
     joint_stamps, wrench_stamps = (np.sort(np.round((s + 1000.0) * 1e9).astype(np.int64)) for s in stamps)
     nan = np.full(read.shape, np.nan)
     return Case(
-        JointStream(joint_stamps, ROBOT.joint_names, read, nan, nan),
+        JointStream(joint_stamps, ROBOT.joint_names, read, rates, nan),
         WrenchStream(wrench_stamps, wrench, "ft_sensor"),
         NominalModel(sensor_frame="ft_sensor", phi=body.phi),
         truth,
