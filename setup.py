@@ -149,6 +149,7 @@ setup(
             "types-pyserial",
             "pre-commit",
             "colcon-common-extensions",
+            "setuptools<80",  # colcon build --symlink-install says `develop --editable`, which 80 has dropped
             "mcap-ros2-support",  # another reader, for tests and benchmarks/bags.py
             *BUILD_REQUIRES,
         ],

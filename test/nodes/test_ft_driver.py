@@ -156,7 +156,7 @@ def test_silence_is_reported_and_samples_come_back(
     diagnostics.wait_for("streaming")
     rdt.silent = True
     values = diagnostics.wait_for("silent")
-    assert float(values["age_s"]) > 0.05
+    assert float(values["age_s"]) >= 0.05  # to the millisecond that is printed
     assert diagnostics.last.message.startswith("SENSOR_STALE: no sample for")
     before, seen = len(wrenches), len(diagnostics.conditions)
     rdt.power_cycle()

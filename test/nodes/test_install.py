@@ -63,7 +63,7 @@ def test_launch_files_parameters_and_bags_are_shared() -> None:
     share = Path(get_package_share_directory("poise"))
     for node in NODES:
         assert (share / "launch" / f"{node}.launch.py").is_file()
-        assert (share / "config" / f"{node}.yaml").is_file()
+        assert list((share / "config").glob(f"{node}*.yaml"))
     assert (share / "package.xml").is_file()
     assert (share / "bags" / "manifest.yaml").is_file()
 
