@@ -1,13 +1,14 @@
 """An assembly made ready for questions: its blocks with their solvers, built when first needed and kept."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from poise.assembly.block import BlockGeometry, block_geometry, gravity_wrenches
 from poise.assembly.contacts import CONTACT_MARGIN, Interface
-from poise.assembly.coulomb import CoulombBlock
+from poise.assembly.coulomb import NEVER_LATE, CoulombBlock
+from poise.assembly.deadline import Deadline
 from poise.assembly.equilibrium import Standing, has_self_stress, stability
 from poise.assembly.gauge import GaugeProgram
 from poise.assembly.geometry import Array
@@ -15,7 +16,7 @@ from poise.assembly.graph import Block, Structure
 from poise.assembly.limit import limit_program
 from poise.assembly.patch import PatchProgram
 from poise.assembly.pushes import Loads
-from poise.assembly.scene import Assembly
+from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
 
@@ -68,14 +69,45 @@ class BlockAnalysis:
         return has_self_stress(self.geometry)
 
     @cached_property
-    def standing(self) -> Standing:
-        """How safely it stands; where it might be held by forces that nothing presses into being, checked for that."""
-        standing = stability(self.geometry)
-        if standing.margin >= 0 and self.self_stress:
-            settled = self.coulomb.settle(self.geometry.gravity.ravel())
-            if not settled.stands:
-                return Standing(-settled.unbalanced, settled.displacement)
-        return standing
+    def balance(self) -> Standing:
+        """How safely it stands if contact forces may be any that balance."""
+        return stability(self.geometry)
+
+    @cached_property
+    def _settled(self) -> dict[str, Standing]:
+        return {}
+
+    def standing(self, deadline: Deadline = NEVER_LATE) -> tuple[Standing, bool]:
+        """How safely it stands. Where contact forces have a choice, they must also be what elastic contacts give.
+
+        Returns:
+            How safely, and whether elastic contacts were asked where they have to be, before the deadline.
+        """
+        if self.balance.margin < 0 or self.geometry.statically_determinate:
+            return self.balance, True
+        if not self._settled:
+            state = self.coulomb.settle(self.geometry.gravity.ravel(), deadline=deadline)
+            if not state.known:
+                return self.balance, False
+            falls = Standing(-state.unbalanced, state.displacement)
+            self._settled["standing"] = self.balance if state.stands else falls
+        return self._settled["standing"], True
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """Equal for blocks that are the same problem: the same objects held in the same places."""
+        objects = self.structure.assembly.objects
+        members = tuple(tuple(id(objects[place]) for place in group) for group in self.block.members)
+        touch = tuple((id(interface.points), interface.friction) for interface in self.interfaces)
+        return members, touch, self.block.supports
+
+    def adopt(self, other: "BlockAnalysis") -> None:
+        """Take over what another analysis of the same block (equal keys) has worked out."""
+        for name in ("limit", "single_patch", "patch", "coulomb", "self_stress", "balance", "_settled"):
+            if name in other.__dict__:
+                self.__dict__[name] = other.__dict__[name]
+        if "geometry" in other.__dict__:
+            self.__dict__["geometry"] = replace(other.geometry, block=self.block)
 
     def loads(self, loads: Loads) -> tuple[np.ndarray, Array]:
         """The questions (q,) that load this block, and the loads (q, 6 n) in its units."""
@@ -156,6 +188,26 @@ class PatchMechanism(Mechanism):
         return self.block.geometry.units.of_velocity(self._patch.mechanism(*self._give_way))
 
 
+@dataclass(frozen=True)
+class Stability:
+    """Whether an assembly stands by itself.
+
+    Args:
+        margin: N by which every interface could press less and still hold; 0 on the verge of moving; negative when it
+            falls: how hard every interface would have to pull, or how much of the weight nothing carries.
+        falling: ids of what falls, or is on the verge of it.
+        complete: elastic contacts were asked wherever contact forces have a choice.
+    """
+
+    margin: float
+    falling: tuple[str, ...]
+    complete: bool
+
+    @property
+    def stable(self) -> bool:
+        return self.margin >= 0
+
+
 @dataclass(frozen=True, eq=False)
 class Analysis:
     """An assembly, its contacts, and one solver per block. For one thread at a time."""
@@ -173,6 +225,30 @@ class Analysis:
             return assembly
         return cls(assembly if isinstance(assembly, Structure) else Structure.of(assembly, margin))
 
+    def with_object(self, item: RigidObject) -> "Analysis":
+        """The analysis with an object added, or moved: only its contacts and the blocks these change are new.
+
+        Raises:
+            InputError: INTERPENETRATION, FLOATING.
+        """
+        return Analysis(self.structure.with_object(item))._keeping(self)
+
+    def without(self, name: str) -> "Analysis":
+        """The analysis when one object is taken away. Others may float then: see `stability`.
+
+        Raises:
+            InputError: OBJECT_UNKNOWN.
+        """
+        return Analysis(self.structure.without(name))._keeping(self)
+
+    def _keeping(self, other: "Analysis") -> "Analysis":
+        """This analysis, with the solvers of all blocks that are as in another one."""
+        known = {block.key: block for block in other.blocks}
+        for block in self.blocks:
+            if block.key in known:
+                block.adopt(known[block.key])
+        return self
+
     @property
     def assembly(self) -> Assembly:
         return self.structure.assembly
@@ -181,35 +257,29 @@ class Analysis:
     def blocks(self) -> tuple[BlockAnalysis, ...]:
         return tuple(BlockAnalysis(self.structure, block) for block in self.structure.blocks)
 
-    @cached_property
-    def margin(self) -> float:
-        """N: by how much every interface could press less and still hold; 0 on the verge, negative when it falls."""
-        margins = [block.standing.margin * block.geometry.units.weight for block in self.blocks]
-        return min(margins, default=np.inf)
-
-    @cached_property
-    def falling(self) -> tuple[str, ...]:
-        """Ids of the objects that move, or are on the verge of it, when nothing pushes them."""
-        names: list[str] = []
+    def stability(self, deadline: Deadline = NEVER_LATE) -> Stability:
+        """Whether and how safely the assembly stands by itself; floating objects fall."""
+        objects = self.assembly.objects
+        margin = -np.inf if self.structure.floating else np.inf
+        falling = [objects[place].id for place in self.structure.floating]
+        complete = True
         for block in self.blocks:
-            if block.standing.margin <= 0:
-                names += [
-                    self.assembly.objects[place].id for place in Mechanism(block, block.standing.twist).velocities
-                ]
-        return tuple(dict.fromkeys(names))
+            standing, known = block.standing(deadline)
+            complete &= known
+            margin = min(margin, standing.margin * block.geometry.units.weight)
+            if standing.margin <= 0:
+                falling += [objects[place].id for place in Mechanism(block, standing.twist).velocities]
+        return Stability(margin, tuple(dict.fromkeys(falling)), complete)
 
-    @property
-    def stable(self) -> bool:
-        return self.margin >= 0
-
-    def require_stable(self) -> None:
+    def require_stable(self, deadline: Deadline = NEVER_LATE) -> None:
         """Raise NoAnswerError UNSTABLE, with what falls and by what margin, when the assembly does not stand."""
-        if not self.stable:
-            names = ", ".join(self.falling[:5])
+        found = self.stability(deadline)
+        if not found.stable:
+            names = ", ".join(found.falling[:5])
             raise NoAnswerError(
                 ErrorCode.UNSTABLE,
-                f"the assembly does not stand by itself: {names} would move (margin {self.margin:.4g} N); "
+                f"the assembly does not stand by itself: {names} would move (margin {found.margin:.4g} N); "
                 "check poses, centres of mass and friction, or support it",
-                objects=list(self.falling),
-                margin=self.margin,
+                objects=list(found.falling),
+                margin=found.margin,
             )

@@ -1,14 +1,15 @@
 """How hard may each of these be pushed? The answer of the robustness service and of `poise robustness`."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from poise.assembly.analysis import Analysis, Mechanism
+from poise.assembly.deadline import Deadline
 from poise.assembly.geometry import Array
-from poise.assembly.models import MODELS, Collapses, Deadline, Model
+from poise.assembly.models import MODELS, Collapses, Model
 from poise.assembly.pushes import Loads, Push, loads_of
 from poise.assembly.scene import Assembly
 from poise.errors import ErrorCode, InputError
@@ -28,7 +29,7 @@ class Robustness:
     lower: float
     upper: float
     checked: bool
-    _evidence: "_Evidence"
+    _evidence: "_Evidence" = field(repr=False)
 
     @property
     def mode(self) -> str:
@@ -123,14 +124,16 @@ def assess(
     solve = find_model(model)
     analysis = Analysis.of(assembly)
     loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
-    if analysis.stable:
+    # In a hurry the pushes go first: whether any contact forces balance is known soon.
+    collapses = Collapses.start(loads.count)
+    if all(block.balance.margin >= 0 for block in analysis.blocks):
         collapses = solve(analysis, loads, clock)
-    else:
+    found = analysis.stability(clock)
+    if not found.stable:
         collapses = Collapses.start(loads.count)
         collapses.lower[:] = collapses.upper[:] = 0.0
-    return Assessment(
-        analysis.stable, analysis.margin, analysis.falling, robustness(collapses, loads), collapses.complete
-    )
+    results = robustness(collapses, loads)
+    return Assessment(found.stable, found.margin, found.falling, results, collapses.complete and found.complete)
 
 
 def robustness(collapses: Collapses, loads: Loads) -> tuple[Robustness, ...]:

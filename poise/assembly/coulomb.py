@@ -8,16 +8,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, eye_array
+from scipy.sparse.linalg import splu
 
-from poise.assembly.block import BlockGeometry, assembled
+from poise.assembly.block import BlockGeometry, Sparse, assembled
 from poise.assembly.contacts import Interface
+from poise.assembly.deadline import Deadline
 from poise.assembly.friction_surface import patch_friction
 from poise.assembly.geometry import Array, plane_axes
 
 # Stiffness of the ground that catches what nothing holds, per mean contact stiffness.
-CATCH = 1e-7
+CATCH = 1e-8
 # A block stands when the catch carries less than this share of the load.
 CARRIED = 2e-4
 # What may be left of the equations, per load.
@@ -28,6 +29,9 @@ STEPS, ROUNDS, ATTEMPTS = 60, 3, 5
 PUSHOVER, CUT = 6, 5
 BISECTED = 0.002
 """To this share the factor at which a block gives way is found."""
+NEVER_LATE = Deadline()
+# Systems up to this size are solved dense.
+DENSE = 120
 # Share of an interface's stiffness at its corners; the rest is at the cells within.
 AT_CORNERS = 0.3
 
@@ -40,11 +44,13 @@ class ElasticState:
         stands: the contacts alone carry the load.
         unbalanced: share of the load that they do not carry.
         displacement: (6 n,) in units of load per mean stiffness.
+        known: there was time to find out.
     """
 
     stands: bool
     unbalanced: float
     displacement: Array
+    known: bool = True
 
 
 class CoulombBlock:
@@ -66,59 +72,69 @@ class CoulombBlock:
         self._motion = self._grasp.T.tocsr()
         self._stiffness, self._friction = stiffness, friction
         self._catch = CATCH * float(stiffness.mean())
+        self._unit = eye_array(self._grasp.shape[0], format="csc")
 
-    def settle(self, load: Array, start: Array | None = None) -> ElasticState:
+    def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NEVER_LATE) -> ElasticState:
         """Come to rest under a load (6 n,), gravity included, in the block's units.
 
         Args:
             load: N and N m, in those units.
             start: (6 n,) displacement to start from; None: of contacts that do not slip.
+            deadline: when it passes, the state is not `known`.
         """
         size = float(np.linalg.norm(load)) or 1.0
         bounds = np.full(len(self._stiffness), np.inf)
         displacement = self._tresca(load, bounds, np.zeros_like(load)) if start is None else start
         for _ in range(ATTEMPTS):
-            found, left = self._newton(load, displacement)
+            found, left = self._newton(load, displacement, deadline)
             unbalanced = left + self._catch * float(np.linalg.norm(found)) / size
             if left <= SETTLED:
                 return ElasticState(unbalanced <= CARRIED, unbalanced, found)
             for _ in range(ROUNDS):
+                if deadline.passed:
+                    return ElasticState(False, unbalanced, found, known=False)
                 pressed = self._friction * np.maximum(-self._stiffness * self._relative(displacement)[:, 0], 0.0)
                 bounds = pressed if np.isinf(bounds).all() else (bounds + pressed) / 2
                 displacement = self._tresca(load, bounds, np.zeros_like(load))
         return ElasticState(False, max(unbalanced, CARRIED), found)
 
-    def factor(self, load: Array, above: float) -> float:
-        """The factor up to which the block stands under gravity and this load (6 n,), at most `above`."""
+    def factor(self, load: Array, above: float, deadline: Deadline = NEVER_LATE) -> tuple[float, bool]:
+        """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
+
+        Returns:
+            The factor, and whether it is known; when the deadline passed, it is what was reached by then.
+        """
         gravity = self.geometry.gravity.ravel()
-        state = self.settle(gravity)
+        state = self.settle(gravity, None, deadline)
         if not state.stands:
-            return 0.0
-        if self.settle(gravity + above * load, state.displacement).stands:
-            return above
+            return 0.0, state.known
+        if self.settle(gravity + above * load, state.displacement, deadline).stands:
+            return above, True
         reached, step = 0.0, above / PUSHOVER
         while step > BISECTED * max(reached, step):
             while reached + step < above:
-                pushed = self.settle(gravity + (reached + step) * load, state.displacement)
+                pushed = self.settle(gravity + (reached + step) * load, state.displacement, deadline)
+                if not pushed.known:
+                    return reached, False
                 if not pushed.stands:
                     break
                 reached, state = reached + step, pushed
             step /= CUT
-        return reached
+        return reached, True
 
     def _relative(self, displacement: Array) -> Array:
         """(P, 3) displacement of the second body relative to the first at each point: parting, and two tangents."""
         return np.asarray(self._motion @ displacement).reshape(-1, 3)
 
-    def _newton(self, load: Array, start: Array) -> tuple[Array, float]:
+    def _newton(self, load: Array, start: Array, deadline: Deadline) -> tuple[Array, float]:
         """Displacement (6 n,) at which contacts, slipping as Coulomb says, carry a load; and what is left, per load."""
         u, size = start, float(np.linalg.norm(load)) or 1.0
         rest = self._left(u, load)
         left = float(np.linalg.norm(rest))
         for _ in range(STEPS):
-            if left <= SETTLED / 10 * size:
+            if left <= SETTLED / 10 * size or deadline.passed:
                 break
-            step = -np.linalg.solve(self._jacobian(u), rest)
+            step = -_solve(self._jacobian(u), rest)
             length = 1.0
             while length > 1e-3:
                 new = self._left(u + length * step, load)
@@ -135,7 +151,7 @@ class CoulombBlock:
         forces = self._forces(u, None)
         return np.asarray(self._catch * u - load - self._grasp @ forces.ravel())
 
-    def _jacobian(self, u: Array) -> Array:
+    def _jacobian(self, u: Array) -> Sparse:
         """(6 n, 6 n) derivative of `_left`; not symmetric, because friction follows the normal force."""
         relative, k = self._relative(u), self._stiffness
         slide = np.linalg.norm(relative[:, 1:], axis=1)
@@ -162,14 +178,12 @@ class CoulombBlock:
         blocks[:, 1:, 1:] -= np.where(slips, across, 0.0)[:, None, None] * along
         return blocks, direction, slips
 
-    def _assembled(self, blocks: Array) -> Array:
+    def _assembled(self, blocks: Array) -> Sparse:
         """(6 n, 6 n) stiffness of the bodies of that of the points (P, 3, 3), and of the catch."""
         at = np.arange(3 * len(blocks)).reshape(-1, 3)
         rows, columns = np.repeat(at, 3, axis=1).ravel(), np.tile(at, (1, 3)).ravel()
         points = csc_array((blocks.ravel(), (rows, columns)), shape=(at.size, at.size))
-        stiffness = (self._grasp @ points @ self._motion).toarray()
-        stiffness[np.diag_indices_from(stiffness)] += self._catch
-        return np.asarray(stiffness)
+        return self._grasp @ points @ self._motion + self._catch * self._unit
 
     def _forces(self, displacement: Array, bounds: Array | None) -> Array:
         """(P, 3) contact forces; friction limited to the bounds (P,), by default to what Coulomb's law says."""
@@ -190,7 +204,7 @@ class CoulombBlock:
             relative = self._relative(u)
             slide = np.linalg.norm(relative[:, 1:], axis=1)
             blocks, _, _ = self._tangent(relative, slide, bounds, relative[:, 0] <= 0)
-            step = -cho_solve(cho_factor(self._assembled(blocks)), gradient)
+            step = -_solve(self._assembled(blocks), gradient)
             slope = float(gradient @ step)
             length = 1.0
             for _ in range(30):
@@ -214,6 +228,13 @@ class CoulombBlock:
         energy = float(k @ pressed**2 / 2 + friction.sum() + self._catch * (u @ u) / 2 - load @ u)
         gradient = self._catch * u - load - self._grasp @ self._forces(u, bounds).ravel()
         return energy, gradient
+
+
+def _solve(matrix: Sparse, right: Array) -> Array:
+    """Solve a linear system: few bodies dense, many sparse (each touches few others)."""
+    if len(right) <= DENSE:
+        return np.asarray(np.linalg.solve(matrix.toarray(), right))
+    return np.asarray(splu(matrix.tocsc()).solve(right))
 
 
 def _elastic_points(

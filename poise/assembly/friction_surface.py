@@ -179,7 +179,7 @@ def _surface_of(data: bytes, shape: tuple[int, ...]) -> FrictionSurface:
     areas = np.abs(np.linalg.det(sides)) / 2
     places, weights = [], []
     for corner, side, share in zip(corners[:, 0], sides, areas / areas.sum(), strict=True):
-        steps = int(np.ceil(np.sqrt(QUADRATURE * share)))
+        steps = max(1, int(np.ceil(np.sqrt(QUADRATURE * share))))
         centres = _triangle_centres(steps)
         places.append(corner + centres @ side)
         weights.append(np.full(len(centres), share / len(centres)))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from poise.assembly.contacts import CONTACT_MARGIN, Interface, find_interfaces
-from poise.assembly.scene import Assembly
+from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError
 
 FIXED = -1
@@ -55,10 +55,15 @@ class Structure:
         structure._check_connected()
         return structure
 
-    def with_object(self, assembly: Assembly, name: str) -> "Structure":
-        """The structure of an assembly that differs in one object, added or moved: only its contacts are looked for."""
-        kept = self._renumbered(assembly, name)
-        found = find_interfaces(assembly, self.margin, only=frozenset([name])) if name in assembly.index else []
+    def with_object(self, item: RigidObject) -> "Structure":
+        """The structure with an object added, or moved: only its contacts are looked for.
+
+        Raises:
+            InputError: INTERPENETRATION, FLOATING.
+        """
+        assembly = self.assembly.with_object(item)
+        kept = self._renumbered(assembly, item.id)
+        found = find_interfaces(assembly, self.margin, only=frozenset([item.id]))
         structure = Structure(assembly, tuple(kept + found), self.margin)
         structure._check_connected()
         return structure

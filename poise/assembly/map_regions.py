@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 
 from poise.assembly.analysis import BlockAnalysis, Mechanism
 from poise.assembly.convexity import upper_planes
+from poise.assembly.deadline import Deadline
 from poise.assembly.geometry import Array, plane_axes, wrench_of_force
-from poise.assembly.models import Deadline
 from poise.assembly.surface import SurfacePoints
 
 Integers = NDArray[np.int64]

@@ -4,11 +4,14 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism
+from poise.assembly.deadline import Deadline
+from poise.assembly.gauge import NEVER
 from poise.assembly.geometry import Array, wrench_of_force
 from poise.assembly.map_regions import Bounds, Integers, Pool, bound_block
-from poise.assembly.models import Deadline
+from poise.assembly.models import HUGE, NEARLY
 from poise.assembly.scene import Assembly
 from poise.assembly.surface import SurfacePoints, sample_surface
 from poise.errors import ErrorCode, InputError
@@ -28,6 +31,8 @@ class RobustnessMap:
         block: (N,) number in `analysis.blocks` of what gives way at the upper bound; -1 for none.
         mechanism: (N,) number in `mechanisms` of how; -1 for none, or when a patch alone gives way (ask `assess`).
         mechanisms: collapse mechanisms; each bounds the robustness of every point from above.
+        doubtful: (N,) bounds that may rest on self-stress: elastic contacts did not hold a point of the same face and
+            direction, or were not asked for want of time.
         complete: the bounds meet the tolerance everywhere; otherwise the deadline passed before.
         solves: conic programs solved.
         seconds: taken.
@@ -40,6 +45,7 @@ class RobustnessMap:
     block: Integers
     mechanism: Integers
     mechanisms: tuple[Mechanism, ...]
+    doubtful: NDArray[np.bool_]
     complete: bool
     solves: int
     seconds: float
@@ -86,7 +92,7 @@ def robustness_map(
     if name not in ("default", "limit", "patch"):
         raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {name!r}")
     analysis = Analysis.of(assembly)
-    analysis.require_stable()
+    analysis.require_stable(clock)
     if isinstance(surface, int):
         surface = sample_surface(analysis.structure, surface)
     bounds = Bounds.none(len(surface.points))
@@ -96,14 +102,19 @@ def robustness_map(
         for number, (block, rows) in enumerate(zip(analysis.blocks, loaded, strict=True)):
             _single_patch(block, number, rows, wrenches, bounds)
     complete = True
-    floor = 1 / (CEILING * (sum(block.geometry.units.weight for block in analysis.blocks) or 1.0))
+    weight = sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
     for number, (block, rows) in enumerate(zip(analysis.blocks, loaded, strict=True)):
         if name == "patch" and block.single_patch is not None:
             continue
         pool = Pool(block, number, bounds, clock, with_limit=name != "patch", with_patch=name != "limit")
-        complete &= bound_block(pool, surface, rows, wrenches, tolerance, floor)
+        complete &= bound_block(pool, surface, rows, wrenches, tolerance, 1 / (CEILING * weight))
     with np.errstate(divide="ignore"):
-        lower, upper = 1 / bounds.upper, 1 / bounds.lower
+        lower, upper = (1 / np.where(gauge > NEVER / weight, gauge, 0.0) for gauge in (bounds.upper, bounds.lower))
+    doubtful = np.zeros(len(lower), dtype=bool)
+    if name == "default":
+        for block, rows in zip(analysis.blocks, loaded, strict=True):
+            if block.self_stress and len(rows):
+                doubtful[rows] = _rests_on_self_stress(block, surface, rows, wrenches, upper, clock)
     return RobustnessMap(
         analysis,
         surface,
@@ -112,10 +123,37 @@ def robustness_map(
         bounds.block,
         bounds.mechanism,
         tuple(bounds.mechanisms),
+        doubtful,
         complete,
         bounds.solves,
         time.perf_counter() - start,
     )
+
+
+def _rests_on_self_stress(
+    block: BlockAnalysis, surface: SurfacePoints, rows: Integers, wrenches: Array, upper: Array, deadline: Deadline
+) -> NDArray[np.bool_]:
+    """(r,) for points (rows), whether elastic contacts fail at the weakest, middle or strongest point of their face."""
+    key = np.column_stack([surface.place[rows], np.round(surface.directions[rows], 3)]) + 0.0
+    _, face = np.unique(key, axis=0, return_inverse=True)
+    face = face.ravel()
+    doubtful = np.ones(len(rows), dtype=bool)
+    units, places = block.geometry.units, block.geometry.place_of
+    for number in np.unique(face):
+        members = np.flatnonzero(face == number)
+        members = members[np.argsort(upper[rows[members]])]
+        holds = True
+        for index in {int(members[0]), int(members[len(members) // 2]), int(members[-1])}:
+            if deadline.passed:
+                return doubtful
+            row = rows[index]
+            load = np.zeros((block.geometry.count, 6))
+            load[places[int(surface.place[row])]] = units.of_wrench(wrenches[row])
+            above = NEARLY * min(float(upper[row]), HUGE * units.weight)
+            gravity = block.geometry.gravity.ravel()
+            holds = holds and block.coulomb.settle(gravity + above * load.ravel(), deadline=deadline).stands
+        doubtful[members] = not holds
+    return doubtful
 
 
 def _single_patch(block: BlockAnalysis, number: int, rows: Integers, wrenches: Array, bounds: Bounds) -> None:

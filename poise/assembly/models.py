@@ -1,6 +1,5 @@
 """Models of when an assembly gives way, by name: each answers many questions at once."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -9,6 +8,7 @@ from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism, PatchMechanism
 from poise.assembly.coulomb import BISECTED
+from poise.assembly.deadline import Deadline
 from poise.assembly.gauge import NEVER, Gauge
 from poise.assembly.geometry import Array
 from poise.assembly.pushes import Loads
@@ -21,21 +21,6 @@ HUGE = 1000.0
 """What is sustained for ever is checked at this many weights of the assembly."""
 CHECKS = 8
 """So many of the weakest answers are checked by elastic contacts, and all that may rest on self-stress."""
-
-
-@dataclass(frozen=True)
-class Deadline:
-    """A moment to be done by, on the monotonic clock; None: whenever."""
-
-    at: float | None = None
-
-    @classmethod
-    def after(cls, seconds: float | None) -> "Deadline":
-        return cls(None if seconds is None else time.monotonic() + seconds)
-
-    @property
-    def passed(self) -> bool:
-        return self.at is not None and time.monotonic() >= self.at
 
 
 @dataclass(eq=False)
@@ -187,10 +172,11 @@ def _check_elastic(
                 return
             question, load = int(questions[row]), block_loads[row]
             above = nearly * min(float(collapses.upper[question]), HUGE * total)
-            factor = block.coulomb.factor(load, above)
+            factor, complete = block.coulomb.factor(load, above, deadline)
+            collapses.complete &= complete
             if factor < above:
-                gravity = block.geometry.gravity.ravel()
-                fall = block.coulomb.settle(gravity + 1.02 * factor * load)
                 collapses.lower[question] = min(float(collapses.lower[question]), factor)
+                gravity = block.geometry.gravity.ravel()
+                fall = block.coulomb.settle(gravity + 1.02 * factor * load, deadline=deadline)
                 collapses.mechanisms[question] = Mechanism(block, fall.displacement)
     collapses.checked |= wanted

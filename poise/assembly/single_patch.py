@@ -40,7 +40,9 @@ class SinglePatch:
         self._mu = interface.friction
         self._normal = interface.normal if faces_body else -interface.normal
         self._axes = self._friction.axes
-        self._edges = _hull_edges((interface.points - self._friction.centroid) @ self._axes.T)
+        # 1 when (u, v, normal into the body) is right-handed.
+        self._handed = 1.0 if faces_body else -1.0
+        self._edges = hull_edges((interface.points - self._friction.centroid) @ self._axes.T)
         self._rest = self._demand(resting)
         self._weight = float(np.linalg.norm(resting)) or 1.0
 
@@ -91,11 +93,6 @@ class SinglePatch:
         needed = self._friction.surface.gauge(supply[..., 3:5], moment)
         return np.asarray((needed - self._mu * normal) / self._weight)
 
-    @property
-    def _handed(self) -> float:
-        """1 when (u, v, normal into the body) is right-handed."""
-        return 1.0 if float(np.cross(*self._axes) @ self._normal) > 0 else -1.0
-
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none."""
         steps = top[:, None] * np.linspace(0, 1, COARSE + 1)[1:]
@@ -143,7 +140,7 @@ class SinglePatch:
         return np.concatenate([velocity - np.cross(angular, pivot), angular])
 
 
-def _hull_edges(points: Array) -> tuple[Array, Array]:
+def hull_edges(points: Array) -> tuple[Array, Array]:
     """Inward normals (E, 2) and offsets (E,), n . x >= offset inside, of a polygon, a line or a point (P, 2)."""
     if len(points) == 1:
         inward = np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1]])
