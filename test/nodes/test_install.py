@@ -108,4 +108,4 @@ def test_colcon_builds_it_and_ros2_run_would_find_it(
     runs = subprocess.run(
         where, env=environment, capture_output=True, text=True, check=True, cwd=tmp_path
     ).stdout.strip()
-    assert Path(runs).is_relative_to(ROOT if symlink else tmp_path)
+    assert Path(runs).resolve().is_relative_to(ROOT if symlink else tmp_path)
