@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 SCALES = (1 / 3, 1.0, 3.0)
 STEP = 1e-4
 """Of the unit interval, for derivatives by differences."""
-MOST_STEPS = 8
+MOST_STEPS = 12
 SETTLED = 0.05
 """Fall of the square below which a fit has settled."""
 
@@ -76,9 +76,10 @@ def refine(
     moving = [p for p in parameters if not p.linear and not p.choice and not p.resolution]
     weak = np.array([(SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
     at = _linear(problem, frame, world, effect, dict(start), weak)
+    damping = Damping()
     for _ in range(steps if moving else 0):
         slopes = _slopes(problem, world, effect, at, moving)
-        moved = _stepped(problem, frame, world, effect, at, moving, slopes, weak)
+        moved = _stepped(problem, frame, world, effect, at, moving, slopes, weak, damping)
         if moved is None:
             break
         settled = moved.drop - at.drop < SETTLED
@@ -139,27 +140,45 @@ def _stepped(
     moving: Sequence[Parameter],
     slopes: Array,
     weak: Array,
+    damping: "Damping",
 ) -> _Point | None:
-    """A Gauss-Newton step in all parameters, shortened until the fit is better; None when it cannot be."""
+    """A Levenberg-Marquardt step in all parameters, damped until the fit is better; None when it cannot be."""
     count = at.columns.shape[1]
     beside = frame.beside(np.hstack([at.columns, slopes, at.response[:, None]]))
     inner = beside.pick(slice(0, -1))
     # What is left when the response as it is has been taken away.
     vector = inner.vector - beside.information[:-1, -1]
     vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(world) if p.linear])
-    precision = np.concatenate([weak, np.full(len(moving), 1.0)])
-    step = Beside(inner.information, vector).solve(precision)[count:]
-    length = 1.0
-    for _ in range(5):
-        values = {
-            p.name: p.from_unit(float(np.clip(p.to_unit(at.values[p.name]) + length * s, 1e-6, 1.0 - 1e-6)))
-            for p, s in zip(moving, step, strict=True)
-        }
+    for strength in damping.tries():
+        held = strength * np.diag(inner.information)[count:]
+        precision = np.concatenate([weak, held + 1e-9])
+        step = Beside(inner.information, vector).solve(precision)[count:]
+        values = {p.name: _shifted(p, at.values[p.name], float(s)) for p, s in zip(moving, step, strict=True)}
         trial = _linear(problem, frame, world, effect, {**at.values, **values}, weak)
         if trial.drop > at.drop:
+            damping.eased(strength)
             return trial
-        length /= 3.0
     return None
+
+
+class Damping:
+    """How strongly a step is held back, in units of each parameter's own curvature (Marquardt 1963)."""
+
+    def __init__(self) -> None:
+        self._now = 1e-6
+
+    def tries(self) -> list[float]:
+        """From what served last, upwards."""
+        return [self._now * 30.0**k for k in range(6) if self._now * 30.0**k < 1e3]
+
+    def eased(self, strength: float) -> None:
+        """A step at this strength was good: try a longer one next."""
+        self._now = max(strength / 30.0, 1e-6)
+
+
+def _shifted(p: Parameter, value: float, step: float) -> float:
+    """The value a step further in its prior; at its edge it stops."""
+    return p.from_unit(float(np.clip(p.to_unit(value) + step, 1e-6, 1.0 - 1e-6)))
 
 
 def _evidence_gain(frame: Frame, at: _Point, parameters: Sequence[Parameter], slopes: Array) -> float:
@@ -191,8 +210,9 @@ def fit(problem: Problem, parts: Sequence[Part], steps: int = 4) -> Fit:
         steps: at the most.
     """
     current = _about(problem, tuple(parts))
+    damping = Damping()
     for _ in range(steps if parts else 0):
-        moved = _all_stepped(problem, current)
+        moved = _all_stepped(problem, current, damping)
         if moved is None:
             break
         settled = current.square - moved.square < SETTLED
@@ -252,25 +272,23 @@ def _about(problem: Problem, parts: tuple[Part, ...]) -> _About:
     return _About(parts, worlds, calibration, stacked, calibration.square + float(precision @ mean**2))
 
 
-def _all_stepped(problem: Problem, at: _About) -> _About | None:
+def _all_stepped(problem: Problem, at: _About, damping: Damping) -> _About | None:
     precision, mean = at.priors(SCALES[-1])
-    frame = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
-    step = frame.coefficients()[at.calibration.columns.shape[1] :]
     own = at.parameters()
-    length = 1.0
-    for _ in range(4):
+    beside = at.calibration.beside(at.columns)
+    vector = beside.vector + precision * mean
+    for strength in damping.tries():
+        held = strength * np.diag(beside.information) + 1e-9
+        step = Beside(beside.information, vector).solve(np.where(precision > 0, precision, held))
         values = [dict(part.values) for part in at.parts]
         for (i, p), s in zip(own, step, strict=True):
-            if p.linear:
-                values[i][p.name] += length * float(s)
-            else:
-                place = float(np.clip(p.to_unit(values[i][p.name]) + length * s, 1e-6, 1.0 - 1e-6))
-                values[i][p.name] = p.from_unit(place)
+            old = values[i][p.name]
+            values[i][p.name] = old + float(s) if p.linear else _shifted(p, old, float(s))
         parts = tuple(Part(part.effect, new) for part, new in zip(at.parts, values, strict=True))
         moved = _about(problem, parts)
         if moved.square < at.square:
+            damping.eased(strength)
             return moved
-        length /= 3.0
     return None
 
 

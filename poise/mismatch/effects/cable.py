@@ -58,7 +58,7 @@ class Cable(Effect):
             along = np.einsum("ni,ni->n", force, anchor - hook) / np.maximum(length, 1e-6)
             slope, level = np.polyfit(length, along, 1)
             rest = float(np.clip(-level / slope if slope > 0 else 0.0, 0.0, 0.98 * length.max()))
-            for slack in {rest, 0.7 * float(length.min())}:
+            for slack in sorted({0.7 * float(length.min()), rest, float(np.quantile(length, 0.3))}):
                 yield {
                     "on_base": on_base,
                     **dict(zip(ANCHOR, anchor.tolist(), strict=True)),
@@ -73,7 +73,10 @@ class Cable(Effect):
         toward = away / np.maximum(length, 1e-6)[:, None]
         taut = length > nonlinear["rest_length"]
         stretch = np.where(taut, length - nonlinear["rest_length"], 0.0)
-        rate = np.where(taut, np.gradient(length, world.seconds), 0.0)
+        speed = np.gradient(length, world.seconds)
+        # The sample in which the cord goes taut counts in part: so the response follows the length smoothly.
+        share = (length - nonlinear["rest_length"]) / (np.abs(speed) * world.period + 1e-9) + 0.5
+        rate = np.clip(share, 0.0, 1.0) * speed
         pull = world.to_sensor(np.einsum("nij,nj->ni", turn, toward))
         point = np.array([nonlinear[name] for name in HOOK])
         return np.stack([forces_at(point, pull * size[:, None]) for size in (stretch, rate)], axis=2)
