@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from poise.commands.assembly import disassemble, msa, robustness
 from poise.commands.evaluate import evaluate
 from poise.commands.identify import identify
 from poise.errors import InputError, PoiseError
@@ -28,6 +29,9 @@ app = typer.Typer(
 )
 app.command()(identify)
 app.command()(evaluate)
+app.command()(robustness)
+app.command()(msa)
+app.command()(disassemble)
 
 
 def _print_version(wanted: bool) -> None:
