@@ -131,7 +131,8 @@ class ModelAverage:
         """
         case = self.hypotheses.bias_case[self._left]
         reduced = WithoutBias.of(self._scaled(normals), self.hypotheses.bias_variances)
-        mode = self._climb(reduced, case, effort)
+        variances = self.hypotheses.state_variances[self._left]
+        mode = self._climb(self._states[self._left], variances, reduced, case, effort)
         self._states[self._left] = mode.states
         unknowns = np.concatenate([mode.phi, reduced.bias(case, mode.phi)], axis=1)
         back = self._to_sensor()
@@ -141,7 +142,8 @@ class ModelAverage:
         log = self.hypotheses.balanced(self._left, log)
         keep = _normalised(log) >= effort.negligible
         self._left, case, weights = self._left[keep], case[keep], _normalised(log[keep])
-        covariance = reduced.joint_covariance(case, _solve(system[keep], mode.prior[keep]))
+        inner = self._narrowed(mode.states[keep], reduced.information[case])
+        covariance = reduced.joint_covariance(case, inner)
         mean = weights @ unknowns[keep]
         scatter = unknowns[keep] - mean
         total = mixed(weights, covariance + scatter[:, :, None] * scatter[:, None, :])
@@ -166,7 +168,7 @@ class ModelAverage:
             posterior: the answer for one of the lags.
         """
         scaled = self._scaled(normals)
-        states, variances = self._about(posterior)
+        states, variances = self._typical(posterior)
         phi, jacobian = self._linearised(states)
         full = np.zeros((len(states), N_UNKNOWNS, N_UNKNOWNS))
         full[:, range(10, 16), range(10, 16)] = self.hypotheses.bias_variances
@@ -179,7 +181,7 @@ class ModelAverage:
         log = np.sum(gradient * step, axis=-1) + ((scaled.vector + gradient) @ mean[:, :, None])[..., 0]
         return (log - np.linalg.slogdet(system)[1]) / 2, (mean[:, None] + step) @ self._to_sensor().T
 
-    def _about(self, posterior: Posterior | None) -> tuple[Array, Array]:
+    def _typical(self, posterior: Posterior | None) -> tuple[Array, Array]:
         """(B, n) states and (B, n) prior variances, on average over the hypotheses with the same case of the bias."""
         scouts = self.hypotheses.scouts
         states, variances = np.tile(self._guess, (len(scouts), 1)), self.hypotheses.state_variances[scouts]
@@ -193,10 +195,17 @@ class ModelAverage:
                 variances[case] = weights @ self.hypotheses.state_variances[posterior.left[same]]
         return states, variances
 
-    def _climb(self, reduced: WithoutBias, case: Cases, effort: Effort) -> "_Mode":
-        """Gauss-Newton on all hypotheses at once, each until it has settled; a step for the worse is shortened."""
-        variances = self.hypotheses.state_variances[self._left]
-        mode = _Mode.at(self._states[self._left])
+    def _climb(self, states: Array, variances: Array, reduced: WithoutBias, case: Cases, effort: Effort) -> "_Mode":
+        """Gauss-Newton on H hypotheses at once, each until it has settled; a step for the worse is shortened.
+
+        Args:
+            states: (H, n) to start from.
+            variances: (H, n) of the prior.
+            reduced: normal equations, and
+            case: (H,) which of them.
+            effort: how hard to try.
+        """
+        mode = _Mode.at(states)
         step, length = np.zeros_like(mode.states), np.ones(len(mode.states))
         moving = np.arange(len(mode.states))
         for _ in range(effort.max_iterations):
@@ -271,6 +280,21 @@ class ModelAverage:
         mass = (parts if free is None else parts * free[:, None, : self.model.n_parts]).sum(axis=2)
         spread = (jacobian * variances[:, None]) @ jacobian.swapaxes(1, 2)
         return np.asarray(spread + ANY_MASS * mass[:, :, None] * mass[:, None, :])
+
+    def _narrowed(self, states: Array, information: Array) -> Array:
+        """(H, 10, 10) posterior covariance of phi; symmetric all the way, so that it stays positive."""
+        n_parts, variances = self.model.n_parts, self.hypotheses.state_variances[self._left]
+        jacobian = self._linearised(states)[1]
+        mass = np.sqrt(ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
+        root = np.concatenate([jacobian * np.sqrt(variances)[:, None], mass], axis=2)
+        back = root.swapaxes(1, 2)
+        seen = back @ information @ root
+        try:
+            half = np.linalg.inv(np.linalg.cholesky(np.eye(root.shape[2]) + seen)) @ back
+        except np.linalg.LinAlgError:  # rounding has made information negative that there is none of
+            eigenvalues, vectors = np.linalg.eigh(seen)
+            half = (vectors / np.sqrt(1 + eigenvalues.clip(min=0.0))[:, None]).swapaxes(1, 2) @ back
+        return np.asarray(half.swapaxes(1, 2) @ half)
 
     def _penalty(self, states: Array, variances: Array) -> Array:
         """(H,) minus the log of the prior: densities about a common one, that about the guess, deformations."""

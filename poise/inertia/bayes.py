@@ -22,7 +22,7 @@ from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
 from poise.inertia.recorder import BlockRecorder
 from poise.inertia.search import Search
-from poise.inertia.signals import N_MOTION, Calibration, NormalEquations, mixed, normal_equations
+from poise.inertia.signals import NormalEquations, mixed, normal_equations
 from poise.robot.motion import GRAVITY_IN_WORLD, SensorMotion
 
 LONGEST_DELAY = 0.06
@@ -30,6 +30,9 @@ LONGEST_DELAY = 0.06
 
 SHAPE_ACCURACY = 0.0007
 """Relative error of lengths in a shape from CAD; one from a scan is good to 0.03, say."""
+
+SHAPE_RESOLUTION = 1e-5
+"""m: no length is known better, however short."""
 
 EXTERNAL_CONTACT = "external_contact"
 
@@ -159,7 +162,7 @@ class PoiseEstimator:
             raise NoAnswerError(
                 ErrorCode.TOO_FEW_SAMPLES,
                 f"{blocks.sizes.sum()} wrench samples can be used, and at least 3 are needed; rejected:"
-                f" {counts or 'none'}; a delay of up to {self._grid.lags[-1]:.2f} s costs as much at either end",
+                f" {counts or 'none'}",
                 n_samples=int(blocks.sizes.sum()),
             )
         return self._dressed(Search(blocks, self._grid, self.noise, *self._prior(blocks)).run())
@@ -167,11 +170,10 @@ class PoiseEstimator:
     def _prior(self, blocks: Blocks) -> tuple[ModelAverage, Array]:
         """Hypotheses about the object, and a first guess of phi (10,)."""
         moments = mixed(self._grid.weights(0.0), blocks.moments.sum(axis=0))
-        calibration = Calibration.of(moments[:N_MOTION, :N_MOTION], blocks.sizes.sum(), self.noise)
-        normal = normal_equations(moments, np.diag(1 / self.noise.wrench**2), calibration)
+        normal = normal_equations(moments, blocks.sizes.sum(), np.diag(self.noise.wrench**2), self.noise)
         if self._model is not None:
             hypotheses = hypotheses_for_shape(self._model.n_parts, self.shape_accuracy, self.noise)
-            average = ModelAverage(self._model, hypotheses)
+            average = ModelAverage(self._model, hypotheses.rougher(self._model.roughness(SHAPE_RESOLUTION)))
         else:
             centre, radius = guess_blob(normal)
             model = MassModel.of_blob(centre, radius)

@@ -64,6 +64,9 @@ class Blocks:
         )
 
 
+_FIELDS = ("moments", "counts", "sizes", "start", "end")
+
+
 class BlockStore:
     """Blocks that become more, up to `MAX_BLOCKS`; then they become longer. What they sum up to is never lost."""
 
@@ -71,11 +74,24 @@ class BlockStore:
         self._room = Blocks.empty(32, n_lags)
         self._n = 0
         self.length = BLOCK
+        self._marked: tuple[int, Blocks] | None = None
 
     @property
     def blocks(self) -> Blocks:
         """All of them, as views."""
         return self._room.select(slice(0, self._n))
+
+    def mark(self) -> None:
+        """Remember how it is now."""
+        last = self._room.select(slice(max(self._n - 1, 0), self._n))
+        self._marked = self._n, Blocks(*(getattr(last, name).copy() for name in _FIELDS))
+
+    def rewind(self) -> None:
+        """Forget what came after the mark, if there is one."""
+        if self._marked is not None:
+            self._n, last = self._marked
+            _copy(last, self._room, max(self._n - 1, 0))
+            self._marked = None
 
     def append(self, new: Blocks) -> None:
         """Add blocks of `BLOCK`, the first of which may go on with the last one there is."""
@@ -93,7 +109,7 @@ class BlockStore:
             self._room = grown
         _copy(new, self._room, begin)
         self._n = begin + len(new)
-        while self._n > MAX_BLOCKS:
+        while self._n > MAX_BLOCKS and self._marked is None:
             self.length *= 2
             merged = self.blocks.merged(self.length)
             _copy(merged, self._room, 0)
@@ -101,5 +117,5 @@ class BlockStore:
 
 
 def _copy(source: Blocks, target: Blocks, begin: int) -> None:
-    for name in ("moments", "counts", "sizes", "start", "end"):
+    for name in _FIELDS:
         getattr(target, name)[begin : begin + len(source)] = getattr(source, name)

@@ -14,6 +14,9 @@ SURELY = 5.0
 SHARP = 0.2
 """Relative uncertainty of a weight that two things have in common by more than chance."""
 
+UNSEEN = 1e-100
+"""Information that is none."""
+
 CHI_SQUARE_4 = 18.5
 """99.9 % of chi-square with four degrees of freedom."""
 
@@ -106,5 +109,5 @@ def not_shown(information: Array, phi: Array) -> tuple[str, ...]:
     units = np.concatenate([[1.0], np.full(3, radius), np.full(6, radius**2)]) * body.mass
     jacobian = np.concatenate([np.eye(1, 10), about_com_jacobian(phi)]) * units / scale[:, None]
     eigenvalues, vectors = np.linalg.eigh(information * np.outer(units, units))
-    variance = np.square(jacobian @ vectors) @ (1 / eigenvalues.clip(min=np.finfo(np.float64).tiny))
+    variance = np.square(jacobian @ vectors) @ (1 / eigenvalues.clip(min=UNSEEN))
     return tuple(name for name, value in zip(PARAMETER_NAMES, variance, strict=True) if value > 1)

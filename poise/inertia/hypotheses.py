@@ -1,7 +1,7 @@
 """What may be true of an object and its sensor before the first sample: a few cases, each a Gaussian prior."""
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ BALANCE = 0.1
 Made things are symmetric, so a centre of mass where one density would have it is no proof of one density.
 """
 
-CUT_ACCURACY = 0.0055
+CUT_ACCURACY = 0.0045
 """Relative error of lengths from parts that are cut in not quite the right place, where densities differ."""
 
 SHAPE_ERRORS = ((1.0, 0.97), (10.0, 0.0295))
@@ -44,10 +44,10 @@ EXPECTED_BIAS = (0.5, 0.02)
 UNKNOWN_BIAS = (100.0, 5.0)
 """N, N m: as good as infinite."""
 
-BLOB_STRETCH = 0.7
+BLOB_STRETCH = 1.0
 """Spread of the logarithm of a radius of gyration when the shape is not known: hand tools are long or flat."""
 
-BLOB_SHIFT = 0.1
+BLOB_SHIFT = 0.15
 """m, spread of the centre of mass about its first guess when the shape is not known."""
 
 
@@ -76,6 +76,11 @@ class Hypotheses:
 
     def __len__(self) -> int:
         return len(self.log_probability)
+
+    def rougher(self, variances: Array) -> "Hypotheses":
+        """The same with more uncertain deformations, by variances (9,)."""
+        more = np.concatenate([np.zeros(self.state_variances.shape[1] - N_DEFORMATIONS), variances])
+        return replace(self, state_variances=self.state_variances + more)
 
     def balanced(self, left: NDArray[np.int64], log_weights: Array) -> Array:
         """Weights (H,) of the cases `left` with the share of one density that may be several in `BALANCE`."""

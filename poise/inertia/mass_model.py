@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.inertia.parameters import Array, phi_of_pseudo_inertia, pseudo_inertia
+from poise.inertia.parameters import UPPER, Array, phi_of_pseudo_inertia, pseudo_inertia
 
 N_DEFORMATIONS = 9
 """Six ways to stretch, three to shift."""
@@ -38,20 +38,22 @@ class MassModel:
     map E near the identity. A sum of bodies and an affine image of a body are bodies: every state is physically
     consistent, so nothing has to be enforced.
 
-    Everything is in the normalised frame of the object, in which the homogeneous body has its centroid at the origin
-    and unit second moments: there a relative error of the shape looks the same in all directions, however long and
-    thin the object.
+    Everything is in the normalised frame of the object, along the homogeneous body's principal axes, in which it has
+    its centroid at the origin and unit second moments: there a relative error of the shape looks the same in all
+    directions, however long and thin the object.
 
     Args:
         unit_moments: (K, 4, 4) pseudo-inertia of each part at 1 kg, normalised.
         shares: (K,) of the volume.
         to_sensor: (10, 10) takes phi from the normalised to the sensor frame.
+        radii: (3,) m, of gyration along the axes of the normalised frame.
         halvings: of large deformations, see `_deformation`.
     """
 
     unit_moments: Array
     shares: Array
     to_sensor: Array
+    radii: Array
     halvings: int = 0
 
     @classmethod
@@ -60,17 +62,24 @@ class MassModel:
         shares = volumes / volumes.sum()
         moments = (_MOMENTS @ unit_phi).T.reshape(-1, 4, 4)
         whole = (shares @ moments.reshape(-1, 16)).reshape(4, 4)
-        # Upper triangular, so that homogeneous points map affinely: whole = root root^T.
-        root = np.linalg.cholesky(whole[::-1, ::-1])[::-1, ::-1]
-        inverse = np.linalg.inv(root)
-        return cls(inverse @ moments @ inverse.T, shares, _PHI @ np.kron(root, root) @ _MOMENTS)
+        centroid = whole[:3, 3]
+        squares, axes = np.linalg.eigh(whole[:3, :3] - np.outer(centroid, centroid))
+        radii = np.sqrt(squares)
+        inverse = np.linalg.inv(frame := _frame(axes * radii, centroid))
+        return cls(inverse @ moments @ inverse.T, shares, _PHI @ np.kron(frame, frame) @ _MOMENTS, radii)
 
     @classmethod
     def of_blob(cls, centre: Array, radius: float) -> "MassModel":
         """A body of unknown shape: one part about `centre` (3,) m, with a radius of gyration in m along each axis."""
-        root = np.diag([radius, radius, radius, 1.0])
-        root[:3, 3] = centre
-        return cls(np.eye(4)[None], np.ones(1), _PHI @ np.kron(root, root) @ _MOMENTS, HALVINGS)
+        frame = _frame(radius * np.eye(3), centre)
+        to_sensor = _PHI @ np.kron(frame, frame) @ _MOMENTS
+        return cls(np.eye(4)[None], np.ones(1), to_sensor, np.full(3, radius), HALVINGS)
+
+    def roughness(self, resolution: float) -> Array:
+        """(9,) variances of deformations when every length may be off by `resolution` m, however short it is."""
+        by_axis = (resolution / self.radii) ** 2
+        stretches = (by_axis[UPPER[0]] + by_axis[UPPER[1]]) / 4
+        return np.concatenate([stretches, by_axis])
 
     @property
     def n_parts(self) -> int:
@@ -92,6 +101,13 @@ class MassModel:
         change = np.concatenate([moved, half + half.swapaxes(2, 3)], axis=1)
         jacobian = _PHI @ change.reshape(len(states), -1, 16).swapaxes(1, 2)
         return jacobian[:, :, : self.n_parts].sum(axis=2), jacobian
+
+
+def _frame(axes: Array, origin: Array) -> Array:
+    """(4, 4) affine map with these columns."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = axes, origin
+    return matrix
 
 
 def _deformation(coordinates: Array, halvings: int) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.inertia.parameters import Array
-from poise.inertia.signals import Calibration, residual_moments
+from poise.inertia.signals import residual_moments
 
 UNLIKELY = 6.0
 """Standard deviations at which a block is held for a push; noise comes there once in a billion."""
@@ -38,9 +38,7 @@ class Residuals:
     squares: Array
 
 
-def residuals(
-    moments: Array, sizes: NDArray[np.int64], unknowns: Array, covariance: Array, calibration: Calibration
-) -> Residuals:
+def residuals(moments: Array, sizes: NDArray[np.int64], unknowns: Array, covariance: Array) -> Residuals:
     """Compare blocks with an answer.
 
     Args:
@@ -48,9 +46,8 @@ def residuals(
         sizes: (B,) samples.
         unknowns: (16,) the answer.
         covariance: (6, 6) expected of a residual.
-        calibration: of the accelerations.
     """
-    second, first = residual_moments(moments, unknowns, calibration)
+    second, first = residual_moments(moments, unknowns)
     squared = np.einsum("bij,ij->b", second, np.linalg.inv(covariance))
     # Wilson and Hilferty 1931: the cube root of chi-square per degree of freedom is nearly normal.
     freedom = 6.0 * sizes
@@ -61,7 +58,7 @@ def residuals(
         inverse = np.linalg.inv(covariance[rows, rows])
         variance[:, group] = np.einsum("bij,ij->b", second[:, rows, rows], inverse) / (3 * sizes)
         mean[:, group] = np.einsum("bi,ij,bj->b", first[:, rows], inverse, first[:, rows]) / (3 * sizes)
-        squares[:, group] = np.trace(second[:, rows, rows], axis1=1, axis2=2)
+        squares[:, group] = np.trace(second[:, rows, rows], axis1=1, axis2=2).clip(min=0.0)
     return Residuals(surprise, variance, mean, squares)
 
 

@@ -11,15 +11,15 @@ from poise.inertia.parameters import Array
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.signals import (
     N_MOTION,
-    Calibration,
     NormalEquations,
+    believable,
     log_likelihood,
     mixed,
     normal_equations,
     residual_covariance,
 )
 
-COARSE, FINE = Effort(0.1, 10, 1e-12), Effort(0.003, 25, 1e-4)
+COARSE, FINE = Effort(0.1, 10, 0.0), Effort(0.003, 25, 1e-4)
 """Of the first rounds, and of the last ones."""
 
 MAX_ROUNDS = 10
@@ -47,7 +47,8 @@ class Search:
     def __init__(self, blocks: Blocks, grid: LagGrid, noise: NoiseLevels, average: ModelAverage, phi: Array) -> None:
         self.blocks = blocks
         self.grid = grid
-        self.noise = noise
+        total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
+        self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
         self.keep: NDArray[np.bool_] = np.ones(len(blocks), dtype=bool)
         """(B,) blocks that a payload explains."""
@@ -59,19 +60,20 @@ class Search:
         self._at_delay = grid.weights(0.0)  # of the lags
         self._sample = np.ones(2)
         self._phi = phi
-        normals = self._normals()
-        self._find_delays(normals, None)
-        self.posterior = self._solve(normals, COARSE)
 
     def run(self) -> "Search":
         """Go round until nothing moves any more."""
+        normals = self._normals()
+        self._find_delays(normals, None)
+        self.posterior = self._solve(normals, COARSE)
         for _ in range(MAX_ROUNDS):
             before = self.posterior
             normals = self._normals()
             self._find_delays(normals, before)
             self.posterior = self._solve(normals, FINE)
             if not self._moved(before) and not self._judge():
-                break
+                return self
+        self._compare()
         return self
 
     @property
@@ -97,9 +99,9 @@ class Search:
     def condition_number(self) -> float:
         """Of the samples' information about phi, weighted by the noise of the sensor, columns scaled to one."""
         moments = mixed(self._at_delay, self._total)
-        normal = normal_equations(moments, np.diag(1 / self.noise.wrench**2), Calibration.perfect())
+        normal = normal_equations(moments, 0.0, np.diag(self.noise.wrench**2), self.noise)
         information = normal.information[:10, :10]
-        scale = np.sqrt(np.diag(information))
+        scale = np.sqrt(np.diag(information).clip(min=0.0))
         scale[scale == 0] = 1.0
         eigenvalues = np.linalg.eigvalsh(information / np.outer(scale, scale))
         return float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 1e-13 else np.inf
@@ -114,16 +116,9 @@ class Search:
         """At all lags, weighted by the last answer."""
         self._total = self.blocks.moments[self.keep].sum(axis=0)
         self._count = int(self.blocks.sizes[self.keep].sum())
-        self._calibration = Calibration.of(
-            mixed(self._at_delay, self._total)[:N_MOTION, :N_MOTION],
-            self._count,
-            self.noise,
-            float(self._at_delay @ self.blocks.counts[self.keep].sum(axis=0)) / self._count,
-        )
-        self._residual_covariance = residual_covariance(
-            self._phi, self.noise, self._calibration, self._sample * self.slow
-        )
-        return normal_equations(self._total, np.asarray(np.linalg.inv(self._residual_covariance)), self._calibration)
+        counts = self.blocks.counts[self.keep].sum(axis=0)
+        self._residual_covariance = residual_covariance(self._phi, self.noise, self._sample * self.slow)
+        return normal_equations(self._total, counts, self._residual_covariance, self.noise)
 
     def _find_delays(self, normals: NormalEquations, posterior: Posterior | None) -> None:
         """Compare the lags by the last answer."""
@@ -144,7 +139,7 @@ class Search:
 
         def likelihood(unknowns: Array, cases: Cases) -> Array:
             inflation = self._sample * self.slow
-            samples = log_likelihood(totals[cases], self._count, unknowns, self.noise, self._calibration, inflation)
+            samples = log_likelihood(totals[cases], unknowns, self.noise, inflation)
             return np.asarray(samples + by_delay[cases])
 
         posterior = self.average.refine(normals.mixed(weights), likelihood, effort)
@@ -160,12 +155,14 @@ class Search:
         deviation = np.sqrt(np.diag(self.posterior.covariance))[:10]
         return bool(np.any(np.abs(self.posterior.phi - before.phi) > STILL * deviation))
 
+    def _compare(self) -> None:
+        """What the answer leaves of each block."""
+        unknowns = self.posterior.unknowns
+        self.found = residuals(self._moments(), self.blocks.sizes, unknowns, self._residual_covariance)
+
     def _judge(self) -> bool:
         """Judge blocks and noise by the answer; whether that changes anything."""
-        moments = self._moments()
-        self.found = residuals(
-            moments, self.blocks.sizes, self.posterior.unknowns, self._residual_covariance, self._calibration
-        )
+        self._compare()
         keep = self.found.surprise < UNLIKELY
         if not keep.any():
             keep = self.keep

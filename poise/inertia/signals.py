@@ -6,7 +6,8 @@ s = (x, y), 19 by 19, is enough to write down the normal equations for ANY 6x6 w
 the samples are gone. That is what errors in variables need: their weight depends on the answer.
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +26,8 @@ N_UNKNOWNS = 16
 """phi (10), then the bias of force (3) and torque (3)."""
 
 _ONE = N_MOTION - 1
+# All signals but alpha.
+_OTHERS = np.array([0, 1, 2, *range(6, N_MOTION)])
 # Where the nine entries of an inertia matrix are among the six of phi.
 _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
@@ -32,13 +35,13 @@ _SYMMETRIC = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 def motion_signals(
     gravity_minus_acceleration: ArrayLike, angular_velocity: ArrayLike, angular_acceleration: ArrayLike
 ) -> Array:
-    """(N, 13) x of samples in sensor axes: (N, 3) m/s2, (N, 3) rad/s, (N, 3) rad/s2."""
+    """(..., 13) x of samples in sensor axes: (..., 3) m/s2, (..., 3) rad/s, (..., 3) rad/s2."""
     omega = np.asarray(angular_velocity, dtype=np.float64)
-    result = np.empty((len(omega), N_MOTION))
-    result[:, :3] = gravity_minus_acceleration
-    result[:, 3:6] = angular_acceleration
-    result[:, 6:_ONE] = omega[:, UPPER[0]] * omega[:, UPPER[1]]
-    result[:, _ONE] = 1.0
+    result = np.empty((*omega.shape[:-1], N_MOTION))
+    result[..., :3] = gravity_minus_acceleration
+    result[..., 3:6] = angular_acceleration
+    result[..., 6:_ONE] = omega[..., UPPER[0]] * omega[..., UPPER[1]]
+    result[..., _ONE] = 1.0
     return result
 
 
@@ -83,62 +86,14 @@ class NormalEquations:
         return NormalEquations(mixed(weights, self.information), weights @ self.vector)
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """What noisy accelerations say of the true ones (regression calibration, Carroll et al. 2006, section 4).
+def residual_covariance(phi: Array, noise: NoiseLevels, inflation: ArrayLike = (1.0, 1.0)) -> Array:
+    """(..., 6, 6) covariance of one sample's residual y - A phi - bias, when accelerations are noisy too.
 
-    Noise in a regressor makes a regression believe in excitation that is not there, and its answer too small. The
-    best guess of the true signals, given the measured ones, does not: it is x minus the share of it that is noise.
-
-    Args:
-        map: (13, 13) takes measured signals x to the best guess of the true ones.
-        scatter: (6, 6) covariance of the true u and alpha about that guess, (m/s2)^2 and (rad/s2)^2.
-    """
-
-    map: Array
-    scatter: Array
-
-    @classmethod
-    def perfect(cls) -> "Calibration":
-        """Accelerations without noise."""
-        return cls(np.eye(N_MOTION), np.zeros((6, 6)))
-
-    @classmethod
-    def of(cls, motion: Array, count: float, noise: NoiseLevels, share: float = 1.0) -> "Calibration":
-        """Find it from the signals' own energy.
-
-        Args:
-            motion: (13, 13) sum of x x^T.
-            count: samples in it.
-            noise: of one sample.
-            share: of its variance that interpolation has left.
-        """
-        deviation = np.sqrt(share) * np.repeat([noise.linear_acceleration, noise.angular_acceleration], 3)
-        scale = np.maximum(deviation, np.finfo(np.float64).eps)
-        others, cross = motion[6:, 6:], motion[6:, :6]
-        ridge = 1e-12 * np.trace(others) * np.eye(N_MOTION - 6)
-        by_others = np.linalg.solve(others + ridge, cross).T  # what products of omega, and the mean, explain
-        energy = (motion[:6, :6] - by_others @ cross) / (count * np.outer(scale, scale))
-        eigenvalues, vectors = np.linalg.eigh(energy)
-        true_share = 1 - 1 / eigenvalues.clip(min=1.0)
-        gain = scale[:, None] * (vectors * true_share) @ vectors.T
-        matrix = np.eye(N_MOTION)
-        matrix[:6, :6] = gain / scale
-        matrix[:6, 6:] = by_others - matrix[:6, :6] @ by_others
-        return cls(matrix, gain * scale)
-
-
-def residual_covariance(
-    phi: Array, noise: NoiseLevels, calibration: Calibration, inflation: ArrayLike = (1.0, 1.0)
-) -> Array:
-    """(..., 6, 6) covariance of one sample's residual, when accelerations are noisy too.
-
-    A change of u moves the wrench by [m 1; [mc]x], one of alpha by [[mc]x; -I]; both are the same at every sample.
+    An error of u moves the wrench by [m 1; [mc]x], one of alpha by [[mc]x; -I]; both are the same at every sample.
 
     Args:
         phi: (..., 10).
         noise: of one sample.
-        calibration: how well the accelerations are known.
         inflation: (2,) factor on the variance of force and torque.
     """
     first = cross_matrix(phi[..., 1:4])
@@ -146,56 +101,92 @@ def residual_covariance(
     by_motion[..., :3, :3] = phi[..., :1, None] * np.eye(3)
     by_motion[..., :3, 3:] = by_motion[..., 3:, :3] = first
     by_motion[..., 3:, 3:] = -phi[..., 4 + _SYMMETRIC]
+    by_motion *= np.repeat([noise.linear_acceleration, noise.angular_acceleration], 3)
     sensor = np.diag(noise.wrench**2 * np.repeat(inflation, 3))
-    return np.asarray(sensor + by_motion @ calibration.scatter @ by_motion.swapaxes(-1, -2))
+    return np.asarray(sensor + by_motion @ by_motion.swapaxes(-1, -2))
 
 
-def normal_equations(moments: Array, weight: Array, calibration: Calibration) -> NormalEquations:
-    """Weigh the sums of s s^T.
+def normal_equations(moments: Array, counts: ArrayLike, covariance: Array, noise: NoiseLevels) -> NormalEquations:
+    """Weigh the sums of s s^T, with the noise of accelerations taken off (see `without_noise`).
 
     Args:
         moments: (..., 19, 19).
-        weight: (6, 6) inverse covariance of a residual.
-        calibration: of the accelerations.
+        counts: (...,) samples in them, as far as the noise of accelerations is concerned.
+        covariance: (6, 6) of a residual; its inverse is the weight.
+        noise: of one sample.
     """
-    root = np.linalg.cholesky(weight)
-    # (6, 16, 13): rows of the whitened wrench.
-    weighted = (root.T @ (ENTRIES @ calibration.map).reshape(6, -1)).reshape(ENTRIES.shape)
+    root = np.linalg.inv(np.linalg.cholesky(covariance)).T
+    weighted = (root.T @ ENTRIES.reshape(6, -1)).reshape(ENTRIES.shape)  # (6, 16, 13): rows of the whitened wrench
+    motion = without_noise(moments[..., :N_MOTION, :N_MOTION], counts, noise)
     flat = weighted.transpose(1, 0, 2).reshape(N_UNKNOWNS, -1)
-    right = np.moveaxis(weighted @ moments[..., None, :N_MOTION, :N_MOTION], -3, -2)  # (..., 16, 6, 13)
+    right = np.moveaxis(weighted @ motion[..., None, :, :], -3, -2)  # (..., 16, 6, 13)
     information = right.reshape(*right.shape[:-2], -1) @ flat.T
     wrench = moments[..., :N_MOTION, N_MOTION:] @ root  # (..., 13, 6)
     vector = wrench.swapaxes(-1, -2).reshape(*wrench.shape[:-2], -1) @ flat.T
     return NormalEquations(information, vector)
 
 
-def residual_moments(moments: Array, unknowns: Array, calibration: Calibration) -> tuple[Array, Array]:
+def without_noise(motion: Array, counts: ArrayLike, noise: NoiseLevels) -> Array:
+    """(..., 13, 13) sums of x x^T less what the noise of angular accelerations has added to them.
+
+    That energy makes a regression believe in excitation that is not there, and its answer too small; on average it is
+    the number of samples times the variance (errors in variables, Fuller 1987, "Measurement Error Models", 2.2). The
+    average is off by its own scatter; so of the energy that no other signal explains, in each direction, that scatter
+    is left, and an information matrix stays one. Beside gravity, the noise of linear accelerations does not matter.
+    """
+    variance = max(noise.angular_acceleration**2, np.finfo(np.float64).tiny)
+    count = np.asarray(counts, dtype=np.float64)[..., None]
+    energy, axes = np.linalg.eigh(_unexplained(motion) / variance)
+    taken = np.minimum(count, energy - np.sqrt(2 * count)).clip(min=0.0)
+    result = motion.copy()
+    result[..., 3:6, 3:6] -= variance * (axes * taken[..., None, :]) @ axes.swapaxes(-1, -2)
+    return result
+
+
+def believable(noise: NoiseLevels, motion: Array, count: float) -> NoiseLevels:
+    """The same noise, but no more of it in the angular acceleration than there is energy (13, 13) in `count` samples.
+
+    Accelerations that were smoothed before are less noisy than one might say.
+    """
+    freedom = max(count - len(_OTHERS), 1.0)
+    least = float(np.linalg.eigvalsh(_unexplained(motion))[0]) / freedom
+    return replace(noise, angular_acceleration=min(noise.angular_acceleration, math.sqrt(max(least, 0.0))))
+
+
+def _unexplained(motion: Array) -> Array:
+    """(..., 3, 3) energy of the angular acceleration that no other signal explains."""
+    cross = motion[..., _OTHERS, 3:6]
+    others = motion[..., _OTHERS[:, None], _OTHERS]
+    diagonal = np.einsum("...ii->...i", others)
+    others = others + 1e-12 * (diagonal + diagonal.max(axis=-1, keepdims=True))[..., None] * np.eye(len(_OTHERS))
+    return np.asarray(motion[..., 3:6, 3:6] - cross.swapaxes(-1, -2) @ np.linalg.solve(others, cross))
+
+
+def residual_moments(moments: Array, unknowns: Array) -> tuple[Array, Array]:
     """(..., 6, 6) sum of r r^T and (..., 6) sum of r, of the residuals r = y - A phi - bias.
 
     Args:
-        moments: (19, 19), or (B, 19, 19) for a single answer.
-        unknowns: (16,), or (H, 16) for a single sum.
-        calibration: of the accelerations.
+        moments: (19, 19), or (B, 19, 19).
+        unknowns: (16,), or (H, 16) where B is H or there is one sum.
     """
     rows = np.zeros((*unknowns.shape[:-1], 6, N_SIGNALS))
-    rows[..., :N_MOTION] = -(unknowns[..., None, None, :] @ ENTRIES)[..., 0, :] @ calibration.map
+    rows[..., :N_MOTION] = -(unknowns[..., None, None, :] @ ENTRIES)[..., 0, :]
     rows[..., range(6), range(N_MOTION, N_SIGNALS)] = 1.0
     half = rows @ moments
     return half @ rows.swapaxes(-1, -2), half[..., _ONE]
 
 
-def log_likelihood(
-    moments: Array, count: float, unknowns: Array, noise: NoiseLevels, calibration: Calibration, inflation: ArrayLike
-) -> Array:
+def log_likelihood(moments: Array, unknowns: Array, noise: NoiseLevels, inflation: ArrayLike) -> Array:
     """(H,) log likelihood of answers (H, 16), each with the noise that it says the accelerations make.
 
+    The true accelerations are unknown, too, at every sample, and take their most likely values. What is left is the
+    misfit in units of its own covariance, as in total least squares, without that covariance's determinant.
+
     Args:
-        moments: (19, 19) sums over `count` samples.
-        count: how many.
+        moments: (19, 19) or (H, 19, 19) sums over samples.
         unknowns: (H, 16).
-        noise, calibration, inflation: as in `residual_covariance`.
+        noise, inflation: as in `residual_covariance`.
     """
-    covariance = residual_covariance(unknowns[:, :10], noise, calibration, inflation)
-    squares, _ = residual_moments(moments, unknowns, calibration)
-    misfit = np.trace(np.linalg.solve(covariance, squares), axis1=1, axis2=2)
-    return np.asarray(-(misfit + count * np.linalg.slogdet(covariance)[1]) / 2)
+    squares, _ = residual_moments(moments, unknowns)
+    weighted = np.linalg.solve(residual_covariance(unknowns[:, :10], noise, inflation), squares)
+    return np.asarray(-np.trace(weighted, axis1=1, axis2=2) / 2)
