@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from poise.cli import run
-from poise.recording import PoseStream, RecordingWriter, WrenchStream, open_recording, write_recording
+from poise.recording import JointStream, PoseStream, RecordingWriter, WrenchStream, open_recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 STATIC = str(ROOT / "bags" / "kuka_static_poses.mcap")
@@ -160,6 +160,7 @@ def test_version_and_help_and_an_example_in_it(capsys):
         (["identify", STATIC, "--method", "magic"], "magic"),
         (["identify", STATIC, "--gravity", "-1"], "gravity"),
         (["identify", STATIC, "--gravity", "nan"], "gravity"),
+        (["identify", STATIC, "--gravity", "inf"], "gravity"),
         (["identify", STATIC, "--max-force", "0"], "force"),
         (["identify", STATIC, "--sensor-frame", "hand"], "hand"),
         (["identify", STATIC, "--wrench-topic", "ft"], "ft"),
@@ -194,6 +195,29 @@ def test_a_file_that_is_no_bag_an_empty_one_and_a_folder_are_refused(fails, tmp_
         assert status == 2
         assert path.name in line
     assert fails("evaluate", str(folder))[0] == 2
+
+
+def test_a_broken_urdf_is_named(fails, tmp_path):
+    for name, text in [
+        ("cut.urdf", "<robot"),
+        ("empty.urdf", ""),
+        ("frameless.urdf", '<robot name="a"><link name="b"/></robot>'),
+    ]:
+        (tmp_path / name).write_text(text)
+        status, line = fails("identify", STATIC, "--urdf", str(tmp_path / name))
+        assert status == 2
+        assert name in line
+
+
+def test_of_a_broken_robot_description_the_bag_is_named(fails, tmp_path):
+    stamps = np.arange(0, 10**9, 10**7)
+    wrench = WrenchStream(stamps, np.zeros((100, 6)), "ft_sensor")
+    joints = JointStream(stamps, ("a",), np.zeros((100, 1)), np.zeros((100, 1)), np.zeros((100, 1)))
+    streams = {"wrench": wrench, "joint_states": joints}
+    write_recording(tmp_path / "cut_description.mcap", streams, robot_description="<robot")
+    status, line = fails("identify", str(tmp_path / "cut_description.mcap"))
+    assert status == 2
+    assert "cut_description.mcap" in line
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")

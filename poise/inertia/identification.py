@@ -164,7 +164,7 @@ def find_kinematics(
             robot_model = RobotModel.from_urdf(recording.robot_description(), sensor_frame)
         except InputError as error:
             if error.code is not ErrorCode.FRAME_UNKNOWN or not frames:
-                raise
+                raise InputError(error.code, f"{recording.path}: {error.message}", **error.data) from error
     if robot_model is not None:
         return _joint_kinematics(recording, robot_model)
     if frames:

@@ -142,6 +142,7 @@ def _solution(information: InformationAccumulator, weighted: _Weighted) -> Solut
     factor = correlation_factor(information, weighted.unknowns, weighted.used)
     meat = np.einsum("gij,g->ij", weighted.parts, factor)
     covariance = weighted.inverse @ meat @ weighted.inverse
+    covariance = (covariance + covariance.T) / 2  # to the last digit
     hidden = weighted.hidden.copy()
     hidden[:10] |= np.sqrt(np.diag(covariance)[:10]) > _useless_deviation(weighted.unknowns[0])
     if hidden[:10].all():

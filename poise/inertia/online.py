@@ -22,6 +22,9 @@ STATIC, OLS, AUTO = "static", "ols", "auto"
 METHODS = (AUTO, STATIC, OLS)
 NOT_FINITE, SATURATED, OUT_OF_ORDER = "not_finite", "saturated", "out_of_order"
 
+MAX_GRAVITY = 1000.0
+"""m/s2; more is a slip of the finger, and far more would overflow the sums."""
+
 REST_SHARE = 0.5
 """From this share of samples at rest on, `auto` weighs the held poses alone."""
 
@@ -115,6 +118,10 @@ class OnlineEstimator:
         for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
             if not value > 0:
                 raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
+        if gravity > MAX_GRAVITY:
+            raise InputError(
+                ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {MAX_GRAVITY:g} is believed"
+            )
         self.source = source
         self.frame_id = frame_id
         self.method = method

@@ -48,7 +48,7 @@ def joint_stream(
         names = tuple(min(parts, key=lambda part: int(part[0][0]))[1]["names"])
     parts = [part for part in parts if set(names) <= set(part[1]["names"])]
     if not parts:
-        sentence = f"{topic}: no message holds the joints {' '.join(names)}; there are {there}"
+        sentence = f"{topic}: no message holds the joints {' '.join(names)}; there are {there}: record them all"
         raise InputError(ErrorCode.JOINT_MISSING, sentence)
     fields = ["position", "velocity", "effort"]
     for index, columns in parts:

@@ -81,7 +81,12 @@ class RobotModel:
         Raises:
             InputError: FILE_UNREADABLE, or as `from_urdf`.
         """
-        return cls.from_urdf(read_urdf(find_urdf(path)), sensor_frame, base)
+        found = find_urdf(path)
+        text = read_urdf(found)
+        try:
+            return cls.from_urdf(text, sensor_frame, base)
+        except InputError as error:
+            raise InputError(error.code, f"{found}: {error.message}", **error.data) from error
 
     @classmethod
     def _assemble(

@@ -26,6 +26,13 @@ def accumulated(matrix, wrench):
     return information
 
 
+def test_covariances_are_symmetric_to_the_last_digit(rng):
+    matrix = regressor(*random_motion(rng, 300))
+    solution = solve(accumulated(matrix, matrix @ np.ones(matrix.shape[-1]) + noise(rng, 300)))
+    for covariance in (solution.covariance, solution.bias_covariance):
+        np.testing.assert_array_equal(covariance, covariance.T)
+
+
 def test_without_noise_the_truth_comes_back_with_its_bias(rng):
     for _ in range(20):
         body = random_body(rng)

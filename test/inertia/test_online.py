@@ -252,7 +252,9 @@ def test_frames_that_do_not_reach_the_base_give_no_pose():
     assert list(source.poses(0, 10).stamps) == [1, 2]
 
 
-@pytest.mark.parametrize("options", [{"method": "magic"}, {"gravity": 0.0}, {"saturation": (np.nan, 1.0)}])
+@pytest.mark.parametrize(
+    "options", [{"method": "magic"}, {"gravity": 0.0}, {"gravity": np.inf}, {"saturation": (np.nan, 1.0)}]
+)
 def test_senseless_options_are_refused(swinging, options):
     with pytest.raises(InputError) as caught:
         estimator(swinging, **options)
