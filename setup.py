@@ -21,7 +21,7 @@ NODES = {
 INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs"}
 
 
-# A colcon build on PyPI alone (test/test_install.py) needs in the environment what pip brings to its own builds.
+# A colcon build on PyPI alone (test/nodes/test_install.py) needs in the environment what pip brings to its own builds.
 BUILD_REQUIRES = tomllib.loads((HERE / "pyproject.toml").read_text())["build-system"]["requires"]
 
 
