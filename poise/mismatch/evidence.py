@@ -1,8 +1,8 @@
 """How well a linear model with priors explains whitened data, from small matrices: the algebra of the competition.
 
-Whitened data t (R,) and columns C (R, k) with t = C c + e, e white, c normal about `mean` with `precision`. What other
-columns X can add is told by two small quantities once C is projected out: the information S = X'X - X'C A^-1 C'X and
-the vector s = X't - X'C A^-1 b, with A = C'C + diag(precision).
+Whitened data t (R,) and columns C (k, R), one per row, with t = C'c + e, e white, c normal about `mean` with
+`precision`. What other columns X can add is told by two small quantities once C is projected out: the information
+S = XX' - XC' A^-1 CX' and the vector s = Xt - XC' A^-1 b, with A = CC' + diag(precision).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Frame:
     """Whitened data and the columns that are fitted under every hypothesis.
 
     Args:
-        columns: (R, k) whitened.
+        columns: (k, R) whitened, in the order channel by channel, each in time.
         precision: (k,) of their prior; 0 is none.
         mean: (k,) of their prior.
         target: (R,) whitened residual.
@@ -32,19 +32,23 @@ class Frame:
     target: Array
 
     @cached_property
-    def _solved(self) -> tuple[Array, Array, float]:
-        normal = self.columns.T @ self.columns
+    def _factor(self) -> Array:
+        normal = self.columns @ self.columns.T
         size = np.arange(len(normal))
         normal[size, size] += self.precision + 1e-9
-        factor = np.asarray(np.linalg.cholesky(normal), dtype=np.float64)
-        right = self.columns.T @ self.target + self.precision * self.mean
+        return np.asarray(np.linalg.cholesky(normal), dtype=np.float64)
+
+    @cached_property
+    def _solved(self) -> tuple[Array, Array, float]:
+        factor = self._factor
+        right = self.columns @ self.target + self.precision * self.mean
         half = solve_triangular(factor, right, lower=True)
         square = float(self.target @ self.target + self.precision @ self.mean**2 - half @ half)
         return factor, half, square
 
     @property
     def square(self) -> float:
-        """The least of |t - C c|^2 + (c - mean)' precision (c - mean)."""
+        """The least of |t - C' c|^2 + (c - mean)' precision (c - mean)."""
         return self._solved[2]
 
     @cached_property
@@ -64,23 +68,29 @@ class Frame:
         return np.asarray(cho_solve((self._solved[0], True), np.eye(len(self.mean))))
 
     def beside(self, extra: Array) -> "Beside":
-        """What further columns (R, m) can add."""
+        """What further columns (m, R) can add."""
         factor, half, _ = self._solved
-        across = solve_triangular(factor, self.columns.T @ extra, lower=True)
-        return Beside(extra.T @ extra - across.T @ across, extra.T @ self.target - across.T @ half)
+        across = solve_triangular(factor, self.columns @ extra.T, lower=True)
+        return Beside(extra @ extra.T - across.T @ across, extra @ self.target - across.T @ half)
 
     def extended(self, extra: Array, precision: Array, mean: Array) -> "Frame":
         """With further columns that are fitted under every hypothesis from now on."""
         return Frame(
-            np.hstack([self.columns, extra]),
+            np.vstack([self.columns, extra]),
             np.concatenate([self.precision, precision]),
             np.concatenate([self.mean, mean]),
             self.target,
         )
 
+    def aimed(self, target: Array) -> "Frame":
+        """The same columns before another residual (R,); their factorisation is kept."""
+        made = Frame(self.columns, self.precision, self.mean, target)
+        made.__dict__["_factor"] = self._factor
+        return made
+
     def rows(self, keep: Array) -> "Frame":
         """The same on a part of the data: a mask (R,) of rows."""
-        return Frame(self.columns[keep], self.precision, self.mean, self.target[keep])
+        return Frame(self.columns[:, keep], self.precision, self.mean, self.target[keep])
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,10 +6,11 @@ and by Laplace's method in the non-linear ones (MacKay 1992, "Bayesian interpola
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.evidence import Beside, Frame, flat_width
@@ -22,6 +23,8 @@ SCALES = (1 / 3, 1.0, 3.0)
 STEP = 1e-4
 """Of the unit interval, for derivatives by differences."""
 MOST_STEPS = 12
+HOPE = 5.0
+"""How much more a step may bring than the linear model promises."""
 SETTLED = 0.05
 """Fall of the square below which a fit has settled."""
 
@@ -60,7 +63,13 @@ class Candidate:
 
 
 def refine(
-    problem: Problem, frame: Frame, world: World, effect: Effect, start: Values, steps: int = MOST_STEPS
+    problem: Problem,
+    frame: Frame,
+    world: World,
+    effect: Effect,
+    start: Values,
+    steps: int = MOST_STEPS,
+    least: float = -np.inf,
 ) -> Candidate:
     """The most likely parameters of one effect beside a frame that stays as it is, from a starting point.
 
@@ -71,6 +80,7 @@ def refine(
         effect: to fit.
         start: non-linear values.
         steps: at the most.
+        least: gain below which it is of no interest: the search ends as soon as that much is not in sight.
     """
     parameters = effect.parameters(world)
     moving = [p for p in parameters if not p.linear and not p.choice and not p.resolution]
@@ -79,7 +89,7 @@ def refine(
     damping = Damping()
     for _ in range(steps if moving else 0):
         slopes = _slopes(problem, world, effect, at, moving)
-        moved = _stepped(problem, frame, world, effect, at, moving, slopes, weak, damping)
+        moved = _stepped(problem, frame, world, effect, at, moving, slopes, weak, damping, least)
         if moved is None:
             break
         settled = moved.drop - at.drop < SETTLED
@@ -107,28 +117,22 @@ def _linear(
     """The most likely linear parameters at given non-linear ones."""
     if not len(weak):
         response = problem.whiten(effect.simulate(world, nonlinear))
-        drop = frame.beside(response[:, None]).drop(np.ones(1))
-        return _Point(nonlinear, np.zeros((len(response), 0)), response, drop)
+        drop = frame.beside(response[None]).drop(np.ones(1))
+        return _Point(nonlinear, np.zeros((0, len(response))), response, drop)
     columns = problem.whiten(effect.columns(world, nonlinear))
     beside = frame.beside(columns)
     linear = beside.solve(weak)
     names = [p.name for p in effect.parameters(world) if p.linear]
     values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
-    return _Point(values, columns, columns @ linear, beside.drop(linear) - float(weak @ linear**2))
+    return _Point(values, columns, linear @ columns, beside.drop(linear) - float(weak @ linear**2))
 
 
 def _slopes(problem: Problem, world: World, effect: Effect, at: _Point, moving: Sequence[Parameter]) -> Array:
-    """(R, d) whitened derivative of the response by the place of each non-linear parameter in its prior."""
+    """(d, R) whitened derivative of the response by the place of each non-linear parameter in its prior."""
     if not moving:
-        return np.zeros((len(at.response), 0))
+        return np.zeros((0, len(at.response)))
     here = effect.simulate(world, at.values)
-    out = []
-    for p in moving:
-        place = p.to_unit(at.values[p.name])
-        ahead = place + STEP if place + STEP <= 1.0 else place - STEP
-        there = effect.simulate(world, {**at.values, p.name: p.from_unit(ahead)})
-        out.append((there - here) / (ahead - place))
-    return problem.whiten(np.stack(out, axis=2))
+    return problem.whiten(np.stack([_slope(effect, world, at.values, p, here) for p in moving], axis=2))
 
 
 def _stepped(
@@ -141,14 +145,19 @@ def _stepped(
     slopes: Array,
     weak: Array,
     damping: "Damping",
+    least: float,
 ) -> _Point | None:
     """A Levenberg-Marquardt step in all parameters, damped until the fit is better; None when it cannot be."""
-    count = at.columns.shape[1]
-    beside = frame.beside(np.hstack([at.columns, slopes, at.response[:, None]]))
+    count = len(at.columns)
+    beside = frame.beside(np.vstack([at.columns, slopes, at.response[None]]))
     inner = beside.pick(slice(0, -1))
     # What is left when the response as it is has been taken away.
     vector = inner.vector - beside.information[:-1, -1]
     vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(world) if p.linear])
+    quick = Beside(inner.information, vector)
+    promised = 0.5 * float(vector @ quick.solve(np.concatenate([weak, np.full(len(moving), 1.0)])))
+    if 0.5 * at.drop + HOPE * promised < least:
+        return None
     for strength in damping.tries():
         held = strength * np.diag(inner.information)[count:]
         precision = np.concatenate([weak, held + 1e-9])
@@ -185,7 +194,7 @@ def _evidence_gain(frame: Frame, at: _Point, parameters: Sequence[Parameter], sl
     """log evidence won: exact in the linear parameters, Laplace in the others, averaged over the width of priors."""
     linear = [p for p in parameters if p.linear]
     count = len(linear)
-    beside = frame.beside(np.hstack([at.columns, slopes]))
+    beside = frame.beside(np.vstack([at.columns, slopes]))
     inner = beside.pick(slice(0, count))
     scores = []
     for scale in SCALES if count else (1.0,):
@@ -201,7 +210,34 @@ def _evidence_gain(frame: Frame, at: _Point, parameters: Sequence[Parameter], sl
     return float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known
 
 
-def fit(problem: Problem, parts: Sequence[Part], steps: int = 4) -> Fit:
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What one more effect is tried beside.
+
+    Args:
+        frame: calibration and the present parts, linearised.
+        world: after the present parts.
+        residual: (N, C) measured minus all that.
+    """
+
+    frame: Frame
+    world: World
+    residual: Array
+
+
+def ground(problem: Problem, parts: Sequence[Part]) -> Ground:
+    """The ground about some parts at their values."""
+    about = _about(problem, tuple(parts), None)
+    precision, mean = about.priors(1.0)
+    calibrated = problem.calibrated(problem.groups(about.whole, parts), about.calibration.coefficients())
+    return Ground(
+        about.calibration.extended(about.columns, np.where(precision > 0, precision, 1.0), mean),
+        about.whole,
+        problem.measured - problem.predicted(about.whole) - calibrated,
+    )
+
+
+def fit(problem: Problem, parts: Sequence[Part], steps: int = 12) -> Fit:
     """The most likely parameters of several effects at once, the calibration taken about what they say.
 
     Args:
@@ -209,25 +245,23 @@ def fit(problem: Problem, parts: Sequence[Part], steps: int = 4) -> Fit:
         parts: effects with values to start from; none: the nominal model with its calibration errors.
         steps: at the most.
     """
-    current = _about(problem, tuple(parts))
-    damping = Damping()
-    for _ in range(steps if parts else 0):
-        moved = _all_stepped(problem, current, damping)
-        if moved is None:
+    current = _about(problem, tuple(parts), None)
+    for _ in range(2 if parts else 0):
+        settled = _settled(problem, current, steps)
+        if settled is current:
             break
-        settled = current.square - moved.square < SETTLED
-        current = moved
-        if settled:
-            break
+        # The calibration's own response changes a little with what the sensor is said to feel.
+        current = _about(problem, settled.parts, None)
     return _finished(problem, current)
 
 
 @dataclass(frozen=True, eq=False)
 class _About:
-    """A hypothesis linearised at its values."""
+    """A hypothesis linearised at its values; the columns count from there."""
 
     parts: tuple[Part, ...]
     worlds: list[World]
+    whole: World
     calibration: Frame
     columns: Array
     square: float
@@ -249,27 +283,60 @@ class _About:
         return precision, mean
 
 
-def _about(problem: Problem, parts: tuple[Part, ...]) -> _About:
+def _about(problem: Problem, parts: tuple[Part, ...], calibration: Frame | None, slopes: bool = True) -> _About:
+    """Linearise; a calibration frame that is given is kept, with the residual of these parts as its target."""
     worlds, whole = problem.compose(parts)
-    calibration = problem.frame(parts, whole)
+    if calibration is None:
+        calibration = problem.frame(parts, whole)
+    else:
+        target = problem.whiten(problem.measured - problem.predicted(whole))
+        calibration = calibration.aimed(target)
+    columns = _columns(problem, parts, worlds) if slopes else np.zeros((0, len(calibration.target)))
+    about = _About(parts, worlds, whole, calibration, columns, 0.0)
+    precision, mean = about.priors(SCALES[-1])
+    return replace(about, square=calibration.square + float(precision @ mean**2))
+
+
+def _columns(problem: Problem, parts: tuple[Part, ...], worlds: list[World]) -> Array:
+    """(k, R) whitened response to each parameter of each part."""
     columns = []
     for part, world in zip(parts, worlds, strict=True):
+        own = part.effect.parameters(world)
+        if any(p.linear for p in own):
+            columns += list(np.moveaxis(part.effect.columns(world, part.values), 2, 0))
+        moving = [p for p in own if not (p.linear or p.choice or p.resolution)]
         here = part.effect.simulate(world, part.values)
-        straight = part.effect.columns(world, part.values)
-        taken = 0
-        for p in part.effect.parameters(world):
-            if p.linear:
-                columns.append(straight[:, :, taken])
-                taken += 1
-            elif not (p.choice or p.resolution):
-                place = p.to_unit(part.values[p.name])
-                ahead = place + STEP if place + STEP <= 1.0 else place - STEP
-                there = part.effect.simulate(world, {**part.values, p.name: p.from_unit(ahead)})
-                columns.append((there - here) / (ahead - place))
-    stacked = problem.whiten(np.stack(columns, axis=2)) if columns else np.zeros((len(calibration.target), 0))
-    about = _About(parts, worlds, calibration, stacked, 0.0)
-    precision, mean = about.priors(SCALES[-1])
-    return _About(parts, worlds, calibration, stacked, calibration.square + float(precision @ mean**2))
+        bent = [_slope(part.effect, world, part.values, p, here) for p in moving]
+        # In the order of the parameters, linear and not.
+        straight, count = columns[len(columns) - sum(p.linear for p in own) :], sum(p.linear for p in own)
+        columns = columns[: len(columns) - count]
+        queue = {True: iter(straight), False: iter(bent)}
+        columns += [next(queue[p.linear]) for p in own if p.linear or p in moving]
+    if not columns:
+        return np.zeros((0, problem.whiten(problem.measured).size))
+    return problem.whiten(np.stack(columns, axis=2))
+
+
+def _slope(effect: Effect, world: World, values: Values, p: Parameter, here: Array) -> Array:
+    """(N, C) derivative of the response by the place of a parameter in its prior."""
+    place = p.to_unit(values[p.name])
+    ahead = place + STEP if place + STEP <= 1.0 else place - STEP
+    there = effect.simulate(world, {**values, p.name: p.from_unit(ahead)})
+    return np.asarray((there - here) / (ahead - place))
+
+
+def _settled(problem: Problem, at: _About, steps: int) -> _About:
+    """Levenberg-Marquardt steps in all parameters, the calibration's columns held."""
+    damping = Damping()
+    for _ in range(steps):
+        moved = _all_stepped(problem, at, damping)
+        if moved is None:
+            return at
+        done = at.square - moved.square < SETTLED
+        at = replace(moved, columns=_columns(problem, moved.parts, moved.worlds))
+        if done:
+            break
+    return at
 
 
 def _all_stepped(problem: Problem, at: _About, damping: Damping) -> _About | None:
@@ -285,7 +352,7 @@ def _all_stepped(problem: Problem, at: _About, damping: Damping) -> _About | Non
             old = values[i][p.name]
             values[i][p.name] = old + float(s) if p.linear else _shifted(p, old, float(s))
         parts = tuple(Part(part.effect, new) for part, new in zip(at.parts, values, strict=True))
-        moved = _about(problem, parts)
+        moved = _about(problem, parts, at.calibration, slopes=False)
         if moved.square < at.square:
             damping.eased(strength)
             return moved
@@ -295,13 +362,11 @@ def _all_stepped(problem: Problem, at: _About, damping: Damping) -> _About | Non
 def _finished(problem: Problem, at: _About) -> Fit:
     own = at.parameters()
     linear = np.array([p.linear for _, p in own], dtype=bool)
-    scores, frames = [], []
+    calibration = at.calibration.beside(at.columns)
+    scores = []
     for scale in SCALES if linear.any() else (1.0,):
         precision, mean = at.priors(scale)
-        frame = at.calibration.extended(at.columns[:, linear], precision[linear], mean[linear])
-        bent = frame.beside(at.columns[:, ~linear])
-        scores.append(frame.log_evidence + flat_width(bent.information))
-        frames.append(frame)
+        scores.append(_log_evidence(at.calibration, calibration, precision, mean, linear))
     best = int(np.argmax(scores))
     known = sum(
         float(np.log(min(p.resolution / (p.high - p.low), 1.0)))
@@ -312,15 +377,33 @@ def _finished(problem: Problem, at: _About) -> Fit:
     evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale
     precision, mean = at.priors(SCALES[best])
     whole = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
-    world = problem.compose(at.parts)[1]
-    response = problem.predicted(world) - problem.predicted(problem.world)
-    calibrated = problem.calibrated(problem.groups(world, at.parts), at.calibration.coefficients())
+    response = problem.predicted(at.whole) - problem.predicted(problem.world)
+    groups = problem.groups(at.whole, at.parts)
+    calibrated = problem.calibrated(groups, at.calibration.coefficients())
     return Fit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole))
+
+
+def _log_evidence(frame: Frame, beside: Beside, precision: Array, mean: Array, linear: NDArray[np.bool_]) -> float:
+    """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
+    if not len(linear):
+        return frame.log_evidence
+    first, other = np.flatnonzero(linear), np.flatnonzero(~linear)
+    across = beside.information[np.ix_(first, other)]
+    won = 0.0
+    if len(first):
+        factor = np.linalg.cholesky(beside.information[np.ix_(first, first)] + np.diag(precision[first]))
+        half = solve_triangular(factor, beside.vector[first] + (precision * mean)[first], lower=True)
+        won = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+        won += 0.5 * float(np.log(precision[first]).sum()) - 0.5 * float((precision * mean**2)[first].sum())
+        across = solve_triangular(factor, across, lower=True)
+    bent = beside.information[np.ix_(other, other)] - across.T @ across
+    return frame.log_evidence + won + flat_width(bent)
 
 
 def _covariances(at: _About, whole: Frame) -> tuple[Array, ...]:
     """Of each part's parameters; what was not fitted has its resolution."""
-    covariance = whole.covariance()[at.calibration.columns.shape[1] :, at.calibration.columns.shape[1] :]
+    size = len(at.calibration.columns)
+    covariance = whole.covariance()[size:, size:]
     own = at.parameters()
     found = []
     for i, (part, world) in enumerate(zip(at.parts, at.worlds, strict=True)):

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from poise.mismatch.load import load_wrench
+from poise.mismatch.load import cross, load_wrench
 from poise.mismatch.world import BaseTrack, EffortTrack, JointTrack, World
 from poise.robot import STANDARD_GRAVITY, BaseMotion, RobotModel, inertia_of
 from poise.robot.kinematics import state
@@ -161,9 +161,7 @@ def _forward(robot: RobotModel, motion: Motion) -> _Rows:
     # A spatial acceleration lacks omega x v of the classical one (Featherstone 2008, section 2.11).
     by_position = np.empty((n, 9, moving))
     by_position[:, :3] = (
-        a_by_q[:, :3]
-        + np.cross(by_q[:, 3:], linear[:, :, None], axis=1)
-        + np.cross(omega[:, :, None], by_q[:, :3], axis=1)
+        a_by_q[:, :3] + cross(by_q[:, 3:], linear[:, :, None], axis=1) + cross(omega[:, :, None], by_q[:, :3], axis=1)
     )
     by_position[:, 3:6], by_position[:, 6:] = by_q[:, 3:], a_by_q[:, 3:]
     return _Rows(
@@ -172,7 +170,7 @@ def _forward(robot: RobotModel, motion: Motion) -> _Rows:
         np.asarray(np.einsum("nij,nj->ni", rotation, linear)),
         omega,
         acceleration[:, 3:],
-        acceleration[:, :3] + np.cross(omega, linear),
+        acceleration[:, :3] + cross(omega, linear),
         jacobian,
         by_position,
         None if base is None else base.track(),
@@ -195,7 +193,7 @@ class _BaseRows:
 
     def track(self) -> BaseTrack:
         linear, angular = self._rates[..., :3], self._rates[..., 3:]
-        classical = linear[1] + np.cross(angular[0], linear[0])
+        classical = linear[1] + cross(angular[0], linear[0])
 
         def in_world(vectors: Array) -> Array:
             return np.asarray(np.einsum("nij,nj->ni", self._rotation, vectors))

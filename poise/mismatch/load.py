@@ -9,6 +9,12 @@ from poise.inertia.regressor import regressor
 Array = NDArray[np.float64]
 
 
+def cross(a: Array, b: Array, axis: int = -1) -> Array:
+    """a x b along an axis of length three, broadcast; numpy's own spends most of its time on bookkeeping."""
+    (a0, a1, a2), (b0, b1, b2) = (np.moveaxis(v, axis, 0) if axis != 0 else v for v in (a, b))
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=axis)
+
+
 def load_wrench(phi: ArrayLike, specific: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:
     """(N, 6) what a load exerts on the sensor (thesis eq. 2.97), sensor axes.
 
@@ -24,8 +30,8 @@ def load_wrench(phi: ArrayLike, specific: Array, angular_velocity: Array, angula
         return np.asarray(np.einsum("nij,nj->ni", regressor(specific, angular_velocity, angular_acceleration), values))
     mass, first, inertia = values[0], values[1:4], symmetric(values[4:])
     omega, alpha = angular_velocity, angular_acceleration
-    force = mass * specific - np.cross(alpha, first) - np.cross(omega, np.cross(omega, first))
-    torque = np.cross(first, specific) - alpha @ inertia - np.cross(omega, omega @ inertia)
+    force = mass * specific - cross(alpha, first) - cross(omega, cross(omega, first))
+    torque = cross(first, specific) - alpha @ inertia - cross(omega, omega @ inertia)
     return np.concatenate([force, torque], axis=1)
 
 
@@ -48,4 +54,4 @@ def motion_response(phi: Array, omega: Array, by_specific: Array, by_omega: Arra
 
 def forces_at(points: Array, forces: Array) -> Array:
     """(N, 6) wrench about the sensor's origin of (N, 3) forces at (N, 3) or (3,) points, sensor axes."""
-    return np.concatenate([forces, np.cross(np.broadcast_to(points, forces.shape), forces)], axis=1)
+    return np.concatenate([forces, cross(np.broadcast_to(points, forces.shape), forces)], axis=1)

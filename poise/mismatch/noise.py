@@ -55,13 +55,12 @@ class Noise:
     speed: Array
 
     def whiten(self, values: Array) -> Array:
-        """(N, C) or (N, C, k) -> the same shape: unit white noise, when `values` are noise of this kind."""
-        flat = values.reshape(len(values), len(self.sigma), -1)
-        out = np.empty(flat.shape)
+        """(N, C, k) -> (k, C, N): unit white noise, when `values` are noise of this kind."""
+        out = np.empty(values.shape[::-1])
         for channels, filtered in zip(self.groups, self._filters, strict=True):
-            part = flat[:, channels] / self.sigma[channels, None]
-            out[:, channels] = filtered(part.reshape(len(part), -1)).reshape(part.shape)
-        return out.reshape(values.shape)
+            part = values[:, channels].T / self.sigma[channels, None]
+            out[:, channels] = filtered(part.reshape(-1, len(values))).reshape(part.shape)
+        return out
 
     @cached_property
     def log_divisor(self) -> Array:
@@ -103,16 +102,19 @@ class _Innovation:
         # x+ = a (1 - k g) x + a k y: a lower bidiagonal system for all x at once.
         self._band = np.ones((2, n), order="F")
         self._band[1] = -decay * (1.0 - kalman * self.gain)
-        self._drive = (decay * kalman)[:, None]
+        self._drive = decay * kalman
 
     def __call__(self, values: Array) -> Array:
-        """(N, K) -> (N, K)."""
+        """(K, N) -> (K, N)."""
         if self.plain:
             return values
-        right = np.zeros(values.shape, order="F")
-        np.multiply(self._drive[:-1], values[:-1], out=right[1:])
-        state, _ = dtbtrs(self._band, right, uplo="L", overwrite_b=1)
-        return np.asarray((values - self.gain[:, None] * state) / self.deviation[:, None])
+        right = np.zeros(values.shape)
+        np.multiply(self._drive[:-1], values[:, :-1], out=right[:, 1:])
+        state = dtbtrs(self._band, right.T, uplo="L", overwrite_b=1)[0].T
+        state *= self.gain
+        np.subtract(values, state, out=state)
+        state /= self.deviation
+        return np.asarray(state)
 
 
 def white_level(values: Array) -> Array:

@@ -58,7 +58,8 @@ class Problem:
     @cached_property
     def active(self) -> NDArray[np.bool_]:
         """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
-        return (self.seconds >= self.seconds[0] + RUN_UP) & (self.seconds <= self.seconds[-1] - RUN_OUT)
+        at = self.seconds
+        return np.asarray((at >= at[0] + RUN_UP) & (at <= at[-1] - RUN_OUT))
 
     @cached_property
     def log_scale(self) -> float:
@@ -105,9 +106,11 @@ class Problem:
         return Frame(white, sigma**-2.0, np.zeros(len(sigma)), target)
 
     def whiten(self, values: Array) -> Array:
-        """(N, C) -> (R,); (N, C, k) -> (R, k), R = C times the samples that count."""
-        white = self.noise.whiten(values)[self.active]
-        return white.reshape(-1) if values.ndim == 2 else white.reshape(-1, values.shape[2])
+        """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples that count."""
+        white = self.noise.whiten(values if values.ndim == 3 else values[:, :, None])
+        begin, end = np.flatnonzero(self.active)[[0, -1]]
+        rows = white[:, :, begin : end + 1].reshape(len(white), -1)
+        return rows[0] if values.ndim == 2 else rows
 
     def calibrated(self, groups: Sequence[Group], coefficients: Array) -> Array:
         """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""

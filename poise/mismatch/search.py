@@ -11,11 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.mismatch.coarse import thinned
 from poise.mismatch.effects import all_effects
 from poise.mismatch.effects.base import Effect
-from poise.mismatch.fitting import Candidate, Fit, fit, refine
+from poise.mismatch.fitting import Candidate, Fit, fit, ground, refine
 from poise.mismatch.problem import Part, Problem
-from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
 
@@ -86,8 +86,9 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
 def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
     """The best model with one more effect, under the noise that suits it."""
     problem = _under(state.problem, best)
-    candidates = screen(problem, best, effects)
-    chosen = [c for c in candidates[:PROMISING] if c.gain > max(1.0, REACH * candidates[0].gain)]
+    least = (NEXT_THRESHOLD if best.parts else THRESHOLD) - 5.0
+    candidates = screen(problem, best, effects, least)
+    chosen = [c for c in candidates[:PROMISING] if c.gain > max(least, REACH * candidates[0].gain)]
     found = [fit(problem, (*best.parts, Part(c.effect, c.values))) for c in chosen]
     for each in found:
         state.offer(each)
@@ -97,33 +98,41 @@ def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
     # The noise that the best one leaves; all near it, and the model before, are judged under that too.
     quieter = problem.with_noise(problem.fitted_noise(left_over(problem, found[0])))
     top = [each for each in found if each.log_evidence > found[0].log_evidence - 30.0]
-    again = [fit(quieter, each.parts, steps=2) for each in top]
-    for each in (*again, fit(quieter, best.parts, steps=2)):
-        state.offer(each)
+    for each in (*top, best):
+        state.offer(fit(quieter, each.parts))
     return max((state.fits[names(each)] for each in found), key=lambda each: each.log_evidence)
 
 
-def screen(problem: Problem, best: Fit, effects: Sequence[Effect]) -> list[Candidate]:
-    """Each effect beside the present best model, refined a little; the most promising first."""
-    world = problem.compose(best.parts)[1]
+def screen(problem: Problem, best: Fit, effects: Sequence[Effect], least: float = 1.0) -> list[Candidate]:
+    """Each effect beside the present best model; the most promising first, fitted at the full rate.
+
+    Effects are first tried on a thinned recording; those that gain `least` or more, and are in reach of the best, are
+    then tried in full.
+    """
     taken = {part.effect.name for part in best.parts}
-    residual = left_over(problem, best)
+    whole = problem.compose(best.parts)[1]
+    rough = thinned(problem, whole)
+    slow = [effect for effect in effects if effect.name not in taken and not effect.fast]
+    looked = _beside(rough, best.parts, slow, least) if rough is not problem else []
+    reach = max(least, 0.5 * REACH * max((each.gain for each in looked), default=0.0))
+    hopeful = [each.effect for each in looked[: 2 * PROMISING] if each.gain > reach]
+    fast = [effect for effect in effects if effect.name not in taken and (effect.fast or rough is problem)]
+    return _beside(problem, best.parts, [*hopeful, *fast], least)
+
+
+def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect], least: float) -> list[Candidate]:
+    """Each effect beside some parts, at its most likely values; the most promising first."""
+    here = ground(problem, parts)
+    frame, world = here.frame, here.world
     found = []
     for effect in effects:
-        if effect.name not in taken:
-            one = _beside(problem, best, world, effect, residual)
-            if one is not None:
-                found.append(one)
+        tried = [refine(problem, frame, world, effect, start, steps=0) for start in effect.starts(world, here.residual)]
+        if not tried:
+            continue
+        best = max(tried, key=lambda each: each.gain)
+        nonlinear = {p.name: best.values[p.name] for p in effect.parameters(world) if not p.linear}
+        found.append(refine(problem, frame, world, effect, nonlinear, least=least) if nonlinear else best)
     return sorted(found, key=lambda each: -each.gain)
-
-
-def _beside(problem: Problem, best: Fit, world: World, effect: Effect, residual: Array) -> Candidate | None:
-    tried = [refine(problem, best.frame, world, effect, start, steps=0) for start in effect.starts(world, residual)]
-    if not tried:
-        return None
-    first = max(tried, key=lambda each: each.gain)
-    nonlinear = {p.name: first.values[p.name] for p in effect.parameters(world) if not p.linear}
-    return refine(problem, best.frame, world, effect, nonlinear) if nonlinear else first
 
 
 def left_over(problem: Problem, found: Fit) -> Array:

@@ -87,6 +87,8 @@ class Effect(ABC):
         excited_by: what a motion must have for it to show.
         separating_motion: the motion that tells it from what it is confused with; a sentence.
         confused_with: names of effects that look like it on poor motions.
+        fast: it shows above 4 Hz or in single samples (vibration, impacts, clipping): it is then always tried at the
+            full rate; others are looked for at a fifth of it first.
         order: among effects of one layer, the lower acts first.
         needs: what the recording must hold: of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
@@ -104,6 +106,7 @@ class Effect(ABC):
     needs: ClassVar[tuple[str, ...]] = ()
     transfers: ClassVar[bool] = True
     order: ClassVar[int] = 0
+    fast: ClassVar[bool] = False
     widens: ClassVar[str] = ""
 
     @abstractmethod

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import forces_at
+from poise.mismatch.load import cross, forces_at
 from poise.mismatch.starts import bursts
 from poise.mismatch.wording import directed
 from poise.mismatch.world import World
@@ -45,7 +45,7 @@ class Contact(Effect):
         for begin, end in bursts(world, residual):
             inside = (world.seconds >= begin) & (world.seconds <= end)
             force, torque = residual[inside, :3], residual[inside, 3:]
-            lever = np.stack([np.cross(unit, force) for unit in np.eye(3)], axis=2)
+            lever = np.stack([cross(unit, force) for unit in np.eye(3)], axis=2)
             normal = np.einsum("nci,ncj->ij", lever, lever)
             normal += (0.02 * np.trace(normal) + 1e-9) / 3 * np.eye(3)
             point = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))

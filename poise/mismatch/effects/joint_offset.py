@@ -3,7 +3,7 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import motion_response
+from poise.mismatch.load import cross, motion_response
 from poise.mismatch.world import World
 
 
@@ -45,5 +45,5 @@ def joint_columns(world: World) -> Array:
     motion = world.joints.motion_by_position
     # Seen from the sensor, gravity turns the other way than the joint: d(R^T g) = (R^T g) x axis.
     axes = world.joints.jacobian_in_sensor[:, 3:]
-    by_specific = np.cross(world.gravity[:, :, None], axes, axis=1) - motion[:, :3]
+    by_specific = cross(world.gravity[:, :, None], axes, axis=1) - motion[:, :3]
     return motion_response(world.phi, world.angular_velocity, by_specific, motion[:, 3:6], motion[:, 6:])

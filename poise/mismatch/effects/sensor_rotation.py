@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import cross
 from poise.mismatch.world import World
 
 NAMES = ("rotation_x", "rotation_y", "rotation_z")
@@ -54,6 +55,6 @@ def rotation_columns(wrench: Array) -> Array:
     """(N, 6, 3) first-order response w x r to a rotation vector of the sensor's axes."""
     out = np.zeros((len(wrench), 6, 3))
     for axis, unit in enumerate(np.eye(3)):
-        out[:, :3, axis] = np.cross(wrench[:, :3], unit)
-        out[:, 3:, axis] = np.cross(wrench[:, 3:], unit)
+        out[:, :3, axis] = cross(wrench[:, :3], unit)
+        out[:, 3:, axis] = cross(wrench[:, 3:], unit)
     return out

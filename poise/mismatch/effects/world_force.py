@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import cross
 from poise.mismatch.wording import directed
 from poise.mismatch.world import World
 
@@ -38,7 +39,7 @@ class WorldForce(Effect):
         force = np.linalg.lstsq(centred.reshape(-1, 3), wanted[:, :3].ravel(), rcond=None)[0]
         felt = columns @ force
         felt = felt - felt.mean(axis=0)
-        lever = np.stack([np.cross(unit, felt) for unit in np.eye(3)], axis=2)
+        lever = np.stack([cross(unit, felt) for unit in np.eye(3)], axis=2)
         ridge = 1e-3 * float(np.sum(felt**2)) / 3 * np.eye(3)
         normal = np.einsum("nci,ncj->ij", lever, lever) + ridge
         point = np.linalg.solve(normal + 1e-12 * np.eye(3), np.einsum("nci,nc->i", lever, wanted[:, 3:]))
@@ -47,7 +48,7 @@ class WorldForce(Effect):
     def columns(self, world: World, nonlinear: Values) -> Array:
         point = np.array([nonlinear[name] for name in POINT])
         force = world.rotation_world_sensor.swapaxes(1, 2)
-        return np.concatenate([force, np.cross(point[None, :, None], force, axis=1)], axis=1)
+        return np.concatenate([force, cross(point[None, :, None], force, axis=1)], axis=1)
 
     def sentence(self, world: World, values: Values) -> str:
         del world
