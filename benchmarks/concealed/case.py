@@ -1,5 +1,6 @@
 """One case, whole: the bag, its model.yaml and its label."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -7,7 +8,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from benchmarks.concealed.changes import DECOYS, DEPENDS_ON, LIBRARY, UNKNOWNS
+from benchmarks.concealed.changes import AKIN, DECOYS, DEPENDS_ON, EVERYTHING, LIBRARY, UNKNOWNS
 from benchmarks.concealed.changes.base import Change
 from benchmarks.concealed.changes.decoys import motion_of
 from benchmarks.concealed.changes.honest import TOLERANCE, honest_errors
@@ -46,7 +47,7 @@ class Label:
     Args:
         kind, strength: as planned.
         effects: name, parameters and windows of each change of the library; times since the first wrench stamp.
-        accept: names that are as right as the effect's own, on this motion.
+        accept: names that are as right on this motion; of what is outside the library, names that come near.
         foreign: what is outside the library, or "".
         decoy: or "".
         depends_on: any of these states is right for what is outside the library.
@@ -93,14 +94,14 @@ def make_case(plan: Plan, honest: bool = True, quiet: bool = False) -> Case:
     """
     for_scene, for_honest, for_change, for_sensor = (np.random.default_rng([*plan.seed, i]) for i in range(4))
     declared = Payload.random(for_scene)
-    motion = usual_motion(plan, for_scene)
-    scene = Scene(declared, motion)
-    changes, accept = _changes(plan, scene, for_change)
-    motion = scene.motion
+    motion = usual_motion(plan.names, for_scene)
+    if plan.kind == "decoy":
+        motion = motion_of(plan.names[0], motion, for_change)
+    scene, accept = Scene(declared, motion), list(AKIN.get("".join(plan.names), ()))
     if plan.kind == "twin":
         changes, accept, motion = TWINS[plan.names[0]](scene, plan.strength, for_change)
-    elif plan.kind == "decoy":
-        motion = motion_of(plan.names[0], motion, for_change)
+    else:
+        changes = [EVERYTHING[name](scene, plan.strength, for_change) for name in plan.names]
     settled = frozenset(group for change in changes for group in change.settles)
     errors = honest_errors(for_honest, settled) if honest else []
     true = declared
@@ -127,21 +128,14 @@ def make_case(plan: Plan, honest: bool = True, quiet: bool = False) -> Case:
     return Case(recorded, _model(declared, for_scene.random() < 0.5 and not loud), label)
 
 
-def usual_motion(plan: Plan, rng: np.random.Generator) -> Motion:
+def usual_motion(names: Sequence[str], rng: np.random.Generator) -> Motion:
     """Fourier or pick and place, in half the cases on a base that drives."""
     by_series = rng.random() < 0.5
     arm = fourier(rng) if by_series else pick_and_place(rng)
-    drives = rng.random() < 0.5 or "drive_interference" in plan.names
+    drives = rng.random() < 0.5 or "drive_interference" in names
     base = drive(rng)
     name = f"{'Fourier' if by_series else 'pick and place'}, {'driving' if drives else 'standing'}"
     return Motion(name, arm, base if drives else still(3))
-
-
-def _changes(plan: Plan, scene: Scene, rng: np.random.Generator) -> tuple[list[Change], list[str]]:
-    if plan.kind == "twin":
-        return [], []
-    known = LIBRARY | UNKNOWNS | DECOYS
-    return [known[name](scene, plan.strength, rng) for name in plan.names], []
 
 
 def _effect(change: Change, recorded: Recorded) -> dict[str, Any]:

@@ -71,7 +71,7 @@ class Engine:
 
     def run(self, duration: float = DURATION) -> Log:
         """Let it happen, from rest."""
-        seconds = np.arange(round(duration / self.step) + 1) * self.step
+        seconds = np.asarray(np.arange(round(duration / self.step) + 1) * self.step, dtype=np.float64)
         position, velocity, acceleration = self._driven(seconds)
         self._settle(position[0])
         for change in self.changes:
@@ -150,8 +150,8 @@ class Engine:
             driven.append(whole)
         for change in self.changes:
             extra = change.shift(seconds)
-            for order in range(3 if extra is not None else 0):
-                driven[order][:, :6] += extra[order]
+            for whole, more in zip(driven, extra or (), strict=False):
+                whole[:, :6] += more
         return driven[0], driven[1], driven[2]
 
     def _settle(self, position: Array) -> None:

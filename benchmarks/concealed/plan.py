@@ -58,11 +58,13 @@ def draw_plans(seeds: str, cases: int) -> list[Plan]:
         cases: how many; each kind has its share, each effect its turn.
     """
     rng = np.random.default_rng([SEEDS[seeds], cases])
-    plans: list[tuple[str, tuple[str, ...], float, bool]] = []
-    for kind, count in _counts(cases).items():
-        plans += _of_kind(kind, count, rng)
-    order = rng.permutation(len(plans))
-    return [Plan(*plans[place], seed=(SEEDS[seeds], number)) for number, place in enumerate(order.tolist())]
+    entries = [entry for kind, count in _counts(cases).items() for entry in _of_kind(kind, count, rng)]
+    order = rng.permutation(len(entries)).tolist()
+    numbered = ((number, *entries[place]) for number, place in enumerate(order))
+    return [
+        Plan(kind, names, strength, effort, seed=(SEEDS[seeds], number))
+        for number, kind, names, strength, effort in numbered
+    ]
 
 
 def _counts(cases: int) -> dict[str, int]:

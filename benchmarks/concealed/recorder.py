@@ -187,7 +187,7 @@ def _odom(motion: Motion, taken: Array, stamps: NDArray[np.int64], rng: np.rando
 def _times(period: float, rng: np.random.Generator) -> Array:
     """(N,) s, even, with a phase of its own, in whole ms."""
     phase = int(rng.integers(round(period * 1e3))) * 1e-3
-    return phase + period * np.arange(int((DURATION - phase) / period + 1e-9) + 1)
+    return np.asarray(phase + period * np.arange(int((DURATION - phase) / period + 1e-9) + 1), dtype=np.float64)
 
 
 def _at(log: Log, values: Array, taken: Array) -> Array:

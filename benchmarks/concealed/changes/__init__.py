@@ -65,3 +65,14 @@ DEPENDS_ON: dict[str, tuple[str, ...]] = {
 """States on which what is outside the library depends; naming any one of them is right."""
 
 DECOYS = _named(decoys, "dropped_samples", "outliers", "loud_noise", "clock_jitter", "swaying_floor", "unusual_motion")
+
+AKIN: dict[str, tuple[str, ...]] = {
+    "spinning_up_rotor": ("flywheel",),
+    "thermal_gain": ("sensor_gain",),
+    "grasp_slip": ("loose_part", "flexible_mode"),
+    "rope_drag": ("air_drag",),
+    "warming_grease": ("viscous_friction",),
+}
+"""Names of the library that explain a part of what is outside it: beside `unknown` they are no mistake."""
+
+EVERYTHING = LIBRARY | UNKNOWNS | DECOYS

@@ -122,7 +122,7 @@ class Clock(Change):
     skew: float = 0.0
 
     def stamp(self, seconds: Array) -> Array:
-        return seconds[0] + (seconds - seconds[0]) * (1 + self.skew) + self.offset
+        return np.asarray(seconds[0] + (seconds - seconds[0]) * (1 + self.skew) + self.offset)
 
 
 @dataclass

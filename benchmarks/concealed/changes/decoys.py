@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.concealed.changes.base import Change
 from benchmarks.concealed.motions import DURATION, HOME, Curve, Motion, pick_and_place, still, through
@@ -20,7 +21,7 @@ class Losses(Change):
     share: float = 0.0
     bursts: int = 0
 
-    def lost(self, topic: str, seconds: Array, rng: np.random.Generator) -> Array | None:
+    def lost(self, topic: str, seconds: Array, rng: np.random.Generator) -> NDArray[np.bool_] | None:
         if topic not in ("wrench", "joint_states"):
             return None
         gone = rng.random(len(seconds)) < self.share

@@ -73,7 +73,7 @@ def magnetic_pull(scene: "Scene", strength: float, rng: np.random.Generator) -> 
 
     def law(t: float, x: Array, v: Array) -> Array:
         gap = magnet - x
-        return size * gap / np.linalg.norm(gap) / (1 + gap @ gap / reach**2)
+        return np.asarray(size * gap / np.linalg.norm(gap) / (1 + gap @ gap / reach**2))
 
     size = 1.0
     largest = max(float(np.linalg.norm(law(0.0, point, point))) for point in points[::5])
@@ -107,7 +107,8 @@ def pump(scene: "Scene", strength: float, rng: np.random.Generator) -> Change:
 
     def law(t: float, x: Array, v: Array) -> Array:
         since = (t + phase) % period
-        return 5.0 * strength * axis * np.exp(-since / 0.12) * np.sin(2 * np.pi * 4.0 * since)
+        wave = np.exp(-since / 0.12) * np.sin(2 * np.pi * 4.0 * since)
+        return np.asarray(5.0 * strength * wave * axis)
 
     return Field(name="pump", place=place_in(rng, scene.payload), law=law)
 
@@ -146,7 +147,7 @@ def thermal_gain(scene: "Scene", strength: float, rng: np.random.Generator) -> C
     def law(t: Array, w: Array, log: "Log") -> Array:
         work = np.sum(w[:, 3:] ** 2, axis=1, keepdims=True)
         heat = np.cumsum(np.exp(t / constant)[:, None] * work, axis=0) * np.exp(-t / constant)[:, None]
-        return 0.12 * strength * heat / heat.max() * w
+        return np.asarray(0.12 * strength * heat / heat.max() * w)
 
     return Reading(name="thermal_gain", law=law)
 
@@ -170,8 +171,8 @@ def hum_by_speed(scene: "Scene", strength: float, rng: np.random.Generator) -> C
     frequency, mix = rng.uniform(46.0, 49.0), rng.normal(size=6) * np.repeat([1.0, 0.05], 3)
 
     def law(t: Array, w: Array, log: "Log") -> Array:
-        speed = np.linalg.norm(log.arm[1], axis=1)
-        return 0.8 * strength * (speed * np.sin(2 * np.pi * frequency * t))[:, None] * mix / np.linalg.norm(mix[:3])
+        wave = np.linalg.norm(log.arm[1], axis=1) * np.sin(2 * np.pi * frequency * t)
+        return np.asarray(0.8 * strength * wave[:, None] * mix / np.linalg.norm(mix[:3]))
 
     return Reading(name="hum_by_speed", law=law)
 

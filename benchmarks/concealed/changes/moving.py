@@ -1,6 +1,6 @@
 """Parts of the load that move by themselves, as bodies and joints of the engine; the payload counts them as rigid."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -203,10 +203,11 @@ def room_for(mass: float, payload: Payload, rng: np.random.Generator) -> Array:
     Raises:
         ValueError: when there is none.
     """
+    leaner = replace(payload, inertia=0.88 * payload.inertia)  # as an honest error of the declared inertia may make it
     for _ in range(ATTEMPTS):
         place = place_in(rng, payload)
         try:
-            payload.without_point(mass, place)
+            leaner.without_point(1.02 * mass, place)
         except ValueError:
             continue
         return place

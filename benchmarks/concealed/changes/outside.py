@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from benchmarks.concealed.engine import Engine, Log
     from benchmarks.concealed.scene import Scene
 
+SQUEEZE = 0.005  # s, damping of the plate over its stiffness
 SLOW = 0.005  # m/s of slip below which friction turns around
 
 
@@ -165,7 +166,7 @@ def contact(scene: "Scene", strength: float, rng: np.random.Generator) -> Change
     """A plate where the finger tip turns back, so that it is touched once, for 0.6 to 3 s."""
     place = scene.payload.com + rng.uniform([-0.03, -0.03, 0.05], [0.03, 0.03, 0.1])
     seconds, points = scene.preview.seconds, scene.point(place)
-    found = []
+    found: list[tuple[Array, int, float, float, float]] = []
     for _ in range(60):
         normal = direction(rng)
         height = points @ normal
@@ -176,18 +177,21 @@ def contact(scene: "Scene", strength: float, rng: np.random.Generator) -> Change
             if 0.6 <= seconds[last] - seconds[first] <= 3.0:
                 found.append((normal, turn, depth, seconds[first], seconds[last]))
     normal, turn, depth, start, end = found[rng.integers(len(found))]
-    friction = rng.uniform(0.1, 0.5)
-    peak = 9.0 * strength
+    surface, friction, peak = points[turn] + normal * depth, rng.uniform(0.1, 0.5), 9.0 * strength
+    there = (seconds >= start) & (seconds <= end)
+    inside = ((surface - points) @ normal)[there]
+    pressed = inside + SQUEEZE * np.gradient(inside, seconds[there])
+    stiffness = peak / float(pressed.max()) / np.sqrt(1 + friction**2)
     return Plate(
         name="contact",
         parameters={"peak_force": peak, "friction": friction, **named("normal", normal)},
         windows=[(start, end)],
         place=place,
-        surface=points[turn] + normal * depth,
+        surface=surface,
         normal=normal,
         span=(start - 0.02, end + 0.02),
-        stiffness=peak / depth / np.sqrt(1 + friction**2),
-        damping=0.05 * peak / depth,
+        stiffness=stiffness,
+        damping=SQUEEZE * stiffness,
         friction=friction,
     )
 

@@ -49,7 +49,8 @@ class PointMass(Change):
 
     def shape(self, spec: mujoco.MjSpec) -> None:
         body = spec.body(LOAD).add_body(name="point_mass", pos=self.place)
-        body.mass, body.inertia, body.explicitinertial = max(self.masses[0], SPECK), [SPECK] * 3, True
+        body.mass, body.ipos = max(self.masses[0], SPECK), np.zeros(3)
+        body.inertia, body.explicitinertial = [SPECK] * 3, True
 
     def begin(self, engine: "Engine") -> None:
         self._body = engine.model.body("point_mass").id
