@@ -44,6 +44,11 @@ class BlockAnalysis:
         return limit_program(self.geometry)
 
     @cached_property
+    def rough_limit(self) -> GaugeProgram:
+        """The same to a millionth, for maps."""
+        return limit_program(self.geometry, 1e-6)
+
+    @cached_property
     def single_patch(self) -> SinglePatch | None:
         """For one body on one interface."""
         if not self.geometry.statically_determinate:
@@ -103,7 +108,7 @@ class BlockAnalysis:
 
     def adopt(self, other: "BlockAnalysis") -> None:
         """Take over what another analysis of the same block (equal keys) has worked out."""
-        for name in ("limit", "single_patch", "patch", "coulomb", "self_stress", "balance", "_settled"):
+        for name in ("limit", "rough_limit", "single_patch", "patch", "coulomb", "self_stress", "balance", "_settled"):
             if name in other.__dict__:
                 self.__dict__[name] = other.__dict__[name]
         if "geometry" in other.__dict__:

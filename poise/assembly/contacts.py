@@ -120,7 +120,7 @@ def _by_plane(patches: list[Patch], margin: float) -> list[list[Patch]]:
 
 def _merged(group: list[Patch], first: int, second: int, friction: float) -> Interface:
     """One interface of patches in one plane: the corners of their common hull, and their whole region."""
-    if len(group) == 1:
+    if len(group) == 1 and len(group[0].points) <= 4:
         lead = group[0]
         return Interface(first, second, lead.normal, lead.points, lead.triangles, lead.gap, friction)
     areas = np.array([patch.area for patch in group])
@@ -139,7 +139,10 @@ def _hull(points: Array, normal: Array) -> Array:
     if spread <= 1e-9:
         return points[:1]
     try:
-        return np.asarray(points[ConvexHull(plane).vertices])
+        corners = points[ConvexHull(plane).vertices]
+        # Corners that clipping has left side by side are one.
+        apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-5 * spread
+        return np.asarray(corners[apart])
     except QhullError:
         along = plane @ np.linalg.svd(plane - plane.mean(axis=0))[2][0]
         return points[[int(along.argmin()), int(along.argmax())]]

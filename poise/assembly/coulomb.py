@@ -5,6 +5,7 @@ nothing presses the walls to the cube. Here normal forces arise only where bodie
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,8 +26,8 @@ CARRIED = 2e-4
 SETTLED = 1e-7
 # Newton steps in a row; Tresca rounds between two attempts of it; attempts.
 STEPS, ROUNDS, ATTEMPTS = 60, 3, 5
-# A push grows in this many steps, and the step in which something gives way is cut by this factor.
-PUSHOVER, CUT = 6, 5
+# A push grows in steps of this part of what is asked, longer after each that holds and cut where one does not; so many.
+PUSHOVER, GROW, CUT, PUSHES = 6, 1.5, 5, 60
 BISECTED = 0.002
 """To this share the factor at which a block gives way is found."""
 NEVER_LATE = Deadline()
@@ -98,6 +99,15 @@ class CoulombBlock:
                 displacement = self._tresca(load, bounds, np.zeros_like(load))
         return ElasticState(False, max(unbalanced, CARRIED), found)
 
+    @cached_property
+    def rest(self) -> ElasticState:
+        """The state under gravity alone."""
+        return self.settle(self.geometry.gravity.ravel())
+
+    def holds(self, load: Array, deadline: Deadline = NEVER_LATE) -> bool:
+        """Whether the block stands under gravity and a push (6 n,), as far as it is found from the state at rest."""
+        return self.rest.stands and self._follow(self.geometry.gravity.ravel() + load, self.rest, deadline).stands
+
     def factor(self, load: Array, above: float, deadline: Deadline = NEVER_LATE) -> tuple[float, bool]:
         """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
 
@@ -105,22 +115,37 @@ class CoulombBlock:
             The factor, and whether it is known; when the deadline passed, it is what was reached by then.
         """
         gravity = self.geometry.gravity.ravel()
-        state = self.settle(gravity, None, deadline)
+        if deadline.passed:
+            return 0.0, False
+        state = self.rest
         if not state.stands:
-            return 0.0, state.known
-        if self.settle(gravity + above * load, state.displacement, deadline).stands:
+            return 0.0, True
+        pushed = self._follow(gravity + above * load, state, deadline)
+        if pushed.stands:
             return above, True
         reached, step = 0.0, above / PUSHOVER
-        while step > BISECTED * max(reached, step):
-            while reached + step < above:
-                pushed = self.settle(gravity + (reached + step) * load, state.displacement, deadline)
-                if not pushed.known:
-                    return reached, False
-                if not pushed.stands:
-                    break
+        for _ in range(PUSHES):
+            pushed = self._follow(gravity + (reached + step) * load, state, deadline)
+            if deadline.passed:
+                return reached, False
+            close = BISECTED * max(reached, BISECTED * above)
+            if pushed.stands:
                 reached, state = reached + step, pushed
-            step /= CUT
+                step = min(GROW * step, (above - reached) / 2)
+            elif step > close:
+                step /= CUT
+            if above - reached <= close or (not pushed.stands and step <= close / CUT):
+                break
         return reached, True
+
+    def _follow(self, load: Array, state: ElasticState, deadline: Deadline) -> ElasticState:
+        """The state after a change of load, near the last one; one that is not found at once does not stand."""
+        found, left = self._newton(load, state.displacement, deadline)
+        if left > SETTLED:  # stuck on the way: start from contacts that do not slip
+            bonded = self._tresca(load, np.full(len(self._stiffness), np.inf), state.displacement)
+            found, left = self._newton(load, bonded, deadline)
+        unbalanced = left + self._catch * float(np.linalg.norm(found)) / (float(np.linalg.norm(load)) or 1.0)
+        return ElasticState(unbalanced <= CARRIED, unbalanced, found)
 
     def _relative(self, displacement: Array) -> Array:
         """(P, 3) displacement of the second body relative to the first at each point: parting, and two tangents."""

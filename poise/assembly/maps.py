@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism
 from poise.assembly.deadline import Deadline
-from poise.assembly.gauge import NEVER
 from poise.assembly.geometry import Array, wrench_of_force
 from poise.assembly.map_regions import Bounds, Integers, Pool, bound_block
 from poise.assembly.models import HUGE, NEARLY
@@ -18,6 +17,8 @@ from poise.errors import ErrorCode, InputError
 
 CEILING = 100.0
 """Points that hold this many weights of the assembly are strong enough: how much more is not looked into."""
+FOR_EVER = 1e-5
+"""Gauges below this, per weight of the assembly, are sustained for ever; maps are solved to a tenth of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +32,8 @@ class RobustnessMap:
         block: (N,) number in `analysis.blocks` of what gives way at the upper bound; -1 for none.
         mechanism: (N,) number in `mechanisms` of how; -1 for none, or when a patch alone gives way (ask `assess`).
         mechanisms: collapse mechanisms; each bounds the robustness of every point from above.
-        doubtful: (N,) bounds that may rest on self-stress: elastic contacts did not hold a point of the same face and
-            direction, or were not asked for want of time.
+        doubtful: (N,) faces on which elastic contacts did not hold the weakest point of an object (or points that may
+            lean on self-stress), or were not asked for want of time: there the true robustness may be lower.
         complete: the bounds meet the tolerance everywhere; otherwise the deadline passed before.
         solves: conic programs solved.
         seconds: taken.
@@ -71,9 +72,8 @@ def robustness_map(
 ) -> RobustnessMap:
     """Bound the robustness of many points of the surface, with few solved exactly.
 
-    1 / robustness is a convex function of the load. On a flat face with one direction of push the load is affine in
-    the point: solved points bound all between them from above by convexity, and every collapse mechanism found
-    bounds all points, directions and objects from below. Points are solved where the bounds are farthest apart.
+    1 / robustness is convex in the load, which on a flat face is affine in the point: solved points bound all between
+    them from above, every collapse mechanism found bounds all points, directions and objects from below.
 
     Args:
         assembly: prepared as an `Analysis` when more will be asked.
@@ -88,19 +88,16 @@ def robustness_map(
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     start, clock = time.perf_counter(), Deadline.after(deadline)
-    name = model or "default"
-    if name not in ("default", "limit", "patch"):
-        raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {name!r}")
+    name = _certified(model)
     analysis = Analysis.of(assembly)
     analysis.require_stable(clock)
-    if isinstance(surface, int):
-        surface = sample_surface(analysis.structure, surface)
+    surface = sample_surface(analysis.structure, surface) if isinstance(surface, int) else surface
     bounds = Bounds.none(len(surface.points))
     wrenches = wrench_of_force(surface.directions, surface.points)
     loaded = [np.flatnonzero(np.isin(surface.place, list(block.geometry.place_of))) for block in analysis.blocks]
     if name != "limit":
-        for number, (block, rows) in enumerate(zip(analysis.blocks, loaded, strict=True)):
-            _single_patch(block, number, rows, wrenches, bounds)
+        for number, block in enumerate(analysis.blocks):
+            loaded[number] = _single_patch(block, number, loaded[number], wrenches, bounds)
     complete = True
     weight = sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
     for number, (block, rows) in enumerate(zip(analysis.blocks, loaded, strict=True)):
@@ -109,57 +106,65 @@ def robustness_map(
         pool = Pool(block, number, bounds, clock, with_limit=name != "patch", with_patch=name != "limit")
         complete &= bound_block(pool, surface, rows, wrenches, tolerance, 1 / (CEILING * weight))
     with np.errstate(divide="ignore"):
-        lower, upper = (1 / np.where(gauge > NEVER / weight, gauge, 0.0) for gauge in (bounds.upper, bounds.lower))
+        lower, upper = (1 / np.where(gauge > FOR_EVER / weight, gauge, 0.0) for gauge in (bounds.upper, bounds.lower))
     doubtful = np.zeros(len(lower), dtype=bool)
-    if name == "default":
-        for block, rows in zip(analysis.blocks, loaded, strict=True):
-            if block.self_stress and len(rows):
-                doubtful[rows] = _rests_on_self_stress(block, surface, rows, wrenches, upper, clock)
-    return RobustnessMap(
-        analysis,
-        surface,
-        lower,
-        upper,
-        bounds.block,
-        bounds.mechanism,
-        tuple(bounds.mechanisms),
-        doubtful,
-        complete,
-        bounds.solves,
-        time.perf_counter() - start,
-    )
+    for block, rows in zip(analysis.blocks, loaded, strict=True):
+        if name == "default" and len(rows) and not block.geometry.statically_determinate:
+            doubtful[rows] |= _doubtful(block, surface, rows, wrenches, upper, clock)
+    found = (bounds.block, bounds.mechanism, tuple(bounds.mechanisms), doubtful, complete, bounds.solves)
+    return RobustnessMap(analysis, surface, lower, upper, *found, time.perf_counter() - start)
 
 
-def _rests_on_self_stress(
+def _certified(model: str | None) -> str:
+    """The model of a map by name.
+
+    Raises:
+        InputError: BAD_INPUT.
+    """
+    name = model or "default"
+    if name not in ("default", "limit", "patch"):
+        raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {name!r}")
+    return name
+
+
+def _doubtful(
     block: BlockAnalysis, surface: SurfacePoints, rows: Integers, wrenches: Array, upper: Array, deadline: Deadline
 ) -> NDArray[np.bool_]:
-    """(r,) for points (rows), whether elastic contacts fail at the weakest, middle or strongest point of their face."""
-    key = np.column_stack([surface.place[rows], np.round(surface.directions[rows], 3)]) + 0.0
-    _, face = np.unique(key, axis=0, return_inverse=True)
+    """(r,) of points (rows), the faces where elastic contacts do not hold what the map says.
+
+    The weakest point of each object is asked about; where the block may lean on self-stress, the weakest, middle and
+    strongest of each of its faces.
+    """
+    directions = np.round(surface.directions[rows], 3)
+    _, face = np.unique(np.column_stack([surface.place[rows], directions]) + 0.0, axis=0, return_inverse=True)
     face = face.ravel()
-    doubtful = np.ones(len(rows), dtype=bool)
+    doubtful = np.zeros(len(rows), dtype=bool)
     units, places = block.geometry.units, block.geometry.place_of
-    for number in np.unique(face):
-        members = np.flatnonzero(face == number)
+    groups = face if block.self_stress else surface.place[rows]
+    for number in np.unique(groups):
+        members = np.flatnonzero(groups == number)
         members = members[np.argsort(upper[rows[members]])]
-        holds = True
-        for index in {int(members[0]), int(members[len(members) // 2]), int(members[-1])}:
-            if deadline.passed:
-                return doubtful
+        asked = {0, len(members) // 2, len(members) - 1} if block.self_stress else {0}
+        for index in (int(members[position]) for position in asked):
             row = rows[index]
             load = np.zeros((block.geometry.count, 6))
             load[places[int(surface.place[row])]] = units.of_wrench(wrenches[row])
-            above = NEARLY * min(float(upper[row]), HUGE * units.weight)
-            gravity = block.geometry.gravity.ravel()
-            holds = holds and block.coulomb.settle(gravity + above * load.ravel(), deadline=deadline).stands
-        doubtful[members] = not holds
+            most = NEARLY * min(float(upper[row]), HUGE * units.weight)
+            if deadline.passed or not block.coulomb.holds(most * load.ravel(), deadline):
+                doubtful |= face == face[index]
     return doubtful
 
 
-def _single_patch(block: BlockAnalysis, number: int, rows: Integers, wrenches: Array, bounds: Bounds) -> None:
-    """Blocks of one body on one interface need no bounds: all points are solved at once."""
-    if block.single_patch is None:
-        return
+def _single_patch(block: BlockAnalysis, number: int, rows: Integers, wrenches: Array, bounds: Bounds) -> Integers:
+    """Blocks of one body on one interface need no bounds under `patch`: all points (rows) are solved at once.
+
+    Returns:
+        The points for which limit analysis has still to be asked.
+    """
+    if block.single_patch is None or not len(rows):
+        return rows
+    factor = block.single_patch.collapse(wrenches[rows]).factor
     with np.errstate(divide="ignore"):
-        gauge = 1 / block.single_patch.collapse(wrenches[rows]).factor
+        gauge = 1 / factor
     bounds.raise_to(rows, gauge, gauge, number, np.full(len(rows), -1))
+    return rows[~block.single_patch.allowed_by_limit(wrenches[rows], factor)]

@@ -76,8 +76,8 @@ class PatchProgram:
         self._cones = Cones(nonnegative=1 + corners, second_order=(4,) * count)
         self.resting = GaugeProgram(self._matrix, self._right, self._cones, 6 * geometry.count, TOLERANCE)
         """Gauges with the centres of pressure as they are at rest (of the forces of thesis eq. 4.12-4.15): convex, so
-        that its cuts hold for all loads. A push that presses off centre and sideways at once shifts them; it is
-        then judged too strong for the block, never too weak."""
+        that its cuts hold for all loads. Pushes that shift them across the friction they call for are misjudged by
+        some per cent; steep ones, off centre, by more (too strong for the block)."""
         self._moving: GaugeProgram | None = None
 
     @property

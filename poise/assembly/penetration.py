@@ -47,7 +47,7 @@ def _deepest(body: PlacedBody, other: PlacedBody) -> float:
         return 0.0
     ends = body.vertices[body.polyhedron.edges[_edges_meeting(body, low, high)]]
     points = np.concatenate([body.vertices, _middles_of_pierced(ends, other)])
-    points = points[np.all((points > low) & (points < high), axis=1)]
+    points = points[np.all((points >= low) & (points <= high), axis=1)]
     inside = points[winding_number(points, other.polyhedron, other.item.pose) > 0.5]
     if not len(inside):
         return 0.0

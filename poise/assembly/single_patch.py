@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from poise.assembly.contacts import Interface
 from poise.assembly.friction_surface import PatchFriction, patch_friction
+from poise.assembly.gauge import NEVER
 from poise.assembly.geometry import Array, move_wrench
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
@@ -72,25 +73,42 @@ class SinglePatch:
         factor[size == 0] = np.inf
         return PatchCollapse(factor, slips)
 
+    def allowed_by_limit(self, loads: Array, factor: Array) -> NDArray[np.bool_]:
+        """(Q,) whether limit analysis surely holds loads (Q, 6) at these factors (Q,); a sufficient test.
+
+        The patch shrunk towards the centre of pressure until that is its centroid lies within the patch: uniform
+        pressure on it is one of the distributions that limit analysis may choose from.
+        """
+        large = np.where(np.isfinite(factor), factor, 1e9) * (1 - 1e-9)
+        supply = self._rest + large[:, None] * self._demand(loads)
+        normal = np.maximum(supply[:, 0], 1e-12 * self._weight)
+        centre = supply[:, 1:3] / normal[:, None]
+        inward, offset = self._edges
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shrunk = np.nanmin(1 - (centre @ inward.T) / offset, axis=1)
+        moment = self._moment(supply, normal) / np.maximum(shrunk, 1e-9)
+        needed = self._friction.surface.gauge(supply[:, 3:5], moment)
+        return np.asarray((shrunk >= 0) & (needed <= self._mu * normal * (1 + 1e-6)))
+
+    def _moment(self, supply: Array, normal: Array) -> Array:
+        """(...) moment about the centre of pressure that friction must supply, per size of the patch."""
+        lever = self._handed * (supply[..., 1] * supply[..., 4] - supply[..., 2] * supply[..., 3]) / normal
+        return self._handed * (supply[..., 5] - lever) / self._friction.size
+
     def _topple(self, demand: Array) -> Array:
         """(Q,) t at which the centre of pressure reaches the edge; 1 where it never does."""
         inward, offset = self._edges
-        start = self._rest[1:3] @ inward.T - self._rest[0] * offset
-        stop = demand[:, 1:3] @ inward.T - demand[:, :1] * offset
-        start = np.maximum(start, 0.0)
-        falls = stop < -1e-12 * self._weight
-        reach = np.where(falls, start / np.where(falls, start - stop, 1.0), 1.0)
-        return np.asarray(reach.min(axis=1))
+        start = np.maximum(self._rest[1:3] @ inward.T - self._rest[0] * offset, 1e-15 * self._weight)
+        # How fast each edge is neared, per how far off it is at rest: the fastest is reached first.
+        rates = np.vstack([-offset, inward.T]) / -start
+        fastest = (demand[:, :3] @ rates).max(axis=1)
+        return np.where(fastest > NEVER, 1 / (1 + fastest), 1.0)
 
     def _excess(self, demand: Array, t: Array) -> Array:
         """(...) normal force wanting for friction, in weights, at rest (1 - t) + demand t."""
         supply = self._rest * (1 - t[..., None]) + demand * t[..., None]
         normal = np.maximum(supply[..., 0], 1e-12 * self._weight)
-        fu, fv = supply[..., 3], supply[..., 4]
-        # Moment about the centre of pressure, sign as the normal of the body's side of the plane has it.
-        turn = self._handed * (supply[..., 1] * fv - supply[..., 2] * fu) / normal
-        moment = self._handed * (supply[..., 5] - turn) / self._friction.size
-        needed = self._friction.surface.gauge(supply[..., 3:5], moment)
+        needed = self._friction.surface.gauge(supply[..., 3:5], self._moment(supply, normal))
         return np.asarray((needed - self._mu * normal) / self._weight)
 
     def _first_slip(self, demand: Array, top: Array) -> Array:

@@ -52,16 +52,14 @@ def motion_probability(
 ) -> MotionProbability:
     """How likely a push of a given force moves something, under limit analysis.
 
-    Masses and centres of mass are drawn from the covariances of the objects; friction from the deviations of its
-    pairs. Samples that differ in mass alone share their collapse mechanisms: a mechanism that takes less power
-    against the sample's gravity than the push gives proves motion, and only the samples nearest to it are solved.
+    Masses and centres of mass are drawn from the objects' covariances, friction from its pairs' deviations. Samples
+    that differ in mass alone share their collapse mechanisms: one that takes less power against the sample's gravity
+    than the push gives proves motion, and only the samples nearest to it are solved.
 
     Args:
         assembly: with covariances and deviations.
         push: where and along which direction.
-        force: N.
-        rng: of the samples.
-        samples: how many.
+        force: N; rng and samples: how many are drawn, and from what.
         friction_deviation: of the coefficients of pairs that have no deviation of their own.
         pose_deviation: of each coordinate of each movable object's position across gravity, m.
         deadline: s.
@@ -70,10 +68,7 @@ def motion_probability(
         InputError: BAD_INPUT or NOT_FINITE for numbers below 0; as `assess`.
         NoAnswerError: SOLVER_FAILED.
     """
-    settings = {"force": force, "friction_deviation": friction_deviation, "pose_deviation": pose_deviation}
-    for name, value in settings.items():
-        if not (np.isfinite(value) and value >= 0):
-            raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}, expected a number that is not negative")
+    _require_not_negative(force=force, friction_deviation=friction_deviation, pose_deviation=pose_deviation)
     clock = Deadline.after(deadline)
     nominal = Structure.of(assembly)
     frictions_vary = friction_deviation > 0 or any(pair.deviation > 0 for pair in assembly.friction_pairs)
@@ -91,10 +86,16 @@ def motion_probability(
         for mechanism in filter(None, movers):
             moved += 1
             counts.update(structure.assembly.objects[place].id for place in mechanism.velocities)
-    probability = moved / max(drawn, 1)
-    deviation = float(np.sqrt(probability * (1 - probability) / max(drawn, 1)))
+    probability = moved / (drawn or 1)
+    deviation = float(np.sqrt(probability * (1 - probability) / (drawn or 1)))
     shares = {name: count / drawn for name, count in counts.items()}
     return MotionProbability(probability, deviation, shares, drawn, solves, drawn >= samples)
+
+
+def _require_not_negative(**settings: float) -> None:
+    for name, value in settings.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}, expected a number that is not negative")
 
 
 def _shifted(structure: Structure, deviation: float, rng: np.random.Generator) -> Structure:

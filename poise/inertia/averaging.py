@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.inertia.first_guess import EXPECTED
 from poise.inertia.hypotheses import Hypotheses
 from poise.inertia.mass_model import MassModel
 from poise.inertia.parameters import Array
@@ -16,9 +17,6 @@ Cases = NDArray[np.int64]
 
 ANY_MASS = 100.0
 """Variance of the logarithm of the mass: it may be e^10 times the first guess, or e^-10."""
-
-LEAST_MASS = 0.3
-"""The first guess of the mass, in its own standard deviations, when the samples show none."""
 
 LARGEST_FALL = 0.8
 """Share of its mass that a part may lose in one step."""
@@ -90,30 +88,23 @@ class ModelAverage:
     Args:
         model: which phi there are.
         hypotheses: how probable.
+        starts: (B, n) states to start from, for each case of the bias; the log mass of the expected one sets the scale.
     """
 
-    def __init__(self, model: MassModel, hypotheses: Hypotheses) -> None:
+    def __init__(self, model: MassModel, hypotheses: Hypotheses, starts: Array) -> None:
         self.model = model
         self.hypotheses = hypotheses
-        self._scale = 1.0
         self._guess = np.zeros(model.n_states)
-        self._states = np.zeros((len(hypotheses), model.n_states))
+        self._guess[: model.n_parts] = starts[EXPECTED, : model.n_parts]
+        self._scale = float(np.exp(self._guess[0]))
+        self._starts = starts
+        self._states = starts[hypotheses.bias_case]
         self.consider()
 
-    def start(self, normal: NormalEquations) -> Array:
-        """Guess the mass of the homogeneous body; (10,) its phi, in the sensor frame."""
-        body = self.model.to_sensor @ self.model.evaluate(np.zeros((1, self.model.n_states)))[0][0]
-        directions = np.zeros((N_UNKNOWNS, 7))
-        directions[:10, 0] = body
-        directions[10:, 1:] = np.eye(6)
-        information = directions.T @ normal.information @ directions
-        information[1:, 1:] += np.diag(1 / self.hypotheses.bias_variances.max(axis=0))
-        covariance = np.linalg.inv(information)
-        mass = float(covariance[0] @ (directions.T @ normal.vector))
-        self._scale = max(mass, LEAST_MASS * float(np.sqrt(covariance[0, 0])))
-        self._guess[: self.model.n_parts] = np.log(self._scale)
-        self._states[:] = self._guess
-        return np.asarray(body * self._scale)
+    @property
+    def first_phi(self) -> Array:
+        """(10,) of the body that the search starts from, in the sensor frame."""
+        return np.asarray(self.model.to_sensor @ self.model.evaluate(self._guess[None])[0][0])
 
     def consider(self, *cases: int) -> None:
         """Look at these hypotheses only, or at all of them again when none is named."""
@@ -184,7 +175,7 @@ class ModelAverage:
     def _typical(self, posterior: Posterior | None) -> tuple[Array, Array]:
         """(B, n) states and (B, n) prior variances, on average over the hypotheses with the same case of the bias."""
         scouts = self.hypotheses.scouts
-        states, variances = np.tile(self._guess, (len(scouts), 1)), self.hypotheses.state_variances[scouts]
+        states, variances = self._starts.copy(), self.hypotheses.state_variances[scouts]
         if posterior is None:
             return states, variances
         for case in range(len(scouts)):

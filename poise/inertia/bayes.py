@@ -13,7 +13,8 @@ from poise.inertia.blocks import Blocks
 from poise.inertia.delay import LagGrid
 from poise.inertia.estimate import RejectedInterval
 from poise.inertia.findings import Finding, not_shown, nothing_held, wrong_shape, zeroed_under_load
-from poise.inertia.hypotheses import hypotheses_for_blob, hypotheses_for_shape
+from poise.inertia.first_guess import blob, states_of_shape
+from poise.inertia.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
 from poise.inertia.information import root_mean_square
 from poise.inertia.least_squares import Solution
 from poise.inertia.mass_model import MassModel
@@ -21,8 +22,8 @@ from poise.inertia.parameters import Array, InertialParameters
 from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
 from poise.inertia.recorder import BlockRecorder
-from poise.inertia.search import Search
-from poise.inertia.signals import NormalEquations, mixed, normal_equations
+from poise.inertia.search import Contradiction, Search
+from poise.inertia.signals import mixed, normal_equations
 from poise.robot.motion import GRAVITY_IN_WORLD, SensorMotion
 
 LONGEST_DELAY = 0.06
@@ -119,6 +120,7 @@ class PoiseEstimator:
         self.shape_accuracy = shape_accuracy
         self._grid = LagGrid(longest_delay)
         self._recorder = BlockRecorder(self._grid, limits)
+        self._search: Search | None = None
         self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes)
 
     def add(
@@ -165,20 +167,35 @@ class PoiseEstimator:
                 f" {counts or 'none'}",
                 n_samples=int(blocks.sizes.sum()),
             )
-        return self._dressed(Search(blocks, self._grid, self.noise, *self._prior(blocks)).run())
+        self._search = Search(blocks, self._grid, self.noise, self._prior(blocks)).run()
+        return self._dressed(self._search)
 
-    def _prior(self, blocks: Blocks) -> tuple[ModelAverage, Array]:
-        """Hypotheses about the object, and a first guess of phi (10,)."""
+    def contradiction(self, since: int, least: int) -> Contradiction | None:
+        """How much better another payload than the last one solved for would explain the blocks from a stamp on.
+
+        Args:
+            since: ns.
+            least: ns that they have to span.
+
+        Returns:
+            None when they do not, or nothing was solved for.
+        """
+        blocks = self._recorder.blocks
+        late = blocks.select(blocks.start >= since)
+        if self._search is None or not len(late) or late.end[-1] - late.start[0] < least:
+            return None
+        return self._search.contradiction(late)
+
+    def _prior(self, blocks: Blocks) -> ModelAverage:
+        """What may be true of the object, and where to begin."""
         moments = mixed(self._grid.weights(0.0), blocks.moments.sum(axis=0))
         normal = normal_equations(moments, blocks.sizes.sum(), np.diag(self.noise.wrench**2), self.noise)
-        if self._model is not None:
-            hypotheses = hypotheses_for_shape(self._model.n_parts, self.shape_accuracy, self.noise)
-            average = ModelAverage(self._model, hypotheses.rougher(self._model.roughness(SHAPE_RESOLUTION)))
-        else:
-            centre, radius = guess_blob(normal)
-            model = MassModel.of_blob(centre, radius)
-            average = ModelAverage(model, hypotheses_for_blob(model, radius, self.noise))
-        return average, average.start(normal)
+        if self._model is None:
+            model, starts = blob(normal, bias_variances(self.noise))
+            return ModelAverage(model, hypotheses_for_blob(model, self.noise), starts)
+        hypotheses = hypotheses_for_shape(self._model.n_parts, self.shape_accuracy, self.noise)
+        starts = states_of_shape(self._model, normal, hypotheses.bias_variances)
+        return ModelAverage(self._model, hypotheses.rougher(self._model.roughness(SHAPE_RESOLUTION)), starts)
 
     def _dressed(self, search: Search) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
@@ -219,28 +236,6 @@ def pushed(blocks: Blocks, keep: NDArray[np.bool_]) -> list[RejectedInterval]:
         start, end = int(blocks.start[first]), int(blocks.end[past - 1])
         spans.append(RejectedInterval(start, end, int(blocks.sizes[first:past].sum()), EXTERNAL_CONTACT))
     return spans
-
-
-def guess_blob(normal: NormalEquations) -> tuple[Array, float]:
-    """(3,) m, about where the mass is, and the radius of gyration in m of a solid that weighs as much."""
-    spread = np.concatenate([[10.0], np.full(3, 1.0), np.full(6, 0.1), np.full(3, 10.0), np.full(3, 0.5)])
-    information = normal.information + np.diag(spread**-2)
-    covariance = np.linalg.inv(information)
-    phi = (covariance @ normal.vector)[:10]
-    mass = max(phi[0], 0.3 * float(np.sqrt(covariance[0, 0])))
-    centre = phi[1:4] / mass
-    sphere = (3 * mass / (4 * np.pi * TYPICAL_DENSITY)) ** (1 / 3)
-    return centre * min(1.0, REACH / float(np.linalg.norm(centre) + 1e-12)), ELONGATION * sphere / np.sqrt(5)
-
-
-TYPICAL_DENSITY = 2000.0
-"""kg/m3, between wood and steel."""
-
-ELONGATION = 1.5
-"""What a hand tool's radius of gyration is, in units of that of a ball."""
-
-REACH = 1.0
-"""m, beyond which nothing is held."""
 
 
 def poise(problem: IdentificationProblem) -> BayesSolution:

@@ -14,7 +14,7 @@ BLOCK = 100_000_000
 """ns: a push lasts longer, and a clean tenth of a second beside it is worth keeping."""
 
 MAX_BLOCKS = 600
-"""A minute of them; from then on they are merged two by two."""
+"""A minute of them; from then on the older half is merged two by two, again and again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,17 +50,14 @@ class Blocks:
         """Some of them."""
         return Blocks(self.moments[which], self.counts[which], self.sizes[which], self.start[which], self.end[which])
 
-    def merged(self, length: int) -> "Blocks":
-        """Sums over the blocks that begin in the same `length` ns."""
-        number = self.start // length
-        first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
-        last = np.append(first[1:], len(self)) - 1
+    def in_pairs(self) -> "Blocks":
+        """Every two neighbours as one; there has to be an even number."""
         return Blocks(
-            np.add.reduceat(self.moments, first, axis=0),
-            np.add.reduceat(self.counts, first, axis=0),
-            np.add.reduceat(self.sizes, first),
-            self.start[first],
-            self.end[last],
+            self.moments[::2] + self.moments[1::2],
+            self.counts[::2] + self.counts[1::2],
+            self.sizes[::2] + self.sizes[1::2],
+            self.start[::2],
+            self.end[1::2],
         )
 
 
@@ -68,12 +65,11 @@ _FIELDS = ("moments", "counts", "sizes", "start", "end")
 
 
 class BlockStore:
-    """Blocks that become more, up to `MAX_BLOCKS`; then they become longer. What they sum up to is never lost."""
+    """Blocks that become more, up to `MAX_BLOCKS`; then the older ones become longer. No sum is ever lost."""
 
     def __init__(self, n_lags: int) -> None:
         self._room = Blocks.empty(32, n_lags)
         self._n = 0
-        self.length = BLOCK
         self._marked: tuple[int, Blocks] | None = None
 
     @property
@@ -95,25 +91,31 @@ class BlockStore:
 
     def append(self, new: Blocks) -> None:
         """Add blocks of `BLOCK`, the first of which may go on with the last one there is."""
-        if self.length != BLOCK:
-            new = new.merged(self.length)
-        joins = self._n > 0 and self._room.start[self._n - 1] // self.length == new.start[0] // self.length
-        begin = self._n - int(joins)
-        if joins:
+        if self._n and self._room.start[self._n - 1] // BLOCK == new.start[0] // BLOCK:
             for name in ("moments", "counts", "sizes"):
-                getattr(new, name)[0] += getattr(self._room, name)[begin]
-            new.start[0] = self._room.start[begin]
-        if begin + len(new) > len(self._room):
-            grown = Blocks.empty(2 * (begin + len(new)), self._room.moments.shape[1])
+                getattr(self._room, name)[self._n - 1] += getattr(new, name)[0]
+            self._room.end[self._n - 1] = new.end[0]
+            new = new.select(slice(1, None))
+        while len(new):
+            # Whatever comes at once, blocks are merged when they would be if they came one by one.
+            space = MAX_BLOCKS - self._n if self._marked is None else len(new)
+            self._extend(new.select(slice(0, space)))
+            new = new.select(slice(space, None))
+            if len(new):
+                half = self._room.select(slice(0, MAX_BLOCKS // 2)).in_pairs()
+                rest = self._room.select(slice(MAX_BLOCKS // 2, self._n))
+                rest = Blocks(*(getattr(rest, name).copy() for name in _FIELDS))
+                _copy(half, self._room, 0)
+                _copy(rest, self._room, len(half))
+                self._n = len(half) + len(rest)
+
+    def _extend(self, new: Blocks) -> None:
+        if self._n + len(new) > len(self._room):
+            grown = Blocks.empty(2 * (self._n + len(new)), self._room.moments.shape[1])
             _copy(self.blocks, grown, 0)
             self._room = grown
-        _copy(new, self._room, begin)
-        self._n = begin + len(new)
-        while self._n > MAX_BLOCKS and self._marked is None:
-            self.length *= 2
-            merged = self.blocks.merged(self.length)
-            _copy(merged, self._room, 0)
-            self._n = len(merged)
+        _copy(new, self._room, self._n)
+        self._n += len(new)
 
 
 def _copy(source: Blocks, target: Blocks, begin: int) -> None:

@@ -104,7 +104,7 @@ def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels
         shape_accuracy: relative error of lengths of the shape.
         noise: says which bias to expect.
     """
-    biases, bias_variances = _biases(noise)
+    biases = [probability for _, probability in BIASES]
     one, several = DENSITIES
     kinds = [(one, _shapes(shape_accuracy)), (several, _shapes(max(shape_accuracy, CUT_ACCURACY)))]
     if n_parts == 1:
@@ -124,7 +124,7 @@ def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels
     return Hypotheses(
         state_variances=variances,
         bias_case=np.array([bias for _, _, bias, _, _ in cases]),
-        bias_variances=bias_variances,
+        bias_variances=bias_variances(noise),
         log_probability=np.log([probability for *_, probability, _ in cases]),
         wrong_shape=np.array([rank == len(SHAPE_ERRORS) for *_, rank in cases]),
         twins=size - per_kind + np.arange(size) % per_kind,
@@ -138,16 +138,16 @@ def _shapes(accuracy: float) -> list[tuple[float, float]]:
     return [*stated, WRONG_SHAPE]
 
 
-def hypotheses_for_blob(model: MassModel, radius: float, noise: NoiseLevels) -> Hypotheses:
-    """One wide prior for a body of unknown shape, whose first guess has a `radius` of gyration in m, for each bias."""
-    biases, bias_variances = _biases(noise)
+def hypotheses_for_blob(model: MassModel, noise: NoiseLevels) -> Hypotheses:
+    """One wide prior for a body of unknown shape, for each bias."""
+    biases = [probability for _, probability in BIASES]
     variances = np.zeros((len(biases), model.n_states))
     variances[:, model.n_parts : model.n_parts + 6] = BLOB_STRETCH**2
-    variances[:, model.n_parts + 6 :] = (BLOB_SHIFT / radius) ** 2
+    variances[:, model.n_parts + 6 :] = (BLOB_SHIFT / model.radii) ** 2
     return Hypotheses(
         state_variances=variances,
         bias_case=np.arange(len(biases)),
-        bias_variances=bias_variances,
+        bias_variances=bias_variances(noise),
         log_probability=np.log(biases),
         wrong_shape=np.zeros(len(biases), dtype=bool),
         twins=np.arange(len(biases)),
@@ -155,9 +155,9 @@ def hypotheses_for_blob(model: MassModel, radius: float, noise: NoiseLevels) -> 
     )
 
 
-def _biases(noise: NoiseLevels) -> tuple[list[float], Array]:
-    """Probabilities (B) and variances (B, 6) of the cases of the sensor's bias."""
+def bias_variances(noise: NoiseLevels) -> Array:
+    """(B, 6) N^2 and (N m)^2, of the cases of the sensor's bias."""
     told = np.array([noise.force_bias, noise.torque_bias])
     expected = np.where(told > 0, np.minimum(told, UNKNOWN_BIAS), EXPECTED_BIAS)
     spreads = np.minimum(np.outer([factor for factor, _ in BIASES], expected), UNKNOWN_BIAS)
-    return [probability for _, probability in BIASES], np.repeat(spreads**2, 3, axis=1)
+    return np.repeat(spreads**2, 3, axis=1)

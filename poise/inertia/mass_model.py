@@ -25,6 +25,8 @@ def _generators() -> Array:
 
 GENERATORS = _generators()
 _ONE = np.eye(4)
+# (9, 9 * 16) symmetrised products of two generators: the derivative of Y^2/2.
+_PRODUCTS = np.array([[(a @ b + b @ a) / 2 for b in GENERATORS] for a in GENERATORS]).reshape(N_DEFORMATIONS, -1)
 # phi as a linear map of the 16 entries of a symmetric pseudo-inertia, and back.
 _PHI = np.stack([phi_of_pseudo_inertia((unit + unit.T) / 2) for unit in np.eye(16).reshape(16, 4, 4)], axis=1)
 _MOMENTS = np.stack([pseudo_inertia(unit).ravel() for unit in np.eye(10)], axis=1)
@@ -93,14 +95,20 @@ class MassModel:
 
     def evaluate(self, states: Array) -> tuple[Array, Array]:
         """(H, 10) phi and its derivative (H, 10, K + 9) at states (H, K + 9), in the normalised frame."""
-        parts = (self.shares * np.exp(states[:, : self.n_parts]))[:, :, None, None] * self.unit_moments
-        deformation, slopes = _deformation(states[:, self.n_parts :], self.halvings)
-        back = deformation.swapaxes(1, 2)
-        moved = deformation[:, None] @ parts @ back[:, None]
-        half = slopes @ (parts.sum(axis=1) @ back)[:, None]
-        change = np.concatenate([moved, half + half.swapaxes(2, 3)], axis=1)
-        jacobian = _PHI @ change.reshape(len(states), -1, 16).swapaxes(1, 2)
-        return jacobian[:, :, : self.n_parts].sum(axis=2), jacobian
+        n_parts, count = self.n_parts, len(states)
+        masses = self.shares * np.exp(states[:, :n_parts])
+        deformation, slopes = _deformation(states[:, n_parts:], self.halvings)
+        # Entries of E J E^T are products of entries of E with entries of J: a 16x16 matrix for each state.
+        squared = deformation[:, :, None, :, None] * deformation[:, None, :, None, :]
+        parts = self.unit_moments.reshape(n_parts, 16).T
+        jacobian = np.empty((count, self.n_states, 10))
+        by_part = (squared.reshape(count, 16, 16) @ parts).swapaxes(1, 2) * masses[:, :, None]
+        jacobian[:, :n_parts] = by_part @ _PHI.T
+        whole = (masses @ parts.T).reshape(count, 4, 4)
+        half = slopes.reshape(count, -1, 4) @ (whole @ deformation.swapaxes(1, 2))
+        # dE J E^T and its transpose give the same phi.
+        jacobian[:, n_parts:] = half.reshape(count, N_DEFORMATIONS, 16) @ (2 * _PHI.T)
+        return jacobian[:, :n_parts].sum(axis=1), jacobian.swapaxes(1, 2)
 
 
 def _frame(axes: Array, origin: Array) -> Array:
@@ -117,11 +125,11 @@ def _deformation(coordinates: Array, halvings: int) -> tuple[Array, Array]:
     and never singular, for 1 + y + y^2/2 > 0 for every real y.
     """
     share = 0.5**halvings
-    exponent = share * (coordinates @ GENERATORS.reshape(N_DEFORMATIONS, 16)).reshape(-1, 4, 4)
-    result = _ONE + exponent + exponent @ exponent / 2
-    products = exponent[:, None] @ GENERATORS
-    products += GENERATORS @ exponent[:, None]
-    slopes = share * GENERATORS + (share / 2) * products
+    flat = GENERATORS.reshape(N_DEFORMATIONS, 16)
+    slopes = flat + (share * coordinates @ _PRODUCTS).reshape(-1, N_DEFORMATIONS, 16)
+    # Y (1 + Y) is the sum of what the coordinates do along their slopes, so this is 1 + Y + Y^2/2.
+    result = _ONE + (share / 2 * (coordinates[:, None] @ (flat + slopes))[:, 0]).reshape(-1, 4, 4)
+    slopes = share * slopes.reshape(-1, N_DEFORMATIONS, 4, 4)
     for _ in range(halvings):
         slopes = slopes @ result[:, None] + result[:, None] @ slopes
         result = result @ result

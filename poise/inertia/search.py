@@ -1,5 +1,7 @@
 """Weights, delay, outliers and noise depend on the answer and the answer on them: rounds until they agree."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -31,6 +33,25 @@ SAME_NOISE = 0.1
 """Relative change of a variance that does not matter."""
 
 
+HEAVY, REACH = 0.3, 0.15
+"""kg and m: a payload changes by so much, or by its own mass."""
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Newer samples against an answer.
+
+    Args:
+        log_odds: of another payload against the same one.
+        mass: of the other one, kg.
+        surprise: standard deviations by which its worst block differs from it.
+    """
+
+    log_odds: float
+    mass: float
+    surprise: float
+
+
 class Search:
     """The rounds of one estimate, and what they arrive at.
 
@@ -40,11 +61,10 @@ class Search:
         blocks: the samples.
         grid: their lags.
         noise: as told.
-        average: the hypotheses, started.
-        phi: (10,) a first guess.
+        average: the hypotheses.
     """
 
-    def __init__(self, blocks: Blocks, grid: LagGrid, noise: NoiseLevels, average: ModelAverage, phi: Array) -> None:
+    def __init__(self, blocks: Blocks, grid: LagGrid, noise: NoiseLevels, average: ModelAverage) -> None:
         self.blocks = blocks
         self.grid = grid
         total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
@@ -59,7 +79,7 @@ class Search:
         self._shares = np.full(n_cases, 1 / n_cases)  # probability of each case of the bias
         self._at_delay = grid.weights(0.0)  # of the lags
         self._sample = np.ones(2)
-        self._phi = phi
+        self._phi = average.first_phi
 
     def run(self) -> "Search":
         """Go round until nothing moves any more."""
@@ -82,13 +102,28 @@ class Search:
         means = np.array([delay.mean for delay in self._delays])
         squares = means**2 + np.array([delay.std for delay in self._delays]) ** 2
         mean = float(self._shares @ means)
-        return Delay(mean, float(np.sqrt(self._shares @ squares - mean**2)))
+        return Delay(mean, float(np.sqrt(max(self._shares @ squares - mean**2, 0.0))))
 
     @property
     def covariance(self) -> Array:
         """(16, 16) of phi and bias, the uncertainty of the delay included."""
         moved = self._drifts * np.array([delay.std for delay in self._delays])[:, None]
         return np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
+
+    def contradiction(self, blocks: Blocks) -> Contradiction:
+        """How much better another payload would explain blocks that came later."""
+        moments = mixed_blocks(self._at_delay, blocks)
+        total, count = moments.sum(axis=0), float(self._at_delay @ blocks.counts.sum(axis=0))
+        normal = normal_equations(total, count, self._residual_covariance, self.noise)
+        change = np.zeros(16)
+        heavy = max(HEAVY, float(self._phi[0]))
+        change[:10] = heavy * np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
+        gradient = normal.vector - normal.information @ self.posterior.unknowns
+        same, _ = _explained(self.covariance, normal.information, gradient)
+        other, step = _explained(self.covariance + np.diag(change**2), normal.information, gradient)
+        unknowns = self.posterior.unknowns + step
+        left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
+        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()))
 
     @property
     def shown(self) -> Array:
@@ -105,12 +140,6 @@ class Search:
         scale[scale == 0] = 1.0
         eigenvalues = np.linalg.eigvalsh(information / np.outer(scale, scale))
         return float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 1e-13 else np.inf
-
-    def _moments(self) -> Array:
-        """(B, 19, 19) sums of blocks, for the delay."""
-        moments = self.blocks.moments
-        rows = moments.reshape(*moments.shape[:2], -1)
-        return np.asarray((self._at_delay @ rows).reshape(-1, *moments.shape[2:]))
 
     def _normals(self) -> NormalEquations:
         """At all lags, weighted by the last answer."""
@@ -158,7 +187,9 @@ class Search:
     def _compare(self) -> None:
         """What the answer leaves of each block."""
         unknowns = self.posterior.unknowns
-        self.found = residuals(self._moments(), self.blocks.sizes, unknowns, self._residual_covariance)
+        self.found = residuals(
+            mixed_blocks(self._at_delay, self.blocks), self.blocks.sizes, unknowns, self._residual_covariance
+        )
 
     def _judge(self) -> bool:
         """Judge blocks and noise by the answer; whether that changes anything."""
@@ -177,6 +208,20 @@ class Search:
         if other_blocks:
             self.average.consider()
         return other_blocks or other_noise
+
+
+def mixed_blocks(weights: Array, blocks: Blocks) -> Array:
+    """(B, 19, 19) sums of blocks, for one delay."""
+    moments = blocks.moments
+    rows = moments.reshape(*moments.shape[:2], -1)
+    return np.asarray((weights @ rows).reshape(-1, *moments.shape[2:]))
+
+
+def _explained(covariance: Array, information: Array, gradient: Array) -> tuple[float, Array]:
+    """Log evidence of a deviation from an answer that is uncertain by (16, 16), and the deviation (16,)."""
+    system = np.eye(16) + covariance @ information
+    step = np.asarray(np.linalg.solve(system, covariance @ gradient), dtype=np.float64)
+    return float(gradient @ step - np.linalg.slogdet(system)[1]) / 2, step
 
 
 def _differ(one: Array, other: Array) -> bool:

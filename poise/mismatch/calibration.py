@@ -31,7 +31,7 @@ class Group:
     """A group of calibration errors.
 
     Args:
-        name: payload, bias, drift, gain, rotation, joints or clock.
+        name: payload, bias, drift, gain, rotation, joints, clock, or blur (no tolerance: see `BLUR`).
         columns: (N, 6, k) response to one tolerance of each.
         sigma: (k,) prior, in units of the tolerance.
     """
@@ -40,6 +40,9 @@ class Group:
     columns: Array
     sigma: Array
 
+
+BLUR = 0.01
+"""s: where jerk jumps, splines ring at about their knots' distance; blurring by this much is no physics."""
 
 TORQUE_CONSTANT = 0.01
 """Relative tolerance of the motors' torque constants."""
@@ -53,6 +56,7 @@ def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
     late = -np.gradient(wrench, world.seconds, axis=0)[:, :, None]
+    blur = -np.gradient(late, world.seconds, axis=0) * BLUR**2
     groups = [
         ("payload", payload_columns(world, tolerance)),
         ("bias", np.broadcast_to(np.diag(bias), (len(world), 6, 6))),
@@ -61,6 +65,7 @@ def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
         ("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         ("joints", joint_columns(world) * tolerance.joint_offset),
         ("clock", late * tolerance.clock_offset),
+        ("blur", blur),
     ]
     return tuple(Group(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
 

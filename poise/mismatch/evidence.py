@@ -131,3 +131,20 @@ def flat_width(information: Array) -> float:
         return 0.0
     strength = np.linalg.eigvalsh((information + information.T) / 2)
     return float(np.minimum(0.5 * np.log(2.0 * np.pi / np.maximum(strength, 1e-9)), 0.0).sum())
+
+
+def laplace_evidence(frame: Frame, beside: Beside, precision: Array, mean: Array, linear: NDArray[np.bool_]) -> float:
+    """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
+    if not len(linear):
+        return frame.log_evidence
+    first, other = np.flatnonzero(linear), np.flatnonzero(~linear)
+    across = beside.information[np.ix_(first, other)]
+    won = 0.0
+    if len(first):
+        factor = np.linalg.cholesky(beside.information[np.ix_(first, first)] + np.diag(precision[first]))
+        half = solve_triangular(factor, beside.vector[first] + (precision * mean)[first], lower=True)
+        won = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
+        won += 0.5 * float(np.log(precision[first]).sum()) - 0.5 * float((precision * mean**2)[first].sum())
+        across = solve_triangular(factor, across, lower=True)
+    bent = beside.information[np.ix_(other, other)] - across.T @ across
+    return frame.log_evidence + won + flat_width(bent)

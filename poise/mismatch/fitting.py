@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
+from poise.mismatch.damping import Damping
 from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.evidence import Beside, Frame, flat_width
+from poise.mismatch.evidence import Beside, Frame, flat_width, laplace_evidence
 from poise.mismatch.problem import Part, Problem
 from poise.mismatch.world import World
 
@@ -144,7 +144,7 @@ def _stepped(
     moving: Sequence[Parameter],
     slopes: Array,
     weak: Array,
-    damping: "Damping",
+    damping: Damping,
     least: float,
 ) -> _Point | None:
     """A Levenberg-Marquardt step in all parameters, damped until the fit is better; None when it cannot be."""
@@ -168,21 +168,6 @@ def _stepped(
             damping.eased(strength)
             return trial
     return None
-
-
-class Damping:
-    """How strongly a step is held back, in units of each parameter's own curvature (Marquardt 1963)."""
-
-    def __init__(self) -> None:
-        self._now = 1e-6
-
-    def tries(self) -> list[float]:
-        """From what served last, upwards."""
-        return [self._now * 30.0**k for k in range(6) if self._now * 30.0**k < 1e3]
-
-    def eased(self, strength: float) -> None:
-        """A step at this strength was good: try a longer one next."""
-        self._now = max(strength / 30.0, 1e-6)
 
 
 def _shifted(p: Parameter, value: float, step: float) -> float:
@@ -366,7 +351,7 @@ def _finished(problem: Problem, at: _About) -> Fit:
     scores = []
     for scale in SCALES if linear.any() else (1.0,):
         precision, mean = at.priors(scale)
-        scores.append(_log_evidence(at.calibration, calibration, precision, mean, linear))
+        scores.append(laplace_evidence(at.calibration, calibration, precision, mean, linear))
     best = int(np.argmax(scores))
     known = sum(
         float(np.log(min(p.resolution / (p.high - p.low), 1.0)))
@@ -381,23 +366,6 @@ def _finished(problem: Problem, at: _About) -> Fit:
     groups = problem.groups(at.whole, at.parts)
     calibrated = problem.calibrated(groups, at.calibration.coefficients())
     return Fit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole))
-
-
-def _log_evidence(frame: Frame, beside: Beside, precision: Array, mean: Array, linear: NDArray[np.bool_]) -> float:
-    """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
-    if not len(linear):
-        return frame.log_evidence
-    first, other = np.flatnonzero(linear), np.flatnonzero(~linear)
-    across = beside.information[np.ix_(first, other)]
-    won = 0.0
-    if len(first):
-        factor = np.linalg.cholesky(beside.information[np.ix_(first, first)] + np.diag(precision[first]))
-        half = solve_triangular(factor, beside.vector[first] + (precision * mean)[first], lower=True)
-        won = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
-        won += 0.5 * float(np.log(precision[first]).sum()) - 0.5 * float((precision * mean**2)[first].sum())
-        across = solve_triangular(factor, across, lower=True)
-    bent = beside.information[np.ix_(other, other)] - across.T @ across
-    return frame.log_evidence + won + flat_width(bent)
 
 
 def _covariances(at: _About, whole: Frame) -> tuple[Array, ...]:

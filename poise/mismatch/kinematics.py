@@ -51,8 +51,6 @@ def world_from_motion(
     """
     rows = _forward(robot, motion)
     down = np.array([0.0, 0.0, -gravity])
-    arm = slice(base_joints(robot), None)
-    coupling = robot.coupling[:, arm]
     payload = np.asarray(phi, dtype=np.float64)
     rotation = rows.rotation
     nominal = load_wrench(payload, down @ rotation - rows.linear, rows.omega, rows.alpha)
@@ -69,18 +67,25 @@ def world_from_motion(
         rotation_world_sensor=rotation,
         position_in_world=rows.position,
         velocity_in_world=rows.velocity,
-        joints=JointTrack(
-            robot.joint_names[arm],
-            motion.position[:, arm],
-            motion.velocity[:, arm],
-            motion.acceleration[:, arm],
-            rows.jacobian @ coupling,
-            rows.by_position @ coupling,
-        )
-        if robot.joint_names[arm]
-        else None,
+        joints=_joint_track(robot, motion, rows),
         base=rows.base if rows.base is not None and _moves(rows.base) else None,
         effort=effort,
+    )
+
+
+def _joint_track(robot: RobotModel, motion: Motion, rows: "_Rows") -> JointTrack | None:
+    """The arm's own joints, and how the sensor hangs on them; None for a sensor on a base alone."""
+    arm = slice(base_joints(robot), None)
+    if not robot.joint_names[arm]:
+        return None
+    coupling = robot.coupling[:, arm]
+    return JointTrack(
+        robot.joint_names[arm],
+        motion.position[:, arm],
+        motion.velocity[:, arm],
+        motion.acceleration[:, arm],
+        rows.jacobian @ coupling,
+        rows.by_position @ coupling,
     )
 
 

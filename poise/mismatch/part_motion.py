@@ -177,15 +177,16 @@ def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> t
     return position, velocity, acceleration
 
 
-def travelled(seconds: Array, push: Array, arrivals: Array) -> Array:
-    """(K,) how far a free part has come at some times since the push last changed sign, at rest then; signed."""
+def travelled(seconds: Array, push: Array, arrivals: Array) -> tuple[Array, Array]:
+    """(K,) how far, and (K,) how fast, a free part has come at some times since the push last changed sign; signed."""
     flight = _Flight(seconds, push)
     found = []
     for arrival in arrivals.tolist():
         left = flight.last_turn(arrival)
-        (v0, x0), (_, x1) = flight.integrals(left), flight.integrals(arrival)
-        found.append(x1 - x0 - v0 * (arrival - left))
-    return np.array(found)
+        (v0, x0), (v1, x1) = flight.integrals(left), flight.integrals(arrival)
+        found.append((x1 - x0 - v0 * (arrival - left), v1 - v0))
+    far, speed = np.array(found).T
+    return far, speed
 
 
 def _knock(seconds: Array, start: float, speed: float, settling: float, onto: tuple[Array, Array, Array]) -> None:
@@ -194,9 +195,16 @@ def _knock(seconds: Array, start: float, speed: float, settling: float, onto: tu
     s = np.maximum(t, 0.0) / settling
     onto[0][rows] += speed * settling * s * np.exp(-s)
     onto[1][rows] += np.where(t > 0.0, speed * (1.0 - s) * np.exp(-s), 0.0)
-    # The acceleration jumps to -2 v / settling: its mean over a short while is what a sensor has of it.
+    onto[2][rows] += speed * knock_acceleration(t, settling)
+
+
+def knock_acceleration(t: Array, settling: float) -> Array:
+    """1/s, acceleration over speed before the knock, at times after it (negative: before).
+
+    It jumps to -2 / settling: its mean over a short while is what a sensor has of it.
+    """
     late, early = (np.maximum(t + shift, 0.0) / settling for shift in (BLUR, -BLUR))
-    onto[2][rows] += speed * ((1.0 - late) * np.exp(-late) - (1.0 - early) * np.exp(-early)) / (2.0 * BLUR)
+    return np.asarray(((1.0 - late) * np.exp(-late) - (1.0 - early) * np.exp(-early)) / (2.0 * BLUR))
 
 
 class _Flight:

@@ -159,7 +159,8 @@ def _unit(rng: np.random.Generator, size: int = 3) -> Array:
 
 def _vectors(rng: np.random.Generator, force: float, torque: float) -> dict[str, float]:
     values = np.concatenate([_unit(rng) * force, _unit(rng) * torque])
-    return {f"{what}_{a}": float(values[3 * i + k]) for i, what in enumerate(("force", "torque")) for k, a in enumerate("xyz")}
+    names = [f"{what}_{axis}" for what in ("force", "torque") for axis in "xyz"]
+    return {name: float(value) for name, value in zip(names, values, strict=True)}
 
 
 def _named(prefix: str, values: Array) -> dict[str, float]:
@@ -178,7 +179,7 @@ def _gain(rng: np.random.Generator, world: World, strength: float) -> dict[str, 
     names = [p.name for p in effect_named("sensor_gain").parameters(world)]  # type: ignore[union-attr]
     values = dict.fromkeys(names, 0.0)
     block = rng.choice(["f", "t"])
-    inside = [name for name in names if name.count(block) == (2 if block == "t" else 2) and name[5] == block == name[8]]
+    inside = [name for name in names if name.count(block) == 2 and name[5] == block == name[8]]
     for name in rng.choice(inside, rng.integers(1, 4), replace=False):
         values[str(name)] = float(0.06 * strength * rng.choice([-1, 1]))
     return values

@@ -1,0 +1,86 @@
+"""Base motion: for a while the base moves level, and odometry does not say so."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.part_wrench import shaking, shaking_columns
+from poise.mismatch.starts import bursts, smoothed
+from poise.mismatch.world import World
+
+KNOTS = 10
+MARGIN = 0.15
+"""s that a window may be wider than what stands out of the noise."""
+
+
+class BaseMotion(Effect):
+    """The whole robot accelerates level in the world from rest to rest; the payload's inertia answers.
+
+    The base's speed is a chain of cubic B-splines within the window: with its acceleration zero at both ends.
+    """
+
+    name = "base_motion"
+    layer = "event"
+    equation = "dw = (-m a, -mc x a), a = R^T d/dt sum_k V_k B_k(t), V_k level; B_k: cubic B-splines in the window"
+    source = "thesis eq. 2.97 with an acceleration that the kinematics lack; splines: de Boor 2001, chapter IX"
+    excited_by = "nothing: it happens"
+    separating_motion = "none needed with an imu on the base; without one, repeat the motion with the base braked"
+    confused_with = ("contact", "external_vibration", "base_tilt")
+    needs = ("load",)
+    transfers = False
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        first, last = float(world.seconds[0]), float(world.seconds[-1])
+        when = (
+            Parameter("start", "s", low=first - 1.0, high=last, linear=False),
+            Parameter("length", "s", low=0.1, high=max(world.duration, 1.0), linear=False, log=True),
+        )
+        speeds = (Parameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(KNOTS) for a in "xy")
+        return (*when, *speeds)
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """Bursts of the level acceleration that the residual force would mean."""
+        level = shaking(world, residual)[:, :2]
+        calm = np.stack([smoothed(world, part, 0.1) for part in level.T], axis=1)
+        for begin, end in bursts(world, calm, count=2):
+            length = min(end - begin + 2 * MARGIN, 0.98 * max(world.duration, 1.0))
+            yield {"start": begin - MARGIN, "length": max(length, 0.2)}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        rows, rates = self._rates(world, nonlinear)
+        out = np.zeros((len(world), 6, 2 * KNOTS))
+        level = shaking_columns(world)[rows, :, :2]
+        out[rows] = (rates[:, None, :, None] * level[:, :, None, :]).reshape(len(rows), 6, -1)
+        return out
+
+    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
+        del world
+        return ((values["start"], values["start"] + values["length"]),)
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(KNOTS)])
+        acceleration = self._rates(world, values)[1] @ speed
+        peak = float(np.linalg.norm(acceleration, axis=1).max(initial=0.0))
+        shift = float(np.linalg.norm(speed.sum(axis=0))) * values["length"] / (KNOTS + 3)
+        return {"peak_acceleration": (peak, "m/s2"), "displacement": (shift, "m")}
+
+    def sentence(self, world: World, values: Values) -> str:
+        ((start, end),) = self.windows(world, values)
+        told = self.derived(world, values)
+        return (
+            f"From {start:.1f} s to {end:.1f} s the base accelerated by up to {told['peak_acceleration'][0]:.2f} m/s2 "
+            f"and moved by {told['displacement'][0]:.2f} m; odometry, and so the nominal model, says nothing of it."
+        )
+
+    @staticmethod
+    def _rates(world: World, values: Values) -> tuple[NDArray[np.intp], Array]:
+        """Samples within the window, and (n, KNOTS) d B_k / dt there, 1/s; B_k spans four of KNOTS + 3 intervals."""
+        interval = values["length"] / (KNOTS + 3)
+        place = (world.seconds - values["start"]) / interval
+        rows = np.flatnonzero((place > 0.0) & (place < KNOTS + 3))
+        x = place[rows, None] - np.arange(2, KNOTS + 2)
+        size = np.abs(x)
+        inner, outer = -2.0 * x + 1.5 * x * size, -np.sign(x) * (2.0 - np.minimum(size, 2.0)) ** 2 / 2.0
+        return rows, np.where(size < 1.0, inner, outer) / interval

@@ -1,0 +1,64 @@
+"""Clock skew: the wrench's clock runs faster or slower than that of the joints."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.mismatch.dynamics import at_times
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.part_wrench import best_fit
+from poise.mismatch.world import World
+
+LARGEST = 0.02
+
+
+class ClockSkew(Effect):
+    """Stamp = true time (1 + skew), both zero at the first sample: w_read(t) = w(t / (1 + skew)), by splines."""
+
+    name = "clock_skew"
+    layer = "sensor"
+    equation = "w_read(t) = w(t / (1 + skew))"
+    source = "affine clock model (IEEE 1588: syntonised clocks); Furgale et al. 2013"
+    excited_by = "wrenches that change quickly, early and late in a long recording"
+    separating_motion = "the same quick turns at the start and at the end: an offset shifts both alike, a skew does not"
+    confused_with = ("clock_offset", "bias_drift", "low_pass")
+    order = 50
+    needs = ("load",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        return (Parameter("skew", "", scale=5e-4, low=-LARGEST, high=LARGEST, linear=False, peaked=True),)
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """First order about some skews, beside a constant shift; straight lines between samples."""
+        weight = np.repeat([1.0, 20.0], 3)
+        found = []
+        for about in (0.0, -0.003, 0.003, -0.01, 0.01):
+            moved = self._shifted(world, about)
+            late = -np.gradient(moved, world.seconds, axis=0) * weight
+            columns = np.stack([late * world.seconds[:, None], late], axis=2).reshape(-1, 2)
+            left = ((residual - moved + world.prediction) * weight).ravel()
+            step, rest = best_fit(columns, left)
+            found.append((rest, about + float(step[0])))
+        yield {"skew": float(np.clip(min(found)[1], -0.9 * LARGEST, 0.9 * LARGEST))}
+
+    def simulate(self, world: World, values: Values) -> Array:
+        moved = at_times(world.seconds, world.prediction, world.seconds / (1.0 + values["skew"]))
+        return np.asarray(moved - world.prediction)
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        return {"late_at_end": (values["skew"] * float(world.seconds[-1]), "s")}
+
+    def sentence(self, world: World, values: Values) -> str:
+        late = values["skew"] * float(world.seconds[-1])
+        return (
+            f"The wrench's clock runs {1e6 * abs(values['skew']):.0f} ppm {'fast' if late > 0 else 'slow'}: "
+            f"{1e3 * abs(late):.0f} ms at the end; the nominal model has one clock."
+        )
+
+    @staticmethod
+    def _shifted(world: World, skew: float) -> Array:
+        """(N, 6) the reading under a skew, coarsely."""
+        taken = world.seconds / (1.0 + skew)
+        moved = [np.interp(taken, world.seconds, channel) for channel in world.prediction.T]
+        return np.stack(moved, axis=1)

@@ -1,0 +1,31 @@
+"""Coulomb friction: a joint needs a constant torque against its motion, whatever its speed."""
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.joint_friction import each_joint, listed, numbers, sense, torque_sizes
+from poise.mismatch.world import World
+
+
+class CoulombFriction(Effect):
+    """tau_j = c_j sign(v_j)."""
+
+    name = "coulomb_friction"
+    layer = "friction"
+    signal = "effort"
+    equation = "dtau_j = torque_j sign(v_j), sign(v) = tanh(v / 5 mrad/s)"
+    source = "Coulomb 1785; Armstrong-Helouvry, Dupont, Canudas de Wit 1994, section 2"
+    excited_by = "reversals: the torque jumps by twice the friction"
+    separating_motion = "each joint evenly at five speeds both ways: Coulomb friction is the same at all of them"
+    confused_with = ("viscous_friction", "stribeck_friction", "load_dependent_friction", "backlash")
+    needs = ("effort",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        sizes = torque_sizes(world)
+        return tuple(Parameter(f"torque_{i}", "N m", s) for i, s in zip(numbers(world), sizes, strict=True))
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        del nonlinear
+        return each_joint(sense(world))
+
+    def sentence(self, world: World, values: Values) -> str:
+        told = listed(world, [values[f"torque_{i}"] for i in numbers(world)], "N m")
+        return f"Joints rub with a constant torque: {told}; the nominal model has no dry friction."

@@ -1,0 +1,128 @@
+"""External vibration: for a while the robot's base shakes as a sine."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.part_wrench import shaking, shaking_columns
+from poise.mismatch.world import World
+
+PHASES = ("sine", "cosine")
+LOWEST = 2.0
+"""Hz; what shakes more slowly is a motion."""
+STRETCH = 1.28
+"""s of a spectrum that is looked at, each begins a quarter after the one before."""
+RAMP = 0.1
+"""s in which the shaking comes and goes."""
+
+
+class ExternalVibration(Effect):
+    """The base accelerates as A sin(2 pi f t) + B cos(2 pi f t) in its own axes, from `start` for `length`."""
+
+    name = "external_vibration"
+    layer = "event"
+    equation = "dw = (-m a, -mc x a), a = R_sensor_base (A sin 2 pi f t + B cos 2 pi f t) in the window"
+    source = "base excitation (Inman 2014, Engineering Vibration, section 2.4)"
+    excited_by = "nothing: a machine nearby, a fan, a pump"
+    separating_motion = "stand still in two attitudes: a vibration stays in the base's axes, a part's swing dies away"
+    confused_with = ("flexible_mode", "base_motion", "contact", "gear_ripple")
+    needs = ("load",)
+    transfers = False
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        first, last = float(world.seconds[0]), float(world.seconds[-1])
+        when = (
+            Parameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=0.05),
+            Parameter("length", "s", low=0.1, high=world.duration + 2.0, linear=False, resolution=0.05),
+            Parameter("frequency", "Hz", low=LOWEST, high=0.5 / world.period, linear=False),
+        )
+        sizes = (Parameter(f"{phase}_{a}", "m/s2", 0.4, hidden=True) for phase in PHASES for a in "xyz")
+        return (*when, *sizes)
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """A line that stands out of the spectra of some stretches in a row; then its phase says when it begins."""
+        shake = shaking(world, residual)
+        for frequency, begin, end in self._lines(world, shake):
+            near = frequency + np.linspace(-0.6, 0.6, 61) / STRETCH
+            inside = (world.seconds >= begin) & (world.seconds <= end)
+            turns = np.exp(-2j * np.pi * np.outer(near, world.seconds[inside]))
+            best = float(near[int(np.argmax((np.abs(turns @ shake[inside]) ** 2).sum(axis=1)))])
+            start, stop = self._span(world, shake, best, inside)
+            yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, LOWEST)}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        start, length = nonlinear["start"], nonlinear["length"]
+        since = world.seconds - start
+        ramp = min(RAMP, length / 4)
+        size = np.clip(np.minimum(since, length - since) / ramp + 0.5, 0.0, 1.0)
+        # Phases count from the middle of the window: the frequency then hardly moves them.
+        turn = 2.0 * np.pi * nonlinear["frequency"] * (since - length / 2)
+        waves = np.stack([np.sin(turn), np.cos(turn)], axis=1) * size[:, None]
+        answer = shaking_columns(world, None if world.base is None else world.base.rotation_world_base)
+        return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(len(world), 6, 6))
+
+    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
+        del world
+        return ((values["start"], values["start"] + values["length"]),)
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        del world
+        ellipse = np.array([[values[f"{phase}_{axis}"] for axis in "xyz"] for phase in PHASES])
+        _, size, axes = np.linalg.svd(ellipse)
+        parts = {f"direction_{axis}": (float(value), "") for axis, value in zip("xyz", axes[0], strict=True)}
+        return {"amplitude": (float(size[0]), "m/s2"), **parts}
+
+    def sentence(self, world: World, values: Values) -> str:
+        ((start, end),) = self.windows(world, values)
+        return (
+            f"From {start:.1f} s to {end:.1f} s the base shook at {values['frequency']:.1f} Hz with "
+            f"{self.derived(world, values)['amplitude'][0]:.2f} m/s2: the nominal base does not shake."
+        )
+
+    @staticmethod
+    def _lines(world: World, shake: Array, count: int = 2) -> Iterable[tuple[float, float, float]]:
+        """(frequency, begin, end) of what stands out of the spectra for longest and most."""
+        period = world.period
+        even = np.arange(world.seconds[0], world.seconds[-1], period)
+        length = min(int(STRETCH / period), len(even))
+        firsts = np.arange(0, len(even) - length + 1, max(length // 4, 1))
+        rows = firsts[:, None] + np.arange(length)
+        power = np.zeros((len(firsts), length // 2 + 1))
+        for part in shake.T:
+            pieces = np.interp(even, world.seconds, part)[rows]
+            pieces = pieces - pieces.mean(axis=1, keepdims=True)
+            power += np.abs(np.fft.rfft(pieces * np.hanning(length))) ** 2
+        frequency = np.fft.rfftfreq(length, period)
+        fast = frequency >= LOWEST
+        # What is usual at higher frequencies is noise; less than thrice of it does not count.
+        excess = np.where(fast, power / max(float(np.median(power[:, frequency > 4.0])), 1e-30) - 6.0, -1.0)
+        for _ in range(count):
+            total, begin, end = _longest_gain(excess)
+            line = int(np.argmax(total))
+            if total[line] <= 0.0:
+                return
+            first, last = firsts[begin[line]], firsts[end[line]] + length - 1
+            yield float(frequency[line]), float(even[first]), float(even[last])
+            excess[:, max(line - 2, 0) : line + 3] = -1.0
+
+    @staticmethod
+    def _span(world: World, shake: Array, frequency: float, inside: NDArray[np.bool_]) -> tuple[float, float]:
+        """Most likely first and last moment of a sine whose amplitude is that of the samples inside."""
+        wave = np.exp(-2j * np.pi * frequency * world.seconds)
+        amplitude = 2.0 * (shake[inside] * wave[inside, None]).mean(axis=0)
+        said = (amplitude * wave.conj()[:, None]).real
+        gain = (2.0 * shake * said - said**2).sum(axis=1)
+        _, begin, end = _longest_gain(gain[:, None])
+        return float(world.seconds[begin[0]]), float(world.seconds[end[0]])
+
+
+def _longest_gain(values: Array) -> tuple[Array, Array, Array]:
+    """For each column the stretch of rows with the largest sum: (sum, first row, last row), Kadane's algorithm."""
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
+    lowest = np.minimum.accumulate(total[:-1], axis=0)
+    gain = total[1:] - lowest
+    end = gain.argmax(axis=0)
+    begin = np.array([int(np.argmin(total[: last + 1, column])) for column, last in enumerate(end.tolist())], dtype=int)
+    return gain.max(axis=0), begin, end

@@ -1,0 +1,40 @@
+"""Flywheel: something in the tool spins, and its angular momentum resists turning."""
+
+import numpy as np
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.wording import directed
+from poise.mismatch.world import World
+
+NAMES = ("momentum_x", "momentum_y", "momentum_z")
+
+
+class Flywheel(Effect):
+    """tau = -omega x h: a rotor with constant angular momentum h in the tool (a spindle, a fan, a hard disk)."""
+
+    name = "flywheel"
+    layer = "load"
+    equation = "dtau = -omega x h, h constant in sensor axes"
+    source = "gyrostat (Wittenburg 2008, Dynamics of Multibody Systems, chapter 4)"
+    excited_by = "turning the tool about axes across the rotor's"
+    separating_motion = (
+        "turn evenly about each axis both ways: the torque changes sign with the speed, an inertia's does not"
+    )
+    confused_with = ("payload_parameters", "air_drag", "clock_offset")
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        return tuple(Parameter(name, "N m s", 0.05) for name in NAMES)
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        del nonlinear
+        out = np.zeros((len(world), 6, 3))
+        out[:, 3:] = -np.cross(world.angular_velocity[:, None], np.eye(3)).swapaxes(1, 2)
+        return out
+
+    def sentence(self, world: World, values: Values) -> str:
+        del world
+        return (
+            "Something in the tool spins with an angular momentum of "
+            f"{directed([values[name] for name in NAMES], 'N m s')}: the nominal load has no rotor."
+        )

@@ -1,0 +1,88 @@
+"""Gear ripple: a joint's torque waves with its position, as teeth or wave generators mesh."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.joint_friction import column_of, efforts, joint_called, numbers, torque_sizes
+from poise.mismatch.world import World
+
+HIGHEST = 250.0
+"""Waves per turn that are looked for."""
+
+
+class GearRipple(Effect):
+    """tau_j = A sin(n q_j + phase) of one joint."""
+
+    name = "gear_ripple"
+    layer = "friction"
+    signal = "effort"
+    equation = "dtau_j = amplitude sin(order q_j + phase) = sine sin(order q_j) + cosine cos(order q_j)"
+    source = "torque ripple of harmonic drives (Taghirad and Belanger 1998)"
+    excited_by = "a joint that travels over several waves"
+    separating_motion = "the same stroke at two speeds: a ripple stays in the joint's position, a vibration in time"
+    confused_with = ("external_vibration", "coulomb_friction")
+    needs = ("effort",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        if world.effort is None:
+            return ()
+        count, size = float(max(numbers(world))), float(np.median(torque_sizes(world)))
+        return (
+            Parameter("joint", "", low=1.0, high=count, linear=False, choice=True),
+            Parameter("order", "", low=1.0, high=1.2 * HIGHEST, linear=False, log=True),
+            Parameter("sine", "N m", size, hidden=True),
+            Parameter("cosine", "N m", size, hidden=True),
+        )
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """The highest peaks of the residuals' spectra over position, joint by joint."""
+        track = efforts(world)
+        peaks = []
+        for column, number in enumerate(numbers(world)):
+            orders, power = _spectrum(track.position[:, column], residual[:, column])
+            if len(orders):
+                best = int(np.argmax(power))
+                peaks.append((float(power[best]), float(orders[best]), float(number)))
+        for _, order, joint in sorted(peaks, reverse=True)[:2]:
+            yield {"joint": joint, "order": order}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        track, column = efforts(world), column_of(world, nonlinear["joint"])
+        turn = nonlinear["order"] * track.position[:, column]
+        out = np.zeros((*track.position.shape, 2))
+        out[:, column, 0], out[:, column, 1] = np.sin(turn), np.cos(turn)
+        return out
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        del world
+        sine, cosine = values["sine"], values["cosine"]
+        return {
+            "amplitude": (float(np.hypot(sine, cosine)), "N m"),
+            "phase": (float(np.arctan2(cosine, sine)), "rad"),
+        }
+
+    def sentence(self, world: World, values: Values) -> str:
+        return (
+            f"The torque of {joint_called(world, values['joint'])} waves {values['order']:.1f} times per turn by "
+            f"{self.derived(world, values)['amplitude'][0]:.2f} N m: the nominal gear runs smoothly."
+        )
+
+
+def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
+    """Orders (waves per turn, 1/rad) of two waves or more in the range travelled, and the power of each over noise."""
+    span = float(np.ptp(position))
+    if span < 0.05:
+        return np.zeros(0), np.zeros(0)
+    # Sums of the residual in narrow bins of position; their Fourier transform is that over the positions.
+    count = int(np.ceil(span * HIGHEST * 8.0 / (2.0 * np.pi))) + 1
+    place = np.minimum((position - position.min()) / span * count, count - 1).astype(int)
+    smooth = np.polynomial.Polynomial.fit(position, residual, 3)(position)
+    left = residual - smooth
+    sums = np.bincount(place, weights=left, minlength=count)
+    size = 4 * count
+    power = np.abs(np.fft.rfft(sums, size)) ** 2 / max(float(left @ left), 1e-12)
+    order = np.asarray(2.0 * np.pi * np.arange(len(power)) * count / (size * span))
+    kept = (order > 2.0 * 2.0 * np.pi / span) & (order < HIGHEST)
+    return order[kept], power[kept]

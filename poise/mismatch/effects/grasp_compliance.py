@@ -1,0 +1,150 @@
+"""Grasp compliance: the whole payload turns a little in the grip, about a point on the sensor's z axis."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.inertia.parameters import symmetric
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.part_motion import Oscillator
+from poise.mismatch.part_wrench import specific_at
+from poise.mismatch.world import World
+
+MOST_ROUNDS = 8
+SETTLED = 2e-5
+"""rad by which a round may still move the payload."""
+LARGEST = 0.5
+"""rad, beyond which the grip is not followed."""
+
+
+class GraspCompliance(Effect):
+    """Springs and dampers, equal about all axes, between sensor and payload: straight without load.
+
+    The turn theta (a rotation vector, sensor axes) obeys I theta'' + c theta' + k theta = torque of the turned and
+    turning payload about the pivot, beyond -I theta''. In the principal axes of I these are three oscillators; what
+    the turn itself does to the torque is put in from the round before, to second order.
+    """
+
+    name = "grasp_compliance"
+    layer = "load"
+    equation = "I theta'' + c theta' + k theta = tau(theta, theta'), c = 2 zeta sqrt(k Ixx); w of the turned payload"
+    source = "passive compliance of a grasp (Siciliano et al. 2009, section 9.2); Euler's equation about the pivot"
+    excited_by = "weight to the side of the grip in changing directions; quick turns"
+    separating_motion = "hold the payload level in four directions: it sags in proportion to its moment"
+    confused_with = ("flexible_mode", "payload_parameters", "joint_offset", "sensor_rotation", "sensor_gain")
+    needs = ("load",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        return (
+            Parameter("stiffness", "N m/rad", low=8.0, high=5000.0, linear=False, log=True),
+            Parameter("damping_ratio", "", low=0.02, high=1.5, linear=False, log=True),
+            Parameter("height", "m", low=-0.1, high=0.4, linear=False),
+        )
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """The best of a few stiffnesses and heights."""
+        weight = np.repeat([1.0, 20.0], 3)
+        wanted = (residual - residual.mean(axis=0)) * weight
+        scores = []
+        for height in (0.0, 0.05):
+            for stiffness in np.geomspace(25.0, 1000.0, 6):
+                values = {"stiffness": float(stiffness), "damping_ratio": 0.2, "height": height}
+                response = self._simulated(world, values, rounds=1) * weight
+                scores.append((float(np.sum((wanted - response + response.mean(axis=0)) ** 2)), values))
+        yield min(scores, key=lambda item: item[0])[1]
+
+    def simulate(self, world: World, values: Values) -> Array:
+        return self._simulated(world, values)
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        turn = _turns(world, values)[0]
+        return {"largest_turn": (float(np.linalg.norm(turn, axis=1).max()), "rad")}
+
+    def sentence(self, world: World, values: Values) -> str:
+        turn = np.degrees(self.derived(world, values)["largest_turn"][0])
+        return (
+            f"The payload gives way in the grip, {values['stiffness']:.0f} N m/rad about a point "
+            f"{1e3 * values['height']:.0f} mm from the sensor, by up to {turn:.1f} degrees: the nominal grip is rigid."
+        )
+
+    @staticmethod
+    def _simulated(world: World, values: Values, rounds: int = MOST_ROUNDS) -> Array:
+        turn, rate, second = _turns(world, values, rounds)
+        body = _Turned(world, values["height"])
+        force, torque = body.wrench(turn, rate, second)
+        pivot = np.array([0.0, 0.0, values["height"]])
+        return np.concatenate([force, torque + np.cross(pivot, force)], axis=1) - world.nominal
+
+
+def _turns(world: World, values: Values, rounds: int = MOST_ROUNDS) -> tuple[Array, Array, Array]:
+    """(N, 3) rotation vector of the payload in the sensor's axes, its rate and second rate."""
+    body = _Turned(world, values["height"])
+    moments, axes = np.linalg.eigh(body.inertia)
+    moments = np.maximum(moments, 1e-3 * max(float(moments[-1]), 1e-6))
+    stiffness = values["stiffness"]
+    damping = 2.0 * values["damping_ratio"] * np.sqrt(stiffness * max(float(body.inertia[0, 0]), moments[0]))
+    springs = [Oscillator(world.seconds, stiffness / m, damping / m) for m in moments.tolist()]
+    turn, rate, second = np.zeros((3, len(world), 3))
+    for _ in range(rounds):
+        # The damper feels omega_rel; what of it is not theta' is of second order.
+        felt = body.wrench(turn, rate, second)[1] - 0.5 * damping * np.cross(turn, rate)
+        load = (felt + second @ body.inertia) @ axes / moments
+        parts = [spring(load[:, i : i + 1]) for i, spring in enumerate(springs)]
+        x, dx = (np.hstack([part[order] for part in parts]) for order in range(2))
+        ddx = load - (damping * dx + stiffness * x) / moments
+        new, rate, second = x @ axes.T, dx @ axes.T, ddx @ axes.T
+        new *= np.minimum(1.0, LARGEST / np.maximum(np.linalg.norm(new, axis=1, keepdims=True), 1e-9))
+        moved = float(np.abs(new - turn).max())
+        turn = new
+        if moved < SETTLED:
+            break
+    return turn, rate, second
+
+
+class _Turned:
+    """The payload about a pivot on the sensor's z axis."""
+
+    def __init__(self, world: World, height: float) -> None:
+        self._world = world
+        pivot = np.array([0.0, 0.0, height])
+        mass, first = float(world.phi[0]), world.phi[1:4]
+        self._mass, self._moment = mass, first - mass * pivot
+        self._specific = specific_at(world, pivot)
+        # Inertia about the pivot from that about the origin: I - [p.h terms] + m [p.p terms] (parallel axes, twice).
+        cross = np.outer(first, pivot)
+        self.inertia = (
+            symmetric(world.phi[4:])
+            - (2.0 * np.trace(cross) * np.eye(3) - cross - cross.T)
+            + mass * (pivot @ pivot * np.eye(3) - np.outer(pivot, pivot))
+        )
+
+    def wrench(self, turn: Array, rate: Array, second: Array) -> tuple[Array, Array]:
+        """Force and torque about the pivot (N, 3) of the payload turned by rotation vectors, with their derivatives.
+
+        In the payload's own axes it is a rigid body; omega_rel = theta' + theta x theta' / 2 to second order.
+        """
+        spin = rate + 0.5 * np.cross(turn, rate)
+        change = second + 0.5 * np.cross(turn, second)
+        omega = self._world.angular_velocity + spin
+        alpha = self._world.angular_acceleration + change + np.cross(self._world.angular_velocity, spin)
+        to = _Rotation(turn)
+        moment = to(np.broadcast_to(self._moment, turn.shape))
+        arm = np.cross(alpha, moment) + np.cross(omega, np.cross(omega, moment))
+        own = to(to(omega, -1.0) @ self.inertia)
+        gyro = to(to(alpha, -1.0) @ self.inertia) + np.cross(omega, own)
+        return self._mass * self._specific - arm, np.cross(moment, self._specific) - gyro
+
+
+class _Rotation:
+    """Turns vectors (N, 3) by rotation vectors (N, 3), or back (sign -1): Rodrigues' formula."""
+
+    def __init__(self, turn: Array) -> None:
+        self._turn = turn
+        angle = np.linalg.norm(turn, axis=1, keepdims=True)
+        self._sine = np.sinc(angle / np.pi)
+        self._versine = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+
+    def __call__(self, vectors: Array, sign: float = 1.0) -> Array:
+        once = np.cross(self._turn, vectors)
+        return np.asarray(vectors + sign * self._sine * once + self._versine * np.cross(self._turn, once))

@@ -1,0 +1,32 @@
+"""Load-dependent friction: a gear rubs more the more it carries."""
+
+import numpy as np
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.joint_friction import each_joint, efforts, listed, numbers, sense
+from poise.mismatch.world import World
+
+
+class LoadDependentFriction(Effect):
+    """tau_j = r_j |tau_rigid_j| sign(v_j): a gear's loss in proportion to what it transmits."""
+
+    name = "load_dependent_friction"
+    layer = "friction"
+    signal = "effort"
+    equation = "dtau_j = ratio_j |tau_rigid_j| sign(v_j)"
+    source = "Hamon, Gautier, Garrec 2010; Bittencourt and Gunnarsson 2012 (friction of a robot joint against its load)"
+    excited_by = "reversals under a heavy and under a light load"
+    separating_motion = "the same slow strokes with the arm stretched and folded: this friction grows with the reach"
+    confused_with = ("coulomb_friction", "stribeck_friction", "viscous_friction")
+    needs = ("effort",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        return tuple(Parameter(f"ratio_{i}", "", 0.08) for i in numbers(world))
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        del nonlinear
+        return each_joint(np.abs(efforts(world).rigid) * sense(world))
+
+    def sentence(self, world: World, values: Values) -> str:
+        told = listed(world, [100.0 * values[f"ratio_{i}"] for i in numbers(world)], "%")
+        return f"Joints rub in proportion to their load: {told} of it; the nominal gears lose nothing."

@@ -1,0 +1,157 @@
+"""Loose part: something in the payload slides between two stops and knocks against them."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+from scipy.optimize import least_squares
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.knocks import find_knocks
+from poise.mismatch.noise import white_level
+from poise.mismatch.part_motion import between_stops, travelled
+from poise.mismatch.part_wrench import (
+    AXIS,
+    PLACE,
+    REACH,
+    chart,
+    direction,
+    likely_place,
+    named_axis,
+    payload_centre,
+    place_of,
+    sliding_wrench,
+    specific_at,
+)
+from poise.mismatch.world import World
+
+BLURS = (5, 2)
+"""Samples."""
+GAPS = (0.003, 0.01, 0.03)
+"""m, tried where nothing knocks."""
+FEWEST = 2
+"""Knocks that are needed to begin with them."""
+SURE = 0.02
+"""rad to which knocks show the axis."""
+
+
+class LoosePart(Effect):
+    """A mass that slides freely along an axis of the tool within a gap, and does not rebound.
+
+    Its mass is part of the nominal payload, in the middle of the gap: what is added is the difference. A stop takes up
+    the knock as a critically damped spring does. (What slides with friction lets go a little later.)
+    """
+
+    name = "loose_part"
+    layer = "load"
+    equation = (
+        "z'' = n.(g - a_p) while |z| < gap / 2, at rest against a stop otherwise; part at p + n z instead of at p"
+    )
+    source = "impact pair (Brach 1991, Mechanical Impact Dynamics, chapter 2) with restitution zero"
+    excited_by = "tilting the axis through the level, and accelerating along it"
+    separating_motion = "tilt slowly to and fro about the level: knocks come at the same tilt every time"
+    confused_with = ("slosh", "flexible_mode", "contact", "payload_parameters")
+    needs = ("load",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        return (
+            Parameter("gap", "m", low=5e-4, high=0.2, linear=False, log=True),
+            Parameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
+            *(Parameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS),
+            *(Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
+            Parameter("mass", "kg", 0.4),
+        )
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """Knocks say where the part slides, along what, and how far; without knocks some gaps along some axes."""
+        wanted = residual - residual.mean(axis=0)
+        weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+        found = self._from_knocks(world, wanted, weight)
+        if found is not None:
+            yield found
+            return
+        place = payload_centre(world)
+        tried = [_values(gap, 0.01, axis, place) for axis in np.eye(3) for gap in GAPS]
+        yield from sorted(tried, key=lambda values: self._left(world, values, wanted, weight))[:2]
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        place, axis = place_of(nonlinear), direction(nonlinear)
+        push = specific_at(world, place) @ axis
+        slid = between_stops(world.seconds, push, nonlinear["gap"], nonlinear["settling"])
+        return sliding_wrench(world, place, axis, slid)[:, :, None]
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        return named_axis(values)
+
+    def sentence(self, world: World, values: Values) -> str:
+        return (
+            f"{1e3 * values['mass']:.0f} g of the payload are loose: they slide {1e3 * values['gap']:.0f} mm along "
+            f"{'xyz'[int(np.argmax(np.abs(direction(values))))]} and knock; the nominal payload is rigid."
+        )
+
+    def _from_knocks(self, world: World, wanted: Array, weight: Array) -> dict[str, float] | None:
+        """The part that makes the knocks in a residual, or None when there are not enough of them."""
+        knocks = find_knocks(world.seconds, wanted[:, :3], 1.0 / weight[:3])
+        if knocks is None or len(knocks.moments) < FEWEST:
+            return None
+        struck, twisted = np.diff(wanted[:, :3], axis=0)[knocks.rows], np.diff(wanted[:, 3:], axis=0)[knocks.rows]
+        centre = payload_centre(world)
+        place = centre + likely_place(struck, twisted - np.cross(centre, struck))
+        pull = specific_at(world, place)
+        begin = np.array([*chart(knocks.axis).values(), np.log(0.01), np.log(0.3)])
+        turned = float(np.sign(knocks.axis @ _axis(begin)))
+
+        def unequal(x: Array) -> Array:
+            """Distances against the gap, impulses against the mass; and the axis is known to some degrees already."""
+            far, speed = travelled(world.seconds, pull @ _axis(x), knocks.moments)
+            distance = np.log(np.maximum(np.abs(far), 1e-5)) - x[2]
+            impulse = turned * knocks.impulses / np.exp(x[3]) - speed
+            return np.concatenate([distance / 0.05, impulse / 0.05, (x[:2] - begin[:2]) / SURE])
+
+        far, speed = travelled(world.seconds, pull @ _axis(begin), knocks.moments)
+        begin[2] = np.log(max(float(np.median(np.abs(far))), 1e-4))
+        begin[3] = np.log(
+            max(float(np.median(np.abs(knocks.impulses))) / max(float(np.median(np.abs(speed))), 1e-3), 1e-3)
+        )
+        fitted = least_squares(unequal, begin, loss="soft_l1", diff_step=1e-4, max_nfev=20).x
+        gap = float(np.clip(np.exp(fitted[2]), 6e-4, 0.19))
+        return self._sharpened(world, _values(gap, knocks.settling, _axis(fitted), place), wanted, weight)
+
+    def _sharpened(self, world: World, start: dict[str, float], wanted: Array, weight: Array) -> dict[str, float]:
+        """Least squares in ever less blurred residuals: a knock that comes a sample too late explains nothing."""
+        moving = [p for p in self.parameters(world) if not p.linear]
+        found = start
+        for blur in BLURS:
+
+            def left(places: Array, blur: int = blur) -> Array:
+                values = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
+                return self._unexplained(world, values, wanted, weight, blur)
+
+            begin = np.clip([p.to_unit(found[p.name]) for p in moving], 1e-3, 1.0 - 1e-3)
+            places = least_squares(left, begin, bounds=(0.0, 1.0), diff_step=3e-4, max_nfev=8).x
+            found = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
+        return found
+
+    def _unexplained(self, world: World, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> Array:
+        """What the best mass leaves, blurred over some samples."""
+        response = self.columns(world, nonlinear)[:, :, 0]
+        here, there = (
+            uniform_filter1d((part - part.mean(axis=0)) * weight, blur, axis=0)[:: max(blur // 2, 1)].ravel()
+            for part in (response, wanted)
+        )
+        mass = max(float(here @ there), 0.0) / max(float(here @ here), 1e-12)
+        left: Array = there - mass * here
+        return left
+
+    def _left(self, world: World, nonlinear: Values, wanted: Array, weight: Array) -> float:
+        """The square that the best mass leaves."""
+        return float(np.sum(self._unexplained(world, nonlinear, wanted, weight, 1) ** 2))
+
+
+def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str, float]:
+    return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(PLACE, place.tolist(), strict=True))}
+
+
+def _axis(x: Array) -> Array:
+    return direction(dict(zip(AXIS, x[:2].tolist(), strict=True)))

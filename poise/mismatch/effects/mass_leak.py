@@ -1,0 +1,69 @@
+"""Mass leak: the payload loses (or gains) weight steadily, as when grain trickles or a tank drains."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.inertia.regressor import regressor
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.noise import white_level
+from poise.mismatch.part_wrench import PLACE, REACH, best_fit, payload_centre, place_of, point_wrench
+from poise.mismatch.world import World
+
+
+class MassLeak(Effect):
+    """A point mass of the payload becomes lighter at a constant rate from `start` to the end of the recording.
+
+    What leaves takes its momentum along; its jet is not modelled (8 g/s at 1 m/s push with 8 mN).
+    """
+
+    name = "mass_leak"
+    layer = "event"
+    equation = "w = w_nominal - rate max(t - start, 0) w_1(p), w_1(p): wrench of 1 kg at p"
+    source = "thesis eq. 2.97 with a mass that changes slowly (Meshchersky's equation without the jet)"
+    excited_by = "gravity and time"
+    separating_motion = "turn the tool over early and late: weight turns with gravity, a drift of the sensor does not"
+    confused_with = ("bias_drift", "mass_step", "sensor_creep", "payload_parameters")
+    transfers = False
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        first, last = float(world.seconds[0]), float(world.seconds[-1])
+        places = (Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE)
+        start = Parameter("start", "s", low=first - 0.1 * world.duration, high=last, linear=False)
+        return (start, *places, Parameter("rate", "kg/s", 0.3 / max(world.duration, 1.0)))
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """The best of some moments from which weight goes on falling, with the place that its moment means."""
+        weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+        white = ((residual - residual.mean(axis=0)) * weight).ravel()
+        matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)[:, :, :4]
+        found = []
+        for share in np.linspace(0.0, 0.85, 11):
+            start = float(world.seconds[0] + share * world.duration)
+            columns = matrix * -np.maximum(world.seconds - start, 0.0)[:, None, None]
+            columns = (columns - columns.mean(axis=0)) * weight[:, None]
+            rate, left = best_fit(columns.reshape(-1, 4), white)
+            found.append((left, start, rate))
+        _, start, rate = min(found, key=lambda item: item[0])
+        far = abs(rate[0]) * REACH < np.abs(rate[1:]).max() or rate[0] == 0.0
+        place = payload_centre(world) if far else np.clip(rate[1:] / rate[0], -0.9 * REACH, 0.9 * REACH)
+        yield {"start": start, **dict(zip(PLACE, place.tolist(), strict=True))}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        lost = -np.maximum(world.seconds - nonlinear["start"], 0.0)
+        return (point_wrench(world, place_of(nonlinear)) * lost[:, None])[:, :, None]
+
+    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
+        return ((max(values["start"], float(world.seconds[0])), float(world.seconds[-1])),)
+
+    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+        ((start, end),) = self.windows(world, values)
+        return {"lost": (values["rate"] * (end - start), "kg")}
+
+    def sentence(self, world: World, values: Values) -> str:
+        ((start, end),) = self.windows(world, values)
+        verb = "loses" if values["rate"] > 0 else "gains"
+        return (
+            f"From {start:.1f} s on the payload {verb} {1e3 * abs(values['rate']):.1f} g/s, "
+            f"{1e3 * abs(values['rate']) * (end - start):.0f} g by the end: the nominal payload keeps its weight."
+        )

@@ -1,0 +1,31 @@
+"""Motor inertia: behind its gear a rotor must be accelerated too."""
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.joint_friction import each_joint, efforts, listed, numbers, per
+from poise.mismatch.world import World
+
+
+class MotorInertia(Effect):
+    """tau_j = J_j a_j: the rotor's inertia times the square of the gear's ratio, in no link of the description."""
+
+    name = "motor_inertia"
+    layer = "friction"
+    signal = "effort"
+    equation = "dtau_j = inertia_j a_j"
+    source = "Siciliano et al. 2009, section 7.1 (reflected rotor inertia); Featherstone 2008, section 9.6"
+    excited_by = "quick changes of each joint's speed"
+    separating_motion = "shake joint after joint with the arm folded, then stretched: a link's inertia grows"
+    confused_with = ("joint_coupling", "viscous_friction")
+    needs = ("effort",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        sizes = per(world, efforts(world).acceleration) if world.effort is not None else ()
+        return tuple(Parameter(f"inertia_{i}", "kg m2", s) for i, s in zip(numbers(world), sizes, strict=True))
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        del nonlinear
+        return each_joint(efforts(world).acceleration)
+
+    def sentence(self, world: World, values: Values) -> str:
+        told = listed(world, [values[f"inertia_{i}"] for i in numbers(world)], "kg m2")
+        return f"Motors have inertia that no link has: {told}; the nominal model has no rotors."

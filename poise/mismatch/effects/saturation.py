@@ -1,0 +1,75 @@
+"""Saturation: the reading stops at a limit while the load goes on."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.world import World
+
+GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
+HIGHEST = 1e4
+"""N or N m: a limit that is never reached."""
+FEWEST = 8
+"""Readings at exactly the same extreme value that chance does not bring."""
+
+
+class Saturation(Effect):
+    """w_read = clip(w, -limit, limit), the three forces with one limit, the three torques with another."""
+
+    name = "saturation"
+    layer = "sensor"
+    equation = "w_read = min(max(w, -limit), limit)"
+    source = "a converter's or amplifier's range (ATI manual 9620-05-DAQ: saturated gauges)"
+    excited_by = "the largest loads"
+    separating_motion = "turn slowly through the largest load: the reading stays at exactly one value"
+    confused_with = ("sensor_nonlinearity", "sensor_gain")
+    order = 90
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        del world
+        return tuple(
+            Parameter(name, unit, low=1e-3, high=HIGHEST, linear=False, log=True, resolution=1e-3)
+            for name, unit, _ in GROUPS
+        )
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        """Readings that stand at one extreme value; without any there is no saturation to speak of."""
+        del residual
+        found = {name: plateau(world.wrench[:, part]) or HIGHEST for name, _, part in GROUPS}
+        if min(found.values()) < HIGHEST:
+            yield found
+
+    def simulate(self, world: World, values: Values) -> Array:
+        limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
+        return np.asarray(np.clip(world.prediction, -limit, limit) - world.prediction)
+
+    @staticmethod
+    def passes(world: World, values: Values) -> NDArray[np.bool_]:
+        """(N, 6) False where the reading stands at its limit and says nothing about what comes before it."""
+        limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
+        return np.asarray(np.abs(world.wrench) < limit * (1.0 - 1e-9))
+
+    def sentence(self, world: World, values: Values) -> str:
+        del world
+        stops = [f"{values[name]:.3g} {unit}" for name, unit, _ in GROUPS if values[name] < 0.99 * HIGHEST]
+        return f"The reading stops at {' and '.join(stops)} while the load goes on: the nominal sensor has no limit."
+
+
+def plateau(values: NDArray[np.float64]) -> float:
+    """The largest magnitude when readings stand at it as they do not by chance, else 0.
+
+    Readings that are rounded repeat too: there must be far more at the limit than on any step just below it.
+
+    Args:
+        values: (N, C) channels with the same limit.
+    """
+    size = np.abs(values[np.isfinite(values)])
+    if not len(size) or size.max() == 0.0:
+        return 0.0
+    limit = float(size.max())
+    at_limit = int((size > limit * (1.0 - 1e-9)).sum())
+    below = size[(size > 0.97 * limit) & (size <= limit * (1.0 - 1e-9))]
+    crowd = int(np.unique(np.round(below / limit, 9), return_counts=True)[1].max()) if len(below) else 0
+    return limit if at_limit >= max(FEWEST, 3 * crowd) else 0.0

@@ -1,0 +1,49 @@
+"""Stribeck friction: dry friction that is greater when a joint barely moves."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.joint_friction import each_joint, efforts, listed, numbers, per, sense, torque_sizes
+from poise.mismatch.world import World
+
+
+class StribeckFriction(Effect):
+    """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) sign(v_j) + d_j v_j, one v_s for all joints."""
+
+    name = "stribeck_friction"
+    layer = "friction"
+    signal = "effort"
+    equation = "dtau_j = (torque_j + stiction_j exp(-(v_j / velocity)^2)) sign(v_j) + damping_j v_j"
+    source = "Bo and Pavelescu 1982; Armstrong-Helouvry, Dupont, Canudas de Wit 1994, section 2"
+    excited_by = "slow motion and reversals, with many samples at creeping speeds"
+    separating_motion = "each joint evenly at 1, 2, 5, 10 and 20 % of its speed: only stiction falls with speed"
+    confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
+    needs = ("effort",)
+
+    def parameters(self, world: World) -> tuple[Parameter, ...]:
+        joints, sizes = numbers(world), torque_sizes(world)
+        rates = per(world, efforts(world).velocity) if world.effort is not None else sizes
+        made = [Parameter("velocity", "rad/s", low=0.008, high=0.6, linear=False, log=True)]
+        made += [Parameter(f"torque_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
+        made += [Parameter(f"stiction_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
+        made += [Parameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(joints, rates, strict=True)]
+        return tuple(made)
+
+    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+        del world, residual
+        for velocity in (0.03, 0.1, 0.3):
+            yield {"velocity": velocity}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        velocity, against = efforts(world).velocity, sense(world)
+        slow = np.exp(-((velocity / nonlinear["velocity"]) ** 2))
+        return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
+
+    def sentence(self, world: World, values: Values) -> str:
+        told = listed(world, [values[f"stiction_{i}"] for i in numbers(world)], "N m")
+        return (
+            f"Joints stick: below {values['velocity']:.2f} rad/s their friction is greater, {told}; "
+            "the nominal model has no stiction."
+        )

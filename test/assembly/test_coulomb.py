@@ -1,0 +1,86 @@
+"""Elastic contacts with Coulomb friction: closed forms, and what limit analysis wrongly allows."""
+
+import assembly_scenes as scenes
+import numpy as np
+import pytest
+from assembly_scenes import G, box, on_floor
+from test_equilibrium import slope
+
+from poise.assembly import Analysis, Push, assess
+
+
+def settled(assembly):
+    return [block.coulomb.settle(block.geometry.gravity.ravel()) for block in Analysis.of(assembly).blocks]
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.6])
+def test_a_cube_stays_on_a_slope_up_to_the_friction_angle(friction):
+    limit = np.degrees(np.arctan(friction))
+    assert settled(slope(limit - 0.2, friction))[0].stands
+    assert not settled(slope(limit + 0.2, friction))[0].stands
+
+
+@pytest.mark.parametrize(
+    ("point", "expected"),
+    [((-0.5, 0, 0.2), 0.5 * G), ((-0.5, 0, 1.0), 0.5 * G), ((-0.5, 0.0, 0.6), 0.5 * G)],
+)
+def test_pushes_through_the_middle_are_held_as_by_hand(point, expected):
+    found = assess(scenes.cube(), [Push("cube", point, (1, 0, 0))], "coulomb").results[0]
+    assert found.robustness == pytest.approx(expected, rel=0.005)
+
+
+def test_lifting_topples_as_by_hand():
+    found = assess(scenes.cube(), [Push("cube", (0.3, 0, 1), (0, 0, 1))], "coulomb").results[0]
+    assert found.robustness == pytest.approx(G / 1.6, rel=0.005)
+
+
+def test_it_never_holds_more_than_limit_analysis_allows():
+    rng = np.random.default_rng(0)
+    table = Analysis.of(scenes.table())
+    pushes = [
+        Push("slab", (-1, y, z), (1, *rng.normal(0, 0.2, 2))) for y, z in rng.uniform([-0.5, 1], [0.5, 1.2], (8, 2))
+    ]
+    elastic, limit = (assess(table, pushes, model).results for model in ("coulomb", "limit"))
+    for a, b in zip(elastic, limit, strict=True):
+        assert a.robustness <= b.robustness * 1.003
+
+
+def test_a_keystone_that_its_weight_wedges_stands_and_one_that_nothing_presses_does_not():
+    """A wedge between fixed cheeks that lean outward is pressed by its own weight; between parallel ones it is not."""
+    lean = np.radians(20)
+    cheeks = []
+    for sign in (1, -1):
+        normal = np.array([-sign * np.cos(lean), 0, np.sin(lean)])
+        centre = np.array([sign * 0.5, 0, 0]) - 0.25 * normal
+        quaternion = scenes.turned((0, sign, 0), -70)
+        cheeks.append(scenes.fixed_box(f"cheek{sign}", (3, 3, 0.5), centre, quaternion))
+    spread = 0.4 * np.tan(lean)
+    corners = [
+        (x, y, -0.4)
+        for x, y in ((-0.5 + spread, -0.3), (0.5 - spread, -0.3), (0.5 - spread, 0.3), (-0.5 + spread, 0.3))
+    ]
+    corners += [
+        (x, y, 0.4) for x, y in ((-0.5 - spread, -0.3), (0.5 + spread, -0.3), (0.5 + spread, 0.3), (-0.5 - spread, 0.3))
+    ]
+    wedge = scenes.RigidObject("wedge", scenes.shells(scenes.hexahedron(corners)), scenes.pose((0, 0, 0)), mass=1)
+    assert settled(scenes.Assembly((*cheeks, wedge), scenes.GRAVITY, 0.1))[0].stands
+    assert not settled(scenes.between_walls(with_floor=False, friction=2.0))[0].stands
+    assert settled(scenes.between_walls(with_floor=True, friction=2.0))[0].stands
+
+
+def test_a_brick_pulled_from_under_a_wall_is_held_by_less_than_the_best_that_limit_analysis_can_imagine():
+    """Its upper neighbours rest on two bricks each; limit analysis puts all their weight on the one that is pulled."""
+    wall = Analysis.of(scenes.wall(4, 3))
+    push = [Push("b0_2", (0.1, 0, 0.05), (1, 0, 0))]
+    limit = assess(wall, push, "limit").results[0].robustness
+    found = assess(wall, push).results[0]
+    assert found.checked
+    assert found.robustness < 0.9 * limit
+    assert found.upper == pytest.approx(limit)
+
+
+def test_a_loose_block_beside_a_stack_takes_no_load():
+    """Touching sides press only when something pushes."""
+    pair = on_floor(box("a", (1, 1, 1), (0, 0, 0.5)), box("b", (1, 1, 1), (1, 0, 0.5)))
+    found = assess(pair, [Push("a", (0.5, 0, 0.9), (0, 0, 1)), Push("a", (-0.5, 0, 0.2), (1, 0, 0))], "coulomb").results
+    assert found[1].robustness == pytest.approx(2 * 0.5 * G, rel=0.01)

@@ -1,0 +1,96 @@
+"""The contact interface graph and its blocks; adding and removing one object at a time."""
+
+import assembly_scenes as scenes
+import numpy as np
+import pytest
+from assembly_scenes import box, fixed_box
+
+from poise.assembly import Analysis, Assembly, Push, Structure, assess
+from poise.assembly.graph import FIXED
+from poise.errors import ErrorCode, InputError
+
+
+def members(structure):
+    ids = [item.id for item in structure.assembly.objects]
+    return [[{ids[place] for place in group} for group in block.members] for block in structure.blocks]
+
+
+def test_a_stack_is_a_chain_of_blocks_of_one_body_each_with_all_that_rests_on_it():
+    found = members(Structure.of(scenes.stack(3)))
+    assert sorted(found, key=lambda block: len(block[0])) == [[{"c2"}], [{"c1", "c2"}], [{"c0", "c1", "c2"}]]
+
+
+def test_a_slab_on_two_legs_is_one_block_because_the_floor_closes_a_cycle():
+    found = members(Structure.of(scenes.table()))
+    assert found == [[{"left"}, {"right"}, {"slab"}]]
+
+
+def test_what_stands_on_a_slab_is_a_block_of_its_own_and_rides_on_the_slab():
+    table = scenes.table().with_object(box("cup", (0.1, 0.1, 0.1), (0, 0, 1.25)))
+    found = sorted(members(Structure.of(table)), key=len)
+    assert found == [[[{"cup"}][0]], [{"left"}, {"right"}, {"slab", "cup"}]]
+
+
+def test_fixed_bodies_are_one_node():
+    pillars = [fixed_box(f"p{x}", (0.5, 1, 1), (x, 0, 0.5)) for x in (-1, 1)]
+    structure = Structure.of(Assembly((*pillars, box("beam", (3, 1, 0.2), (0, 0, 1.1))), scenes.GRAVITY))
+    assert list(structure.edges) == [(FIXED, 2)]
+    assert len(structure.blocks[0].interfaces) == 2
+
+
+@pytest.mark.parametrize("place", range(7))
+def test_blocks_answer_what_the_whole_assembly_does(place):
+    """Two stacks on a shared slab on two legs: solved in blocks, or as one problem that knows no blocks."""
+    from poise.assembly.analysis import BlockAnalysis
+    from poise.assembly.graph import Block
+    from poise.assembly.pushes import loads_of
+
+    assembly = scenes.table()
+    for side in (-0.5, 0.5):
+        for level in range(2):
+            assembly = assembly.with_object(box(f"s{side}{level}", (0.3, 0.3, 0.3), (side, 0, 1.35 + 0.3 * level)))
+    structure = Structure.of(assembly)
+    item = assembly.objects[structure.movable[place]]
+    half = np.array(item.shape.size) / 2
+    rng = np.random.default_rng(place)
+    whole = Block(
+        tuple((index,) for index in structure.movable),
+        tuple(range(len(structure.interfaces))),
+        tuple(
+            tuple(FIXED if assembly.objects[i].fixed else structure.movable.index(i) for i in (n.first, n.second))
+            for n in structure.interfaces
+        ),
+    )
+    together = BlockAnalysis(structure, whole)
+    for _ in range(5):
+        point = item.pose.translation + half * [-1, *rng.uniform(-1, 1, 2)]
+        push = Push(item.id, point, (1, *rng.normal(0, 0.3, 2)))
+        blocks = assess(Analysis(structure), [push], "limit").results[0].robustness
+        _, loads = together.loads(loads_of(assembly, [push], 1e-3))
+        assert blocks == pytest.approx(1 / together.limit.gauge(loads[0]).value, rel=1e-6)
+
+
+def test_adding_and_removing_objects_one_by_one_gives_what_a_new_start_gives():
+    final = scenes.table().with_object(box("cup", (0.1, 0.1, 0.1), (0.3, 0.2, 1.25)))
+    grown = Analysis.of(Assembly(final.objects[:1], final.gravity, final.friction))
+    for item in (*final.objects[1:3], final.objects[3], final.objects[4]):
+        grown = grown.with_object(item)
+    grown = grown.with_object(box("extra", (0.1, 0.1, 0.1), (3, 0, 0.05))).without("extra")
+    pushes = [Push("slab", (1, 0.1, 1.1), (-1, 0, 0)), Push("cup", (0.25, 0.2, 1.25), (1, 0, 0))]
+    for a, b in zip(assess(grown, pushes).results, assess(final, pushes).results, strict=True):
+        assert a.robustness == pytest.approx(b.robustness, rel=1e-6)
+
+
+def test_blocks_that_a_new_object_does_not_touch_keep_their_solvers():
+    before = Analysis.of(scenes.on_floor(box("a", (1, 1, 1), (0, 0, 0.5)), box("b", (1, 1, 1), (3, 0, 0.5))))
+    kept = {block.key: block.limit for block in before.blocks}
+    after = before.with_object(box("c", (1, 1, 1), (3, 0, 1.5)))
+    shared = [block for block in after.blocks if block.key in kept]
+    assert len(shared) == 1
+    assert shared[0].limit is kept[shared[0].key]
+
+
+def test_moving_an_object_away_from_its_support_is_refused():
+    with pytest.raises(InputError) as caught:
+        Analysis.of(scenes.stack(2)).with_object(box("c1", (1, 1, 1), (5, 0, 1.5)))
+    assert caught.value.code is ErrorCode.FLOATING
