@@ -84,7 +84,7 @@ def acceleration_limits(
     analysis = Analysis.of(assembly)
     analysis.require_stable(clock)
     all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(AROUND)])
-    tolerance = np.where(np.arange(len(all_directions)) < len(asked), TOLERANCE, TOLERANCE_AROUND)
+    tolerance = np.where(np.arange(len(all_directions)) < len(asked) + 6, TOLERANCE, TOLERANCE_AROUND)
     limits = np.full(len(all_directions), FASTEST)
     movers: list[Callable[[], tuple[str, ...]] | None] = [None] * len(asked)
     complete = True
@@ -146,7 +146,9 @@ def _block_limits(
         return limits, lambda _: lambda: names, True
     limits, numbers, mechanisms, complete = _bounded(block, directions, tolerance, deadline)
     if block.self_stress:
-        limits, complete = _elastic(block, directions, limits, deadline, complete)
+        # Slow: the directions around are left out of the polytope.
+        wanted = tolerance < TOLERANCE_AROUND
+        limits, complete = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline, complete)
 
     def movers(row: int) -> Callable[[], tuple[str, ...]]:
         return lambda: tuple(objects[place].id for place in mechanisms[numbers[row]].velocities)
@@ -208,10 +210,10 @@ def _elastic(
     """Limits lowered to what elastic contacts hold, where a block might lean on self-stress."""
     loads = _inertial_loads(block)
     checked = np.zeros_like(limits)
-    for row, direction in enumerate(directions):
+    for row in np.flatnonzero(limits > 0).tolist():
         if deadline.passed:
             return checked, False
-        checked[row], known = block.coulomb.factor(loads @ direction, float(limits[row]), deadline)
+        checked[row], known = block.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
         complete &= known
     return checked, complete
 

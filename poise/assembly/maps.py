@@ -72,8 +72,9 @@ def robustness_map(
 ) -> RobustnessMap:
     """Bound the robustness of many points of the surface, with few solved exactly.
 
-    1 / robustness is convex in the load, which on a flat face is affine in the point: solved points bound all between
-    them from above, every collapse mechanism found bounds all points, directions and objects from below.
+    1 / robustness is a convex function of the load. On a flat face with one direction of push the load is affine in
+    the point: solved points bound all between them from above by convexity, and every collapse mechanism found
+    bounds all points, directions and objects from below. Points are solved where the bounds are farthest apart.
 
     Args:
         assembly: prepared as an `Analysis` when more will be asked.
@@ -88,43 +89,61 @@ def robustness_map(
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     start, clock = time.perf_counter(), Deadline.after(deadline)
-    name = _certified(model)
-    analysis = Analysis.of(assembly)
-    analysis.require_stable(clock)
-    surface = sample_surface(analysis.structure, surface) if isinstance(surface, int) else surface
-    bounds = Bounds.none(len(surface.points))
-    wrenches = wrench_of_force(surface.directions, surface.points)
-    loaded = [np.flatnonzero(np.isin(surface.place, list(block.geometry.place_of))) for block in analysis.blocks]
-    if name != "limit":
-        for number, block in enumerate(analysis.blocks):
-            loaded[number] = _single_patch(block, number, loaded[number], wrenches, bounds)
-    complete = True
-    weight = sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
-    for number, (block, rows) in enumerate(zip(analysis.blocks, loaded, strict=True)):
-        if name == "patch" and block.single_patch is not None:
-            continue
-        pool = Pool(block, number, bounds, clock, with_limit=name != "patch", with_patch=name != "limit")
-        complete &= bound_block(pool, surface, rows, wrenches, tolerance, 1 / (CEILING * weight))
-    with np.errstate(divide="ignore"):
-        lower, upper = (1 / np.where(gauge > FOR_EVER / weight, gauge, 0.0) for gauge in (bounds.upper, bounds.lower))
-    doubtful = np.zeros(len(lower), dtype=bool)
-    for block, rows in zip(analysis.blocks, loaded, strict=True):
-        if name == "default" and len(rows) and not block.geometry.statically_determinate:
-            doubtful[rows] |= _doubtful(block, surface, rows, wrenches, upper, clock)
-    found = (bounds.block, bounds.mechanism, tuple(bounds.mechanisms), doubtful, complete, bounds.solves)
-    return RobustnessMap(analysis, surface, lower, upper, *found, time.perf_counter() - start)
-
-
-def _certified(model: str | None) -> str:
-    """The model of a map by name.
-
-    Raises:
-        InputError: BAD_INPUT.
-    """
     name = model or "default"
     if name not in ("default", "limit", "patch"):
         raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {name!r}")
-    return name
+    analysis = Analysis.of(assembly)
+    analysis.require_stable(clock)
+    if isinstance(surface, int):
+        surface = sample_surface(analysis.structure, surface)
+    bounds, complete, doubtful = _bounded(analysis, surface, tolerance, name, clock)
+    weight = _weight(analysis)
+    with np.errstate(divide="ignore"):
+        lower, upper = (1 / np.where(gauge > FOR_EVER / weight, gauge, 0.0) for gauge in (bounds.upper, bounds.lower))
+    return RobustnessMap(
+        analysis,
+        surface,
+        lower,
+        upper,
+        bounds.block,
+        bounds.mechanism,
+        tuple(bounds.mechanisms),
+        doubtful,
+        complete,
+        bounds.solves,
+        time.perf_counter() - start,
+    )
+
+
+def _weight(analysis: Analysis) -> float:
+    return sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
+
+
+def _bounded(
+    analysis: Analysis, surface: SurfacePoints, tolerance: float, model: str, clock: Deadline
+) -> tuple[Bounds, bool, NDArray[np.bool_]]:
+    """Bounds on the gauges of all points, whether they meet the tolerance, and which faces are doubtful."""
+    bounds = Bounds.none(len(surface.points))
+    wrenches = wrench_of_force(surface.directions, surface.points)
+    loaded = [np.flatnonzero(np.isin(surface.place, list(block.geometry.place_of))) for block in analysis.blocks]
+    open_rows = list(loaded)
+    if model != "limit":
+        for number, block in enumerate(analysis.blocks):
+            open_rows[number] = _single_patch(block, number, loaded[number], wrenches, bounds)
+    complete, floor = True, 1 / (CEILING * _weight(analysis))
+    for number, (block, rows) in enumerate(zip(analysis.blocks, open_rows, strict=True)):
+        if model == "patch" and block.single_patch is not None:
+            continue
+        pool = Pool(block, number, bounds, clock, with_limit=model != "patch", with_patch=model != "limit")
+        complete &= bound_block(pool, surface, rows, wrenches, tolerance, floor)
+    doubtful = np.zeros(len(surface.points), dtype=bool)
+    if model == "default":
+        with np.errstate(divide="ignore"):
+            upper = 1 / bounds.lower
+        for block, rows in zip(analysis.blocks, loaded, strict=True):
+            if len(rows) and not block.geometry.statically_determinate:
+                doubtful[rows] |= _doubtful(block, surface, rows, wrenches, upper, clock)
+    return bounds, complete, doubtful
 
 
 def _doubtful(

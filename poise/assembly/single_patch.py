@@ -102,7 +102,7 @@ class SinglePatch:
         # How fast each edge is neared, per how far off it is at rest: the fastest is reached first.
         rates = np.vstack([-offset, inward.T]) / -start
         fastest = (demand[:, :3] @ rates).max(axis=1)
-        return np.where(fastest > NEVER, 1 / (1 + fastest), 1.0)
+        return np.where(fastest > NEVER, 1 / (1 + np.maximum(fastest, 0.0)), 1.0)
 
     def _excess(self, demand: Array, t: Array) -> Array:
         """(...) normal force wanting for friction, in weights, at rest (1 - t) + demand t."""

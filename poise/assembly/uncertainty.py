@@ -52,29 +52,30 @@ def motion_probability(
 ) -> MotionProbability:
     """How likely a push of a given force moves something, under limit analysis.
 
-    Masses and centres of mass are drawn from the objects' covariances, friction from its pairs' deviations. Samples
-    that differ in mass alone share their collapse mechanisms: one that takes less power against the sample's gravity
-    than the push gives proves motion, and only the samples nearest to it are solved.
+    Masses and centres of mass are drawn from the covariances of the objects; friction from the deviations of its
+    pairs. Samples that differ in mass alone share their collapse mechanisms: a mechanism that takes less power
+    against the sample's gravity than the push gives proves motion, and only the samples nearest to it are solved.
 
     Args:
         assembly: with covariances and deviations.
         push: where and along which direction.
-        force: N; rng and samples: how many are drawn, and from what.
+        force: N.
+        rng: of the samples.
+        samples: how many.
         friction_deviation: of the coefficients of pairs that have no deviation of their own.
         pose_deviation: of each coordinate of each movable object's position across gravity, m.
         deadline: s.
 
     Raises:
-        InputError: BAD_INPUT or NOT_FINITE for numbers below 0; as `assess`.
-        NoAnswerError: SOLVER_FAILED.
+        InputError: BAD_INPUT for numbers below 0; as `assess`. NoAnswerError: SOLVER_FAILED.
     """
-    _require_not_negative(force=force, friction_deviation=friction_deviation, pose_deviation=pose_deviation)
+    _check(force=force, friction_deviation=friction_deviation, pose_deviation=pose_deviation)
     clock = Deadline.after(deadline)
     nominal = Structure.of(assembly)
     frictions_vary = friction_deviation > 0 or any(pair.deviation > 0 for pair in assembly.friction_pairs)
-    masses_vary = any(item.covariance is not None for item in assembly.objects)
     # Draws of friction and poses are new problems; masses within one are not.
-    each = samples if not (frictions_vary or pose_deviation > 0) else MASSES_PER_DRAW if masses_vary else 1
+    masses = MASSES_PER_DRAW if any(item.covariance is not None for item in assembly.objects) else 1
+    each = masses if frictions_vary or pose_deviation > 0 else samples
     counts: Counter[str] = Counter()
     moved = drawn = solves = 0
     while drawn < samples and not clock.passed:
@@ -83,16 +84,19 @@ def motion_probability(
             structure = _with_friction(structure, friction_deviation, rng)
         movers, used = _moves(Analysis(structure), push, force, rng, min(each, samples - drawn))
         drawn, solves = drawn + len(movers), solves + used
+        moved += sum(mechanism is not None for mechanism in movers)
         for mechanism in filter(None, movers):
-            moved += 1
-            counts.update(structure.assembly.objects[place].id for place in mechanism.velocities)
-    probability = moved / (drawn or 1)
-    deviation = float(np.sqrt(probability * (1 - probability) / (drawn or 1)))
-    shares = {name: count / drawn for name, count in counts.items()}
-    return MotionProbability(probability, deviation, shares, drawn, solves, drawn >= samples)
+            counts.update(assembly.objects[place].id for place in mechanism.velocities)
+    share = moved / max(drawn, 1)
+    deviation = float(np.sqrt(share * (1 - share) / max(drawn, 1)))
+    return MotionProbability(share, deviation, _shares(counts, drawn), drawn, solves, drawn >= samples)
 
 
-def _require_not_negative(**settings: float) -> None:
+def _shares(counts: Counter[str], total: int) -> dict[str, float]:
+    return {name: count / total for name, count in counts.items()}
+
+
+def _check(**settings: float) -> None:
     for name, value in settings.items():
         if not (np.isfinite(value) and value >= 0):
             raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}, expected a number that is not negative")

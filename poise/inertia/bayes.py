@@ -1,6 +1,6 @@
 """Poise's own estimator: part masses, slack, bias and delay from the sums over all samples, with honest covariance."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from poise.inertia.averaging import ModelAverage
 from poise.inertia.blocks import Blocks
 from poise.inertia.delay import LagGrid
 from poise.inertia.estimate import RejectedInterval
-from poise.inertia.findings import Finding, not_shown, nothing_held, wrong_shape, zeroed_under_load
+from poise.inertia.findings import Finding, not_shown, nothing_held, outside, wrong_shape, zeroed_under_load
 from poise.inertia.first_guess import blob, states_of_shape
 from poise.inertia.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
 from poise.inertia.information import root_mean_square
@@ -34,6 +34,9 @@ SHAPE_ACCURACY = 0.0007
 
 SHAPE_RESOLUTION = 1e-5
 """m: no length is known better, however short."""
+
+BENT = 0.02
+"""Deformation of the shape from which the centre of mass might be outside."""
 
 EXTERNAL_CONTACT = "external_contact"
 
@@ -202,13 +205,14 @@ class PoiseEstimator:
         unknowns, covariance, delay = posterior.unknowns, search.covariance, search.delay
         n = int(blocks.sizes[keep].sum())
         squares = search.found.squares[keep].sum(axis=0)
-        findings = (
+        doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])
+        findings = [
             nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0]))),
-            wrong_shape(float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])),
+            wrong_shape(doubt),
             zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity))),
-        )
+        ]
         estimated = len(self._grid) > 1
-        return BayesSolution(
+        solution = BayesSolution(
             phi=unknowns[:10],
             covariance=covariance[:10, :10],
             bias=unknowns[10:],
@@ -223,9 +227,12 @@ class PoiseEstimator:
             delay=delay.mean if estimated else np.nan,
             delay_std=delay.std if estimated else np.nan,
             rejected=tuple(sorted((*self._recorder.log.intervals, *pushed(blocks, keep)), key=lambda span: span.start)),
-            findings=tuple(finding for finding in findings if finding is not None),
             points=np.zeros((0, 3)) if self.parts is None else self.parts.points,
         )
+        # Parts lie inside the hull; only a shape that is bent to fit can leave it.
+        if not findings[1] and search.bent > BENT and solution.com_in_hull is False:
+            findings.append(outside(solution.parameters.com))
+        return replace(solution, findings=tuple(finding for finding in findings if finding is not None))
 
 
 def pushed(blocks: Blocks, keep: NDArray[np.bool_]) -> list[RejectedInterval]:

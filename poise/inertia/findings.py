@@ -83,6 +83,16 @@ def wrong_shape(probability: float) -> Finding | None:
     )
 
 
+def outside(com: Array) -> Finding:
+    """Tell that the centre of mass is not inside the object."""
+    place = ", ".join(f"{1e3 * value:.1f}" for value in com)
+    return Finding(
+        ErrorCode.SHAPE_MISMATCH,
+        f"the centre of mass, ({place}) mm in the sensor frame, is outside the convex hull of the shape that was"
+        " given: check its pose in the hand",
+    )
+
+
 def nothing_held(mass: float, deviation: float) -> Finding | None:
     """Tell that the mass cannot be told from zero."""
     if deviation < mass / 2:

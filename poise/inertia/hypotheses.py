@@ -22,7 +22,7 @@ Made things are symmetric, so a centre of mass where one density would have it i
 CUT_ACCURACY = 0.0045
 """Relative error of lengths from parts that are cut in not quite the right place, where densities differ."""
 
-SHAPE_ERRORS = ((1.0, 0.97), (10.0, 0.0295))
+SHAPE_ERRORS = ((1.0, 0.9895), (10.0, 0.01))
 """(error of the shape in units of its accuracy, probability): as stated, and bad.
 
 The tail is thin because every case adds its square times its probability to the variance of an answer for which the

@@ -131,6 +131,11 @@ class Search:
         return self.average.shown(self._normal, self.posterior)
 
     @property
+    def bent(self) -> float:
+        """By how much the shape had to be deformed, at most, in any hypothesis that is left."""
+        return float(np.abs(self.posterior.states[:, self.average.model.n_parts :]).max())
+
+    @property
     def condition_number(self) -> float:
         """Of the samples' information about phi, weighted by the noise of the sensor, columns scaled to one."""
         moments = mixed(self._at_delay, self._total)

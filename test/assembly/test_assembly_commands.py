@@ -1,0 +1,124 @@
+"""The commands robustness, msa and disassemble: fields of the contract, and one numbered error for what goes wrong."""
+
+import json
+
+import assembly_scenes as scenes
+import pytest
+import typer
+import yaml
+from typer.testing import CliRunner
+
+from poise.assembly import write_scene
+from poise.commands.assembly import disassemble, msa, robustness
+from poise.errors import ErrorCode, InputError, NoAnswerError
+
+app = typer.Typer(pretty_exceptions_enable=False)
+for command in (robustness, msa, disassemble):
+    app.command()(command)
+
+
+def strictly(text):
+    def refuse(name):
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(text, parse_constant=refuse)
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """Run a command on a scene in an empty folder; what it raises comes through."""
+    monkeypatch.chdir(tmp_path)
+
+    def attempt(name, assembly, *arguments):
+        write_scene(assembly, tmp_path / "scene.yaml")
+        found = CliRunner().invoke(app, [name, "scene.yaml", *arguments])
+        if found.exception is not None and not isinstance(found.exception, SystemExit):
+            raise found.exception
+        return found
+
+    return attempt
+
+
+def write_queries(tmp_path, queries):
+    path = tmp_path / "queries.json"
+    path.write_text(json.dumps(queries))
+    return str(path)
+
+
+def test_robustness_writes_the_fields_of_the_contract(run, tmp_path):
+    queries = [
+        {"object": "cube", "point": [-0.5, 0, 0.1], "direction": [1, 0, 0]},
+        {"object": "cube", "point": [0, 0, 1], "direction": [0, 0, -1]},
+    ]
+    run("robustness", scenes.cube(), "--queries", write_queries(tmp_path, queries), "--json", "answer.json")
+    answer = strictly((tmp_path / "answer.json").read_text())
+    assert answer["stable"] is True
+    assert answer["seconds"] > 0
+    first, second = answer["queries"]
+    assert first["robustness"] == pytest.approx(0.5 * scenes.G)
+    assert first["lower"] <= first["robustness"] <= first["upper"]
+    assert (first["mode"], first["moves"]) == ("slip", ["cube"])
+    assert (second["robustness"], second["moves"]) == ("inf", [])
+    assert answer["contacts"][0]["gap"] == pytest.approx(0, abs=1e-12)
+
+
+def test_an_unstable_scene_is_written_as_such_and_ends_without_an_answer(run, tmp_path):
+    with pytest.raises(NoAnswerError) as caught:
+        run("robustness", scenes.between_walls(with_floor=False), "--json", "answer.json")
+    assert caught.value.code is ErrorCode.UNSTABLE
+    assert caught.value.exit_status == 3
+    assert strictly((tmp_path / "answer.json").read_text())["stable"] is False
+
+
+def test_a_map_is_written_beside_the_call(run, tmp_path):
+    run("robustness", scenes.cube(), "--map", "--points", "200")
+    found = strictly((tmp_path / "scene_map.json").read_text())
+    assert len(found["points"]) == len(found["lower"]) == len(found["objects"])
+    assert found["complete"] is True
+
+
+@pytest.mark.parametrize("directions", ["4", "file"])
+def test_msa_writes_a_limit_for_each_direction(run, tmp_path, directions):
+    if directions == "file":
+        (tmp_path / "directions.json").write_text("[[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, 0, 1]]")
+        directions = "directions.json"
+    run("msa", scenes.cube(), "--directions", directions, "--json", "limits.json")
+    found = strictly((tmp_path / "limits.json").read_text())
+    assert len(found["directions"]) == len(found["limits"]) == len(found["first_to_move"]) == 4
+    assert found["limits"][0] == pytest.approx(0.5 * scenes.G)
+    assert found["first_to_move"][0] == ["cube"]
+
+
+def test_disassemble_writes_order_and_safety(run, tmp_path):
+    run("disassemble", scenes.stack(3), "--json", "order.json")
+    found = strictly((tmp_path / "order.json").read_text())
+    assert found["order"] == ["c2", "c1", "c0"]
+    assert found["safe"] == [True, True, True]
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [
+        ("not json", ErrorCode.FILE_CORRUPT),
+        ("{}", ErrorCode.BAD_INPUT),
+        ('[{"object": "cube"}]', ErrorCode.BAD_INPUT),
+        ('[{"object": 3, "point": [0, 0, 1], "direction": [0, 0, 1]}]', ErrorCode.BAD_INPUT),
+        ('[{"object": "ghost", "point": [0, 0, 1], "direction": [0, 0, 1]}]', ErrorCode.OBJECT_UNKNOWN),
+        ('[{"object": "cube", "point": [0, 0, 9], "direction": [0, 0, 1]}]', ErrorCode.POINT_OFF_SURFACE),
+    ],
+)
+def test_bad_queries_are_refused(run, tmp_path, content, code):
+    (tmp_path / "queries.json").write_text(content)
+    with pytest.raises(InputError) as caught:
+        run("robustness", scenes.cube(), "--queries", "queries.json")
+    assert caught.value.code is code
+
+
+def test_queries_and_map_together_are_refused(run, tmp_path):
+    with pytest.raises(InputError, match="different questions"):
+        run("robustness", scenes.cube(), "--map", "--queries", write_queries(tmp_path, []))
+
+
+def test_scenes_written_here_are_plain_yaml(run, tmp_path):
+    run("disassemble", scenes.cube())
+    assert yaml.safe_load((tmp_path / "scene.yaml").read_text())["objects"][1]["box"] == [1.0, 1.0, 1.0]
