@@ -39,25 +39,30 @@ class Knocks:
     rows: NDArray[np.intp]
 
 
-def find_knocks(seconds: Array, force: Array, sigma: Array) -> Knocks | None:
-    """The knocks in a force (N, 3) with white noise of sigma (3,); None when it does not jump."""
+def find_knocks(seconds: Array, force: Array, sigma: Array) -> list[Knocks]:
+    """The knocks in a force (N, 3) with white noise of sigma (3,); none when it does not jump.
+
+    Few samples show how fast knocks die away, and later ones that die away slowly look like earlier ones that are
+    short: each settling time that fits better than its neighbours is a reading of its own, the best first.
+    """
     jumps = np.diff(force, axis=0)
     size = np.linalg.norm(jumps / sigma, axis=1)
     rows = np.flatnonzero(size > LOUD)
     if len(rows) < 2:
-        return None
+        return []
     axis = np.linalg.eigh(jumps[rows].T @ jumps[rows])[1][:, 2]
     onsets = rows[np.concatenate([[True], np.diff(seconds[rows]) > APART])]
     onsets = np.sort(onsets[np.argsort(-size[onsets])[:MOST]])
     along = force @ axis
-    best: tuple[float, float, list[tuple[float, float]]] = (np.inf, 0.0, [])
-    for settling in SETTLINGS:
-        found = [_knock(seconds, along, int(onset), settling) for onset in onsets]
-        misfit = sum(float(np.log(one[0] + 1e-12)) for one in found)
-        if misfit < best[0]:
-            best = (misfit, settling, [one[1:] for one in found])
-    moments, impulses = np.array(best[2]).T
-    return Knocks(axis, moments, impulses, best[1], rows)
+    tried = [[_knock(seconds, along, int(onset), settling) for onset in onsets] for settling in SETTLINGS]
+    misfit = np.array([sum(float(np.log(one[0] + 1e-12)) for one in found) for found in tried])
+    walled = np.concatenate([[np.inf], misfit, [np.inf]])
+    valleys = np.flatnonzero((misfit <= walled[:-2]) & (misfit <= walled[2:]))
+    readings = []
+    for i in sorted(valleys.tolist(), key=lambda i: float(misfit[i])):
+        moments, impulses = np.array([one[1:] for one in tried[i]]).T
+        readings.append(Knocks(axis, moments, impulses, SETTLINGS[i], rows))
+    return readings
 
 
 def _knock(seconds: Array, along: Array, onset: int, settling: float) -> tuple[float, float, float]:

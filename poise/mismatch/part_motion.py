@@ -8,7 +8,7 @@ from scipy.linalg.lapack import dtbtrs
 Array = NDArray[np.float64]
 
 MOST_KNOCKS = 2000
-SWING_STEP, LONGEST_STEP = 0.2, 0.03
+SWING_STEP, LONGEST_STEP = 0.24, 0.03
 """rad of phase, and s, that a swinging pendulum is stepped by."""
 BLUR = 1e-3
 """s on either side over which the acceleration in a knock is averaged."""
@@ -95,7 +95,9 @@ def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping:
         frequency: rad/s, natural, of small swings.
         damping: c, 1/s, against the vessel.
     """
-    count = int(np.ceil((seconds[-1] - seconds[0]) * max(frequency / SWING_STEP, 1.0 / LONGEST_STEP))) + 1
+    # Steps on a ladder: they do not change with every frequency that is tried.
+    finer = max(np.ceil(2.0 * np.log2(frequency * LONGEST_STEP / SWING_STEP)), 0.0)
+    count = int(np.ceil((seconds[-1] - seconds[0]) / LONGEST_STEP * 2.0 ** (finer / 2.0))) + 1
     even = np.linspace(seconds[0], seconds[-1], count)
     step = float(even[1] - even[0])
     square = 2.0 * (1.0 - np.cos(frequency * step)) / frequency**2
@@ -177,16 +179,26 @@ def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> t
     return position, velocity, acceleration
 
 
-def travelled(seconds: Array, push: Array, arrivals: Array) -> tuple[Array, Array]:
-    """(K,) how far, and (K,) how fast, a free part has come at some times since the push last changed sign; signed."""
+def travelled(seconds: Array, push: Array, arrivals: Array, sides: Array) -> tuple[Array, Array]:
+    """How far, and how fast, a free part has come when it knocks, (2, K) each and signed: two readings.
+
+    Either it was at rest until the push last changed sign; or at the stop of the knock before, until the push pointed
+    away from there. The second is right when all knocks are known, the first when one before was too soft to be heard.
+
+    Args:
+        seconds, push: (N,) as in `between_stops`.
+        arrivals: (K,) moments of the knocks.
+        sides: (K,) -1 or 1, the stop of each.
+    """
     flight = _Flight(seconds, push)
-    found = []
-    for arrival in arrivals.tolist():
-        left = flight.last_turn(arrival)
-        (v0, x0), (v1, x1) = flight.integrals(left), flight.integrals(arrival)
-        found.append((x1 - x0 - v0 * (arrival - left), v1 - v0))
-    far, speed = np.array(found).T
-    return far, speed
+    out = np.empty((2, 2, len(arrivals)))
+    for k, arrival in enumerate(arrivals.tolist()):
+        turned = flight.last_turn(arrival)
+        away = flight.departure(float(sides[k - 1]), float(arrivals[k - 1])) if k else turned
+        for reading, left in enumerate((turned, away if away < arrival else turned)):
+            (v0, x0), (v1, x1) = flight.integrals(left), flight.integrals(arrival)
+            out[:, reading, k] = x1 - x0 - v0 * (arrival - left), v1 - v0
+    return out[0], out[1]
 
 
 def _knock(seconds: Array, start: float, speed: float, settling: float, onto: tuple[Array, Array, Array]) -> None:
@@ -265,10 +277,18 @@ class _Flight:
         return np.inf, 0.0
 
     def _met(self, early: float, late: float, offset: float, v0: float, x0: float, left: float) -> float:
-        """By bisection, to a ten-thousandth of a sample."""
-        outside = np.sign(offset + self.integrals(late)[1] - x0 - v0 * (late - left))
-        for _ in range(14):
+        """By bisection, then Newton's method."""
+
+        def state(time: float) -> tuple[float, float]:
+            speed, place = self.integrals(time)
+            return offset + place - x0 - v0 * (time - left), speed - v0
+
+        outside = np.sign(state(late)[0])
+        first, last = early, late
+        for _ in range(6):
             middle = (early + late) / 2
-            beyond = np.sign(offset + self.integrals(middle)[1] - x0 - v0 * (middle - left)) == outside
-            early, late = (early, middle) if beyond else (middle, late)
+            early, late = (early, middle) if np.sign(state(middle)[0]) == outside else (middle, late)
+        for _ in range(3):
+            beyond, speed = state(late)
+            late = min(max(late - beyond / speed, first), last) if speed else late
         return late

@@ -7,7 +7,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.knocks import find_knocks
+from poise.mismatch.knocks import Knocks, find_knocks
 from poise.mismatch.noise import white_level
 from poise.mismatch.part_motion import between_stops, travelled
 from poise.mismatch.part_wrench import (
@@ -31,8 +31,8 @@ GAPS = (0.003, 0.01, 0.03)
 """m, tried where nothing knocks."""
 FEWEST = 2
 """Knocks that are needed to begin with them."""
-SURE = 0.02
-"""rad to which knocks show the axis."""
+SURE, NEAR, TIMED = 0.02, 0.03, 0.003
+"""rad, m and s to which knocks alone show axis, place and moment."""
 
 
 class LoosePart(Effect):
@@ -67,9 +67,11 @@ class LoosePart(Effect):
         """Knocks say where the part slides, along what, and how far; without knocks some gaps along some axes."""
         wanted = residual - residual.mean(axis=0)
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
-        found = self._from_knocks(world, wanted, weight)
-        if found is not None:
-            yield found
+        readings = find_knocks(world.seconds, wanted[:, :3], 1.0 / weight[:3])
+        if readings and len(readings[0].moments) >= FEWEST:
+            found = [self._from_knocks(world, wanted, knocks) for knocks in readings[:3]]
+            best = min(found, key=lambda values: self._left(world, values, wanted, weight))
+            yield self._sharpened(world, best, wanted, weight)
             return
         place = payload_centre(world)
         tried = [_values(gap, 0.01, axis, place) for axis in np.eye(3) for gap in GAPS]
@@ -90,33 +92,35 @@ class LoosePart(Effect):
             f"{'xyz'[int(np.argmax(np.abs(direction(values))))]} and knock; the nominal payload is rigid."
         )
 
-    def _from_knocks(self, world: World, wanted: Array, weight: Array) -> dict[str, float] | None:
-        """The part that makes the knocks in a residual, or None when there are not enough of them."""
-        knocks = find_knocks(world.seconds, wanted[:, :3], 1.0 / weight[:3])
-        if knocks is None or len(knocks.moments) < FEWEST:
-            return None
+    @staticmethod
+    def _from_knocks(world: World, wanted: Array, knocks: Knocks) -> dict[str, float]:
+        """The part that makes these knocks in a residual."""
         struck, twisted = np.diff(wanted[:, :3], axis=0)[knocks.rows], np.diff(wanted[:, 3:], axis=0)[knocks.rows]
         centre = payload_centre(world)
         place = centre + likely_place(struck, twisted - np.cross(centre, struck))
-        pull = specific_at(world, place)
-        begin = np.array([*chart(knocks.axis).values(), np.log(0.01), np.log(0.3)])
-        turned = float(np.sign(knocks.axis @ _axis(begin)))
+        begin = np.array([*chart(knocks.axis).values(), 0.0, 0.0, *place])
+        impulses = knocks.impulses * np.sign(knocks.axis @ _axis(begin))
+        sides = np.sign(impulses)
+        crossed = np.concatenate([sides[:1], np.diff(sides) / 2.0])
 
-        def unequal(x: Array) -> Array:
-            """Distances against the gap, impulses against the mass; and the axis is known to some degrees already."""
-            far, speed = travelled(world.seconds, pull @ _axis(x), knocks.moments)
-            distance = np.log(np.maximum(np.abs(far), 1e-5)) - x[2]
-            impulse = turned * knocks.impulses / np.exp(x[3]) - speed
-            return np.concatenate([distance / 0.05, impulse / 0.05, (x[:2] - begin[:2]) / SURE])
+        def course(x: Array) -> tuple[Array, Array]:
+            return travelled(world.seconds, specific_at(world, x[4:]) @ _axis(x), knocks.moments, sides)
 
-        far, speed = travelled(world.seconds, pull @ _axis(begin), knocks.moments)
-        begin[2] = np.log(max(float(np.median(np.abs(far))), 1e-4))
-        begin[3] = np.log(
-            max(float(np.median(np.abs(knocks.impulses))) / max(float(np.median(np.abs(speed))), 1e-3), 1e-3)
-        )
-        fitted = least_squares(unequal, begin, loss="soft_l1", diff_step=1e-4, max_nfev=20).x
-        gap = float(np.clip(np.exp(fitted[2]), 6e-4, 0.19))
-        return self._sharpened(world, _values(gap, knocks.settling, _axis(fitted), place), wanted, weight)
+        def off(x: Array) -> Array:
+            """Distances against the gap, in what half a sample makes; impulses; and what is known already."""
+            far, speed = course(x)
+            distance = (far - np.exp(x[2]) * crossed) / (TIMED * np.abs(speed) + 1e-4)
+            likelier = np.abs(distance).argmin(axis=0), np.arange(len(sides))
+            impulse = (impulses / np.exp(x[3]) - speed[likelier]) / (0.1 * np.median(np.abs(speed)) + 1e-3)
+            return np.concatenate([distance[likelier], impulse, (x[:2] - begin[:2]) / SURE, (x[4:] - place) / NEAR])
+
+        far, speed = np.abs(course(begin))
+        begin[2] = np.log(max(float(np.median(far[0, crossed != 0.0])), 1e-4))
+        begin[3] = np.log(max(float(np.median(np.abs(impulses))) / max(float(np.median(speed[0])), 1e-3), 1e-3))
+        found = least_squares(off, begin, loss="soft_l1", diff_step=1e-4, max_nfev=30).x
+        gap = float(np.clip(np.exp(found[2]), 6e-4, 0.19))
+        place = np.clip(found[4:], -0.9 * REACH, 0.9 * REACH)
+        return _values(gap, knocks.settling, _axis(found), place)
 
     def _sharpened(self, world: World, start: dict[str, float], wanted: Array, weight: Array) -> dict[str, float]:
         """Least squares in ever less blurred residuals: a knock that comes a sample too late explains nothing."""
