@@ -21,9 +21,10 @@ from poise.errors import ErrorCode, InputError, PoiseError
 from poise.fake_robots.arm import SimulatedArm, Waypoints
 from poise.fake_robots.bag_replay import BagSource, message_class
 from poise.fake_robots.faults import apply_faults, parse_faults
-from poise.fake_robots.parameters import PAYLOAD, declare_parameters, make_source, make_world
+from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source, make_world
 from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
+from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
 
 ACKNOWLEDGED = Duration(seconds=2)
@@ -44,7 +45,7 @@ class FakeRobot(Node):
     def __init__(self, failed: Callable[[PoiseError], None]) -> None:
         super().__init__("fake_robot")
         self._failed = failed
-        values = declare_parameters(self)
+        values = declare_parameters(self, PARAMETERS, PAYLOAD)
         self._values = values
         self._faults = parse_faults(values["faults"])
         self._source = make_source(values)

@@ -1,18 +1,15 @@
 """The parameters of fake_robot: declared with their ranges, and turned into a source of messages."""
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-from rclpy.node import Node
-from rclpy.parameter import Parameter as RosParameter
 
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.fake_robots.bag_replay import BagSource
 from poise.inertia import InertialParameters
+from poise.nodes.parameters import WORDS, Parameter
 from poise.robot import GRAVITY_IN_WORLD, RobotModel
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -22,16 +19,6 @@ MODES = ("replay", "arm")
 PAYLOAD = ("payload.mass", "payload.com", "payload.inertia")
 
 
-class Parameter(NamedTuple):
-    """One parameter; `bounds` is the (least, greatest) number, or the words that are allowed."""
-
-    name: str
-    default: Any  # a type for lists of words, which have no typed empty default
-    description: str
-    bounds: tuple[Any, ...] = ()
-
-
-WORDS = RosParameter.Type.STRING_ARRAY
 PARAMETERS = (
     Parameter("mode", "replay", "replay a bag, or simulate an arm", MODES),
     Parameter("rate", 1.0, "how many times faster than the recording, or than reality", (1e-3, 1e3)),
@@ -71,30 +58,6 @@ PARAMETERS = (
     Parameter("joint_effort_noise", 0.1, "arm: N m, one sigma", (0.0, 100.0)),
     Parameter("joint_stamp_jitter", 0.0, "arm: s, one sigma", (0.0, 1.0)),
 )
-
-
-def declare_parameters(node: Node) -> dict[str, Any]:
-    """Declare all parameters and give their values by name.
-
-    Raises:
-        InputError: BAD_INPUT, for a value of the wrong type or out of its range.
-    """
-    values = {}
-    for parameter in PARAMETERS:
-        try:
-            node.declare_parameter(parameter.name, parameter.default, _descriptor(parameter))
-        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            kind = "list of words" if parameter.default is WORDS else type(parameter.default).__name__
-            raise InputError(
-                ErrorCode.BAD_INPUT,
-                f"parameter {parameter.name}: {error}; it takes a {kind}{_constraint(parameter)}"
-                " (a float is written with a point)",
-            ) from error
-        value = node.get_parameter_or(parameter.name).value
-        values[parameter.name] = list(value or []) if parameter.default is WORDS else value
-    if values["mode"] not in MODES:
-        raise InputError(ErrorCode.BAD_INPUT, f"parameter mode: '{values['mode']}' is not one of {', '.join(MODES)}")
-    return values
 
 
 def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
@@ -171,23 +134,3 @@ def _finite(values: dict[str, Any], *lists: tuple[str, int]) -> None:
     for name, count in lists:
         if len(values[name]) != count or not np.isfinite(values[name]).all():
             raise InputError(ErrorCode.BAD_INPUT, f"parameter {name} must be {count} finite numbers")
-
-
-def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(description=parameter.description, additional_constraints=_constraint(parameter))
-    descriptor.read_only = parameter.name not in PAYLOAD
-    if isinstance(parameter.default, float):
-        least, greatest = parameter.bounds
-        descriptor.floating_point_range = [FloatingPointRange(from_value=least, to_value=greatest)]
-    elif isinstance(parameter.default, int) and not isinstance(parameter.default, bool):
-        least, greatest = parameter.bounds
-        descriptor.integer_range = [IntegerRange(from_value=least, to_value=greatest, step=1)]
-    return descriptor
-
-
-def _constraint(parameter: Parameter) -> str:
-    if not parameter.bounds:
-        return ""
-    if isinstance(parameter.default, str):
-        return f", one of {', '.join(parameter.bounds)}"
-    return f" from {parameter.bounds[0]} to {parameter.bounds[1]}"

@@ -18,8 +18,9 @@ from poise.force_torque.acquisition import Acquisition
 from poise.force_torque.batch import Batch
 from poise.force_torque.decimation import Blocks
 from poise.force_torque.health import Report, Severity
-from poise.nodes.ft_driver_parameters import Setup, declare_parameters, read_parameters
+from poise.nodes.ft_driver_parameters import PARAMETERS, Setup, read_parameters
 from poise.nodes.lifecycle import survive_impossible_transitions
+from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
 from poise_msgs.msg import WrenchBatch
 
@@ -41,7 +42,7 @@ class FtDriver(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("ft_driver")
         survive_impossible_transitions(self)
-        declare_parameters(self)
+        declare_parameters(self, PARAMETERS, changeable=[parameter.name for parameter in PARAMETERS])
         self.add_on_set_parameters_callback(self._accept_parameters)
         self._setup: Setup | None = None
         self._publisher: SamplePublisher | None = None

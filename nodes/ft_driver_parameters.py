@@ -1,12 +1,9 @@
 """The parameters of ft_driver: declared with their ranges, and turned into what the core works with."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
 from poise.errors import ErrorCode, InputError
@@ -15,21 +12,13 @@ from poise.force_torque.acquisition import AcquisitionOptions
 from poise.force_torque.link import Link
 from poise.force_torque.rdt_link import RdtLink, RdtOptions
 from poise.force_torque.samples import Calibration, Reports
+from poise.nodes.parameters import Parameter, one_of
 
 DEVICES = ("rdt", "robotiq_serial", "robotiq_modbus")
 FAMILIES = ("auto", *(family.value for family in rdt.Family))
 REPORTS = tuple(reports.value for reports in Reports)
 LONGEST_GATHER = 0.002
 """s; a read waits this long at the most for more samples, however slow the publishing."""
-
-
-class Parameter(NamedTuple):
-    """One parameter: `choices` is a (least, greatest) range of numbers, or the words that are allowed."""
-
-    name: str
-    default: Any
-    description: str
-    choices: tuple[Any, ...] = ()
 
 
 PARAMETERS = (
@@ -71,42 +60,6 @@ class Setup:
     hardware_bias: bool
 
 
-def declare_parameters(node: Node) -> None:
-    """Declare all of them.
-
-    Raises:
-        InputError: BAD_INPUT, for a value of the wrong type or out of its range.
-    """
-    for parameter in PARAMETERS:
-        try:
-            node.declare_parameter(parameter.name, parameter.default, _descriptor(parameter))
-        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            raise InputError(
-                ErrorCode.BAD_INPUT,
-                f"parameter {parameter.name}: {error}; it takes a {type(parameter.default).__name__}"
-                f"{_constraint(parameter)} (write a float with a point, the word N in quotes)",
-            ) from error
-
-
-def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(description=parameter.description, additional_constraints=_constraint(parameter))
-    if isinstance(parameter.default, float):
-        least, greatest = parameter.choices
-        descriptor.floating_point_range = [FloatingPointRange(from_value=least, to_value=greatest)]
-    elif isinstance(parameter.default, int) and not isinstance(parameter.default, bool):
-        least, greatest = parameter.choices
-        descriptor.integer_range = [IntegerRange(from_value=least, to_value=greatest, step=1)]
-    return descriptor
-
-
-def _constraint(parameter: Parameter) -> str:
-    if not parameter.choices:
-        return ""
-    if isinstance(parameter.default, str):
-        return f", one of {', '.join(parameter.choices)}"
-    return f" from {parameter.choices[0]} to {parameter.choices[1]}"
-
-
 def read_parameters(node: Node) -> Setup:
     """Turn the parameters' present values into a setup.
 
@@ -116,7 +69,7 @@ def read_parameters(node: Node) -> Setup:
     values = {parameter.name: node.get_parameter(parameter.name).value for parameter in PARAMETERS}
     for parameter in PARAMETERS:
         if isinstance(parameter.default, str) and parameter.choices:
-            _one_of(parameter.name, values[parameter.name], parameter.choices)
+            one_of(parameter, values[parameter.name])
     if not values["address"] or not values["frame_id"]:
         raise InputError(ErrorCode.BAD_INPUT, "parameters address and frame_id must not be empty")
     if values["hardware_bias"] and values["device"] != "rdt":
@@ -139,11 +92,6 @@ def read_parameters(node: Node) -> Setup:
         bias_samples=values["bias_samples"],
         hardware_bias=values["hardware_bias"],
     )
-
-
-def _one_of(name: str, value: str, allowed: Sequence[str]) -> None:
-    if value not in allowed:
-        raise InputError(ErrorCode.BAD_INPUT, f"parameter {name} is {value!r}; use one of {', '.join(allowed)}")
 
 
 def _link(values: dict[str, Any]) -> Link:

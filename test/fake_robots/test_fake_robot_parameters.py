@@ -13,7 +13,8 @@ from poise.errors import InputError
 from poise.fake_robots.arm import SimulatedArm
 from poise.fake_robots.bag_replay import BagSource
 from poise.fake_robots.faults import parse_faults
-from poise.fake_robots.parameters import declare_parameters, make_source
+from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source
+from poise.nodes.parameters import declare_parameters
 
 BAG = str(Path(__file__).parents[2] / "bags" / "kuka_at_rest.mcap")
 
@@ -30,7 +31,7 @@ def source_of(context, params):
     overrides = [Parameter(name, value=value) for name, value in params.items()]
     node = Node("fake_robot", context=context, parameter_overrides=overrides, start_parameter_services=False)
     try:
-        values = declare_parameters(node)
+        values = declare_parameters(node, PARAMETERS, PAYLOAD)
         parse_faults(values["faults"])
         return make_source(values)
     finally:

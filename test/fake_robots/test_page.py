@@ -10,7 +10,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from poise.fake_robots.faults import parse_faults
-from poise.fake_robots.parameters import declare_parameters, make_source
+from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source
+from poise.nodes.parameters import declare_parameters
 from poise.robot import RobotModel
 from poise.simulation import check_limits, read_trajectory
 
@@ -42,7 +43,7 @@ def test_every_command_starts_a_robot_with_something_to_say(command, context, mo
     arguments = words[words.index("--ros-args") :]
     node = Node("fake_robot", context=context, cli_args=arguments, start_parameter_services=False)
     try:
-        values = declare_parameters(node)
+        values = declare_parameters(node, PARAMETERS, PAYLOAD)
         parse_faults(values["faults"])
         source = make_source(values)
     finally:

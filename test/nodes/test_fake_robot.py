@@ -24,7 +24,8 @@ from std_srvs.srv import SetBool
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from poise.fake_robots.parameters import declare_parameters, make_source
+from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source
+from poise.nodes.parameters import declare_parameters
 from poise.recording import open_recording
 
 pytestmark = pytest.mark.ros
@@ -243,7 +244,7 @@ def test_a_driving_arm_says_byte_for_byte_what_its_seed_makes_and_ends(graph: Gr
     assert wait_for_end(graph, node) == 0
     overrides = [rclpy.Parameter(name, value=value) for name, value in params.items()]
     same = Node("same", context=graph.node.context, parameter_overrides=overrides, start_parameter_services=False)
-    expected = list(make_source(declare_parameters(same)).messages())
+    expected = list(make_source(declare_parameters(same, PARAMETERS, PAYLOAD)).messages())
     same.destroy_node()
     for topic in kinds:
         made = [message.data for message in expected if message.topic == topic]
