@@ -43,13 +43,14 @@ def motion_response(phi: Array, omega: Array, by_specific: Array, by_omega: Arra
         omega: (N, 3) rad/s.
         by_specific, by_omega, by_alpha: (N, 3, k) change of u, omega and alpha.
     """
-    zero = np.zeros_like(omega)
-    ways = []
-    for k in range(by_specific.shape[2]):
-        turn = by_omega[:, :, k]
-        ahead, behind = (load_wrench(phi, zero, omega + sign * turn, zero) for sign in (0.5, -0.5))
-        ways.append(load_wrench(phi, by_specific[:, :, k], zero, by_alpha[:, :, k]) + ahead - behind)
-    return np.stack(ways, axis=2)
+    mass, first, inertia = phi[0], phi[1:4, None], symmetric(phi[4:])
+    rate, momentum = omega[:, :, None], (omega @ inertia)[:, :, None]
+    swing = cross(by_omega, cross(rate, first, axis=-2), axis=-2)
+    swing += cross(rate, cross(by_omega, first, axis=-2), axis=-2)
+    force = mass * by_specific - cross(by_alpha, first, axis=-2) - swing
+    gyro = cross(by_omega, momentum, axis=-2) + cross(rate, inertia @ by_omega, axis=-2)
+    torque = cross(first, by_specific, axis=-2) - inertia @ by_alpha - gyro
+    return np.concatenate([force, torque], axis=1)
 
 
 def forces_at(points: Array, forces: Array) -> Array:

@@ -5,6 +5,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg.lapack import dtbtrs
 
+from poise.mismatch.load import cross
+
 Array = NDArray[np.float64]
 
 MOST_KNOCKS = 2000
@@ -118,7 +120,7 @@ def _with_second(
     u = swing(seconds)
     u /= np.linalg.norm(u, axis=1, keepdims=True)
     du = swing(seconds, 1)
-    force = pull - damping * (du - np.cross(rate, u))
+    force = pull - damping * (du - cross(rate, u))
     inward = np.einsum("ni,ni->n", u, force) + np.einsum("ni,ni->n", du, du)
     return u, du, force - inward[:, None] * u
 

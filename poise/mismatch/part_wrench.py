@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from poise.mismatch.load import cross
 from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
@@ -28,14 +29,14 @@ def specific_at(world: World, place: Array) -> Array:
 
 def lever_acceleration(world: World, lever: Array) -> Array:
     """(N, 3) acceleration of points at (N, 3) against the sensor's origin: alpha x r + omega x (omega x r)."""
-    turning = np.cross(world.angular_velocity, np.cross(world.angular_velocity, lever))
-    return np.asarray(np.cross(world.angular_acceleration, lever) + turning)
+    turning = cross(world.angular_velocity, cross(world.angular_velocity, lever))
+    return np.asarray(cross(world.angular_acceleration, lever) + turning)
 
 
 def point_wrench(world: World, place: Array) -> Array:
     """(N, 6) of a point mass of 1 kg that is fixed to the tool (thesis eq. 2.97)."""
     force = specific_at(world, place)
-    return np.concatenate([force, np.cross(place, force)], axis=1)
+    return np.concatenate([force, cross(place, force)], axis=1)
 
 
 def sliding_wrench(world: World, place: Array, axis: Array, slid: tuple[Array, Array, Array]) -> Array:
@@ -48,10 +49,8 @@ def sliding_wrench(world: World, place: Array, axis: Array, slid: tuple[Array, A
         slid: (N,) each: how far along the axis, m, its rate and second rate.
     """
     along, rate, second = (part[:, None] for part in slid)
-    beyond = (
-        axis * second + 2.0 * rate * np.cross(world.angular_velocity, axis) + lever_acceleration(world, along * axis)
-    )
-    torque = np.cross(along * axis, specific_at(world, place) - beyond) - np.cross(place, beyond)
+    beyond = axis * second + 2.0 * rate * cross(world.angular_velocity, axis) + lever_acceleration(world, along * axis)
+    torque = cross(along * axis, specific_at(world, place) - beyond) - cross(place, beyond)
     return np.concatenate([-beyond, torque], axis=1)
 
 
@@ -71,7 +70,7 @@ def shaking_columns(world: World, rotation_world_from: Array | None = None) -> A
     turn = world.rotation_world_sensor.swapaxes(1, 2)
     turn = turn if rotation_world_from is None else turn @ rotation_world_from
     first = world.phi[1:4]
-    return np.concatenate([-world.phi[0] * turn, -np.cross(first[None, :, None], turn, axis=1)], axis=1)
+    return np.concatenate([-world.phi[0] * turn, -cross(first[None, :, None], turn, axis=1)], axis=1)
 
 
 def shaking(world: World, residual: Array) -> Array:
@@ -111,7 +110,7 @@ def likely_place(force: Array, torque: Array) -> Array:
         force: (N, 3) N.
         torque: (N, 3) N m.
     """
-    lever = np.stack([np.cross(unit, force) for unit in np.eye(3)], axis=2)
+    lever = np.stack([cross(unit, force) for unit in np.eye(3)], axis=2)
     normal = np.einsum("nci,ncj->ij", lever, lever)
     normal += (1e-3 * np.trace(normal) + 1e-12) / 3.0 * np.eye(3)
     place = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import forces_at
+from poise.mismatch.load import cross, forces_at
 from poise.mismatch.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
 from poise.mismatch.world import World
 
@@ -56,5 +56,5 @@ class AirDrag(Effect):
     @staticmethod
     def _per_unit(world: World, place: Array) -> Array:
         """(N, 3) force at coefficient 1."""
-        speed = world.to_sensor(world.velocity_in_world) + np.cross(world.angular_velocity, place)
+        speed = world.to_sensor(world.velocity_in_world) + cross(world.angular_velocity, place)
         return np.asarray(-speed * np.linalg.norm(speed, axis=1, keepdims=True))

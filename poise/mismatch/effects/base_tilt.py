@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import cross
 from poise.mismatch.part_wrench import best_fit
 from poise.mismatch.world import World
 
@@ -33,7 +34,7 @@ class BaseTilt(Effect):
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         """First order: least squares beside a constant in the sensor."""
         weight = np.repeat([1.0, 20.0], 3)
-        columns = self._weighed(world, np.cross(np.eye(3)[:2], world.to_world(world.gravity)[:, None]))
+        columns = self._weighed(world, cross(np.eye(3)[:2], world.to_world(world.gravity)[:, None]))
         columns = (columns - columns.mean(axis=0)) * weight[:, None]
         wanted = (residual - residual.mean(axis=0)) * weight
         turn = -best_fit(columns.reshape(-1, 2), wanted.ravel())[0]
@@ -60,5 +61,5 @@ class BaseTilt(Effect):
     def _weighed(world: World, gravity_in_world: Array) -> Array:
         """(N, 6, k) the payload's wrench under k changes of gravity, (N, k, 3)."""
         change = np.einsum("nji,nkj->nki", world.rotation_world_sensor, gravity_in_world)
-        torque = np.cross(world.phi[1:4], change)
+        torque = cross(world.phi[1:4], change)
         return np.concatenate([world.phi[0] * change, torque], axis=2).swapaxes(1, 2)

@@ -85,7 +85,7 @@ class Cable(Effect):
         place = ", ".join(f"{values[name]:.2f}" for name in ANCHOR)
         return (
             f"A cable pulls the tool towards ({place}) m with {values['stiffness']:.0f} N/m beyond "
-            f"{values['length']:.2f} m: the nominal model has no cable."
+            f"{values['rest_length']:.2f} m: the nominal model has no cable."
         )
 
     @staticmethod

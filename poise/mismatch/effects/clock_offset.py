@@ -10,6 +10,8 @@ from poise.mismatch.world import World
 
 LARGEST = 0.3
 """s that are searched."""
+COARSE = 0.03
+"""s between the samples that choose where to begin."""
 
 
 class ClockOffset(Effect):
@@ -31,9 +33,11 @@ class ClockOffset(Effect):
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         weight = np.repeat([1.0, 20.0], 3)
-        wanted = residual * weight
+        rows = slice(None, None, max(round(COARSE / world.period), 1))
+        seconds, said, left = world.seconds[rows], world.prediction[rows], residual[rows]
         tried = np.arange(-LARGEST, LARGEST + 0.005, 0.01)
-        misfit = [float(np.var(wanted - self._shift(world, delay) * weight, axis=0).sum()) for delay in tried]
+        moved = (np.stack([np.interp(seconds - delay, seconds, c) for c in said.T], axis=1) - said for delay in tried)
+        misfit = [float(np.var((left - shift) * weight, axis=0).sum()) for shift in moved]
         yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * LARGEST, 0.99 * LARGEST))}
 
     def simulate(self, world: World, values: Values) -> Array:
@@ -46,11 +50,3 @@ class ClockOffset(Effect):
             f"The wrench's stamps are {1e3 * abs(delay):.1f} ms {'late' if delay > 0 else 'early'} "
             "against the joints': the nominal model has one clock."
         )
-
-    @staticmethod
-    def _shift(world: World, delay: float) -> Array:
-        """Coarse: linear between samples, to choose where to begin."""
-        out = np.empty_like(world.prediction)
-        for channel in range(6):
-            out[:, channel] = np.interp(world.seconds - delay, world.seconds, world.prediction[:, channel])
-        return out - world.prediction

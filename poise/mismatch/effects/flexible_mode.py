@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import cross
 from poise.mismatch.part_motion import Oscillator
 from poise.mismatch.part_wrench import (
     AXIS,
@@ -106,9 +107,9 @@ class FlexibleMode(Effect):
         second = pull - damping * dz - omega**2 * z
         # The part of axis a under the swing of axis b: force -e_a z_b'', torque e_a x pull z_b - p x e_a z_b''.
         axes = np.eye(3)
-        turned = np.cross(axes, pull[:, None]).swapaxes(1, 2)[:, :, :, None] * z[:, None, None, :]
+        turned = cross(axes, pull[:, None]).swapaxes(1, 2)[:, :, :, None] * z[:, None, None, :]
         force = np.broadcast_to(-axes[None, :, :, None] * second[:, None, None, :], turned.shape)
-        lever = -np.cross(place, axes).T[None, :, :, None] * second[:, None, None, :]
+        lever = -cross(place, axes).T[None, :, :, None] * second[:, None, None, :]
         whole = np.concatenate([force, turned + lever], axis=1)
         return np.stack([whole[:, :, i, j] + (whole[:, :, j, i] if i != j else 0.0) for i, j in PAIRS], axis=2)
 

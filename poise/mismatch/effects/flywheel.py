@@ -3,6 +3,7 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import cross
 from poise.mismatch.wording import directed
 from poise.mismatch.world import World
 
@@ -29,7 +30,7 @@ class Flywheel(Effect):
     def columns(self, world: World, nonlinear: Values) -> Array:
         del nonlinear
         out = np.zeros((len(world), 6, 3))
-        out[:, 3:] = -np.cross(world.angular_velocity[:, None], np.eye(3)).swapaxes(1, 2)
+        out[:, 3:] = -cross(world.angular_velocity[:, None], np.eye(3)).swapaxes(1, 2)
         return out
 
     def sentence(self, world: World, values: Values) -> str:

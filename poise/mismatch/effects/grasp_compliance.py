@@ -6,6 +6,7 @@ import numpy as np
 
 from poise.inertia.parameters import symmetric
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import cross
 from poise.mismatch.part_motion import Oscillator
 from poise.mismatch.part_wrench import specific_at
 from poise.mismatch.world import World
@@ -74,7 +75,7 @@ class GraspCompliance(Effect):
         body = _Turned(world, values["height"])
         force, torque = body.wrench(turn, rate, second)
         pivot = np.array([0.0, 0.0, values["height"]])
-        return np.concatenate([force, torque + np.cross(pivot, force)], axis=1) - world.nominal
+        return np.concatenate([force, torque + cross(pivot, force)], axis=1) - world.nominal
 
 
 def _turns(world: World, values: Values, rounds: int = MOST_ROUNDS) -> tuple[Array, Array, Array]:
@@ -88,7 +89,7 @@ def _turns(world: World, values: Values, rounds: int = MOST_ROUNDS) -> tuple[Arr
     turn, rate, second = np.zeros((3, len(world), 3))
     for _ in range(rounds):
         # The damper feels omega_rel; what of it is not theta' is of second order.
-        felt = body.wrench(turn, rate, second)[1] - 0.5 * damping * np.cross(turn, rate)
+        felt = body.wrench(turn, rate, second)[1] - 0.5 * damping * cross(turn, rate)
         load = (felt + second @ body.inertia) @ axes / moments
         parts = [spring(load[:, i : i + 1]) for i, spring in enumerate(springs)]
         x, dx = (np.hstack([part[order] for part in parts]) for order in range(2))
@@ -124,16 +125,16 @@ class _Turned:
 
         In the payload's own axes it is a rigid body; omega_rel = theta' + theta x theta' / 2 to second order.
         """
-        spin = rate + 0.5 * np.cross(turn, rate)
-        change = second + 0.5 * np.cross(turn, second)
+        spin = rate + 0.5 * cross(turn, rate)
+        change = second + 0.5 * cross(turn, second)
         omega = self._world.angular_velocity + spin
-        alpha = self._world.angular_acceleration + change + np.cross(self._world.angular_velocity, spin)
+        alpha = self._world.angular_acceleration + change + cross(self._world.angular_velocity, spin)
         to = _Rotation(turn)
         moment = to(np.broadcast_to(self._moment, turn.shape))
-        arm = np.cross(alpha, moment) + np.cross(omega, np.cross(omega, moment))
+        arm = cross(alpha, moment) + cross(omega, cross(omega, moment))
         own = to(to(omega, -1.0) @ self.inertia)
-        gyro = to(to(alpha, -1.0) @ self.inertia) + np.cross(omega, own)
-        return self._mass * self._specific - arm, np.cross(moment, self._specific) - gyro
+        gyro = to(to(alpha, -1.0) @ self.inertia) + cross(omega, own)
+        return self._mass * self._specific - arm, cross(moment, self._specific) - gyro
 
 
 class _Rotation:
@@ -146,5 +147,5 @@ class _Rotation:
         self._versine = 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
 
     def __call__(self, vectors: Array, sign: float = 1.0) -> Array:
-        once = np.cross(self._turn, vectors)
-        return np.asarray(vectors + sign * self._sine * once + self._versine * np.cross(self._turn, once))
+        once = cross(self._turn, vectors)
+        return np.asarray(vectors + sign * self._sine * once + self._versine * cross(self._turn, once))

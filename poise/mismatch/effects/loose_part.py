@@ -8,6 +8,7 @@ from scipy.optimize import least_squares
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
 from poise.mismatch.knocks import Knocks, find_knocks
+from poise.mismatch.load import cross
 from poise.mismatch.noise import white_level
 from poise.mismatch.part_motion import between_stops, travelled
 from poise.mismatch.part_wrench import (
@@ -97,7 +98,7 @@ class LoosePart(Effect):
         """The part that makes these knocks in a residual."""
         struck, twisted = np.diff(wanted[:, :3], axis=0)[knocks.rows], np.diff(wanted[:, 3:], axis=0)[knocks.rows]
         centre = payload_centre(world)
-        place = centre + likely_place(struck, twisted - np.cross(centre, struck))
+        place = centre + likely_place(struck, twisted - cross(centre, struck))
         begin = np.array([*chart(knocks.axis).values(), 0.0, 0.0, *place])
         impulses = knocks.impulses * np.sign(knocks.axis @ _axis(begin))
         sides = np.sign(impulses)

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable
 
-from poise.mismatch.dynamics import low_passed
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.part_motion import crept
 from poise.mismatch.world import World
 
 
@@ -29,7 +29,7 @@ class LowPass(Effect):
             yield {"time_constant": time_constant}
 
     def simulate(self, world: World, values: Values) -> Array:
-        return low_passed(world.seconds, world.prediction, values["time_constant"]) - world.prediction
+        return crept(world.seconds, world.prediction, values["time_constant"]) - world.prediction
 
     def sentence(self, world: World, values: Values) -> str:
         del world

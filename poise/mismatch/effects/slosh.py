@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.load import cross
 from poise.mismatch.noise import white_level
 from poise.mismatch.part_motion import hanging
 from poise.mismatch.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of, specific_at
@@ -64,8 +65,8 @@ class Slosh(Effect):
         u, du, ddu = hanging(world.seconds, pull, rate, frequency, damping)
         force = world.to_sensor(-length * ddu)
         # The damper in the pivot turns the vessel the way the pendulum turns.
-        twist = world.to_sensor(damping * length**2 * np.cross(u, du - np.cross(rate, u)))
-        return np.concatenate([force, np.cross(place, force) + twist], axis=1)[:, :, None]
+        twist = world.to_sensor(damping * length**2 * cross(u, du - cross(rate, u)))
+        return np.concatenate([force, cross(place, force) + twist], axis=1)[:, :, None]
 
     def sentence(self, world: World, values: Values) -> str:
         frequency = _frequency(world, values["length"]) / (2.0 * np.pi)

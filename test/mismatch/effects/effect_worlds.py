@@ -79,6 +79,20 @@ PLACE = {"x": 0.03, "y": -0.02, "z": 0.12}
 AXIS = np.array([0.48, -0.64, 0.6])
 # Strength 1 of benchmarks/concealed/README.md.
 TYPICAL = {
+    "sensor_bias": {"force_x": 1.2, "force_y": -1.6, "force_z": 1.3, "torque_x": 0.08, "torque_z": -0.12},
+    "bias_drift": {"force_x": 0.5, "force_y": -0.4, "force_z": 0.3, "torque_y": 0.03, "torque_z": -0.04},
+    "sensor_gain": {"gain_fx_fx": 0.06, "gain_fz_fz": -0.05, "gain_fx_fy": 0.04, "gain_tx_fy": 0.004},
+    "sensor_rotation": {"rotation_x": 0.02, "rotation_y": -0.018, "rotation_z": 0.012},
+    "low_pass": {"time_constant": 0.08},
+    "clock_offset": {"offset": 0.025},
+    "joint_offset": {"offset_5": 0.012, "offset_6": -0.015},
+    "payload_parameters": {"mass": 0.13, "moment_x": 0.02, "moment_z": -0.015, "ixx": 0.004},
+    "mass_step": {"time": 9.3, "mass": -0.3, "moment_x": -0.01, "moment_z": -0.03},
+    "world_force": {"force_x": 1.4, "force_y": -1.3, "force_z": 0.4, **{"x": 0.03, "y": -0.02, "z": 0.12}},
+    "cable": {"on_base": 0.0, "anchor_x": 0.4, "anchor_y": 0.6, "anchor_z": 1.9, "stiffness": 25.0, "damping": 2.0}
+    | {"x": 0.03, "y": -0.02, "z": 0.12, "rest_length": 1.0},
+    "contact": {"start": 7.1, "length": 1.4, "x": 0.01, "y": 0.02, "z": 0.17}
+    | {f"force_{a}_{k}": s * np.sin(np.pi * (k + 1) / 8) for a, s in (("x", 8), ("y", 2), ("z", -3)) for k in range(7)},
     "sensor_creep": {"fraction": 0.08, "time_constant": 3.0},
     "sensor_nonlinearity": {"quadratic_fx": 0.003, "cubic_ty": 0.02},
     "saturation": {"force_limit": 12.0, "torque_limit": 1e4},

@@ -48,6 +48,26 @@ def test_columns_are_the_differences_of_simulate(name):
         np.testing.assert_allclose(moved - base, columns[:, :, k], atol=1e-9 * max(1.0, np.abs(columns[:, :, k]).max()))
 
 
+NEUTRAL = {
+    "base_tilt": {"rotation_x": 0.0, "rotation_y": 0.0},
+    "sensor_rotation": {"rotation_x": 0.0, "rotation_y": 0.0, "rotation_z": 0.0},
+    "clock_offset": {"offset": 0.0},
+    "clock_skew": {"skew": 0.0},
+    "low_pass": {"time_constant": 1e-9},
+    "quantisation": {"force_step": 1e-12, "torque_step": 1e-12},
+    "saturation": {"force_limit": 1e4, "torque_limit": 1e4},
+    "grasp_compliance": {"stiffness": 1e9},
+    "backlash": {"gap": 1e-12},
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_without_strength_there_is_no_effect(name):
+    effect, at, values = typical(name)
+    none = values | dict.fromkeys((p.name for p in effect.parameters(at) if p.linear), 0.0) | NEUTRAL.get(name, {})
+    np.testing.assert_allclose(effect.simulate(at, none), 0.0, atol=2e-5)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_the_response_follows_each_parameter_smoothly(name):
     """Or says that it does not: else a search by derivatives would go astray."""
@@ -88,6 +108,18 @@ def test_sampling_does_not_change_the_physics(name):
 
 
 RECOVERED = {
+    "sensor_bias": (),  # beside a constant in every channel nothing is left of it
+    "bias_drift": ("force_x", "force_y", "torque_z"),
+    "sensor_gain": ("gain_fx_fx", "gain_fz_fz"),
+    "sensor_rotation": ("rotation_x", "rotation_y", "rotation_z"),
+    "low_pass": ("time_constant",),
+    "clock_offset": ("offset",),
+    "joint_offset": ("offset_5", "offset_6"),  # the axes of 2 to 4 are parallel: only their sum shows well
+    "payload_parameters": ("mass", "moment_x", "moment_z"),
+    "mass_step": ("time", "mass"),
+    "world_force": ("force_x", "force_y", "z"),
+    "cable": ("anchor_x", "anchor_y", "anchor_z", "stiffness", "rest_length"),
+    "contact": ("start", "length", "force_x_3", "z"),
     "sensor_creep": ("fraction", "time_constant"),
     "sensor_nonlinearity": ("quadratic_fx", "cubic_ty"),
     "clock_skew": ("skew",),

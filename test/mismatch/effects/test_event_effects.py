@@ -1,0 +1,115 @@
+"""Events against what the simulation says of a payload or a base that really does it."""
+
+import numpy as np
+import pytest
+from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, trajectory, world
+
+from poise.mismatch.effects import effect_named
+from poise.mismatch.kinematics import Motion, world_from_motion
+
+SECONDS = np.arange(0.0, 20.0, 0.005)
+
+
+def response(name, at, **given):
+    effect = effect_named(name)
+    return effect.simulate(at, filled(effect, at, given))
+
+
+def moved(shift=None, turn=0.0):
+    """The arm's motion on a base that stands turned, and also moves level in the world: (N, 2) m, m/s, m/s2."""
+    whole = trajectory().at(SECONDS)
+    position, velocity, acceleration = (np.array(part) for part in whole)
+    position[:, 2] += turn
+    if shift is not None:
+        for part, extra in zip((position, velocity, acceleration), shift, strict=True):
+            part[:, :2] += extra
+    return world_from_motion(ROBOT, SECONDS, Motion(position, velocity, acceleration), PAYLOAD.phi)
+
+
+def with_payload(phi):
+    return world_from_motion(ROBOT, SECONDS, Motion(*trajectory().at(SECONDS)), phi)
+
+
+def point_phi(mass, place):
+    """A point mass about the sensor's origin."""
+    x, y, z = place
+    inertia = [y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y]
+    return np.concatenate([[mass], mass * np.array(place), mass * np.array(inertia)])
+
+
+def test_a_dropped_part_is_another_payload_from_then_on():
+    at = moved()
+    change = {"mass": -0.3, "moment_x": -0.01, "moment_y": 0.004, "moment_z": -0.03}
+    found = response("mass_step", at, time=9.3025, **change)
+    other = with_payload(PAYLOAD.phi + np.array([*change.values(), *np.zeros(6)]))
+    after = at.seconds >= 9.3025
+    np.testing.assert_allclose((at.prediction + found)[after], other.prediction[after], atol=1e-9)
+    assert not found[~after].any()
+
+
+def test_a_leak_is_at_each_moment_the_payload_that_is_left():
+    at = moved()
+    values = {"start": 5.0, "rate": 0.01, "x": 0.03, "y": -0.02, "z": 0.12}
+    found = at.prediction + response("mass_leak", at, **values)
+    for moment in (3.0, 10.0, 19.0):
+        lost = point_phi(-0.01 * max(moment - 5.0, 0.0), (0.03, -0.02, 0.12))
+        row = int(moment / 0.005)
+        np.testing.assert_allclose(found[row], with_payload(PAYLOAD.phi + lost).prediction[row], atol=1e-9)
+    effect = effect_named("mass_leak")
+    assert effect.derived(at, values)["lost"][0] == pytest.approx(0.01 * (SECONDS[-1] - 5.0))
+
+
+def test_a_base_that_moves_unnoticed_is_a_base_that_moves():
+    still = moved(turn=0.7)
+    effect = effect_named("base_motion")
+    values = filled(effect, still, TYPICAL["base_motion"] | {"speed_y_3": -0.2, "speed_y_6": 0.1})
+    columns = effect._rates(still, values)
+    speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(10)])
+    acceleration = np.zeros((len(SECONDS), 2))
+    acceleration[columns[0]] = columns[1] @ speed
+    velocity = np.vstack([np.zeros(2), np.cumsum((acceleration[1:] + acceleration[:-1]) * 0.0025, axis=0)])
+    way = np.vstack([np.zeros(2), np.cumsum((velocity[1:] + velocity[:-1]) * 0.0025, axis=0)])
+    true = moved((way, velocity, acceleration), turn=0.7)
+    np.testing.assert_allclose(still.prediction + effect.simulate(still, values), true.prediction, atol=1e-8)
+    # From rest to rest, as far as it says.
+    assert np.abs(velocity[-1]).max() < 1e-3
+    assert np.linalg.norm(way[-1]) == pytest.approx(effect.derived(still, values)["displacement"][0], rel=1e-3)
+    assert np.abs(acceleration).max() > 0.2
+
+
+def test_a_base_that_shakes_is_a_base_that_shakes():
+    """Within the window, away from where the shaking comes and goes."""
+    omega = 2 * np.pi * 13.0
+    since = SECONDS - (4.0 + 3.0)
+    wave = 0.4 * np.sin(omega * since) + 0.2 * np.cos(omega * since)
+    rate = (-0.4 * np.cos(omega * since) + 0.2 * np.sin(omega * since)) / omega
+    along = [np.stack([part, 0 * part], axis=1) for part in (-wave / omega**2, rate, wave)]
+    still, true = moved(), moved(along)
+    found = response("external_vibration", still, start=4.0, length=6.0, frequency=13.0, sine_x=0.4, cosine_x=0.2)
+    inside = (SECONDS > 4.1) & (SECONDS < 9.9)
+    np.testing.assert_allclose((still.prediction + found)[inside], true.prediction[inside], atol=1e-8)
+    assert not found[(SECONDS < 3.9) | (SECONDS > 10.1)].any()
+    effect = effect_named("external_vibration")
+    told = effect.derived(still, filled(effect, still, {"sine_x": 0.4, "cosine_x": 0.2}))
+    assert told["amplitude"][0] == pytest.approx(np.hypot(0.4, 0.2))
+    assert abs(told["direction_x"][0]) == pytest.approx(1.0)
+
+
+def test_a_contact_is_a_force_at_a_point_that_comes_and_goes():
+    at = world(jitter=0.0)
+    values = TYPICAL["contact"]
+    effect = effect_named("contact")
+    found = effect.simulate(at, values)
+    start, end = effect.windows(at, values)[0]
+    inside = (at.seconds > start) & (at.seconds < end)
+    assert not found[~inside].any()
+    point = np.array([values[axis] for axis in "xyz"])
+    np.testing.assert_allclose(found[:, 3:], np.cross(point, found[:, :3]), atol=1e-12)
+    force = np.einsum("nij,nj->ni", at.rotation_world_sensor, found[:, :3])
+    knots = start + (end - start) * np.arange(9) / 8
+    for axis, name in enumerate("xyz"):
+        course = [0.0, *(values[f"force_{name}_{k}"] for k in range(7)), 0.0]
+        np.testing.assert_allclose(force[:, axis], np.interp(at.seconds, knots, course), atol=1e-9)
+    peak = effect.derived(at, values)["peak_force"][0]
+    assert peak == pytest.approx(np.linalg.norm([8, 2, -3]))
+    assert f"{peak:.3g} N" in effect.sentence(at, values)

@@ -1,0 +1,140 @@
+"""Effects on joint efforts against closed forms, energy, and pinocchio's inverse dynamics of the true motion."""
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from effect_worlds import HOME, PAYLOAD, ROBOT, TYPICAL, effort_world, filled
+
+from poise.mismatch.effects import effect_named
+from poise.mismatch.joint_friction import CREEPING
+from poise.mismatch.kinematics import Motion, effort_track
+from poise.mismatch.part_motion import between_stops
+
+JOINTS = range(1, 7)
+
+
+def response(name, at, **given):
+    effect = effect_named(name)
+    return effect.simulate(at, filled(effect, at, given))
+
+
+def test_friction_takes_energy_and_never_gives_any():
+    at = effort_world()
+    for name in ("viscous_friction", "coulomb_friction", "load_dependent_friction", "stribeck_friction"):
+        effect = effect_named(name)
+        found = response(name, at, **(TYPICAL[name] if name != "load_dependent_friction" else ratios(0.08)))
+        assert (found * at.effort.velocity >= -1e-12).all(), effect.name
+        assert np.abs(found).max() > 0.1
+
+
+def ratios(value):
+    return {f"ratio_{i}": value for i in JOINTS}
+
+
+def test_dry_friction_jumps_by_twice_itself_and_viscous_friction_is_a_line():
+    at = effort_world()
+    velocity = at.effort.velocity
+    fast = np.abs(velocity) > 5 * CREEPING
+    dry = response("coulomb_friction", at, **{f"torque_{i}": float(i) for i in JOINTS})
+    np.testing.assert_allclose(dry[fast], (np.sign(velocity) * np.arange(1, 7))[fast], rtol=1e-3)
+    wet = response("viscous_friction", at, **{f"damping_{i}": 0.5 * i for i in JOINTS})
+    np.testing.assert_allclose(wet, velocity * 0.5 * np.arange(1, 7), atol=1e-12)
+    load = response("load_dependent_friction", at, **ratios(0.1))
+    np.testing.assert_allclose(np.abs(load[fast]), 0.1 * np.abs(at.effort.rigid[fast]), rtol=1e-3)
+
+
+def test_stribeck_friction_falls_from_stiction_to_coulomb_and_rises_with_speed():
+    at = effort_world()
+    velocity = np.abs(at.effort.velocity[:, 1])
+    values = {"velocity": 0.1, "torque_2": 3.0, "stiction_2": 6.0, "damping_2": 2.0}
+    size = np.abs(response("stribeck_friction", at, **values)[:, 1])
+    slow, fast = (velocity > 4 * CREEPING) & (velocity < 0.03), velocity > 0.35
+    np.testing.assert_allclose(size[slow], 9.0, rtol=0.1)
+    np.testing.assert_allclose(size[fast], 3.0 + 2.0 * velocity[fast], rtol=1e-3)
+    middle = np.abs(velocity - 0.1) < 0.01
+    np.testing.assert_allclose(size[middle], 3.0 + 6.0 / np.e + 0.2, rtol=0.1)
+
+
+def test_a_rotors_energy_is_that_of_its_speed():
+    at = effort_world()
+    found = response("motor_inertia", at, **{f"inertia_{i}": 0.8 for i in JOINTS})
+    velocity, seconds = at.effort.velocity, at.effort.seconds
+    power = found * velocity
+    work = np.cumsum((power[1:] + power[:-1]) / 2 * np.diff(seconds)[:, None], axis=0)
+    energy = 0.4 * (velocity[1:] ** 2 - velocity[0] ** 2)
+    np.testing.assert_allclose(work, energy, atol=2e-3 * energy.max())
+
+
+def test_a_reflected_rotor_is_pinocchios_armature():
+    at = effort_world()
+    model = ROBOT.pinocchio.copy()
+    armature = np.zeros(model.nv)
+    armature[-6:] = TYPICAL["motor_inertia"]["inertia_1"]
+    model.armature = armature
+    data, plain = model.createData(), ROBOT.pinocchio.createData()
+    found = response("motor_inertia", at, **{f"inertia_{i}": 0.8 for i in JOINTS})
+    still = np.zeros(3)
+    for i in (300, 900, 1700):
+        track = at.effort
+        q = ROBOT.configuration(np.concatenate([HOME[:3], track.position[i]])[None])[0]
+        v, a = np.concatenate([still, track.velocity[i]]), np.concatenate([still, track.acceleration[i]])
+        difference = pin.rnea(model, data, q, v, a) - pin.rnea(ROBOT.pinocchio, plain, q, v, a)
+        np.testing.assert_allclose(found[i], difference[-6:], atol=1e-9)
+
+
+def test_coupled_joints_feel_the_other_ones_motion_alone():
+    at = effort_world()
+    found = response("joint_coupling", at, driving=3.0, driven=5.0, inertia=0.16, damping=0.4)
+    exact = 0.16 * at.effort.acceleration[:, 2] + 0.4 * at.effort.velocity[:, 2]
+    np.testing.assert_allclose(found[:, 4], exact, atol=1e-12)
+    assert not np.delete(found, 4, axis=1).any()
+
+
+def test_a_ripple_stands_in_the_joints_position():
+    at = effort_world()
+    effect = effect_named("gear_ripple")
+    values = {"joint": 2.0, "order": 24.0, "sine": 1.2, "cosine": -1.6}
+    found = effect.simulate(at, values)
+    told = effect.derived(at, values)
+    assert told["amplitude"][0] == pytest.approx(2.0)
+    phase = told["phase"][0]
+    np.testing.assert_allclose(found[:, 1], 2.0 * np.sin(24.0 * at.effort.position[:, 1] + phase), atol=1e-12)
+
+
+def test_with_backlash_the_efforts_are_those_of_the_links_true_motion():
+    """Inverse dynamics of the motion with the play in it, but for what is of second order in the gap."""
+    at = effort_world()
+    track = at.effort
+    values = {"joint": 1.0, "gap": 0.01, "settling": 0.03}
+    found = response("backlash", at, **values)
+    push = -track.rigid[:, 0] / track.by_acceleration[:, 0, 0]
+    play = np.stack(between_stops(track.seconds, push, 0.01, 0.03))
+    base = np.zeros((len(track.seconds), 3))
+    parts = [
+        np.hstack([base + (HOME[:3] if k == 0 else 0.0), part])
+        for k, part in enumerate((track.position, track.velocity, track.acceleration))
+    ]
+    for part, extra in zip(parts, play, strict=True):
+        part[:, 3] += extra
+    whole = np.zeros((len(track.seconds), 9))
+    true = effort_track(ROBOT, track.seconds, Motion(*parts), whole, PAYLOAD.phi).rigid - track.rigid
+    size = np.abs(true).max()
+    assert size > 1.0
+    # What is left is the speed of the play times that of the arm (Coriolis): small beside the knocks.
+    assert np.quantile(np.abs(found - true), 0.99) < 0.05 * size
+
+
+def test_across_the_gap_the_joint_bears_nothing():
+    at = effort_world()
+    track = at.effort
+    found = response("backlash", at, joint=1.0, gap=0.03, settling=0.01)
+    push = -track.rigid[:, 0] / track.by_acceleration[:, 0, 0]
+    beyond, rate, _ = between_stops(track.seconds, push, 0.03, 0.01)
+    flies = (np.abs(beyond) < 0.013) & (np.abs(rate) > 0.01)
+    assert flies.sum() > 5
+    # But for the change of the load with the link's own way, which has no weight about the vertical.
+    assert np.abs((track.rigid + found)[flies, 0]).max() < 0.02 * np.abs(track.rigid[:, 0]).max()
+    # On its flanks the link stands beside the motor by half of the gap: a loop, the same effort from both sides.
+    rests = np.abs(np.abs(beyond) - 0.015) < 1e-12
+    np.testing.assert_allclose(found[rests], track.by_position[rests, :, 0] * beyond[rests, None], atol=1e-6)
+    assert {-1.0, 1.0} <= set(np.sign(beyond[rests]))
