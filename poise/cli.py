@@ -13,6 +13,7 @@ import typer
 from poise.commands.assembly import disassemble, msa, robustness
 from poise.commands.evaluate import evaluate
 from poise.commands.identify import identify
+from poise.commands.mismatch import mismatch
 from poise.errors import InputError, PoiseError
 
 INTERRUPTED = 130
@@ -32,6 +33,7 @@ app.command()(evaluate)
 app.command()(robustness)
 app.command()(msa)
 app.command()(disassemble)
+app.command()(mismatch)
 
 
 def _print_version(wanted: bool) -> None:

@@ -77,6 +77,7 @@ class NominalModel:
         tool_in_wrench: the wrench also carries what the URDF fixes beyond the sensor (a gripper that was not tared).
         noise_force, noise_torque: N and N m of one sample; None: estimated.
         effects: what an earlier diagnosis added.
+        payload_identified: the payload is the recording's own: it cannot be found wrong there.
     """
 
     sensor_frame: str | None = None
@@ -88,6 +89,7 @@ class NominalModel:
     noise_force: float | None = None
     noise_torque: float | None = None
     effects: tuple[Component, ...] = ()
+    payload_identified: bool = False
 
 
 def load_model(path: Path) -> NominalModel:

@@ -17,6 +17,8 @@ from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
 
+BREAK = 2.0
+"""s without a sample after which a recording begins anew."""
 RUN_UP, RUN_OUT = 0.4, 0.1
 """s at the start and the end of a recording that are predicted, but not judged."""
 
@@ -43,12 +45,14 @@ class Problem:
         model: tolerances and stated noise.
         noise: of the signal.
         signal: wrench or effort.
+        judged: (N,) samples that count besides those at the ends that never do; None: all.
     """
 
     world: World
     model: NominalModel
     noise: Noise
     signal: Literal["wrench", "effort"] = "wrench"
+    judged: NDArray[np.bool_] | None = None
 
     @cached_property
     def measured(self) -> Array:
@@ -59,7 +63,17 @@ class Problem:
     def active(self) -> NDArray[np.bool_]:
         """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
         at = self.seconds
-        return np.asarray((at >= at[0] + RUN_UP) & (at <= at[-1] - RUN_OUT))
+        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > BREAK) + 1])
+        first = at[begun][np.searchsorted(begun, np.arange(len(at)), side="right") - 1]
+        inner = np.asarray((at >= first + RUN_UP) & (at <= at[-1] - RUN_OUT))
+        return inner if self.judged is None else inner & self.judged
+
+    @cached_property
+    def _rows(self) -> slice | NDArray[np.intp]:
+        """Those samples, as a slice when they are in a row."""
+        index = np.flatnonzero(self.active)
+        in_a_row = len(index) == index[-1] - index[0] + 1
+        return slice(int(index[0]), int(index[-1]) + 1) if in_a_row else index
 
     @cached_property
     def log_scale(self) -> float:
@@ -108,8 +122,7 @@ class Problem:
     def whiten(self, values: Array) -> Array:
         """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples that count."""
         white = self.noise.whiten(values if values.ndim == 3 else values[:, :, None])
-        begin, end = np.flatnonzero(self.active)[[0, -1]]
-        rows = white[:, :, begin : end + 1].reshape(len(white), -1)
+        rows = white[:, :, self._rows].reshape(len(white), -1)
         return rows[0] if values.ndim == 2 else rows
 
     def calibrated(self, groups: Sequence[Group], coefficients: Array) -> Array:

@@ -12,6 +12,7 @@ from poise.mismatch.dynamics import at_times
 from poise.mismatch.kinematics import Motion, base_joints, effort_track, world_from_motion
 from poise.mismatch.load import load_wrench
 from poise.mismatch.model import NominalModel
+from poise.mismatch.payload import identified, loosened
 from poise.mismatch.sanity import check_wrench, without_spikes
 from poise.mismatch.smoothing import smooth
 from poise.mismatch.world import World
@@ -36,39 +37,38 @@ class Reading:
     notes: tuple[str, ...]
 
 
-def read_world(recording: Recording, model: NominalModel, payload: Array | None = None) -> Reading:
+def read_world(recording: Recording, model: NominalModel) -> Reading:
     """Read a bag.
 
     Args:
         recording: with the wrench, and joint states with a robot description, or tf up to the sensor.
-        model: the nominal simulation; its payload is (0, ...) when None: give `payload` then.
-        payload: (10,) instead of the model's.
+        model: the nominal simulation; a payload that it leaves out is identified from the recording.
 
     Raises:
         InputError: TOPIC_MISSING, JOINT_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, TOO_FEW_SAMPLES, BAD_INPUT
             for a wrench in wrong units or of the other sign, EMPTY when wrench and motion never overlap.
     """
     wrench = recording.wrench()
-    notes = [loss.sentence for loss in recording.losses]
     frame = model.sensor_frame or wrench.frame_id or "ft_sensor"
     gravity = recorded_gravity(recording) if model.gravity is None else model.gravity
-    wrench, said = _usable(wrench)
-    notes += said
-    phi = model.phi if payload is None else payload
-    phi = np.zeros(10) if phi is None else phi
+    model = replace(model, sensor_frame=frame, gravity=gravity)
+    wrench, notes = _usable(wrench)
+    notes = [*(loss.sentence for loss in recording.losses), *notes]
     joints, robot, odom = _robot(recording, model, frame)
-    if robot is None or joints is None:
-        world = _from_tf(recording, frame, wrench, phi, gravity)
-    else:
-        if model.tool_in_wrench:
-            phi = phi + robot.load_in_sensor
-        world, said = world_from_streams(robot, joints, odom, wrench, phi, gravity)
-        notes += said
+
+    def build(phi: Array) -> tuple[World, list[str]]:
+        if robot is None or joints is None:
+            return _from_tf(recording, frame, wrench, phi, gravity), []
+        carried = phi + robot.load_in_sensor if model.tool_in_wrench else phi
+        return world_from_streams(robot, joints, odom, wrench, carried, gravity)
+
+    world, said = build(np.zeros(10) if model.phi is None else model.phi)
+    if model.phi is None:
+        model = replace(model, phi=identified(world), tolerance=loosened(model.tolerance), payload_identified=True)
+        world, said = build(model.phi if model.phi is not None else np.zeros(10))
     check_wrench(world, str(recording.path))
-    world, said = without_spikes(world)
-    notes += said
-    settled = replace(model, sensor_frame=frame, gravity=gravity)
-    return Reading(world, settled, robot, tuple(notes))
+    world, spikes = without_spikes(world)
+    return Reading(world, model, robot, (*notes, *said, *spikes))
 
 
 def _usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:

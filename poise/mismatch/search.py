@@ -16,6 +16,7 @@ from poise.mismatch.effects import all_effects
 from poise.mismatch.effects.base import Effect
 from poise.mismatch.fitting import Candidate, Fit, fit, ground, refine
 from poise.mismatch.problem import Part, Problem
+from poise.mismatch.unknown import Dependence, dependences
 
 Array = NDArray[np.float64]
 
@@ -24,9 +25,9 @@ PROMISING = 5
 REACH = 0.25
 """Share of the best candidate's gain below which another one is not fitted in full."""
 MOST_PARTS = 3
-THRESHOLD = 6.0
+THRESHOLD = 4.0
 """log evidence that an effect must win over the model without it."""
-NEXT_THRESHOLD = 10.0
+NEXT_THRESHOLD = 8.0
 """The same for a second and third effect."""
 
 
@@ -37,11 +38,13 @@ class Search:
     Args:
         problem: the signal; its noise is that of the nominal model.
         fits: best fit of every hypothesis, by the names of its effects.
+        gains: log evidence that an effect was seen to add to a hypothesis, where it was not fitted in full.
         untestable: effects that this recording cannot show, and why.
     """
 
     problem: Problem
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
 
     def offer(self, found: Fit) -> None:
@@ -65,11 +68,15 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
     state = Search(problem)
     effects = []
     for effect in all_effects() if library is None else library:
-        reason = effect.untestable(problem.world) if effect.signal == problem.signal else "-"
+        if effect.signal != problem.signal:
+            continue
+        reason = effect.untestable(problem.world) or _identified(problem, effect)
         if not reason:
             effects.append(effect)
-        elif effect.signal == problem.signal:
+        else:
             state.untestable[effect.name] = reason
+    if problem.signal == "wrench":
+        effects += dependences(problem.world)
     best = fit(problem, ())
     state.offer(best)
     for parts in range(MOST_PARTS):
@@ -80,14 +87,35 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
         if won < (THRESHOLD if parts == 0 else NEXT_THRESHOLD):
             break
         best = found
-    return state, best
+    return state, _pruned(state, best)
+
+
+def _identified(problem: Problem, effect: Effect) -> str:
+    known = effect.widens == "payload" and problem.model.payload_identified
+    return "the payload was identified from this recording: give it in model.yaml" if known else ""
+
+
+def _pruned(state: Search, best: Fit) -> Fit:
+    """Without parts that later ones made needless."""
+    while len(best.parts) > 1:
+        problem = _under(state.problem, best)
+        shorter = []
+        for part in best.parts:
+            rest = fit(problem, [other for other in best.parts if other is not part])
+            state.offer(rest)
+            shorter.append(state.fits[names(rest)])
+        top = max(shorter, key=lambda each: each.log_evidence)
+        if best.log_evidence - top.log_evidence > NEXT_THRESHOLD:
+            break
+        best = top
+    return best
 
 
 def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
     """The best model with one more effect, under the noise that suits it."""
     problem = _under(state.problem, best)
     least = (NEXT_THRESHOLD if best.parts else THRESHOLD) - 5.0
-    candidates = screen(problem, best, effects, least)
+    candidates = screen(state, problem, best, effects, least)
     chosen = [c for c in candidates[:PROMISING] if c.gain > max(least, REACH * candidates[0].gain)]
     found = [fit(problem, (*best.parts, Part(c.effect, c.values))) for c in chosen]
     for each in found:
@@ -103,7 +131,7 @@ def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
     return max((state.fits[names(each)] for each in found), key=lambda each: each.log_evidence)
 
 
-def screen(problem: Problem, best: Fit, effects: Sequence[Effect], least: float = 1.0) -> list[Candidate]:
+def screen(state: Search, problem: Problem, best: Fit, effects: Sequence[Effect], least: float) -> list[Candidate]:
     """Each effect beside the present best model; the most promising first, fitted at the full rate.
 
     Effects are first tried on a thinned recording; those that gain `least` or more, and are in reach of the best, are
@@ -115,9 +143,18 @@ def screen(problem: Problem, best: Fit, effects: Sequence[Effect], least: float 
     slow = [effect for effect in effects if effect.name not in taken and not effect.fast]
     looked = _beside(rough, best.parts, slow, least) if rough is not problem else []
     reach = max(least, 0.5 * REACH * max((each.gain for each in looked), default=0.0))
-    hopeful = [each.effect for each in looked[: 2 * PROMISING] if each.gain > reach]
+    hopeful = [each.effect for each in _few_unknown(looked)[: 2 * PROMISING] if each.gain > reach]
     fast = [effect for effect in effects if effect.name not in taken and (effect.fast or rough is problem)]
-    return _beside(problem, best.parts, [*hopeful, *fast], least)
+    found = _beside(problem, best.parts, [*hopeful, *fast], least)
+    for each in (*looked, *found):
+        state.gains[names(best), each.effect.name] = each.gain
+    return found
+
+
+def _few_unknown(candidates: list[Candidate]) -> list[Candidate]:
+    """Without the pseudo-effects behind the first two: states resemble one another."""
+    unknown = [each for each in candidates if isinstance(each.effect, Dependence)]
+    return [each for each in candidates if each not in unknown[2:]]
 
 
 def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect], least: float) -> list[Candidate]:

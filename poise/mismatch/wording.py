@@ -14,3 +14,8 @@ def directed(vector: Sequence[float], unit: str) -> str:
     axis = int(np.argmax(np.abs(values)))
     mostly = "along" if abs(values[axis]) > 0.95 * size else "mostly along"
     return f"{size:.3g} {unit}, {mostly} {'+' if values[axis] > 0 else '-'}{'xyz'[axis]}"
+
+
+def channel_names() -> tuple[str, ...]:
+    """fx to tz."""
+    return ("fx", "fy", "fz", "tx", "ty", "tz")

@@ -1,0 +1,163 @@
+"""`poise mismatch`: what physics a recording shows that the simulation lacks."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from poise.commands.output import console, refuse_folder, warn, write_json
+from poise.files import write_whole
+from poise.mismatch.diagnosis import Diagnosis, Finding, Quantity, diagnose
+from poise.mismatch.joining import joined
+from poise.mismatch.model import NominalModel, dump_model, load_model
+from poise.mismatch.reading import Reading, read_world
+from poise.recording import open_recording
+from poise.viewing.wording import readable, rounded
+
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
+]
+ModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        metavar="FILE",
+        help="model.yaml: payload, tolerances, noise (default: the payload is identified from the recording).",
+        show_default=False,
+    ),
+]
+
+
+def mismatch(
+    bags: Annotated[
+        list[Path],
+        typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
+    ],
+    model: ModelOption = None,
+    save: Annotated[
+        Path | None,
+        typer.Option("--save", metavar="FILE", help="Write the model with what was found.", show_default=False),
+    ] = None,
+    json_target: JsonOption = None,
+) -> None:
+    """Say where a recording and the simulation part, what physics was left out, and prove it on held-out samples.
+
+    The recordings need the wrench, joint_states and robot_description (or tf up to the sensor); odom and joint efforts
+    are used where they are. Effects of a library compete by evidence, with small calibration errors always allowed
+    for; where none fits, the answer is `unknown`, with the state that it depends on.
+
+    Example:  poise mismatch run.mcap --model model.yaml --json answer.json --save augmented.yaml
+    """
+    refuse_folder(json_target, "--json")
+    nominal = NominalModel() if model is None else load_model(model)
+    readings = read_all(bags, nominal)
+    for reading, bag in zip(readings, bags, strict=True):
+        for note in reading.notes:
+            warn(f"{bag}: {note}")
+    world, last = joined([reading.world for reading in readings])
+    found = diagnose(world, readings[0].model, last if last.any() else None)
+    written = []
+    if save is not None:
+        written.append(write_whole(save, dump_model(found.augmented).encode()))
+    write_json(json_target, as_json(found, readings))
+    people = console(json_target)
+    print_answer(people, found)
+    for path in written:
+        people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def read_all(bags: list[Path], nominal: NominalModel) -> list[Reading]:
+    """Every recording as a world, all with the payload of the model or, without one, that of the first recording.
+
+    Raises:
+        InputError: as `read_world`.
+    """
+    first = read_world(open_recording(bags[0]), nominal)
+    return [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
+
+
+def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:
+    """The fields of the contract, and what else is known; seconds count from the first wrench sample."""
+    proof, rest = found.main.proof, found.main.rest
+    unknown = found.unknown
+    return {
+        "verdict": found.verdict,
+        "effects": [_effect(finding) for finding in found.findings],
+        "where": [
+            {
+                "start": window.start,
+                "end": window.end,
+                "kind": window.kind,
+                "channels": window.channels,
+                "band_hz": window.band_hz,
+                "depends_on": window.depends_on,
+                "share": window.share,
+            }
+            for each in found.examinations
+            for window in each.where
+        ]
+        if found.verdict != "none"
+        else [],
+        "unknown": None if unknown is None else {"depends_on": unknown.depends_on, "sentence": unknown.sentence},
+        "fit": {
+            "noise_floor": proof.floor,
+            "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
+            "whiteness": rest.whiteness,
+        },
+        "untestable": found.untestable,
+        "notes": [note for reading in readings for note in reading.notes],
+        "seconds": found.seconds,
+    }
+
+
+def _effect(finding: Finding) -> dict[str, Any]:
+    def quantity(number: Quantity) -> dict[str, Any]:
+        return {"value": number.value, "std": number.std, "unit": number.unit}
+
+    return {
+        "name": finding.effect.name,
+        "probability": finding.belief.probability,
+        "parameters": {name: quantity(number) for name, number in finding.parameters.items()},
+        "windows": finding.windows,
+        "sentence": finding.sentence,
+        "rivals": [{"name": name, "probability": chance} for name, chance in finding.belief.rivals],
+        "indistinguishable_from": finding.belief.alike,
+        "separating_motion": finding.effect.separating_motion,
+    }
+
+
+def print_answer(people: Console, found: Diagnosis) -> None:
+    """The verdict in sentences, the parameters as a table, and the proof."""
+    proof = found.main.proof
+    if found.verdict == "none":
+        people.print(f"The recording and the simulation agree within the tolerances ({100 * found.probability:.1f} %).")
+    for finding in found.findings:
+        people.print(f"{escape(finding.sentence)} ({100 * finding.belief.probability:.1f} %)", soft_wrap=True)
+        if finding.belief.alike:
+            people.print(
+                f"  Not to be told from {', '.join(finding.belief.alike)} here; "
+                f"this would: {escape(finding.effect.separating_motion)}",
+                soft_wrap=True,
+            )
+        people.print(_table(finding))
+    if found.unknown is not None:
+        people.print(escape(readable(found.unknown.sentence, 500)), soft_wrap=True)
+    people.print(
+        f"Held-out error, in units of the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} calibrated within "
+        f"the tolerances, {proof.augmented:.2f} with what was found.",
+        soft_wrap=True,
+    )
+    if found.untestable:
+        people.print(f"Not tested here: {escape(', '.join(sorted(found.untestable)))}.", soft_wrap=True)
+
+
+def _table(finding: Finding) -> Table:
+    table = Table("", "value", "one sigma", "unit", title=finding.effect.name, title_justify="left")
+    for name, number in finding.parameters.items():
+        value, sigma = rounded(number.value, number.std)
+        table.add_row(name, value, sigma, number.unit)
+    return table

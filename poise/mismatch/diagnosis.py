@@ -1,0 +1,290 @@
+"""The diagnosis of a recording: where it parts from the simulation, what was left out, and the held-out proof."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.belief import Belief, beliefs, sureness_of_none
+from poise.mismatch.effects import effect_named
+from poise.mismatch.effects.base import Effect, Values
+from poise.mismatch.fitting import Fit, fit
+from poise.mismatch.heldout import HeldOut, held_out, tail
+from poise.mismatch.leftover import Leftover, leftover
+from poise.mismatch.model import Component, NominalModel
+from poise.mismatch.problem import Part, Problem, effort_problem, wrench_problem
+from poise.mismatch.search import Search, left_over, names, search
+from poise.mismatch.unknown import Dependence, Shape, shape, spoken
+from poise.mismatch.where import Window, locate
+from poise.mismatch.wording import channel_names
+from poise.mismatch.world import World
+
+Array = NDArray[np.float64]
+Verdict = Literal["none", "named", "unknown", "mixed"]
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A number with its one-sigma error, NaN when that is not known."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """One effect of the answer."""
+
+    effect: Effect
+    values: Values
+    covariance: Array
+    belief: Belief
+    parameters: dict[str, Quantity]
+    windows: tuple[tuple[float, float], ...]
+    sentence: str
+
+    @property
+    def component(self) -> Component:
+        """As it joins a model."""
+        return Component(self.effect.name, dict(self.values), self.covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class Unknown:
+    """Physics outside the library: the states that it goes with, and the curve of it where there is one."""
+
+    depends_on: tuple[str, ...]
+    sentence: str
+    shape: Shape | None
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """One signal of a recording, examined.
+
+    Args:
+        problem: the signal, under the noise that the best model leaves.
+        nominal, best: the fits without and with the findings.
+        state: everything that was tried.
+        findings: the named effects, the likeliest first.
+        unknown: or None.
+        rest: what the best model leaves.
+        where: windows in which the nominal model is off.
+        last: (N,) the held-out samples.
+        proof: errors on them.
+    """
+
+    problem: Problem
+    nominal: Fit
+    best: Fit
+    state: Search
+    findings: tuple[Finding, ...]
+    unknown: Unknown | None
+    rest: Leftover
+    where: tuple[Window, ...]
+    last: NDArray[np.bool_]
+    proof: HeldOut
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What `diagnose` found, over all signals; `main` is the one that says most."""
+
+    examinations: tuple[Examination, ...]
+    seconds: float
+
+    @property
+    def main(self) -> Examination:
+        """The signal that the nominal model is worst at."""
+        return max(self.examinations, key=lambda each: each.proof.nominal)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The named effects, the likeliest first."""
+        found = [finding for each in self.examinations for finding in each.findings]
+        return tuple(sorted(found, key=lambda each: -each.belief.probability))
+
+    @property
+    def unknown(self) -> Unknown | None:
+        """What no named effect explains, of the signal that shows it most."""
+        found = [each for each in self.examinations if each.unknown is not None]
+        return max(found, key=lambda each: each.rest.excess).unknown if found else None
+
+    @property
+    def verdict(self) -> Verdict:
+        """none, named, unknown, or mixed: something named and something unknown."""
+        if self.unknown is None:
+            return "named" if self.findings else "none"
+        return "mixed" if self.findings else "unknown"
+
+    @property
+    def probability(self) -> float:
+        """Of the verdict `none`."""
+        return float(np.prod([sureness_of_none(each.state) for each in self.examinations]))
+
+    @property
+    def untestable(self) -> dict[str, str]:
+        """Effects that this recording cannot show, and why."""
+        return {name: why for each in self.examinations for name, why in each.state.untestable.items()}
+
+    @property
+    def augmented(self) -> NominalModel:
+        """The nominal model with what was found."""
+        model = self.main.problem.model
+        return replace(model, effects=(*model.effects, *(each.component for each in self.findings)))
+
+
+def diagnose(
+    world: World,
+    model: NominalModel,
+    last: NDArray[np.bool_] | None = None,
+    library: Sequence[Effect] | None = None,
+) -> Diagnosis:
+    """Hold a recording against the nominal model.
+
+    Args:
+        world: the recording or recordings, see `poise.mismatch.reading`.
+        model: tolerances and noise; the effects in it are part of the nominal model.
+        last: (N,) the wrench samples of the last of several recordings, which no fit sees; None: a single recording,
+            whose last 30 % are held out from the fits that prove the answer.
+        library: effects to try; None: all.
+    """
+    begin = time.perf_counter()
+    world = with_components(world, model.effects)
+    problems = [wrench_problem(world, model)]
+    if world.effort is not None and world.effort.names:
+        problems.append(effort_problem(world, model))
+    examined = []
+    for problem in problems:
+        held = None if last is None else _at_stamps(world, last, problem.seconds)
+        examined.append(_examined(problem, held, library))
+    return Diagnosis(tuple(examined), time.perf_counter() - begin)
+
+
+def with_components(world: World, components: Sequence[Component]) -> World:
+    """The world with the effects that a model carries; events belong to the recording they were found in, and stay
+    there.
+
+    Raises:
+        InputError: BAD_INPUT for an effect that is not in the library, or that lacks a parameter.
+    """
+    for component in components:
+        effect = effect_named(component.name)
+        if effect is None:
+            raise InputError(ErrorCode.BAD_INPUT, f"the model has an effect '{component.name}' that no one knows")
+        if effect.untestable(world) or not effect.transfers:
+            continue
+        lacking = [p.name for p in effect.parameters(world) if p.name not in component.values]
+        if lacking:
+            raise InputError(ErrorCode.BAD_INPUT, f"effect {component.name} of the model lacks {', '.join(lacking)}")
+        response = effect.simulate(world, component.values)
+        if effect.signal == "wrench":
+            world = world.with_prediction(world.prediction + response)
+        elif world.effort is not None:
+            world = world.with_effort(world.effort.prediction + response)
+    return world
+
+
+def _at_stamps(world: World, last: NDArray[np.bool_], seconds: Array) -> NDArray[np.bool_]:
+    """A mask of wrench samples at the stamps of another signal."""
+    return last if seconds is world.seconds else np.asarray(seconds >= world.seconds[int(np.argmax(last))])
+
+
+def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequence[Effect] | None) -> Examination:
+    seen = problem if last is None else replace(problem, judged=~last)
+    state, best = search(seen, library)
+    final = seen.with_noise(seen.fitted_noise(left_over(seen, best)))
+    best = fit(final, best.parts)
+    nominal = fit(final, ()) if best.parts else best
+    rest = leftover(final, left_over(final, best), _whitened(best))
+    held = tail(final) if last is None else last
+    channels = (
+        channel_names() if problem.world.effort is None or problem.signal == "wrench" else problem.world.effort.names
+    )
+    return Examination(
+        problem=final,
+        nominal=nominal,
+        best=best,
+        state=state,
+        findings=tuple(_findings(final, state, best)),
+        unknown=_unknown(final, best, rest),
+        rest=rest,
+        where=locate(final.world, left_over(final, nominal), final.noise, channels),
+        last=held,
+        proof=held_out(replace(final, judged=None), best, held),
+    )
+
+
+def _whitened(found: Fit) -> Array:
+    """(R,) the whitened residual of a fit."""
+    frame = found.frame
+    return np.asarray(frame.target - frame.coefficients() @ frame.columns)
+
+
+def _findings(problem: Problem, state: Search, best: Fit) -> list[Finding]:
+    thought = beliefs(state, names(best)) if best.parts else {}
+    worlds = problem.compose(best.parts)[0]
+    found = [
+        Finding(
+            part.effect,
+            part.values,
+            covariance,
+            thought[part.effect.name],
+            quantities(part, world, covariance),
+            part.effect.windows(world, part.values),
+            part.effect.sentence(world, part.values),
+        )
+        for part, world, covariance in zip(best.parts, worlds, best.covariance, strict=True)
+        if not isinstance(part.effect, Dependence)
+    ]
+    return sorted(found, key=lambda each: -each.belief.probability)
+
+
+def quantities(part: Part, world: World, covariance: Array) -> dict[str, Quantity]:
+    """The parameters that people want to know, with one-sigma errors: to first order for what is derived."""
+    effect, values = part.effect, dict(part.values)
+    parameters = effect.parameters(world)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    told = {
+        p.name: Quantity(float(values[p.name]), float(s), p.unit)
+        for p, s in zip(parameters, sigma, strict=True)
+        if not p.hidden
+    }
+    derived = effect.derived(world, values)
+    if not derived:
+        return told
+    slopes = np.zeros((len(derived), len(parameters)))
+    for k, (p, s) in enumerate(zip(parameters, sigma.tolist(), strict=True)):
+        if s > 0:
+            moved = effect.derived(world, {**values, p.name: values[p.name] + 0.01 * s})
+            slopes[:, k] = [(moved[name][0] - derived[name][0]) / (0.01 * s) for name in derived]
+    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    for (name, (value, unit)), std in zip(derived.items(), spread.tolist(), strict=True):
+        told[name] = Quantity(value, std, unit)
+    return told
+
+
+def _unknown(problem: Problem, best: Fit, rest: Leftover) -> Unknown | None:
+    parts = [part for part in best.parts if isinstance(part.effect, Dependence)]
+    if not parts and not rest.structured:
+        return None
+    depends = [part.effect.state for part in parts if isinstance(part.effect, Dependence)]
+    depends += [state for state in rest.depends_on if state not in depends and not parts]
+    first = parts[0] if parts else None
+    if first is not None and isinstance(first.effect, Dependence):
+        return Unknown(
+            tuple(depends),
+            first.effect.sentence(problem.world, first.values),
+            shape(first.effect, problem.world, first.values),
+        )
+    what = " and ".join(spoken(state) for state in depends) or "nothing that was recorded"
+    sentence = (
+        f"Something that is not in the library is left: the residual has {100 * rest.excess:.0f} % more energy than "
+        f"the sensor's noise may have; it goes with {what}."
+    )
+    return Unknown(tuple(depends), sentence, None)
