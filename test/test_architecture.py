@@ -17,7 +17,7 @@ LINKS = ("nodes", "fake_robots")
 LEVELS = (
     {"cli", "commands"},
     {"viewing"},
-    {"placement", "mismatch"},
+    {"placement", "mismatch", "excitation"},
     {"simulation"},
     {"assembly", "inertia"},
     {"shape", "robot", "recording", "force_torque"},

@@ -169,7 +169,7 @@ class WaypointTrajectory:
         segment = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
         span = np.diff(self.times)[segment]
         u = np.clip((t - self.times[segment]), 0.0, span)
-        coefficients = self._coefficients()[:, segment]
+        coefficients = self.polynomials()[:, segment]
         out = []
         for _ in range(3):
             out.append(np.einsum("kn,knj->nj", u ** np.arange(len(coefficients))[:, None], coefficients))
@@ -178,7 +178,7 @@ class WaypointTrajectory:
         out[1][outside] = out[2][outside] = 0.0
         return JointMotion(*out)
 
-    def _coefficients(self) -> Array:
+    def polynomials(self) -> Array:
         """(6, K - 1, J) of each segment's polynomial in the time since its start (Craig 2005, eq. 7.18)."""
         velocity, acceleration = np.asarray(self.velocity), np.asarray(self.acceleration)
         span = np.diff(self.times)[:, None]
