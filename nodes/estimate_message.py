@@ -6,6 +6,7 @@ from builtin_interfaces.msg import Time
 from poise.errors import PoiseError
 from poise.inertia import InertialEstimate
 from poise.nodes.runtime import to_message
+from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 from poise_msgs.msg import InertialEstimate as InertialEstimateMessage
 from poise_msgs.msg import RejectedInterval
 
@@ -16,11 +17,19 @@ def time_message(stamp: int) -> Time:
     return Time(sec=seconds, nanosec=nanoseconds) if 0 <= seconds < 2**31 else Time()
 
 
+HULL = {
+    None: InertialEstimateMessage.COM_UNKNOWN,
+    True: InertialEstimateMessage.COM_INSIDE,
+    False: InertialEstimateMessage.COM_OUTSIDE,
+}
+
+
 def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
     """Turn an estimate into a message."""
     message = InertialEstimateMessage()
     message.header.stamp = time_message(estimate.stamp)
     message.header.frame_id = estimate.frame_id
+    message.since = time_message(estimate.since or 0)
     inertia, parameters = message.inertia, estimate.parameters
     inertia.m = parameters.mass
     inertia.com.x, inertia.com.y, inertia.com.z = parameters.com.tolist()
@@ -31,7 +40,7 @@ def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
     message.bias_covariance = np.ascontiguousarray(estimate.bias_covariance).ravel()
     message.delay, message.delay_std = float(estimate.delay), float(estimate.delay_std)
     message.method = estimate.method
-    message.consistent = estimate.consistent
+    message.consistent, message.com_in_hull = estimate.consistent, HULL[estimate.com_in_hull]
     message.unidentified = list(estimate.unidentified)
     message.condition_number = float(estimate.condition_number)
     message.n_samples = min(estimate.n_samples, 2**32 - 1)
@@ -41,6 +50,7 @@ def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
         )
         for span in estimate.rejected
     ]
+    message.findings = [ErrorCodeMessage(code=finding.code, message=finding.message) for finding in estimate.findings]
     message.residual_force, message.residual_torque = estimate.residual_force, estimate.residual_torque
     return message
 

@@ -11,7 +11,8 @@
 - `identification`: `identify`, the same for a recording.
 """
 
-from poise.inertia.estimate import Identification, InertialEstimate, RejectedInterval
+from poise.inertia.estimate import Identification, InertialEstimate
+from poise.inertia.findings import RejectedInterval
 from poise.inertia.identification import identify, identify_wrenches
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import Solution, solve

@@ -11,8 +11,14 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.averaging import ModelAverage
 from poise.inertia.blocks import Blocks
 from poise.inertia.delay import LagGrid
-from poise.inertia.estimate import RejectedInterval
-from poise.inertia.findings import Finding, not_shown, nothing_held, outside, wrong_shape, zeroed_under_load
+from poise.inertia.findings import (
+    RejectedInterval,
+    not_shown,
+    nothing_held,
+    outside,
+    wrong_shape,
+    zeroed_under_load,
+)
 from poise.inertia.first_guess import blob, states_of_shape
 from poise.inertia.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
 from poise.inertia.information import root_mean_square
@@ -48,17 +54,10 @@ class BayesSolution(Solution):
 
     Args:
         stamp: of the newest sample used, ns.
-        delay, delay_std: wrench stamps minus kinematics stamps, s; NaN when it was not estimated.
-        rejected: samples not used, in the order of time.
-        findings: what else to know.
         points: (P, 3) m whose hull is the object's; may be empty.
     """
 
     stamp: int = 0
-    delay: float = np.nan
-    delay_std: float = np.nan
-    rejected: tuple[RejectedInterval, ...] = ()
-    findings: tuple[Finding, ...] = ()
     points: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property

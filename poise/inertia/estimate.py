@@ -5,25 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.inertia.findings import Finding, RejectedInterval
 from poise.inertia.least_squares import Solution
 from poise.inertia.parameters import Array, InertialParameters, about_com_jacobian
 from poise.robot import SensorMotion
-
-
-@dataclass(frozen=True)
-class RejectedInterval:
-    """A span of wrench samples that was not used.
-
-    Args:
-        start, end: stamps of its first and last sample, int ns.
-        n_samples: how many.
-        reason: not_finite, saturated, out_of_order, stale, no_kinematics or moving; as in poise_msgs/RejectedInterval.
-    """
-
-    start: int
-    end: int
-    n_samples: int
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +33,9 @@ class InertialEstimate:
         residual_force: root mean square per axis of what the estimate leaves unexplained, N.
         residual_torque: the same, N m.
         n_effective: how many independent samples the used ones are worth.
+        com_in_hull: the centre of mass lies in the convex hull of the object; None when its outline is not known.
+        findings: what else to know.
+        since: ns; no earlier sample counts, because the payload may have been another one. None: all do.
     """
 
     stamp: int
@@ -68,12 +56,31 @@ class InertialEstimate:
     residual_force: float
     residual_torque: float
     n_effective: float = np.nan
+    com_in_hull: bool | None = None
+    findings: tuple[Finding, ...] = ()
+    since: int | None = None
 
     @classmethod
     def from_solution(
-        cls, solution: Solution, *, stamp: int, frame_id: str, method: str, rejected: tuple[RejectedInterval, ...]
+        cls,
+        solution: Solution,
+        *,
+        stamp: int,
+        frame_id: str,
+        method: str,
+        rejected: tuple[RejectedInterval, ...],
+        since: int | None = None,
     ) -> "InertialEstimate":
-        """Dress a least-squares solution."""
+        """Dress a solution; what it says of its own of delay, hull, findings and rejected samples is taken over.
+
+        Args:
+            solution: of any method.
+            stamp: of the newest sample used, ns.
+            frame_id: the sensor frame.
+            method: the estimator.
+            rejected: samples that it never saw.
+            since: ns, see above.
+        """
         parameters = InertialParameters.from_phi(solution.phi)
         return cls(
             stamp=stamp,
@@ -83,17 +90,20 @@ class InertialEstimate:
             covariance=solution.covariance,
             bias=solution.bias,
             bias_covariance=solution.bias_covariance,
-            delay=np.nan,
-            delay_std=np.nan,
+            delay=solution.delay,
+            delay_std=solution.delay_std,
             method=method,
             consistent=parameters.is_consistent,
             unidentified=solution.unidentified,
             condition_number=solution.condition_number,
             n_samples=solution.n_samples,
-            rejected=rejected,
+            rejected=tuple(sorted((*rejected, *solution.rejected), key=lambda span: span.start)),
             residual_force=solution.residual_force,
             residual_torque=solution.residual_torque,
             n_effective=solution.n_effective,
+            com_in_hull=solution.com_in_hull,
+            findings=solution.findings,
+            since=since,
         )
 
     @property

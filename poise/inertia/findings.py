@@ -1,4 +1,4 @@
-"""What the reader of an estimate should know: a sensor zeroed too late, another object, nothing held, a poor motion."""
+"""What to know of an estimate: samples left out, a sensor zeroed too late, another object, nothing held."""
 
 from dataclasses import dataclass
 
@@ -32,6 +32,23 @@ class Finding:
 
     code: ErrorCode
     message: str
+
+
+@dataclass(frozen=True)
+class RejectedInterval:
+    """A span of wrench samples that was not used.
+
+    Args:
+        start, end: stamps of its first and last sample, int ns.
+        n_samples: how many.
+        reason: not_finite, saturated, out_of_order, stale, no_kinematics, moving or external_contact; as in
+            poise_msgs/RejectedInterval.
+    """
+
+    start: int
+    end: int
+    n_samples: int
+    reason: str
 
 
 def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float) -> Finding | None:

@@ -8,23 +8,19 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.buffer import Stamps
-from poise.inertia.estimate import Identification, InertialEstimate, RejectedInterval
+from poise.inertia.estimate import Identification, InertialEstimate
+from poise.inertia.findings import RejectedInterval
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import solve
-from poise.inertia.online import (
-    AUTO,
-    METHODS,
-    NOT_FINITE,
-    OnlineEstimator,
-    PairedSamples,
-    check_method,
-    model_matrix,
-)
+from poise.inertia.online import OnlineEstimator
 from poise.inertia.parameters import Array
+from poise.inertia.recorder import NOT_FINITE
 from poise.inertia.sources import FrameSource, JointSource, MotionSource
 from poise.inertia.tracks import USED, PairingSettings
+from poise.inertia.weighers import AUTO, METHODS, check_method, joined, model_matrix
+from poise.inertia.weighing import PairedSamples
 from poise.recording import PoseStream, Recording, WrenchStream
-from poise.robot import STANDARD_GRAVITY, RobotModel, SensorMotion
+from poise.robot import STANDARD_GRAVITY, RobotModel
 
 __all__ = ["METHODS", "Identification", "InertialEstimate", "RejectedInterval", "identify", "identify_wrenches"]
 
@@ -272,13 +268,7 @@ def _joined(parts: list[PairedSamples]) -> PairedSamples:
     stamps, wrench, reasons = (
         np.concatenate([getattr(part, name) for part in parts]) for name in ("stamps", "wrench", "reasons")
     )
-    motion = SensorMotion(
-        stamps,
-        np.concatenate([part.motion.rotation_world_sensor for part in parts]),
-        np.concatenate([part.motion.angular_velocity_in_sensor for part in parts]),
-        np.concatenate([part.motion.angular_acceleration_in_sensor for part in parts]),
-        np.concatenate([part.motion.linear_acceleration_in_sensor for part in parts]),
-    )
+    motion = joined([part.motion for part in parts])
     known = np.isfinite(motion.rotation_world_sensor).all(axis=(1, 2)) & (reasons != NOT_FINITE)
     return PairedSamples(stamps[known], wrench[known], motion.select(known), reasons[known])
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError
+from poise.inertia.findings import Finding, RejectedInterval
 from poise.inertia.information import (
     FORCE,
     N_UNKNOWNS,
@@ -41,6 +42,9 @@ class Solution:
         residual_torque: root mean square per axis, N m.
         n_samples: samples used.
         n_effective: how many independent ones they are worth.
+        delay, delay_std: wrench stamps minus kinematics stamps, s; NaN when it was not estimated.
+        rejected: samples that the method itself did not use, in the order of time.
+        findings: what else to know.
     """
 
     phi: Array
@@ -53,6 +57,15 @@ class Solution:
     residual_torque: float
     n_samples: int
     n_effective: float
+    delay: float = np.nan
+    delay_std: float = np.nan
+    rejected: tuple[RejectedInterval, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def com_in_hull(self) -> bool | None:
+        """The centre of mass lies in the convex hull of the object; None when its outline is not known."""
+        return None
 
 
 def solve(information: InformationAccumulator, noise: ArrayLike | None = None) -> Solution:

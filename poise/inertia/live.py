@@ -9,9 +9,12 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimate import InertialEstimate
-from poise.inertia.online import AUTO, OnlineEstimator, check_method
+from poise.inertia.online import WINDOW, OnlineEstimator
+from poise.inertia.parts import Parts
+from poise.inertia.problem import NoiseLevels
 from poise.inertia.sources import FrameSource, JointSource, MotionSource
 from poise.inertia.tracks import PairingSettings
+from poise.inertia.weighers import AUTO, check_method
 from poise.robot import STANDARD_GRAVITY, RobotModel
 
 JOINTS, FRAMES = "joint_states", "tf"
@@ -35,6 +38,9 @@ class LiveOptions:
         motion_source: `joint_states`, `tf`, or `auto`: joint states when they and a robot description come, else tf.
         gravity: m/s2.
         method: see `OnlineEstimator`.
+        parts: of the payload, in the sensor frame; None when its shape is not known.
+        noise: see `OnlineEstimator`.
+        window: s, the same.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
     """
@@ -44,6 +50,9 @@ class LiveOptions:
     motion_source: str = AUTO
     gravity: float = STANDARD_GRAVITY
     method: str = AUTO
+    parts: Parts | None = None
+    noise: NoiseLevels = field(default_factory=NoiseLevels)
+    window: float = WINDOW
     saturation: tuple[float, float] = (np.inf, np.inf)
     settings: PairingSettings = field(default_factory=PairingSettings)
 
@@ -67,6 +76,8 @@ class LiveEstimator:
         self.joints: JointSource | None = None
         self.estimator: OnlineEstimator | None = None
         """None until it is clear where the motion comes from."""
+        self.parts = options.parts
+        """Of the payload, in the sensor frame."""
         self.problem: InputError | None = None
         """Why the robot description cannot be used."""
         self.foreign_wrenches: Counter[str] = Counter()
@@ -167,10 +178,17 @@ class LiveEstimator:
             self._flushed = quiet
 
     def reset(self) -> None:
-        """Forget all samples: another payload."""
+        """Forget all samples: another payload, of unknown shape."""
         self._early.clear()
+        self.parts = None
         if self.estimator is not None:
             self.estimator.reset()
+
+    def hold(self, parts: Parts | None) -> None:
+        """Take the payload for one of this shape, given in the sensor frame."""
+        self.parts = parts
+        if self.estimator is not None:
+            self.estimator.hold(parts)
 
     def estimate(self) -> InertialEstimate:
         """Solve for everything since the start or the last reset.
@@ -178,13 +196,45 @@ class LiveEstimator:
         Raises:
             NoAnswerError: TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
         """
+        return self._known().estimate()
+
+    # -- a window of its own ---------------------------------------------------------------------------------
+
+    def begin_window(self, method: str = "", parts: Parts | None = None) -> None:
+        """Weigh what comes from now on by itself, too; see `OnlineEstimator.begin_window`.
+
+        Raises:
+            NoAnswerError: TOO_FEW_SAMPLES when it is not known yet how the sensor moves.
+            InputError: BUSY or BAD_INPUT.
+        """
+        self._known().begin_window(method, parts)
+
+    @property
+    def window_samples(self) -> int:
+        """Samples used in the window."""
+        return 0 if self.estimator is None else self.estimator.window_samples
+
+    def window_estimate(self) -> InertialEstimate:
+        """Solve for everything in the window.
+
+        Raises:
+            NoAnswerError: EMPTY without a window, TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
+        """
+        return self._known().window_estimate()
+
+    def end_window(self, keep: bool = False) -> None:
+        """Close the window, if there is one; with `keep` it takes the place of the running estimate."""
+        if self.estimator is not None:
+            self.estimator.end_window(keep)
+
+    def _known(self) -> OnlineEstimator:
         if self.estimator is None:
             raise NoAnswerError(
                 ErrorCode.TOO_FEW_SAMPLES,
                 f"nothing says yet how {self.sensor_frame or 'the sensor'} moves: publish joint_states and "
                 "robot_description, or tf up to it",
             )
-        return self.estimator.estimate()
+        return self.estimator
 
     def _has_moved(self, now: float) -> None:
         self.heard["kinematics"] = now
@@ -221,6 +271,9 @@ class LiveEstimator:
             frame_id=self.sensor_frame,
             gravity=self.options.gravity,
             method=self.options.method,
+            parts=self.parts,
+            noise=self.options.noise,
+            window=self.options.window,
             saturation=self.options.saturation,
             settings=self.options.settings,
         )

@@ -5,7 +5,7 @@ from collections import Counter, deque
 import numpy as np
 
 from poise.inertia.buffer import Stamps
-from poise.inertia.estimate import RejectedInterval
+from poise.inertia.findings import RejectedInterval
 from poise.inertia.tracks import USED, Reasons
 
 

@@ -1,12 +1,15 @@
 """OnlineEstimator: live and offline are one answer, and what goes wrong in a stream is counted, never swallowed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from simulated_motion import LOAD, Scene, record, steps, swing
+from simulated_motion import BIAS, LOAD, Scene, record, steps, swing
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.identification import Kinematics, identify_wrenches
 from poise.inertia.online import OnlineEstimator
+from poise.inertia.problem import NoiseLevels
 from poise.inertia.sources import FrameSource, JointSource
 
 SECOND = 10**9
@@ -259,3 +262,45 @@ def test_senseless_options_are_refused(swinging, options):
     with pytest.raises(InputError) as caught:
         estimator(swinging, **options)
     assert caught.value.code is ErrorCode.BAD_INPUT
+
+
+@pytest.mark.parametrize("method", ["poise", "rtls"])
+def test_every_method_takes_a_stream(swinging, method):
+    online = estimator(swinging, method=method, noise=NoiseLevels(0.05, 0.002, 0.01, 0.05, 10.0, 0.5))
+    play(online, swinging, np.linspace(0.05, 1.0, 20))
+    online.finish()
+    found = online.estimate()
+    assert found.method == method
+    assert found.parameters.mass == pytest.approx(LOAD.mass, rel=0.02)
+    np.testing.assert_allclose(found.parameters.com, LOAD.com, atol=2e-3)
+
+
+def test_a_window_is_weighed_by_itself_and_the_running_estimate_goes_on():
+    scene = record(swing, 8.0, rng=np.random.default_rng(1))
+    wrench, half = scene.wrench.wrench_in_sensor.copy(), len(scene.wrench) // 2
+    wrench[half:] = 2 * wrench[half:] - BIAS
+    scene = replace(scene, wrench=replace(scene.wrench, wrench_in_sensor=wrench))
+    online = estimator(scene, method="ols", noise=NoiseLevels(force_bias=10.0, torque_bias=0.5))
+    play(online, scene, np.linspace(0.1, 0.5, 10))
+    with pytest.raises(NoAnswerError) as nothing:
+        online.window_estimate()
+    assert nothing.value.code == ErrorCode.EMPTY
+    online.begin_window("poise")
+    with pytest.raises(InputError) as busy:
+        online.begin_window()
+    assert busy.value.code == ErrorCode.BUSY
+    joints, first = scene.joints, np.searchsorted(scene.joints.stamps, scene.wrench.stamps[half])
+    add_joints(online, scene, slice(int(first), len(joints)))
+    online.add_wrench(scene.wrench.stamps[half:], wrench[half:])
+    online.update(flush=True)
+    running, window = online.estimate(), online.window_estimate()
+    assert (running.method, window.method) == ("ols", "poise")
+    assert window.parameters.mass == pytest.approx(2 * LOAD.mass, rel=0.02)
+    assert scene.wrench.stamps[half - 1] < window.since <= scene.wrench.stamps[half]
+    assert online.window_samples < 0.6 * online.n_samples
+    assert 1.1 < running.parameters.mass / LOAD.mass < 1.9
+    online.end_window(keep=True)
+    np.testing.assert_array_equal(online.estimate().phi, window.phi)
+    online.begin_window()
+    online.end_window()
+    np.testing.assert_array_equal(online.estimate().phi, window.phi)

@@ -1,0 +1,62 @@
+"""The parameters of inertial_estimator: what they mean, their ranges, and the options that they make."""
+
+from typing import Any
+
+import numpy as np
+
+from poise.inertia.live import SOURCES, LiveOptions
+from poise.inertia.problem import NoiseLevels
+from poise.inertia.tracks import PairingSettings
+from poise.inertia.weighers import METHODS
+from poise.nodes.parameters import Parameter
+
+SETTINGS = ("max_gap", "rest_gap", "rest_window", "rest_turning", "rest_speed", "block", "margin")
+NOISE = ("force", "torque", "linear_acceleration", "angular_acceleration")
+BIAS = ("force_bias", "torque_bias")
+
+PARAMETERS = (
+    Parameter("sensor_frame", "", "frame of the wrench; empty: what its first message says"),
+    Parameter("base_frame", "", "gravity-aligned frame in tf; empty: the topmost"),
+    Parameter("motion_source", "auto", "joint_states, tf, or auto: the former when a robot_description comes", SOURCES),
+    Parameter("gravity", 9.80665, "m/s2", (0.1, 100.0)),
+    Parameter(
+        "method",
+        "poise",
+        "estimator; poise: everything that is known; static: poses held still; ols: motion; auto: one of these two, as"
+        " the motion suits; the others work on a window",
+        METHODS,
+    ),
+    Parameter("window", 10.0, "s of samples, for rtls, geo, pmd and hps", (0.1, 600.0)),
+    Parameter("publish_rate", 10.0, "Hz of inertial_estimate while samples come, at the most", (0.1, 100.0)),
+    Parameter("noise_force", 0.1, "N, one sigma of a sample", (1e-6, 1e3)),
+    Parameter("noise_torque", 0.005, "N m, one sigma of a sample", (1e-6, 1e3)),
+    Parameter("noise_linear_acceleration", 0.05, "m/s2, one sigma of the motion's", (0.0, 1e3)),
+    Parameter("noise_angular_acceleration", 0.5, "rad/s2, one sigma of the motion's", (0.0, 1e3)),
+    Parameter("noise_force_bias", 0.0, "N to expect with nothing held; 0: the sensor was zeroed", (0.0, 1e6)),
+    Parameter("noise_torque_bias", 0.0, "N m to expect with nothing held; 0: the sensor was zeroed", (0.0, 1e6)),
+    Parameter("max_force", 0.0, "N at which an axis of the sensor is saturated; 0: no limit", (0.0, 1e6)),
+    Parameter("max_torque", 0.0, "N m at which an axis of the sensor is saturated; 0: no limit", (0.0, 1e6)),
+    Parameter("max_gap", 0.2, "s between kinematic samples across which nothing is interpolated", (0.001, 10.0)),
+    Parameter("rest_gap", 1.0, "s, the same for attitudes held still", (0.001, 60.0)),
+    Parameter("rest_window", 0.1, "s before and after a sample in which the sensor has to hold still", (0.01, 10.0)),
+    Parameter("rest_turning", 0.02, "rad/s below which it does", (0.0, 10.0)),
+    Parameter("rest_speed", 0.01, "m/s below which it does", (0.0, 10.0)),
+    Parameter("block", 0.5, "s of motion that are differentiated together", (0.1, 10.0)),
+    Parameter("margin", 0.5, "s of motion on either side that take part in it; the estimate lags by both", (0.1, 10.0)),
+    Parameter("best_effort", False, "take wrenches from a best-effort publisher too (some may be lost)"),
+)
+
+
+def live_options(values: dict[str, Any]) -> LiveOptions:
+    """What the parameters ask for."""
+    return LiveOptions(
+        sensor_frame=values["sensor_frame"],
+        base_frame=values["base_frame"],
+        motion_source=values["motion_source"],
+        gravity=values["gravity"],
+        method=values["method"],
+        noise=NoiseLevels(**{name: values[f"noise_{name}"] for name in (*NOISE, *BIAS)}),
+        window=values["window"],
+        saturation=(values["max_force"] or np.inf, values["max_torque"] or np.inf),
+        settings=PairingSettings(**{name: values[name] for name in SETTINGS}),
+    )
