@@ -14,6 +14,7 @@ from poise.commands.assembly import disassemble, msa, robustness
 from poise.commands.evaluate import evaluate
 from poise.commands.identify import identify
 from poise.commands.mismatch import mismatch
+from poise.commands.simulate import simulate
 from poise.errors import InputError, PoiseError
 
 INTERRUPTED = 130
@@ -34,6 +35,7 @@ app.command()(robustness)
 app.command()(msa)
 app.command()(disassemble)
 app.command()(mismatch)
+app.command()(simulate)
 
 
 def _print_version(wanted: bool) -> None:

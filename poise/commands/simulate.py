@@ -1,42 +1,139 @@
-"""`poise simulate`: running an augmented simulation along a recorded motion."""
+"""`poise simulate`: the simulation, with what a diagnosis added to it, run along a recorded or a planned motion."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.markup import escape
+from rich.table import Table
 
-from poise.mismatch.model import load_model
+from poise.commands.output import console, refuse_folder, write_json
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.components import absent, effect_of
+from poise.mismatch.model import NominalModel, load_model
 from poise.mismatch.reading import read_world
-from poise.mismatch.running import expected_wrench
-from poise.recording import PoseStream, Stream, open_recording, write_recording
+from poise.mismatch.running import Run, run_planned, run_recorded
+from poise.recording import open_recording, rewrite_recording, write_recording
+from poise.robot import RobotModel
+from poise.robot.model import find_urdf
+from poise.robot.urdf import read_urdf
+from poise.simulation import read_trajectory
+
+PLANNED = (".csv", ".yaml", ".yml")
+CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def simulate(
     model: Annotated[
-        Path, typer.Argument(metavar="MODEL", help="model.yaml, as --save writes it.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="MODEL", help="model.yaml: payload, noise, and the effects that --save added.", show_default=False
+        ),
     ],
     motion: Annotated[
-        Path, typer.Option("--motion", metavar="BAG", help="Recording whose motion is run again.", show_default=False)
+        Path,
+        typer.Option(
+            "--motion",
+            metavar="FILE",
+            help="A recording whose motion is run again, or a trajectory (.csv, .yaml; see docs/fake_robots.md).",
+            show_default=False,
+        ),
     ],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="Recording to write.", show_default=False)],
-    noise: Annotated[bool, typer.Option("--noise", help="Add the model's noise to the wrench.")] = False,
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The .mcap to write.", show_default=False)],
+    urdf: Annotated[
+        Path | None,
+        typer.Option("--urdf", help="For a trajectory: URDF, or fr3, xarm7, ridgeback_ur10.", show_default=False),
+    ] = None,
+    noise: Annotated[bool, typer.Option("--noise", help="Add the model's white noise to the wrench.")] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the noise.")] = 0,
+    json_target: Annotated[
+        str | None,
+        typer.Option("--json", metavar="FILE", help="Write a summary as JSON; - for stdout.", show_default=False),
+    ] = None,
 ) -> None:
-    """Run the augmented simulation along a recorded motion: the wrench that the model expects, as a recording.
+    """Run the simulation along a motion: what the sensor and the joints should say, as a recording.
 
-    Example:  poise simulate augmented.yaml --motion run.mcap --out expected.mcap
+    With a model that `poise mismatch --save` wrote, the effects that were found act: the recording made here is then
+    what the diagnosis expects, and holding it against the plain model finds them again. Of a recording the wrench is
+    replaced, and joint efforts where it holds some; everything else stays as it was. Along a trajectory wrench (100
+    Hz), joint states with efforts (125 Hz) and robot_description are written.
+
+    Example:  poise simulate augmented.yaml --motion run.mcap --out expected.mcap --json -
+
+    Example:  poise simulate model.yaml --motion excite.yaml --urdf ridgeback_ur10 --noise --out simulated.mcap
     """
-    nominal = load_model(model)
+    refuse_folder(json_target, "--json")
+    known = load_model(model)
+    rng = np.random.default_rng(seed) if noise else None
+    run = _planned if motion.suffix in PLANNED else _recorded
+    made = run(known, motion, out, urdf, rng)
+    content = summary(made, known, out, noise)
+    write_json(json_target, content)
+    people = console(json_target)
+    table = Table("effect of the model", "largest force, N", "largest torque, N m", "")
+    for entry in content["effects"]:
+        sizes = [f"{entry['largest'][kind]:.3g}" if entry["acts"] else "" for kind in ("force", "torque")]
+        table.add_row(entry["name"], *sizes, escape(entry["reason"]))
+    if content["effects"]:
+        people.print(table)
+    people.print(f"written: {escape(str(out))} ({len(made.wrench)} wrenches, {content['duration']:.1f} s)")
+
+
+def _recorded(known: NominalModel, motion: Path, out: Path, urdf: Path | None, rng: np.random.Generator | None) -> Run:
+    if urdf is not None:
+        raise InputError(ErrorCode.BAD_INPUT, "--urdf is for a trajectory; for a recording put `urdf:` into the model")
     recording = open_recording(motion)
-    reading = read_world(recording, nominal)
-    wrench = expected_wrench(reading, np.random.default_rng(seed) if noise else None)
-    streams: dict[str, Stream | list[PoseStream]] = {"wrench": wrench}
-    has = {topic.strip("/").rpartition("/")[2] for topic in recording.topics}
-    if "joint_states" in has:
-        streams["joint_states"] = recording.joint_states()
-    if "odom" in has:
-        streams["odom"] = recording.odometry()
-    description = recording.robot_description() if "robot_description" in has else None
-    write_recording(out, streams, robot_description=description)
-    print(f"written: {out} ({len(wrench)} wrenches)")
+    reading = read_world(recording, known)
+    joints = None if reading.world.effort is None else recording.joint_states()
+    made = run_recorded(reading.world, joints, reading.model, rng)
+    rewrite_recording(recording, out, made.streams)
+    return made
+
+
+def _planned(known: NominalModel, motion: Path, out: Path, urdf: Path | None, rng: np.random.Generator | None) -> Run:
+    source = urdf or known.urdf
+    if source is None:
+        raise InputError(ErrorCode.BAD_INPUT, f"the trajectory {motion} needs a robot: give --urdf, or urdf: in MODEL")
+    robot = RobotModel.from_file(source, known.sensor_frame or "ft_sensor")
+    made = run_planned(robot, read_trajectory(motion, robot), known, rng)
+    write_recording(out, made.streams, robot_description=read_urdf(find_urdf(source)), metadata=_metadata(known))
+    return made
+
+
+def _metadata(known: NominalModel) -> dict[str, dict[str, str]]:
+    return {} if known.gravity is None else {"poise": {"gravity": repr(known.gravity)}}
+
+
+def summary(made: Run, known: NominalModel, out: Path, noisy: bool) -> dict[str, Any]:
+    """What was written: SI units; sizes are of the whole difference that an effect makes."""
+    world = made.world
+    effects = []
+    for component in known.effects:
+        effect = effect_of(component)
+        why = absent(effect, made.nominal, events=True)
+        response = (
+            np.zeros((1, 6)) if why or effect.signal == "effort" else effect.simulate(made.nominal, component.values)
+        )
+        largest = np.abs(response).max(axis=0)
+        effects.append(
+            {
+                "name": effect.name,
+                "acts": not why,
+                "reason": why,
+                "signal": effect.signal,
+                "largest": {"force": float(largest[:3].max()), "torque": float(largest[3:].max())},
+            }
+        )
+    wrench = made.wrench.wrench_in_sensor
+    return {
+        "out": str(out),
+        "duration": world.duration,
+        "wrenches": len(made.wrench),
+        "frame_id": made.wrench.frame_id,
+        "mass": float(world.phi[0]),
+        "noise": noisy,
+        "efforts": [] if world.effort is None else list(world.effort.names),
+        "rms": dict(zip(CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
+        "effects": effects,
+    }

@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.errors import ErrorCode, InputError
 from poise.mismatch.belief import Belief, beliefs, sureness_of_none
-from poise.mismatch.effects import effect_named
+from poise.mismatch.components import with_components
 from poise.mismatch.effects.base import Effect, Values
 from poise.mismatch.fitting import Fit, fit
 from poise.mismatch.heldout import HeldOut, held_out, tail
@@ -164,30 +163,6 @@ def diagnose(
         held = None if last is None else _at_stamps(world, last, problem.seconds)
         examined.append(_examined(problem, held, library))
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
-
-
-def with_components(world: World, components: Sequence[Component]) -> World:
-    """The world with the effects that a model carries; events belong to the recording they were found in, and stay
-    there.
-
-    Raises:
-        InputError: BAD_INPUT for an effect that is not in the library, or that lacks a parameter.
-    """
-    for component in components:
-        effect = effect_named(component.name)
-        if effect is None:
-            raise InputError(ErrorCode.BAD_INPUT, f"the model has an effect '{component.name}' that no one knows")
-        if effect.untestable(world) or not effect.transfers:
-            continue
-        lacking = [p.name for p in effect.parameters(world) if p.name not in component.values]
-        if lacking:
-            raise InputError(ErrorCode.BAD_INPUT, f"effect {component.name} of the model lacks {', '.join(lacking)}")
-        response = effect.simulate(world, component.values)
-        if effect.signal == "wrench":
-            world = world.with_prediction(world.prediction + response)
-        elif world.effort is not None:
-            world = world.with_effort(world.effort.prediction + response)
-    return world
 
 
 def _at_stamps(world: World, last: NDArray[np.bool_], seconds: Array) -> NDArray[np.bool_]:

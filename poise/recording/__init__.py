@@ -11,6 +11,7 @@ from poise.recording.alignment import (
 )
 from poise.recording.blocks import Loss, LossKind
 from poise.recording.reading import RawMessage, Recording, Topic, open_recording
+from poise.recording.rewriting import rewrite_recording
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
 from poise.recording.writing import RecordingWriter, write_recording
 
@@ -34,5 +35,6 @@ __all__ = [
     "nearest",
     "open_recording",
     "resample",
+    "rewrite_recording",
     "write_recording",
 ]

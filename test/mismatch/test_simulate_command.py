@@ -1,0 +1,139 @@
+"""`poise simulate`: what a model's effects add to a recording is what each of them says, and it can be read back."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from poise.cli import run
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.components import with_components
+from poise.mismatch.effects import effect_named
+from poise.mismatch.model import Component, load_model
+from poise.mismatch.reading import read_world
+from poise.recording import open_recording
+
+PAYLOAD = {"mass": 2.1, "com": [0.0, 0.01, 0.1], "inertia": [0.01, 0, 0, 0.01, 0, 0.005]}
+EFFECTS = [
+    {"name": "low_pass", "parameters": {"time_constant": 0.05}},
+    {"name": "world_force", "parameters": {"x": 0, "y": 0, "z": 0.1, "force_x": 2, "force_y": 0, "force_z": 1}},
+    {"name": "mass_step", "parameters": {"time": 6.0, "mass": -0.4, "moment_x": 0, "moment_y": 0, "moment_z": -0.04}},
+    {"name": "coulomb_friction", "parameters": {f"torque_{i}": 2.0 for i in range(1, 7)}},
+]
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A nominal and an augmented model, a trajectory, and the nominal simulation along it."""
+    tmp_path = tmp_path_factory.mktemp("simulate")
+    nominal = {"sensor_frame": "ft_sensor", "payload": PAYLOAD}
+    paths = {name: tmp_path / name for name in ("nominal.yaml", "augmented.yaml", "excite.yaml", "plain.mcap")}
+    paths["nominal.yaml"].write_text(yaml.safe_dump(nominal))
+    paths["augmented.yaml"].write_text(yaml.safe_dump(nominal | {"effects": EFFECTS}))
+    paths["excite.yaml"].write_text("{fourier: {seed: 3, duration: 12, speed: 0.3}}")
+    arguments = ["--motion", paths["excite.yaml"], "--urdf", "ridgeback_ur10", "--out", paths["plain.mcap"]]
+    assert run(["simulate", str(paths["nominal.yaml"]), *map(str, arguments)]) == 0
+    return paths
+
+
+def simulated(files, model, out, *options):
+    target = files["plain.mcap"].with_name(out)
+    chosen = ["--motion", str(files["plain.mcap"]), "--out", str(target), *options]
+    assert run(["simulate", str(files[model]), *chosen]) == 0
+    return target
+
+
+def test_the_nominal_simulation_agrees_with_the_nominal_world_that_reads_it(files):
+    world = read_world(open_recording(files["plain.mcap"]), load_model(files["nominal.yaml"])).world
+    inner = (world.seconds > 1.5) & (world.seconds < 10.5)  # where the motion begins, jerk jumps
+    assert np.abs(world.wrench - world.prediction)[inner].max() < 2e-3
+    moving = (world.effort.seconds > 1.5) & (world.effort.seconds < 10.5)
+    assert np.abs(world.effort.measured - world.effort.rigid)[moving].max() < 2e-2
+
+
+def test_the_residual_of_the_nominal_world_is_what_the_effects_say(files):
+    """Kinematics, load, event and sensor in their order, and the friction in the efforts."""
+    bag = simulated(files, "augmented.yaml", "augmented.mcap")
+    world = read_world(open_recording(bag), load_model(files["nominal.yaml"])).world
+    pull, filtered, dropped, rubbing = (
+        (effect_named(entry["name"]), entry["parameters"]) for entry in (EFFECTS[1], EFFECTS[0], EFFECTS[2], EFFECTS[3])
+    )
+    said = world.prediction + pull[0].simulate(world, pull[1])
+    said = said + dropped[0].simulate(world, dropped[1])
+    said = said + filtered[0].simulate(world.with_prediction(said), filtered[1])
+    inner = (world.seconds > 1.5) & (world.seconds < 10.5)
+    assert np.abs(world.wrench - said)[inner].max() < 5e-3
+    assert np.abs(world.wrench - world.prediction)[inner].max() > 2.0
+    friction = world.effort.measured - world.effort.rigid
+    inner = (world.effort.seconds > 1.5) & (world.effort.seconds < 10.5)
+    exact = rubbing[0].simulate(world, rubbing[1])
+    assert np.quantile(np.abs(friction - exact)[inner], 0.99) < 0.02
+
+
+def test_what_is_not_simulated_stays_as_it_was(files):
+    before, after = (
+        open_recording(path) for path in (files["plain.mcap"], simulated(files, "augmented.yaml", "b.mcap"))
+    )
+    assert after.topics == before.topics
+    assert after.robot_description() == before.robot_description()
+    assert after.losses == ()
+    ours, theirs = after.joint_states(), before.joint_states()
+    rows = np.isin(theirs.stamps, ours.stamps)
+    np.testing.assert_array_equal(theirs.position[rows], ours.position)
+
+
+def test_noise_is_the_models_and_the_same_for_the_same_seed(files):
+    bags = [
+        simulated(files, "nominal.yaml", f"{name}.mcap", "--noise", "--seed", seed)
+        for name, seed in (("a", "1"), ("b", "1"), ("c", "2"))
+    ]
+    first, same, other = (open_recording(bag).wrench().wrench_in_sensor for bag in bags)
+    np.testing.assert_array_equal(first, same)
+    plain = open_recording(simulated(files, "nominal.yaml", "d.mcap")).wrench().wrench_in_sensor
+    for noisy in (first, other):
+        np.testing.assert_allclose((noisy - plain).std(axis=0), np.repeat([0.1, 0.005], 3), rtol=0.1)
+    assert np.abs(first - other).max() > 0.05
+
+
+def test_the_summary_says_what_acted(files, capsys):
+    simulated(files, "augmented.yaml", "b.mcap", "--json", "-")
+    content = json.loads(capsys.readouterr().out)
+    assert {entry["name"]: entry["acts"] for entry in content["effects"]} == {e["name"]: True for e in EFFECTS}
+    assert content["frame_id"] == "ft_sensor"
+    assert content["mass"] == pytest.approx(2.1)
+    assert content["effects"][1]["largest"]["force"] == pytest.approx(np.sqrt(5), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "arguments", "words"),
+    [
+        ({"effects": [{"name": "gremlins", "parameters": {}}]}, [], "gremlins"),
+        ({"effects": [{"name": "low_pass", "parameters": {}}]}, [], "time_constant"),
+        ({}, ["--urdf", "fr3"], "--urdf"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(files, tmp_path, capsys, change, arguments, words):
+    model = tmp_path / "bad.yaml"
+    model.write_text(yaml.safe_dump({"payload": PAYLOAD} | change))
+    out = tmp_path / "out.mcap"
+    assert run(["simulate", str(model), "--motion", str(files["plain.mcap"]), "--out", str(out), *arguments]) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_trajectory_needs_a_robot(files, capsys):
+    arguments = ["--motion", str(files["excite.yaml"]), "--out", str(files["plain.mcap"].with_name("x.mcap"))]
+    assert run(["simulate", str(files["nominal.yaml"]), *arguments]) == 2
+    assert "--urdf" in capsys.readouterr().err
+
+
+def test_events_stay_in_their_recording_unless_asked(files):
+    world = read_world(open_recording(files["plain.mcap"]), load_model(files["nominal.yaml"])).world
+    (event,) = [entry for entry in EFFECTS if entry["name"] == "mass_step"]
+    component = Component("mass_step", event["parameters"], np.zeros((5, 5)))
+    assert with_components(world, [component]) is world
+    assert with_components(world, [component], events=True) is not world
+    with pytest.raises(InputError) as raised:
+        with_components(world, [Component("gremlins", {}, np.zeros((0, 0)))])
+    assert raised.value.code is ErrorCode.BAD_INPUT
