@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -70,14 +71,7 @@ def simulate(
     made = run(known, motion, out, urdf, rng)
     content = summary(made, known, out, noise)
     write_json(json_target, content)
-    people = console(json_target)
-    table = Table("effect of the model", "largest force, N", "largest torque, N m", "")
-    for entry in content["effects"]:
-        sizes = [f"{entry['largest'][kind]:.3g}" if entry["acts"] else "" for kind in ("force", "torque")]
-        table.add_row(entry["name"], *sizes, escape(entry["reason"]))
-    if content["effects"]:
-        people.print(table)
-    people.print(f"written: {escape(str(out))} ({len(made.wrench)} wrenches, {content['duration']:.1f} s)")
+    print_summary(console(json_target), content)
 
 
 def _recorded(known: NominalModel, motion: Path, out: Path, urdf: Path | None, rng: np.random.Generator | None) -> Run:
@@ -137,3 +131,17 @@ def summary(made: Run, known: NominalModel, out: Path, noisy: bool) -> dict[str,
         "rms": dict(zip(CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
         "effects": effects,
     }
+
+
+def print_summary(people: Console, content: dict[str, Any]) -> None:
+    """The effects that acted, and what was written."""
+    table = Table("effect of the model", "largest force, N", "largest torque, N m", "")
+    for entry in content["effects"]:
+        sizes = [f"{entry['largest'][kind]:.3g}" if entry["acts"] else "" for kind in ("force", "torque")]
+        table.add_row(entry["name"], *sizes, escape(entry["reason"]))
+    if content["effects"]:
+        people.print(table)
+    people.print(
+        f"written: {escape(content['out'])} ({content['wrenches']} wrenches, {content['duration']:.1f} s)",
+        soft_wrap=True,
+    )
