@@ -13,9 +13,11 @@ HERE = Path(__file__).resolve().parent  # the sources, also where colcon --symli
 
 # Executables of `ros2 run poise NAME`.
 NODES = {
+    "acceleration_limits": "poise.nodes.acceleration_limits:main",
     "fake_robot": "poise.fake_robots.fake_robot_node:main",
     "ft_driver": "poise.nodes.ft_driver:main",
     "inertial_estimator": "poise.nodes.inertial_estimator:main",
+    "robustness_server": "poise.nodes.robustness_server:main",
 }
 # Interface packages that pip has to build: ours, and one that PyPI does not have.
 INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs"}

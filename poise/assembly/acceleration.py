@@ -1,7 +1,7 @@
 """How fast a base may accelerate, turn and tilt before something on it slips or topples."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -35,7 +35,7 @@ class AccelerationLimits:
         limits: (D,) m/s2; inf above `FASTEST`.
         first_to_move: ids of what moves first, for each direction; empty when nothing does.
         normals, offsets: (F, 3), (F,) every acceleration a with normals @ a <= offsets is sustained, m/s2.
-        angular_acceleration: rad/s2, either way about z through the origin of the assembly's frame, from rest.
+        angular_acceleration: rad/s2, either way about an axis along z of the assembly's frame, from rest.
         angular_speed: rad/s, about the same axis, when steady.
         complete: the deadline left time for all; otherwise the limits are what is certified.
     """
@@ -56,12 +56,27 @@ class AccelerationLimits:
         """
         return np.asarray(np.arctan(self.limits / gravity))
 
+    def left_by(self, speed: float, acceleration: float) -> float:
+        """The share of all limits that a base leaves which turns already, rad/s and rad/s2; 0 when that is too much."""
+        taken = _share(abs(acceleration), self.angular_acceleration) + _share(speed**2, self.angular_speed**2)
+        return max(0.0, 1.0 - taken)
+
+    def while_turning(self, speed: float, acceleration: float) -> "AccelerationLimits":
+        """What is sustained while the base turns: certified, since the sustained combinations are convex.
+
+        No more than that: accelerations that counteract the turning may be larger.
+        """
+        left = self.left_by(speed, acceleration)
+        limits = self.limits * left if left else np.zeros_like(self.limits)
+        return replace(self, limits=limits, offsets=self.offsets * left)
+
 
 def acceleration_limits(
     assembly: Assembly | Analysis,
     directions: int | Array = 72,
     deadline: float | None = None,
     turning: bool = True,
+    axis: Sequence[float] = (0.0, 0.0),
 ) -> AccelerationLimits:
     """How fast the base of an assembly may accelerate.
 
@@ -74,6 +89,7 @@ def acceleration_limits(
         directions: (D, 3) any lengths but zero; or how many in the horizontal plane, counter-clockwise from x.
         deadline: s.
         turning: angular acceleration and speed too (NaN otherwise).
+        axis: (2,) x and y of the axis about which the base turns, m.
 
     Raises:
         InputError: BAD_INPUT or NOT_FINITE for directions; INTERPENETRATION, FLOATING.
@@ -96,10 +112,14 @@ def acceleration_limits(
             movers[row] = mechanisms(row)
         limits = np.where(lower, found, limits)
     normals, offsets = _polytope(all_directions * limits[:, None])
-    angular, speed, done = _turning(analysis, clock) if turning else (np.nan, np.nan, True)
+    angular, speed, done = _turning(analysis, axis, clock) if turning else (np.nan, np.nan, True)
     names = tuple(() if mover is None else mover() for mover in movers)
     shown = np.where(limits >= FASTEST, np.inf, limits)[: len(asked)]
     return AccelerationLimits(asked, shown, names, normals, offsets, angular, speed, complete and done)
+
+
+def _share(value: float, most: float) -> float:
+    return 0.0 if value == 0 else value / most if most > 0 else np.inf
 
 
 def _directions(directions: int | Array) -> Array:
@@ -228,21 +248,21 @@ def _polytope(points: Array) -> tuple[Array, Array]:
     return facets[:, :3], np.maximum(-facets[:, 3], 0.0)
 
 
-def _turning(analysis: Analysis, deadline: Deadline) -> tuple[float, float, bool]:
-    """Largest angular acceleration either way, rad/s2, and largest steady speed, rad/s, about z through the origin."""
-    axis = np.array([0.0, 0.0, 1.0])
+def _turning(analysis: Analysis, centre: Sequence[float], deadline: Deadline) -> tuple[float, float, bool]:
+    """Largest angular acceleration either way, rad/s2, and largest steady speed, rad/s, about z through a centre."""
+    axis, origin = np.array([0.0, 0.0, 1.0]), np.array([*centre, 0.0])
     question, places, wrenches = [], [], []
     for number, sign in enumerate((1.0, -1.0)):
         for place in analysis.structure.movable:
             item = analysis.assembly.objects[place]
-            force = -item.mass * sign * np.cross(axis, item.com_in_world)
+            force = -item.mass * sign * np.cross(axis, item.com_in_world - origin)
             moment = np.cross(item.com_in_world, force) - sign * item.inertia_in_world @ axis
             question.append(number)
             places.append(place)
             wrenches.append(np.concatenate([force, moment]))
     for place in analysis.structure.movable:
         item = analysis.assembly.objects[place]
-        force = item.mass * item.com_in_world * [1, 1, 0]
+        force = item.mass * (item.com_in_world - origin) * [1, 1, 0]
         moment = np.cross(item.com_in_world, force) - np.cross(axis, item.inertia_in_world @ axis)
         question.append(2)
         places.append(place)

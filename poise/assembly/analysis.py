@@ -1,5 +1,6 @@
 """An assembly made ready for questions: its blocks with their solvers, built when first needed and kept."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,7 +17,7 @@ from poise.assembly.graph import Block, Structure
 from poise.assembly.limit import limit_program
 from poise.assembly.patch import PatchProgram
 from poise.assembly.pushes import Loads
-from poise.assembly.scene import Assembly, RigidObject
+from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.assembly.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
 
@@ -230,13 +231,13 @@ class Analysis:
             return assembly
         return cls(assembly if isinstance(assembly, Structure) else Structure.of(assembly, margin))
 
-    def with_object(self, item: RigidObject) -> "Analysis":
-        """The analysis with an object added, or moved: only its contacts and the blocks these change are new.
+    def with_object(self, *items: RigidObject, pairs: Sequence[FrictionPair] = ()) -> "Analysis":
+        """The analysis with objects added, or moved, and friction changed: only the blocks these change are new.
 
         Raises:
-            InputError: INTERPENETRATION, FLOATING.
+            InputError: INTERPENETRATION, FLOATING; OBJECT_UNKNOWN in a friction pair.
         """
-        return Analysis(self.structure.with_object(item))._keeping(self)
+        return Analysis(self.structure.with_object(*items, pairs=pairs))._keeping(self)
 
     def without(self, name: str) -> "Analysis":
         """The analysis when one object is taken away. Others may float then: see `stability`.
@@ -280,11 +281,16 @@ class Analysis:
         """Raise NoAnswerError UNSTABLE, with what falls and by what margin, when the assembly does not stand."""
         found = self.stability(deadline)
         if not found.stable:
-            names = ", ".join(found.falling[:5])
-            raise NoAnswerError(
-                ErrorCode.UNSTABLE,
-                f"the assembly does not stand by itself: {names} would move (margin {found.margin:.4g} N); "
-                "check poses, centres of mass and friction, or support it",
-                objects=list(found.falling),
-                margin=found.margin,
-            )
+            raise unstable(found.falling, found.margin)
+
+
+def unstable(falling: Sequence[str], margin: float) -> NoAnswerError:
+    """UNSTABLE: what falls, or is on the verge of it, and by what margin, N."""
+    names = ", ".join(falling[:5])
+    return NoAnswerError(
+        ErrorCode.UNSTABLE,
+        f"the assembly does not stand by itself: {names} would move (margin {margin:.4g} N); "
+        "check poses, centres of mass and friction, or support it",
+        objects=list(falling),
+        margin=margin,
+    )

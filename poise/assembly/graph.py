@@ -1,10 +1,11 @@
 """The contact interface graph: which bodies hold which, cut into blocks that can be solved one by one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from poise.assembly.contacts import CONTACT_MARGIN, Interface, find_interfaces
-from poise.assembly.scene import Assembly, RigidObject
+from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.errors import ErrorCode, InputError
 
 FIXED = -1
@@ -55,15 +56,16 @@ class Structure:
         structure._check_connected()
         return structure
 
-    def with_object(self, item: RigidObject) -> "Structure":
-        """The structure with an object added, or moved: only its contacts are looked for.
+    def with_object(self, *items: RigidObject, pairs: Sequence[FrictionPair] = ()) -> "Structure":
+        """The structure with objects added, or moved, and friction changed: only their contacts are looked for.
 
         Raises:
             InputError: INTERPENETRATION, FLOATING.
         """
-        assembly = self.assembly.with_object(item)
-        kept = self._renumbered(assembly, item.id)
-        found = find_interfaces(assembly, self.margin, only=frozenset([item.id]))
+        assembly = self.assembly.with_object(*items, pairs=pairs)
+        names = frozenset(item.id for item in items)
+        kept = self._renumbered(assembly, names)
+        found = find_interfaces(assembly, self.margin, only=names) if names else []
         structure = Structure(assembly, tuple(kept + found), self.margin)
         structure._check_connected()
         return structure
@@ -71,15 +73,15 @@ class Structure:
     def without(self, name: str) -> "Structure":
         """The structure when one object is taken away. Objects may float afterwards: see `floating`."""
         assembly = self.assembly.without(name)
-        return Structure(assembly, tuple(self._renumbered(assembly, name)), self.margin)
+        return Structure(assembly, tuple(self._renumbered(assembly, frozenset([name]))), self.margin)
 
-    def _renumbered(self, assembly: Assembly, name: str) -> list[Interface]:
-        """The interfaces that do not touch one object, with the places of another assembly."""
+    def _renumbered(self, assembly: Assembly, names: frozenset[str]) -> list[Interface]:
+        """The interfaces that do not touch some objects, with the places and friction of another assembly."""
         ids = [item.id for item in self.assembly.objects]
         kept = []
         for old in self.interfaces:
             first, second = ids[old.first], ids[old.second]
-            if name not in (first, second):
+            if not names & {first, second}:
                 friction = assembly.friction_between(first, second)
                 places = assembly.index[first], assembly.index[second]
                 kept.append(Interface(*places, old.normal, old.points, old.triangles, old.gap, friction))

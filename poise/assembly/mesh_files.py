@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from poise.assembly.shapes import Mesh
 from poise.errors import ErrorCode, InputError
@@ -27,6 +26,8 @@ def load_mesh(source: str, folder: Path = Path(), scale: float = 1.0) -> Mesh:
     """
     if not np.isfinite(scale) or scale <= 0:
         raise InputError(ErrorCode.BAD_INPUT, f"{source}: scale {scale:g} is not a positive number")
+    import trimesh  # a second of start-up for every node and command that reads no mesh
+
     path = _path(source, folder)
     if path.suffix.lower() not in FORMATS:
         raise InputError(ErrorCode.UNSUPPORTED, f"{source}: expected an STL, OBJ or PLY file")

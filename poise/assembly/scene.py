@@ -1,6 +1,6 @@
 """What an assembly is made of: rigid objects, friction and gravity."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -152,10 +152,11 @@ class Assembly:
             raise InputError(ErrorCode.OBJECT_UNKNOWN, f"there is no object {name!r}; there are {known}", object=name)
         return self.index[name]
 
-    def with_object(self, item: RigidObject) -> "Assembly":
-        """The assembly with an object added, or put in the place of the one of the same id."""
-        kept = tuple(item if other.id == item.id else other for other in self.objects)
-        return replace(self, objects=kept if item.id in self.index else (*kept, item))
+    def with_object(self, *items: RigidObject, pairs: Sequence[FrictionPair] = ()) -> "Assembly":
+        """The assembly with objects and friction pairs added, or put in the place of those of the same ids."""
+        objects = {item.id: item for item in self.objects} | {item.id: item for item in items}
+        frictions = dict(self._pairs) | {frozenset(pair.objects): pair for pair in pairs}
+        return replace(self, objects=tuple(objects.values()), friction_pairs=tuple(frictions.values()))
 
     def without(self, name: str) -> "Assembly":
         """The assembly without an object and the friction pairs that name it."""

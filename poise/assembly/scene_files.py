@@ -55,7 +55,10 @@ def read_scene(content: Any, folder: Path = Path()) -> Assembly:
 
 
 def read_object(content: Any, folder: Path = Path(), where: str = "object") -> RigidObject:
-    """Turn one entry of `objects` into a rigid object. Without a pose it lies at the origin."""
+    """Turn one entry of `objects` into a rigid object. Without a pose it lies at the origin.
+
+    In place of a file name, `mesh` may be a `Mesh`: messages carry them in full.
+    """
     entry = _mapping(content, where, OBJECT_KEYS)
     name = entry.get("id")
     if not isinstance(name, str) or not name:
@@ -143,6 +146,8 @@ def _shape(entry: Mapping[str, Any], folder: Path, where: str) -> Shape:
         found = " and ".join(kinds) or "none"
         raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: give one of box, cylinder or mesh (found {found})")
     if kinds[0] == "mesh":
+        if isinstance(entry["mesh"], Mesh):
+            return entry["mesh"]
         if not isinstance(entry["mesh"], str):
             raise InputError(ErrorCode.BAD_INPUT, f"{where}: mesh is {entry['mesh']!r}, expected a file name")
         return load_mesh(entry["mesh"], folder, _number(entry.get("scale", 1.0), f"{where}: scale"))

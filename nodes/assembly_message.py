@@ -1,0 +1,268 @@
+"""Assembly, pushes and answers of the core <-> the messages of these names."""
+
+import array
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, Twist
+from geometry_msgs.msg import Pose as PoseMessage
+from shape_msgs.msg import Mesh as MeshMessage
+from shape_msgs.msg import MeshTriangle, SolidPrimitive
+
+from poise.assembly import (
+    Assembly,
+    Box,
+    Cylinder,
+    FrictionPair,
+    Mesh,
+    Pose,
+    Push,
+    RigidObject,
+    Robustness,
+    RobustnessMap,
+    read_object,
+)
+from poise.errors import ErrorCode, InputError
+from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.msg import AssemblyObject
+from poise_msgs.msg import FrictionPair as FrictionPairMessage
+from poise_msgs.msg import Push as PushMessage
+from poise_msgs.msg import Robustness as RobustnessMessage
+from poise_msgs.msg import RobustnessMap as RobustnessMapMessage
+
+MODES = {
+    "none": RobustnessMessage.MODE_NONE,
+    "slip": RobustnessMessage.MODE_SLIP,
+    "topple": RobustnessMessage.MODE_TOPPLE,
+    "mixed": RobustnessMessage.MODE_MIXED,
+}
+
+
+def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assembly:
+    """Read a message.
+
+    Args:
+        message: of poise_msgs.
+        folders: in which files named by `mesh_uri` may lie, besides the share folders of packages.
+
+    Raises:
+        InputError: as `poise.assembly.read_scene`, naming the object.
+    """
+    gravity = message.gravity
+    return Assembly(
+        objects_of(message, folders),
+        np.array([gravity.x, gravity.y, gravity.z]),
+        message.friction,
+        pairs_of(message),
+    )
+
+
+def objects_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> tuple[RigidObject, ...]:
+    """The objects of a message; raises as `assembly_of`."""
+    return tuple(_object(item, folders) for item in message.objects)
+
+
+def pairs_of(message: AssemblyMessage) -> tuple[FrictionPair, ...]:
+    """The friction pairs of a message."""
+    return tuple(
+        FrictionPair((pair.objects[0], pair.objects[1]), pair.coefficient, pair.coefficient_std)
+        for pair in message.friction_pairs
+    )
+
+
+def _object(message: AssemblyObject, folders: Sequence[Path]) -> RigidObject:
+    """One object, through the door of scene files: the same checks, the same words."""
+    inertia, place = message.inertia, message.pose
+    content: dict[str, Any] = {
+        "id": message.id,
+        "fixed": message.fixed,
+        "pose": [*_xyz(place.position), *_xyz(place.orientation), place.orientation.w],
+        **_shape(message, folders),
+    }
+    if not message.fixed:
+        content["mass"] = inertia.m
+    com = _xyz(inertia.com)
+    if not np.isnan(com).all():
+        content["com"] = com
+    moments = [inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz]
+    if not np.isnan(moments).all() and any(moments):
+        content["inertia"] = moments
+    if len(message.covariance):
+        content["covariance"] = list(message.covariance)
+    return read_object(content)
+
+
+def _xyz(vector: Any) -> list[float]:
+    return [vector.x, vector.y, vector.z]
+
+
+def _shape(message: AssemblyObject, folders: Sequence[Path]) -> dict[str, Any]:
+    """The entry of a scene file that names the shape."""
+    where = f"object {message.id}"
+    if message.shape == AssemblyObject.SHAPE_PRIMITIVE:
+        sizes = list(message.primitive.dimensions)
+        if message.primitive.type == SolidPrimitive.BOX:
+            return {"box": sizes}
+        if message.primitive.type == SolidPrimitive.CYLINDER and len(sizes) == 2:
+            return {"cylinder": [sizes[SolidPrimitive.CYLINDER_RADIUS], sizes[SolidPrimitive.CYLINDER_HEIGHT]]}
+        raise InputError(
+            ErrorCode.OBJECT_INVALID,
+            f"{where}: primitive of type {message.primitive.type} with {len(sizes)} dimensions; give a box (3) or a "
+            "cylinder (2), or a mesh",
+        )
+    if message.shape == AssemblyObject.SHAPE_MESH:
+        vertices = np.array([_xyz(vertex) for vertex in message.mesh.vertices]).reshape(-1, 3)
+        triangles = np.array([face.vertex_indices for face in message.mesh.triangles], dtype=np.int64).reshape(-1, 3)
+        return {"mesh": _checked_mesh(vertices, triangles, where)}
+    if message.shape == AssemblyObject.SHAPE_URI:
+        return {"mesh": _allowed(message.mesh_uri, folders, where), "scale": message.mesh_scale}
+    raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: shape {message.shape} is none of primitive, mesh, URI")
+
+
+def _checked_mesh(vertices: Any, triangles: Any, where: str) -> Mesh:
+    if len(triangles) < 4 or triangles.max(initial=0) >= len(vertices):
+        raise InputError(
+            ErrorCode.MESH_INVALID,
+            f"{where}: a mesh of {len(triangles)} triangles and {len(vertices)} vertices; expected at least 4 "
+            "triangles, of vertices that there are",
+        )
+    if not np.isfinite(vertices).all():
+        raise InputError(ErrorCode.NOT_FINITE, f"{where}: a vertex of its mesh is not finite")
+    try:
+        return Mesh(vertices, triangles)
+    except InputError as error:
+        raise InputError(error.code, f"{where}: {error.message}", **error.data) from error
+
+
+def _allowed(uri: str, folders: Sequence[Path], where: str) -> str:
+    """A package:// URI, or the path of a file in one of the folders: a message must not read what it likes."""
+    if uri.startswith("package://"):
+        return uri
+    path = Path(uri.removeprefix("file://")).resolve()
+    if not any(path.is_relative_to(folder.resolve()) for folder in folders):
+        raise InputError(
+            ErrorCode.UNSUPPORTED,
+            f"{where}: mesh {uri!r} is outside the folders that messages may name; use package://, send the mesh "
+            "itself, or add its folder to the parameter mesh_folders",
+        )
+    return str(path)
+
+
+def assembly_message(assembly: Assembly, frame_id: str) -> AssemblyMessage:
+    """Turn an assembly into a message; meshes are sent in full, or by their package:// URI."""
+    message = AssemblyMessage(friction=float(assembly.friction))
+    message.header.frame_id = frame_id
+    gravity = message.gravity
+    gravity.x, gravity.y, gravity.z = np.asarray(assembly.gravity).tolist()
+    message.objects = [_object_message(item) for item in assembly.objects]
+    message.friction_pairs = [
+        FrictionPairMessage(
+            objects=list(pair.objects), coefficient=float(pair.coefficient), coefficient_std=float(pair.deviation)
+        )
+        for pair in assembly.friction_pairs
+    ]
+    return message
+
+
+def _object_message(item: RigidObject) -> AssemblyObject:
+    message = AssemblyObject(id=item.id, fixed=item.fixed, pose=pose_message(item.pose), mesh_scale=1.0)
+    shape, inertia = item.shape, message.inertia
+    if isinstance(shape, Box):
+        message.primitive = SolidPrimitive(type=SolidPrimitive.BOX, dimensions=[float(size) for size in shape.size])
+    elif isinstance(shape, Cylinder):
+        sizes = [float(shape.length), float(shape.radius)]
+        message.primitive = SolidPrimitive(type=SolidPrimitive.CYLINDER, dimensions=sizes)
+    elif isinstance(shape, Mesh) and shape.source.startswith("package://"):
+        message.shape, message.mesh_uri, message.mesh_scale = AssemblyObject.SHAPE_URI, shape.source, float(shape.scale)
+    else:
+        message.shape = AssemblyObject.SHAPE_MESH
+        message.mesh = mesh_message(shape)
+    inertia.m = float(item.mass)
+    com = [np.nan] * 3 if item.com is None else np.asarray(item.com).tolist()
+    inertia.com.x, inertia.com.y, inertia.com.z = com
+    moments = [np.nan] * 6 if item.inertia is None else np.asarray(item.inertia)[np.triu_indices(3)].tolist()
+    inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz = moments
+    if item.covariance is not None:
+        message.covariance = np.ravel(item.covariance).tolist()
+    return message
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """Turn a pose into a message."""
+    message = PoseMessage()
+    place, turn = message.position, message.orientation
+    place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = pose.vector.tolist()
+    return message
+
+
+def mesh_message(shape: Mesh) -> MeshMessage:
+    """Turn a mesh into a message, in the object frame."""
+    return MeshMessage(
+        vertices=[Point(x=x, y=y, z=z) for x, y, z in shape.vertices.tolist()],
+        triangles=[MeshTriangle(vertex_indices=triangle) for triangle in shape.triangles.astype(np.uint32)],
+    )
+
+
+def pushes_of(messages: Sequence[PushMessage], groups: Sequence[int]) -> list[Push | list[Push]]:
+    """Read pushes; those of one group grow together, groups in ascending order.
+
+    Raises:
+        InputError: BAD_INPUT when there are groups, but not one for every push.
+    """
+    pushes = [Push(message.object, _xyz(message.point), _xyz(message.direction)) for message in messages]
+    if not len(groups):
+        return list(pushes)
+    if len(groups) != len(pushes):
+        raise InputError(ErrorCode.BAD_INPUT, f"{len(groups)} groups for {len(pushes)} pushes; give one each, or none")
+    together: dict[int, list[Push]] = {group: [] for group in sorted(groups)}
+    for group, push in zip(groups, pushes, strict=True):
+        together[group].append(push)
+    return list(together.values())
+
+
+def robustness_message(result: Robustness) -> RobustnessMessage:
+    """Turn an answer into a message."""
+    message = RobustnessMessage(
+        robustness=float(result.robustness),
+        lower=float(result.lower),
+        upper=float(result.upper),
+        mode=MODES[result.mode],
+        checked=bool(result.checked),
+        moves=list(result.moves),
+    )
+    for values in result.mechanism.tolist():
+        twist = Twist()
+        twist.linear.x, twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y, twist.angular.z = values
+        message.mechanism.append(twist)
+    return message
+
+
+def map_message(found: RobustnessMap, frame_id: str) -> RobustnessMapMessage:
+    """Turn a map into a message; its arrays are copied whole."""
+    surface, objects = found.surface, found.analysis.assembly.objects
+    # The points that give way in the same way share their movers.
+    _, first, way = np.unique(np.stack([found.mechanism, found.block]), axis=1, return_index=True, return_inverse=True)
+    names = [found.moves(int(point)) for point in first]
+    movers = sorted({json.dumps(ids) for ids in names if ids})
+    number = np.array([movers.index(json.dumps(ids)) if ids else -1 for ids in names], dtype=np.int32)
+    message = RobustnessMapMessage(
+        ids=[item.id for item in objects],
+        object=array.array("I", surface.place.astype(np.uint32).tobytes()),
+        points=_doubles(surface.points),
+        directions=_doubles(surface.directions),
+        lower=_doubles(found.lower),
+        upper=_doubles(found.upper),
+        moves=array.array("i", number[way.ravel()].tobytes()),
+        movers=movers,
+        doubtful=found.doubtful.tolist(),
+        complete=bool(found.complete),
+    )
+    message.header.frame_id = frame_id
+    return message
+
+
+def _doubles(values: Any) -> "array.array[float]":
+    return array.array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())

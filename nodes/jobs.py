@@ -1,0 +1,172 @@
+"""Service calls that take their time: done one by one beside the executor, answered when done, or refused."""
+
+import contextlib
+import os
+import queue
+import sys
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, InvalidStateError
+from dataclasses import dataclass, field
+from typing import Any
+
+import rclpy
+from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from poise.errors import ErrorCode, PoiseError
+
+SERVICE_QOS = QoSProfile(depth=1000)
+"""Calls that wait in the middleware: the usual 10 would be overwritten by a burst."""
+GRACE = 0.25
+"""s after its deadline in which a call may still bring what is certified."""
+STEP = 0.05
+"""s between looks for answers that are overdue."""
+THREAD = "poise jobs"
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One call that waits or is worked on.
+
+    Args:
+        work: fills a response; an error it raises becomes the response's code.
+        kind: of the service.
+        due: when the caller is answered DEADLINE, whatever the work does; on the monotonic clock, s.
+        answer: of the caller.
+    """
+
+    work: Callable[[Any], None]
+    kind: Any
+    due: float
+    answer: "Future[Any]" = field(default_factory=Future)
+
+    def finish(self, response: Any) -> None:
+        """Answer, unless that has been done."""
+        with contextlib.suppress(InvalidStateError):
+            self.answer.set_result(response)
+
+    def refuse(self, code: ErrorCode, message: str) -> None:
+        """Answer with an error alone."""
+        response = self.kind.Response()
+        response.error.code, response.error.message = int(code), message
+        self.finish(response)
+
+
+class Jobs:
+    """A thread that does one job after another, so that what they share needs no locks.
+
+    Every call gets exactly one answer: the work's, BUSY when too many wait, DEADLINE when it is still not done a while
+    after that (one long solve cannot be interrupted), CANCELLED when the node goes.
+
+    Args:
+        node: whose services these are.
+        most: calls that may wait.
+    """
+
+    def __init__(self, node: Node, most: int) -> None:
+        self._node = node
+        self._waiting: queue.Queue[Job | None] = queue.Queue(most)
+        self._open: set[Job] = set()
+        node.create_timer(STEP, self._answer_overdue)
+        self._thread = threading.Thread(target=self._run, name=THREAD, daemon=True)
+        self._thread.start()
+
+    def serve(
+        self, kind: Any, name: str, work: Callable[[Any, Any, float], None], seconds: Callable[[Any], float]
+    ) -> None:
+        """Create a service.
+
+        Args:
+            kind: its type; responses have a field `error`.
+            name: of the service.
+            work: `work(request, response, deadline)` fills the response, in the thread, by a moment of the monotonic
+                clock; what it raises becomes the response's error.
+            seconds: that a request leaves for it.
+        """
+
+        def receive(request: Any, _: Any) -> "Future[Any]":
+            deadline = time.monotonic() + seconds(request)
+            job = Job(lambda response: work(request, response, deadline), kind, deadline + GRACE)
+            job.answer.add_done_callback(lambda _: self._open.discard(job))
+            self._open.add(job)
+            try:
+                self._waiting.put_nowait(job)
+            except queue.Full:
+                job.refuse(ErrorCode.BUSY, f"{self._waiting.maxsize} calls wait already; call again later")
+            return job.answer
+
+        service = self._node.create_service(kind, name, receive, qos_profile=SERVICE_QOS)
+        send = service.send_response
+
+        def send_when_done(answer: "Future[Any]", header: Any) -> None:
+            answer.add_done_callback(lambda done: _send(send, done.result(), header))
+
+        # The executors hand what `receive` returned to this; rclpy has no other way to answer later.
+        service.send_response = send_when_done
+
+    def do(self, work: Callable[[], None]) -> bool:
+        """Do something between the calls; False when too many wait."""
+        try:
+            self._waiting.put_nowait(Job(lambda _: work(), None, float("inf")))
+        except queue.Full:
+            return False
+        return True
+
+    def close(self) -> None:
+        """Answer CANCELLED to all that wait and end the thread; what it is at ends by itself or with the process."""
+        for job in list(self._open):
+            job.refuse(ErrorCode.CANCELLED, "the node shuts down; call again when it is back")
+        with contextlib.suppress(queue.Empty):
+            while True:
+                self._waiting.get_nowait()
+        self._waiting.put(None)
+        self._thread.join(1.0)
+
+    def _run(self) -> None:
+        while (job := self._waiting.get()) is not None:
+            if job.answer.done():
+                continue
+            response = None if job.kind is None else job.kind.Response()
+            error = self._done(job, response)
+            if response is not None:
+                if error is not None:
+                    response.error.code, response.error.message = int(error.code), error.message
+                job.finish(response)
+
+    def _done(self, job: Job, response: Any) -> PoiseError | None:
+        """Do the work; what came of it."""
+        try:
+            job.work(response)
+        except PoiseError as error:
+            return error
+        except Exception as error:
+            if rclpy.ok():
+                self._node.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=1.0)
+            return PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {error!r}; please report it")
+        return None
+
+    def _answer_overdue(self) -> None:
+        now = time.monotonic()
+        for job in list(self._open):
+            if now > job.due:
+                job.refuse(ErrorCode.DEADLINE, "the deadline passed before anything was certified; allow more time")
+
+
+def leave(status: Any) -> None:
+    """End the process, also while the thread is inside a solver: Python's own way out would abort in it."""
+    if any(thread.name == THREAD for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status if isinstance(status, int) else 1)
+    sys.exit(status)
+
+
+def _send(send: Callable[[Any, Any], None], response: Any, header: Any) -> None:
+    try:
+        send(response, header)
+    except (InvalidHandle, RCLError):
+        if rclpy.ok():  # otherwise the node is on its way out
+            raise

@@ -1,0 +1,283 @@
+"""Node: answers how hard an assembly may be pushed and in which order it comes apart, and keeps the assembly."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
+
+from poise.assembly import Analysis, Pose, RigidObject, assess, load_scene, plan_disassembly, robustness_map
+from poise.assembly.analysis import unstable
+from poise.assembly.deadline import Deadline
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.nodes.assembly_markers import cleared, map_markers, mechanism_markers, scene_markers
+from poise.nodes.assembly_message import (
+    assembly_message,
+    assembly_of,
+    map_message,
+    objects_of,
+    pairs_of,
+    pushes_of,
+    robustness_message,
+)
+from poise.nodes.jobs import Jobs, leave
+from poise.nodes.parameters import WORDS, Parameter, declare_parameters
+from poise.nodes.runtime import guarded, run
+from poise.nodes.transforms import Frames
+from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+MARKER_PERIOD = 0.5
+"""s between looks for markers that have changed."""
+MARKER_SECONDS = 2.0
+"""s that the map of the markers may take."""
+MAP_TOLERANCE = 0.03
+
+PARAMETERS = (
+    Parameter("scene", "", "scene file to begin with; empty: none"),
+    Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
+    Parameter("waiting", 200, "calls that may wait; more are refused with BUSY", (1, 10_000)),
+    Parameter("longest", 30.0, "s that a call may take that gives no deadline", (0.01, 3600.0)),
+    Parameter("poses_from_tf", False, "movable objects stand where tf has the frames of their ids, in the assembly's"),
+    Parameter("tf_rate", 5.0, "Hz at which tf is looked at", (0.1, 50.0)),
+    Parameter("tf_tolerance", 0.0005, "m and rad by which an object has to move in tf to be moved", (0.0, 1.0)),
+    Parameter(
+        "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
+    ),
+    Parameter(
+        "marker_map_points", 0, "points of the map of the markers, made anew for every assembly; 0: none", (0, 100_000)
+    ),
+)
+
+
+class RobustnessServer(Node):
+    """Services assess_robustness, plan_disassembly, set_assembly; topics assembly and robustness_markers (latched).
+
+    The assembly and its analysis belong to the thread of the jobs; the executor only takes in and hands out.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("robustness_server")
+        values = declare_parameters(self, PARAMETERS)
+        self._longest: float = values["longest"]
+        self._map_points: int = values["marker_map_points"]
+        self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
+        self._frame_id: str = values["frame_id"]
+        self._analysis: Analysis | None = None
+        self._problem: PoiseError | None = None
+        self._recent: tuple[AssemblyMessage, Analysis] | None = None
+        self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
+        self._markers: dict[str, list[Marker]] = {}
+        self._drawn = True
+        self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
+        self._marker_arrays = self.create_publisher(MarkerArray, "robustness_markers", LATCHED)
+        if values["scene"]:
+            self._keep(Analysis.of(load_scene(values["scene"])))
+        self._jobs = Jobs(self, values["waiting"])
+        self._jobs.serve(AssessRobustness, "assess_robustness", self._assess, self._seconds)
+        self._jobs.serve(PlanDisassembly, "plan_disassembly", self._plan, self._seconds)
+        self._jobs.serve(SetAssembly, "set_assembly", self._set, lambda _: self._longest)
+        self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
+        self.create_timer(MARKER_PERIOD, guarded(self, self._draw_soon))
+        if values["poses_from_tf"]:
+            self._follow_tf(values["tf_rate"], values["tf_tolerance"])
+
+    def destroy_node(self) -> None:
+        """Answer those who wait before the node goes."""
+        if hasattr(self, "_jobs"):
+            self._jobs.close()
+        super().destroy_node()
+
+    def _seconds(self, request: Any) -> float:
+        """That a call may take; a deadline that is not a positive number is none."""
+        return request.deadline if 0 < request.deadline < self._longest else self._longest
+
+    # -- in the thread of the jobs ---------------------------------------------------------------------------------
+
+    def _assess(self, request: AssessRobustness.Request, response: AssessRobustness.Response, deadline: float) -> None:
+        pushes = pushes_of(request.pushes, request.groups)
+        start = time.perf_counter()
+        analysis = self._analysis_for(request)
+        found = assess(analysis, pushes, request.model, max(deadline - time.monotonic(), 0.0))
+        complete, mapped = found.complete, None
+        if request.map_points and found.stable:
+            tolerance = request.map_tolerance or MAP_TOLERANCE
+            left = max(deadline - time.monotonic(), 0.0)
+            mapped = robustness_map(analysis, request.map_points, tolerance, request.model, left)
+            complete &= mapped.complete
+        response.seconds = time.perf_counter() - start
+        response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
+        response.robustness = [robustness_message(result) for result in found.results]
+        if mapped is not None:
+            response.map = [map_message(mapped, self._frame_of(request))]
+        if analysis is self._analysis and found.stable:
+            self._remember(found.results, mapped)
+        if not found.stable:
+            raise unstable(found.falling, found.margin)
+        if not complete:
+            raise _late("the bounds are what was certified by then")
+
+    def _plan(self, request: PlanDisassembly.Request, response: PlanDisassembly.Response, deadline: float) -> None:
+        start = time.perf_counter()
+        analysis = self._analysis_for(request)
+        found = plan_disassembly(analysis, request.target or None, max(deadline - time.monotonic(), 0.0))
+        response.seconds = time.perf_counter() - start
+        response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
+        if not found.complete:
+            raise _late("what is not marked safe was not looked into")
+
+    def _set(self, request: SetAssembly.Request, response: SetAssembly.Response, deadline: float) -> None:
+        analysis = self._changed(request)
+        self._frame_id = request.assembly.header.frame_id or self._frame_id
+        self._keep(analysis)
+        found = analysis.stability(Deadline(deadline))
+        response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
+        if not found.stable:
+            raise unstable(found.falling, found.margin)
+        if not found.complete:
+            raise _late("the assembly is set, but elastic contacts were not asked everywhere whether it stands")
+
+    def _changed(self, request: SetAssembly.Request) -> Analysis:
+        message = request.assembly
+        if request.operation == SetAssembly.Request.REPLACE:
+            return Analysis.of(assembly_of(message, self._folders))
+        if self._analysis is None:
+            raise InputError(ErrorCode.EMPTY, "there is no assembly to change; set one with REPLACE")
+        if request.operation == SetAssembly.Request.ADD_OR_MOVE:
+            return self._analysis.with_object(*objects_of(message, self._folders), pairs=pairs_of(message))
+        if request.operation == SetAssembly.Request.REMOVE:
+            analysis = self._analysis
+            for item in message.objects:
+                analysis = analysis.without(item.id)
+            return analysis
+        raise InputError(ErrorCode.BAD_INPUT, f"operation {request.operation} is none of REPLACE, ADD_OR_MOVE, REMOVE")
+
+    def _analysis_for(self, request: Any) -> Analysis:
+        """Of the assembly that a call brings, else of the one that was set."""
+        if not request.assembly:
+            if self._problem is not None:
+                raise self._problem
+            if self._analysis is None:
+                raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
+            return self._analysis
+        message = request.assembly[0]
+        if self._recent is None or self._recent[0] != message:
+            self._recent = message, Analysis.of(assembly_of(message, self._folders))
+        return self._recent[1]
+
+    def _frame_of(self, request: Any) -> str:
+        return request.assembly[0].header.frame_id if request.assembly else self._frame_id
+
+    def _keep(self, analysis: Analysis, publish: bool = True) -> None:
+        """Make an analysis the one that calls without an assembly ask; tell the others."""
+        self._analysis, self._problem = analysis, None
+        self._markers = {"scene": scene_markers(analysis, self._frame_id)}
+        self._drawn = False
+        if publish:
+            message = assembly_message(analysis.assembly, self._frame_id)
+            message.header.stamp = self.get_clock().now().to_msg()
+            self._own_stamps.append((message.header.stamp.sec, message.header.stamp.nanosec))
+            self._assemblies.publish(message)
+
+    def _remember(self, results: Any, mapped: Any) -> None:
+        """For the markers."""
+        if results:
+            self._markers["mechanism"] = mechanism_markers(self._analysis, results, self._frame_id)
+        if mapped is not None:
+            self._markers["map"] = map_markers(mapped, self._frame_id)
+        self._drawn = False
+
+    def _draw(self) -> None:
+        if self._map_points and "map" not in self._markers and self._analysis is not None:
+            try:
+                found = robustness_map(self._analysis, self._map_points, deadline=MARKER_SECONDS)
+            except PoiseError:  # an assembly that does not stand has no map; its callers are told
+                found = None
+            self._markers["map"] = [] if found is None else map_markers(found, self._frame_id)
+        markers = [marker for part in self._markers.values() for marker in part]
+        self._marker_arrays.publish(MarkerArray(markers=[cleared(self._frame_id), *markers]))
+
+    def _take(self, change: Callable[[], Analysis], what: str, publish: bool) -> None:
+        """Take in an assembly that nobody called for; what is wrong with it is what callers hear until it is mended."""
+        try:
+            self._keep(change(), publish)
+        except PoiseError as error:
+            self._problem = error
+            self.get_logger().error(f"{what}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
+
+    def _take_message(self, message: AssemblyMessage) -> None:
+        self._frame_id = message.header.frame_id or self._frame_id
+        self._take(lambda: Analysis.of(assembly_of(message, self._folders)), "assembly", publish=False)
+
+    def _take_poses(self, poses: dict[str, Pose], tolerance: float) -> None:
+        """Move what has moved in tf, all at once."""
+        if self._analysis is None:
+            return
+        assembly = self._analysis.assembly
+        moved = [
+            replace(item, pose=poses[item.id])
+            for item in assembly.objects
+            if item.id in poses and _apart(item, poses[item.id]) > tolerance
+        ]
+        if moved:
+            self._take(lambda: self._analysis.with_object(*moved), "poses from tf", publish=True)
+
+    # -- in the executor -------------------------------------------------------------------------------------------
+
+    def _on_assembly(self, message: AssemblyMessage) -> None:
+        if (message.header.stamp.sec, message.header.stamp.nanosec) in self._own_stamps:
+            return
+        if not self._jobs.do(lambda: self._take_message(message)):
+            raise NoAnswerError(ErrorCode.BUSY, "an assembly came while too many calls were waiting; it was left out")
+
+    def _draw_soon(self) -> None:
+        if not self._drawn:
+            self._drawn = self._jobs.do(self._draw)
+
+    def _follow_tf(self, rate: float, tolerance: float) -> None:
+        frames = Frames()
+        self.create_subscription(TFMessage, "tf", guarded(self, frames.add), QoSProfile(depth=1000))
+        self.create_subscription(TFMessage, "tf_static", guarded(self, frames.add), TF_STATIC_QOS)
+
+        def look() -> None:
+            analysis, reference = self._analysis, self._frame_id
+            if analysis is None:
+                return
+            names = [item.id for item in analysis.assembly.objects if not item.fixed]
+            poses = {name: pose for name in names if (pose := frames.pose(name, reference)) is not None}
+            if poses:
+                self._jobs.do(lambda: self._take_poses(poses, tolerance))
+
+        self.create_timer(1.0 / rate, guarded(self, look))
+
+
+def _apart(item: RigidObject, pose: Pose) -> float:
+    """How far an object is from a pose, m or rad, whichever is more."""
+    turn = item.pose.rotation.T @ pose.rotation
+    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
+    return max(float(np.linalg.norm(item.pose.translation - pose.translation)), angle)
+
+
+def _late(what: str) -> NoAnswerError:
+    return NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed: {what}")
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    try:
+        run(RobustnessServer, args)
+    except SystemExit as end:
+        leave(end.code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,107 @@
+"""acceleration_limits in a real graph: closed forms, and what it says when assembly, payload or base change."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from assembly_calls import CUBE, FRAME, LATCHED, LID, box, message
+from nav_msgs.msg import Odometry
+
+from poise.errors import ErrorCode
+from poise_msgs.msg import AccelerationLimits, Assembly, InertialEstimate
+
+pytestmark = pytest.mark.ros
+G, MU = 9.80665, 0.5
+
+
+@pytest.fixture
+def limits(start_node, graph):
+    """Start the node with parameters; return the list of what it publishes, and a publisher of assemblies."""
+
+    def start(parameters=None):
+        start_node("acceleration_limits", {"azimuths": 8, "rate": 50.0, **(parameters or {})})
+        found = graph.collect("acceleration_limits", AccelerationLimits, LATCHED)
+        graph.wait_for(lambda: graph.node.count_publishers("acceleration_limits"), 40.0, what="the node")
+        return found, graph.node.create_publisher(Assembly, "assembly", LATCHED)
+
+    return start
+
+
+def newest(graph, found, holds, what):
+    """The first message, from now on, for which a condition holds."""
+    return graph.wait_for(lambda: found and holds(found[-1]) and found[-1], what=what)
+
+
+def test_the_limits_follow_the_assembly_and_say_when_it_does_not_stand(limits, graph):
+    found, assemblies = limits()
+    assemblies.publish(message(CUBE))
+    alone = newest(graph, found, lambda said: said.limits, "limits")
+    # The cube slides at mu g, before it topples at g.
+    np.testing.assert_allclose(alone.limits, MU * G, rtol=1e-3)
+    np.testing.assert_allclose(alone.azimuths, np.arange(8) * math.pi / 4)
+    np.testing.assert_allclose(alone.tilts, math.atan(MU), rtol=1e-3)
+    assert {tuple(json.loads(names)) for names in alone.first_to_move} == {("cube",)}
+    assert (alone.header.frame_id, alone.error.code) == (FRAME, ErrorCode.OK)
+    for normal, offset in zip(alone.normals, alone.offsets, strict=True):
+        assert normal.x * MU * G * 0.999 <= offset + 1e-9
+    # A tall block topples: width / height g.
+    assemblies.publish(message(CUBE, box("post", (0.1, 0.1, 0.4), (0, 0, 1.2))))
+    tall = newest(graph, found, lambda said: said.limits and "post" in said.first_to_move[0], "the post to move first")
+    assert tall.limits[0] == pytest.approx(G * 0.1 / 0.4, rel=1e-3)
+    assemblies.publish(message(CUBE, box("ledge", (1, 1, 0.2), (0.7, 0, 1.1))))
+    fallen = newest(graph, found, lambda said: said.error.code == ErrorCode.UNSTABLE, "UNSTABLE")
+    assert list(fallen.limits) == [0.0] * 8
+    assert "ledge" in fallen.error.message
+    assemblies.publish(message(box("cube", (1, 1, 1), (0, 0, 0.4))))
+    overlap = newest(graph, found, lambda said: said.error.code == ErrorCode.INTERPENETRATION, "INTERPENETRATION")
+    assert not overlap.limits
+    assemblies.publish(message(CUBE, LID))
+    newest(graph, found, lambda said: said.error.code == ErrorCode.OK, "limits again")
+
+
+def test_a_weighed_payload_moves_the_limits(limits, graph):
+    found, assemblies = limits({"payload": "lid", "payload_pose": [0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 1.0]})
+    assemblies.publish(
+        message(box("cube", (0.4, 1, 1), (0, 0, 0.5)), box("lid", (0.4, 1, 0.2), (0, 0, 1.1)), friction=2.0)
+    )
+    before = newest(graph, found, lambda said: said.limits, "limits")
+    # Together 1.2 high, the centre of mass at 0.6: topples at g w / h; a lid of 3 kg lifts it to (0.5 + 3 * 1.15) / 4.
+    assert before.limits[0] == pytest.approx(G * 0.2 / 0.8, rel=1e-3)
+    estimates = graph.node.create_publisher(InertialEstimate, "inertial_estimate", LATCHED)
+    weighed = InertialEstimate(covariance=np.full(100, math.nan))
+    weighed.inertia.m, weighed.inertia.com.z = 3.0, 0.35
+    weighed.inertia.ixx = math.nan
+    estimates.publish(weighed)
+    after = newest(graph, found, lambda said: said.limits and said.limits[0] != before.limits[0], "the payload")
+    assert after.limits[0] == pytest.approx(G * 0.2 / ((0.5 + 3 * 1.15) / 4), rel=1e-3)
+
+
+def test_a_tilted_and_turning_base_leaves_less(limits, graph):
+    found, assemblies = limits({"from_odom": True, "axis": [-1.0, 0.0]})
+    assemblies.publish(message(CUBE))
+    still = newest(graph, found, lambda said: said.limits, "limits")
+    # One metre from the axis: mu g = omega^2 r; toppling comes later.
+    assert still.angular_speed == pytest.approx(math.sqrt(MU * G), rel=0.02)
+    odometry = graph.node.create_publisher(Odometry, "odom", 10)
+    graph.wait_for(odometry.get_subscription_count, what="the node at odom")
+    turning = Odometry()
+    turning.twist.twist.angular.z = 1.0
+    odometry.publish(turning)
+    reduced = newest(graph, found, lambda said: said.turning_speed == 1.0, "the turning")
+    left = 1 - 1 / still.angular_speed**2
+    np.testing.assert_allclose(reduced.limits, left * np.array(still.limits), rtol=1e-9)
+    np.testing.assert_allclose(reduced.offsets, left * np.array(still.offsets), rtol=1e-9)
+    # Nose up by 0.2 rad: less is left forwards than backwards.
+    tilted = Odometry()
+    tilted.pose.pose.orientation.y, tilted.pose.pose.orientation.w = -math.sin(0.1), math.cos(0.1)
+    odometry.publish(tilted)
+    uphill = newest(graph, found, lambda said: said.turning_speed == 0.0 and said is not still, "the tilt")
+    slope, level = math.tan(0.2), G * math.cos(0.2)
+    assert uphill.limits[0] == pytest.approx(level * (MU - slope), rel=2e-3)
+    assert uphill.limits[4] == pytest.approx(level * (MU + slope), rel=2e-3)
+    tilted.twist.twist.angular.z = 50.0
+    odometry.publish(tilted)
+    thrown = newest(graph, found, lambda said: said.error.code == ErrorCode.UNSTABLE, "UNSTABLE")
+    assert set(thrown.limits) == {0.0}
+    assert "more slowly" in thrown.error.message
