@@ -17,6 +17,8 @@ from rich.table import Table
 NODES: dict[str, list[str]] = {
     "ft_driver": ["-p", "device:=rdt", "-p", "address:=127.0.0.1"],
     "inertial_estimator": [],
+    "robustness_server": [],
+    "acceleration_limits": [],
     "fake_robot": ["-p", "mode:=arm"],
 }
 WAYS = ("Ctrl-C", "Ctrl-C twice", "SIGTERM", "kill -9 and restart")
