@@ -139,6 +139,7 @@ setup(
     ],
     extras_require={
         "viewer": ["rerun-sdk>=0.30"],
+        "rivals": ["pybullet>=3.2"],  # the engine of the thesis' Algorithm 3, to compare with
         "sim": ["mujoco>=3.2"],  # the other engine that benchmarks/concealed makes its recordings with
         "test": [
             "pytest>=8",

@@ -8,8 +8,8 @@ import numpy as np
 
 from poise.assembly.block import BlockGeometry, block_geometry, gravity_wrenches
 from poise.assembly.contacts import CONTACT_MARGIN, Interface
-from poise.assembly.coulomb import NEVER_LATE, CoulombBlock
-from poise.assembly.deadline import Deadline
+from poise.assembly.coulomb import CoulombBlock
+from poise.assembly.deadline import NEVER_LATE, Deadline
 from poise.assembly.equilibrium import Standing, has_self_stress, stability
 from poise.assembly.gauge import GaugeProgram
 from poise.assembly.geometry import Array

@@ -6,12 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis, Mechanism
+from poise.assembly.analysis import Analysis
+from poise.assembly.collapses import Collapses, Model, Movement
 from poise.assembly.deadline import Deadline
 from poise.assembly.geometry import Array
-from poise.assembly.models import MODELS, Collapses, Model
+from poise.assembly.models import MODELS
 from poise.assembly.pushes import Loads, Push, loads_of
-from poise.assembly.scene import Assembly
+from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError
 
 
@@ -43,7 +44,7 @@ class Robustness:
         mechanism = self._evidence.mechanism
         if mechanism is None:
             return ()
-        return tuple(mechanism.block.structure.assembly.objects[place].id for place in mechanism.velocities)
+        return tuple(self._evidence.objects[place].id for place in mechanism.velocities)
 
     @property
     def mechanism(self) -> Array:
@@ -61,9 +62,10 @@ class _Evidence:
     collapses: Collapses
     loads: Loads
     question: int
+    objects: tuple[RigidObject, ...]
 
     @property
-    def mechanism(self) -> Mechanism | None:
+    def mechanism(self) -> Movement | None:
         return self.collapses.mechanisms[self.question]
 
     @cached_property
@@ -71,13 +73,12 @@ class _Evidence:
         if self.mechanism is None:
             return np.zeros((0, 6))
         velocities = self.mechanism.velocities
-        objects = self.mechanism.block.structure.assembly.objects
         power = 0.0
         for row in np.flatnonzero(self.loads.question == self.question):
             place = int(self.loads.place[row])
             if place in velocities:
                 wrench, velocity = self.loads.wrench[row], velocities[place]
-                moment = wrench[3:] - np.cross(objects[place].com_in_world, wrench[:3])
+                moment = wrench[3:] - np.cross(self.objects[place].com_in_world, wrench[:3])
                 power += float(wrench[:3] @ velocity[:3] + moment @ velocity[3:])
         return np.array(list(velocities.values())).reshape(-1, 6) / (power if abs(power) > 1e-12 else 1.0)
 
@@ -132,11 +133,11 @@ def assess(
     if not found.stable:
         collapses = Collapses.start(loads.count)
         collapses.lower[:] = collapses.upper[:] = 0.0
-    results = robustness(collapses, loads)
+    results = robustness(collapses, loads, analysis.assembly.objects)
     return Assessment(found.stable, found.margin, found.falling, results, collapses.complete and found.complete)
 
 
-def robustness(collapses: Collapses, loads: Loads) -> tuple[Robustness, ...]:
+def robustness(collapses: Collapses, loads: Loads, objects: tuple[RigidObject, ...]) -> tuple[Robustness, ...]:
     """Results of a model, one per question."""
     # Where elastic contacts hold less than limit analysis allows, or time ran out, the lower bound is what is known.
     lowered = collapses.lower < 0.999 * collapses.upper
@@ -145,7 +146,7 @@ def robustness(collapses: Collapses, loads: Loads) -> tuple[Robustness, ...]:
         values.tolist(), collapses.lower.tolist(), collapses.upper.tolist(), collapses.checked.tolist(), strict=True
     )
     return tuple(
-        Robustness(value, min(lower, upper), upper, checked, _Evidence(collapses, loads, question))
+        Robustness(value, min(lower, upper), upper, checked, _Evidence(collapses, loads, question, objects))
         for question, (value, lower, upper, checked) in enumerate(rows)
     )
 

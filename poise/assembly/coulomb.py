@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 
 from poise.assembly.block import BlockGeometry, Sparse, assembled
 from poise.assembly.contacts import Interface
-from poise.assembly.deadline import Deadline
+from poise.assembly.deadline import NEVER_LATE, Deadline
 from poise.assembly.friction_surface import patch_friction
 from poise.assembly.geometry import Array, plane_axes
 
@@ -30,7 +30,6 @@ STEPS, ROUNDS, ATTEMPTS = 60, 3, 5
 PUSHOVER, GROW, CUT, PUSHES = 6, 1.5, 5, 60
 BISECTED = 0.002
 """To this share the factor at which a block gives way is found."""
-NEVER_LATE = Deadline()
 # Systems up to this size are solved dense.
 DENSE = 120
 # Share of an interface's stiffness at its corners; the rest is at the cells within.

@@ -18,3 +18,6 @@ class Deadline:
     @property
     def passed(self) -> bool:
         return self.at is not None and time.monotonic() >= self.at
+
+
+NEVER_LATE = Deadline()

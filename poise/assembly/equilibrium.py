@@ -107,7 +107,7 @@ def contact_forces(geometry: BlockGeometry, load: Array | None = None, sides: in
         inside = -diags_array(np.stack([geometry.friction, np.ones(size), np.ones(size)], axis=1).ravel())
         cones = Cones(zero=balance.shape[0], second_order=(3,) * size)
     else:
-        inside = block_diag([_polygon_rows(mu, sides) for mu in geometry.friction])
+        inside = block_diag([polygon_rows(mu, sides) for mu in geometry.friction])
         cones = Cones(zero=balance.shape[0], nonnegative=inside.shape[0])
     right = np.concatenate([-load, np.zeros(inside.shape[0])])
     program = ConicProgram(vstack([balance, inside], format="csc"), right, cones, eye_array(3 * size, format="csc"))
@@ -117,7 +117,7 @@ def contact_forces(geometry: BlockGeometry, load: Array | None = None, sides: in
     return solution.x.reshape(-1, 3)
 
 
-def _polygon_rows(friction: float, sides: int) -> Array:
+def polygon_rows(friction: float, sides: int) -> Array:
     """(sides + 1, 3) rows C with C f <= 0: the polygon inscribed in the friction circle (eq. 4.10), and n >= 0."""
     angles = 2 * np.pi * np.arange(sides) / sides
     circle = np.stack([np.full(sides, -friction * np.cos(np.pi / sides)), np.cos(angles), np.sin(angles)], axis=1)

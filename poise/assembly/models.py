@@ -1,17 +1,21 @@
 """Models of when an assembly gives way, by name: each answers many questions at once."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism, PatchMechanism
+from poise.assembly.collapses import Collapses, Model
 from poise.assembly.coulomb import BISECTED
 from poise.assembly.deadline import Deadline
 from poise.assembly.gauge import NEVER, Gauge
 from poise.assembly.geometry import Array
 from poise.assembly.pushes import Loads
+from poise.assembly.rivals.approximate import approx
+from poise.assembly.rivals.bullet import pybullet
+from poise.assembly.rivals.linear import lp4, lp8
+from poise.assembly.rivals.thesis import thesis
 
 Integers = NDArray[np.int64]
 
@@ -21,40 +25,6 @@ HUGE = 1000.0
 """What is sustained for ever is checked at this many weights of the assembly."""
 CHECKS = 8
 """So many of the weakest answers are checked by elastic contacts, and all that may rest on self-stress."""
-
-
-@dataclass(eq=False)
-class Collapses:
-    """For each question the factor at which something moves, bounds on it, and how it moves.
-
-    Args:
-        lower, upper: (Q,) inf where nothing ever moves.
-        mechanisms: what gives way first, None where nothing does.
-        checked: (Q,) whether elastic contacts were asked too.
-        complete: nothing was left out for want of time.
-    """
-
-    lower: Array
-    upper: Array
-    mechanisms: list[Mechanism | None]
-    checked: NDArray[np.bool_]
-    complete: bool = True
-
-    @classmethod
-    def start(cls, count: int) -> "Collapses":
-        """Before any block is asked nothing moves."""
-        never = np.full(count, np.inf)
-        return cls(never, never.copy(), [None] * count, np.zeros(count, dtype=bool))
-
-    def limit_by(self, question: int, lower: float, upper: float, mechanism: Mechanism) -> None:
-        """Record that something gives way to a question at a factor between these."""
-        if upper < self.upper[question]:
-            self.upper[question] = upper
-            self.mechanisms[question] = mechanism
-        self.lower[question] = min(self.lower[question], lower)
-
-
-Model = Callable[[Analysis, Loads, Deadline], Collapses]
 
 
 def limit(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
@@ -95,14 +65,24 @@ def default(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
         _ask_single_patch(collapses, block, questions, block_loads)
         _ask(collapses, block, questions, block_loads, deadline, _limit_gauges if single else _both_gauges)
     # One body on one interface has no choice of contact forces.
-    free = [m is not None and not m.block.geometry.statically_determinate for m in collapses.mechanisms]
+    free = [isinstance(m, Mechanism) and not m.block.geometry.statically_determinate for m in collapses.mechanisms]
     weakest = np.argsort(np.where(free, collapses.upper, np.inf))[:CHECKS]
     doubtful[weakest] |= np.array(free, dtype=bool)[weakest]
     _check_elastic(collapses, analysis, loads, doubtful, deadline)
     return collapses
 
 
-MODELS: dict[str, Model] = {"default": default, "limit": limit, "patch": patch, "coulomb": coulomb}
+MODELS: dict[str, Model] = {
+    "default": default,
+    "limit": limit,
+    "patch": patch,
+    "coulomb": coulomb,
+    "thesis": thesis,
+    "approx": approx,
+    "lp4": lp4,
+    "lp8": lp8,
+    "pybullet": pybullet,
+}
 """By the names that services and the command line take."""
 
 
@@ -130,8 +110,7 @@ def _ask(
     """Ask one block about loads (q, 6 n) on it, one by one; past the deadline nothing is known of the rest."""
     for row, (question, load) in enumerate(zip(questions.tolist(), loads, strict=True)):
         if deadline.passed:
-            collapses.complete = False
-            collapses.lower[questions[row:]] = 0.0
+            collapses.give_up(questions[row:])
             return
         never = NEVER * float(np.abs(load).max())
         for gauge in gauges(block, load):

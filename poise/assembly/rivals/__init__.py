@@ -1,0 +1,1 @@
+"""Models that others proposed, to compare with: the thesis', its approximation, linear programs, a physics engine."""
