@@ -97,9 +97,8 @@ def test_sampled_points_topple_up_to_a_tenth_too_early(model):
 @pytest.mark.parametrize("model", SAMPLED)
 def test_points_near_an_edge_that_no_push_moves_are_called_movable(model):
     """The share of the top that lies outside of the hull of the sampled points."""
-    pushes = [
-        Push("cube", (x, y, 1), (0, 0, -1)) for x in np.linspace(-0.49, 0.49, 9) for y in (-0.48, -0.2, 0.1, 0.48)
-    ]
+    grid = [(x, y) for x in np.linspace(-0.49, 0.49, 9) for y in (-0.48, -0.2, 0.1, 0.48)]
+    pushes = [Push("cube", (x, y, 1), (0, 0, -1)) for x, y in grid]
     exact = [result.robustness for result in assess(scenes.cube(), pushes, "limit").results]
     assert np.all(np.isinf(exact))
     movable = np.isfinite([result.robustness for result in assess(scenes.cube(), pushes, model).results])
