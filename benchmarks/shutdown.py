@@ -93,9 +93,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=50)
     parser.add_argument("--domain", type=int, default=88)
-    parser.add_argument("--quick", action="store_true", help="two repeats")
+    parser.add_argument("--quick", action="store_true", help="one repeat")
     arguments = parser.parse_args()
-    repeats = 2 if arguments.quick else arguments.repeats
+    repeats = 1 if arguments.quick else arguments.repeats
     table = Table(title=f"Clean of {repeats}")
     for heading in ("node", *WAYS):
         table.add_column(heading)

@@ -22,6 +22,14 @@ from poise.assembly import (
     plan_disassembly,
     robustness_map,
 )
+from poise.commands.assembly_pictures import (
+    PictureOption,
+    RerunOption,
+    draw_limits,
+    draw_map,
+    draw_pushes,
+    refuse_folders,
+)
 from poise.commands.output import console, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError, NoAnswerError
 
@@ -49,15 +57,17 @@ def robustness(
     model: Annotated[str | None, typer.Option("--model", help=f"One of {', '.join(sorted(MODELS))}.")] = None,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
+    picture: PictureOption = None,
+    rerun: RerunOption = None,
 ) -> None:
     """How hard may each of these be pushed before something slips or topples?
 
     Without queries: whether the scene stands by itself, and by what margin. `--map` writes SCENE_map.json unless
-    `--json` names another file.
+    `--json` names another file. The picture shows the map, how the weakest push moves things, or what touches what.
 
-    Example:  poise robustness scene.yaml --queries pushes.json --json answer.json
+    Example:  poise robustness scene.yaml --queries pushes.json --json answer.json --picture weakest.png
     """
-    refuse_folder(json_target, "--json")
+    refuse_folders(json_target, picture, rerun)
     if surface and queries is not None:
         raise InputError(ErrorCode.BAD_INPUT, "--queries and --map ask different questions; give one of them")
     analysis = Analysis.of(load_scene(scene))
@@ -66,6 +76,7 @@ def robustness(
         target = json_target or f"{scene.stem}_map.json"
         write_json(target, _map_json(found_map))
         _print_map(found_map, target, json_target)
+        draw_map(found_map, picture, rerun, json_target)
         return
     pushes = [] if queries is None else read_pushes(queries)
     start = time.perf_counter()
@@ -75,6 +86,7 @@ def robustness(
     _print_assessment(found, pushes, json_target)
     if not found.complete:
         warn("the deadline passed: some bounds are wide")
+    draw_pushes(analysis, pushes, found, picture, rerun, json_target)
     analysis.require_stable()
 
 
@@ -86,12 +98,14 @@ def msa(
     ] = "72",
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
+    picture: PictureOption = None,
+    rerun: RerunOption = None,
 ) -> None:
     """How fast may a base accelerate before something on it slips or topples?
 
-    Example:  poise msa scene.yaml --directions 8 --json limits.json
+    Example:  poise msa scene.yaml --directions 8 --json limits.json --picture limits.png
     """
-    refuse_folder(json_target, "--json")
+    refuse_folders(json_target, picture, rerun)
     wanted = int(directions) if directions.isdecimal() else _vectors(Path(directions))
     analysis = Analysis.of(load_scene(scene))
     start = time.perf_counter()
@@ -115,6 +129,7 @@ def msa(
         table.add_row(" ".join(f"{value:.3f}" for value in direction), f"{limit:.3f}", escape(", ".join(names)))
     people.print(table)
     people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
+    draw_limits(analysis, found, picture, rerun, json_target)
 
 
 def disassemble(

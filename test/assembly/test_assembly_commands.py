@@ -122,3 +122,25 @@ def test_queries_and_map_together_are_refused(run, tmp_path):
 def test_scenes_written_here_are_plain_yaml(run, tmp_path):
     run("disassemble", scenes.cube())
     assert yaml.safe_load((tmp_path / "scene.yaml").read_text())["objects"][1]["box"] == [1.0, 1.0, 1.0]
+
+
+def test_answers_are_drawn_where_asked(run, tmp_path):
+    path = write_queries(tmp_path, [{"object": "cube", "point": [-0.5, 0, 0.1], "direction": [1, 0, 0]}])
+    assert run("robustness", scenes.cube(), "--queries", path, "--picture", "push.svg").exit_code == 0
+    assert "slip" in (tmp_path / "push.svg").read_text()
+    assert run("robustness", scenes.cube(), "--map", "--points", "100", "--picture", "map.png").exit_code == 0
+    assert (tmp_path / "map.png").stat().st_size > 1000
+    assert run("msa", scenes.cube(), "--directions", "8", "--picture", "limits.svg").exit_code == 0
+    assert "cube" in (tmp_path / "limits.svg").read_text()
+    with pytest.raises(InputError) as raised:
+        run("msa", scenes.cube(), "--picture", str(tmp_path))
+    assert raised.value.code == ErrorCode.FILE_UNWRITABLE
+    # What falls is drawn all the same, as it stands.
+    with pytest.raises(NoAnswerError):
+        run(
+            "robustness",
+            scenes.on_floor(scenes.box("post", (1, 1, 1), (0, 0, 0.5), com=(0.6, 0, 0))),
+            "--picture",
+            "graph.svg",
+        )
+    assert "post" in (tmp_path / "graph.svg").read_text()

@@ -1,4 +1,4 @@
-"""A fast slice of benchmarks/shutdown.py: every node, every way of being stopped, twice."""
+"""A fast slice of benchmarks/shutdown.py: every node, every way of being stopped."""
 
 import subprocess
 import sys
