@@ -14,6 +14,7 @@ from poise.commands.assembly import disassemble, msa, robustness
 from poise.commands.evaluate import evaluate
 from poise.commands.identify import identify
 from poise.commands.mismatch import mismatch
+from poise.commands.segment import segment
 from poise.commands.simulate import simulate
 from poise.errors import InputError, PoiseError
 
@@ -31,6 +32,7 @@ app = typer.Typer(
 )
 app.command()(identify)
 app.command()(evaluate)
+app.command()(segment)
 app.command()(robustness)
 app.command()(msa)
 app.command()(disassemble)

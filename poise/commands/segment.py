@@ -1,0 +1,107 @@
+"""`poise segment`: the parts of an object, from a cloud of points on its surface."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from poise.commands.output import console, refuse_folder, warn, write_json
+from poise.files import write_whole
+from poise.shape.clouds import Cloud, read_cloud
+from poise.shape.segmentation import Segmentation
+from poise.shape.segmentation import segment as segment_cloud
+from poise.shape.surface_files import labelled_ply, surface_ply
+
+CloudArgument = Annotated[
+    Path, typer.Argument(metavar="CLOUD", help="PLY, PCD, XYZ, CSV or NPY, with colours or without.")
+]
+
+
+def segment(
+    cloud: CloudArgument,
+    scale: Annotated[float, typer.Option("--scale", help="From the file's unit to m (0.001 for mm).")] = 1.0,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="PNG", help="Draw the parts.", show_default=False)
+    ] = None,
+    ply: Annotated[
+        Path | None,
+        typer.Option("--ply", metavar="PLY", help="Write the points with their parts as colours.", show_default=False),
+    ] = None,
+    surface: Annotated[
+        Path | None,
+        typer.Option("--surface", metavar="PLY", help="Write the closed surface with its parts.", show_default=False),
+    ] = None,
+    json_target: Annotated[
+        str | None,
+        typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
+    ] = None,
+) -> None:
+    """Which parts is an object made of, and how large are they?
+
+    The cloud has to show the object from all sides. What is nearly convex and of one colour becomes one part. The
+    JSON holds a label per row of the file; -1 where a row was no point (NaN).
+
+    Example:  poise segment hammer.ply --picture hammer.png --json hammer.json
+    """
+    targets = {"--json": json_target, "--picture": picture, "--ply": ply, "--surface": surface}
+    for option, target in targets.items():
+        refuse_folder(None if target is None else str(target), option)
+    people = console(json_target)
+    with people.status("reading the cloud and cutting it into parts"):
+        start = time.perf_counter()
+        read = read_cloud(cloud, scale)
+        found = segment_cloud(read.points, read.colours)
+        seconds = time.perf_counter() - start
+    for note in (*read.notes, *found.notes):
+        warn(note)
+    write_json(json_target, as_json(cloud, read, found, seconds))
+    written = [
+        *([] if ply is None else [write_whole(ply, labelled_ply(read.points, found.labels))]),
+        *([] if surface is None else [write_whole(surface, surface_ply(found))]),
+        *([] if picture is None else [write_picture(picture, found, cloud.stem)]),
+    ]
+    people.print(_table(cloud, found))
+    people.print(f"{len(read.points)} points, {seconds:.2f} s")
+    for path in written:
+        people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def as_json(path: Path, cloud: Cloud, found: Segmentation, seconds: float) -> dict[str, Any]:
+    """The fields of the contract, and what else is known; m and m3."""
+    return {
+        "labels": cloud.spread(found.labels),
+        "n_parts": found.n_parts,
+        "volume": found.solid.volume,
+        "seconds": seconds,
+        "volume_std": found.solid.volume_std,
+        "part_volumes": found.volumes,
+        "part_centroids": found.centroids,
+        "n_points": len(cloud.points),
+        "cloud": str(path),
+        "notes": [*cloud.notes, *found.notes],
+    }
+
+
+def write_picture(path: Path, found: Segmentation, title: str) -> Path:
+    """Draw the parts from two sides, as the ending says (PNG, SVG, PDF).
+
+    Raises:
+        InputError: UNSUPPORTED for another ending, FILE_UNWRITABLE.
+    """
+    from poise.viewing.parts_picture import draw_parts  # drawing libraries load slowly: only now
+
+    return write_whole(path, draw_parts([(title, found)], path.suffix))
+
+
+def _table(path: Path, found: Segmentation) -> Table:
+    total, spread = found.solid.volume * 1e6, found.solid.volume_std * 1e6
+    table = Table(title=escape(f"{path.name}: {total:.4g} ± {spread:.2g} cm3"), title_justify="left")
+    for heading in ("part", "cm3", "share", "centroid x", "y", "z mm"):
+        table.add_column(heading, justify="right")
+    for part, (volume, centroid) in enumerate(zip(found.volumes, found.centroids, strict=True)):
+        middle = (f"{1e3 * value:.1f}" for value in centroid)
+        table.add_row(str(part), f"{volume * 1e6:.4g}", f"{volume / found.solid.volume:.1%}", *middle)
+    return table

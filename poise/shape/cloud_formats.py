@@ -1,0 +1,205 @@
+"""Point cloud files as tables: PLY (text, binary), PCD (text, binary), XYZ, CSV and NPY, with named columns."""
+
+import io
+import re
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.errors import ErrorCode, InputError
+from poise.shape.solid import Array
+
+MAX_POINTS = 5_000_000
+MAX_HEADER = 65_536
+PLY_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
+    "double": "f8", "float64": "f8",
+}  # fmt: skip
+COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of a file.
+
+    Args:
+        points: (N, 3) as they are in the file.
+        colours: (N, 3) 0..1, or None.
+        n_faces: triangles that the file holds beside its points.
+    """
+
+    points: Array
+    colours: Array | None
+    n_faces: int = 0
+
+
+def read_ply(content: bytes, name: str) -> Table:
+    """The vertices of a PLY file; its faces are only counted."""
+    end = re.search(rb"end_header[ \t]*\r?\n", content[:MAX_HEADER])
+    if not content.startswith(b"ply") or end is None:
+        raise _corrupt(name, "it has no PLY header")
+    lines = [line.split() for line in content[: end.start()].decode("ascii", "replace").splitlines()]
+    encoding = next((words[1] for words in lines if words[:1] == ["format"] and len(words) > 1), "")
+    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
+    for words in lines:
+        if words[:1] == ["element"] and len(words) == 3:
+            elements.append((words[1], _count(words[2], name), []))
+        elif words[:1] == ["property"] and len(words) >= 3 and elements:
+            kind = "list" if words[1] == "list" else PLY_TYPES.get(words[1], "")
+            if not kind:
+                raise _corrupt(name, f"a property has the unknown type {words[1]!r}")
+            elements[-1][2].append((words[-1], kind))
+    if not elements or elements[0][0] != "vertex":
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: vertices have to be the first element of a PLY file")
+    _, count, properties = elements[0]
+    if any(kind == "list" for _, kind in properties):
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: lists as properties of vertices are not read")
+    body = content[end.end() :]
+    names, kinds = [name for name, _ in properties], [kind for _, kind in properties]
+    if encoding == "ascii":
+        columns = _text_columns(body, names, count, name)
+    else:
+        order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(encoding)
+        if order is None:
+            raise _corrupt(name, f"the format {encoding!r} is none of ascii, binary_little_endian, binary_big_endian")
+        columns = _binary_columns(body, names, [order + kind for kind in kinds], count, name)
+    n_faces = next((number for element, number, _ in elements if element == "face"), 0)
+    return _table(columns, name, n_faces)
+
+
+def read_pcd(content: bytes, name: str) -> Table:
+    """A PCD file, DATA ascii or binary; `rgb` is unpacked."""
+    start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content[:MAX_HEADER], re.MULTILINE)
+    if start is None:
+        raise _corrupt(name, "it has no PCD header")
+    header = {
+        words[0]: words[1:]
+        for line in content[: start.start()].decode("ascii", "replace").splitlines()
+        if (words := line.split())
+    }
+    fields = header.get("FIELDS", [])
+    sizes, letters = header.get("SIZE", []), header.get("TYPE", [])
+    repeats = header.get("COUNT", ["1"] * len(fields))
+    if not fields or not len(fields) == len(sizes) == len(letters) == len(repeats):
+        raise _corrupt(name, "FIELDS, SIZE, TYPE and COUNT do not belong together")
+    names, kinds = [], []
+    for field, size, letter, repeat in zip(fields, sizes, letters, repeats, strict=True):
+        kind = {"F": "f", "I": "i", "U": "u"}.get(letter, "") + size
+        if kind not in {"f4", "f8", *(sign + width for sign in "iu" for width in "1248")}:
+            raise _corrupt(name, f"{field} has the unknown type {letter}{size}")
+        times = min(_count(repeat, name), MAX_HEADER)
+        names += [field if times == 1 else f"{field}[{i}]" for i in range(times)]
+        kinds += ["<" + kind] * times
+    count = _count((header.get("POINTS") or ["?"])[0], name)
+    encoding, body = start.group(1), content[start.end() :]
+    if encoding == b"ascii":
+        columns = _text_columns(body, names, count, name)
+        packed = dict(zip(names, kinds, strict=True)).get("rgb")
+        if packed == "<f4":
+            columns["rgb"] = columns["rgb"].astype("<f4").view("<u4")
+    elif encoding == b"binary":
+        columns = _binary_columns(body, names, kinds, count, name)
+        if "rgb" in columns and columns["rgb"].dtype.itemsize == 4:
+            columns["rgb"] = np.ascontiguousarray(columns["rgb"]).view("<u4")
+    else:
+        raise InputError(
+            ErrorCode.UNSUPPORTED, f"{name}: DATA {encoding.decode()} is not read; save it as binary or ascii"
+        )
+    if "rgb" in columns:
+        rgb = columns.pop("rgb").astype(np.uint32)
+        columns |= {c: (rgb >> shift & 255).astype(np.uint8) for c, shift in (("r", 16), ("g", 8), ("b", 0))}
+    return _table(columns, name)
+
+
+def read_text(content: bytes, name: str) -> Table:
+    """Lines of x y z [r g b ...], parted by blanks, commas or semicolons; # and // begin a comment."""
+    text = re.sub(rb"[,;\t]", b" ", content).decode("utf-8", "replace").lstrip("\ufeff")
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "//"))]
+    names = ["x", "y", "z", "red", "green", "blue"]
+    if lines and re.match(r"\s*[\"']?[A-Za-z_]", lines[0]) and not re.match(r"\s*(nan|inf)\b", lines[0], re.IGNORECASE):
+        names = [word.strip("\"'").lower() for word in lines.pop(0).split()]
+    width = len(lines[0].split()) if lines else 3
+    names = [*names, *(f"column{i}" for i in range(len(names), width))][:width]
+    return _table(_text_columns("\n".join(lines).encode(), names, len(lines), name), name)
+
+
+def read_npy(content: bytes, name: str) -> Table:
+    """An array of shape (..., 3), or (..., 6) with colours."""
+    try:
+        array = np.load(io.BytesIO(content), allow_pickle=False)
+    except (ValueError, EOFError, OSError, SyntaxError, MemoryError, OverflowError) as error:
+        raise _corrupt(name, f"it is no NPY array: {error}") from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: expected an array of numbers of shape (N, 3) or (N, 6)")
+    if array.ndim < 2 or array.shape[-1] not in (3, 4, 6):
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: has shape {array.shape}, expected (N, 3) or (N, 6)")
+    rows = array.reshape(-1, array.shape[-1])
+    colours = rows[:, 3:] if rows.shape[1] == 6 else None
+    return Table(rows[:, :3].astype(np.float64), None if colours is None else _shades(colours))
+
+
+READERS = {
+    ".ply": read_ply, ".pcd": read_pcd, ".xyz": read_text, ".txt": read_text, ".csv": read_text, ".asc": read_text,
+    ".pts": read_text, ".npy": read_npy,
+}  # fmt: skip
+
+
+def _count(word: str, name: str) -> int:
+    if not word.isdecimal() or len(word) > 9 or int(word) > MAX_POINTS:
+        raise _corrupt(name, f"it says that it holds {word[:20]} points; at most {MAX_POINTS} are read")
+    return int(word)
+
+
+def _text_columns(body: bytes, names: list[str], count: int, name: str) -> dict[str, NDArray[np.generic]]:
+    if not count:
+        return {column: np.zeros(0) for column in names}
+    lines = body.split(b"\n", count)[:count]
+    if not any(map(bytes.strip, lines)):
+        raise _corrupt(name, f"it ends before the first of {count} points")
+    try:
+        rows = np.loadtxt([line.decode("ascii") for line in lines], dtype=np.float64, ndmin=2, comments=None)
+    except ValueError as error:
+        raise _corrupt(name, str(error)) from error
+    if rows.shape != (count, len(names)):
+        raise _corrupt(name, f"it holds {rows.shape[0]} rows of {rows.shape[1]}, expected {count} of {len(names)}")
+    return {column: rows[:, i] for i, column in enumerate(names)}
+
+
+def _binary_columns(
+    body: bytes, names: list[str], kinds: list[str], count: int, name: str
+) -> dict[str, NDArray[np.generic]]:
+    if len(set(names)) != len(names):
+        raise _corrupt(name, "two of its columns have the same name")
+    layout = np.dtype(list(zip(names, kinds, strict=True)))
+    if len(body) < count * layout.itemsize:
+        raise _corrupt(name, f"it ends after {len(body) // max(layout.itemsize, 1)} of {count} points")
+    rows = np.frombuffer(body, layout, count)
+    return {column: rows[column] for column in names}
+
+
+def _table(columns: dict[str, NDArray[np.generic]], name: str, n_faces: int = 0) -> Table:
+    missing = [axis for axis in "xyz" if axis not in columns]
+    if missing:
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: no column {', '.join(missing)} among {', '.join(columns)}")
+    points = np.stack([columns[axis].astype(np.float64) for axis in "xyz"], axis=1)
+    for channels in COLOURS:
+        if all(channel in columns for channel in channels):
+            return Table(points, _shades(np.stack([columns[channel] for channel in channels], axis=1)), n_faces)
+    return Table(points, None, n_faces)
+
+
+def _shades(colours: NDArray[np.generic]) -> Array:
+    """(N, 3) in 0..1, whether they came as numbers up to 1, 255 or 65535."""
+    values = np.nan_to_num(colours.astype(np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+    largest = float(values.max(initial=0.0))
+    if colours.dtype.kind == "u":
+        full = float(2 ** (8 * colours.dtype.itemsize) - 1)
+    else:
+        full = 1.0 if largest <= 1 else 255.0 if largest <= 255 else 65535.0
+    return np.clip(values / full, 0.0, 1.0)
+
+
+def _corrupt(name: str, what: str) -> InputError:
+    return InputError(ErrorCode.FILE_CORRUPT, f"{name}: {what}; save the cloud again")

@@ -1,0 +1,115 @@
+"""The one door for point clouds, from files or arrays: checked, in metres, and without what is no point."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poise.errors import ErrorCode, InputError
+from poise.shape.cloud_formats import MAX_POINTS, READERS, Table
+from poise.shape.solid import Array, Indices
+
+MAX_BYTES = 400_000_000
+SMALLEST, LARGEST = 2e-3, 5.0
+"""m, diagonals between which a cloud can be of something that a robot carries."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Surface points of one object.
+
+    Args:
+        points: (N, 3) m, finite.
+        colours: (N, 3) 0..1, or None.
+        rows: (N,) where each point stands in the file or array.
+        n_rows: how many rows that had.
+        notes: what was found on the way, one sentence each.
+    """
+
+    points: Array
+    colours: Array | None
+    rows: Indices
+    n_rows: int
+    notes: tuple[str, ...] = ()
+
+    def spread(self, labels: Indices) -> Indices:
+        """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are no point."""
+        everywhere = np.full(self.n_rows, -1)
+        everywhere[self.rows] = labels
+        return everywhere
+
+
+def read_cloud(path: Path, scale: float = 1.0) -> Cloud:
+    """Read a PLY, PCD, XYZ, CSV or NPY file.
+
+    Args:
+        path: of the file; its ending says what it is.
+        scale: from the file's unit to m (0.001 for mm).
+
+    Raises:
+        InputError: FILE_UNREADABLE, UNSUPPORTED, FILE_CORRUPT, TYPE_MISMATCH, and what `check_cloud` raises.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{path}: expected a cloud in {', '.join(READERS)}")
+    try:
+        if not path.is_file():
+            raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a cloud in {', '.join(READERS)}")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise InputError(ErrorCode.UNSUPPORTED, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; thin it out")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
+    table: Table = reader(content, str(path))
+    notes = () if not table.n_faces else (f"{path.name}: {table.n_faces} faces were left aside, its vertices used",)
+    return check_cloud(table.points, table.colours, scale, str(path), notes)
+
+
+def check_cloud(
+    points: ArrayLike,
+    colours: ArrayLike | None = None,
+    scale: float = 1.0,
+    name: str = "cloud",
+    notes: tuple[str, ...] = (),
+) -> Cloud:
+    """Check an array of points (N, 3) and colours (N, 3) 0..1; rows that are not finite are left out.
+
+    Raises:
+        InputError: TYPE_MISMATCH for shapes, EMPTY without a finite point, BAD_INPUT for a size that no object has
+            (millimetres) or a scale that is no positive number, UNSUPPORTED for too many points.
+    """
+    if not np.isfinite(scale) or scale <= 0:
+        raise InputError(ErrorCode.BAD_INPUT, f"{name}: scale {scale:g} is not a positive number")
+    table = np.asarray(points, dtype=np.float64)
+    if table.ndim != 2 or table.shape[1] != 3:
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: points have shape {table.shape}, expected (N, 3)")
+    if len(table) > MAX_POINTS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: {len(table)} points, at most {MAX_POINTS}; thin it out")
+    shades = None if colours is None else np.asarray(colours, dtype=np.float64)
+    if shades is not None and shades.shape != table.shape:
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: {len(table)} points but colours of shape {shades.shape}")
+    rows = np.flatnonzero(np.all(np.isfinite(table), axis=1))
+    if not len(rows):
+        raise InputError(ErrorCode.EMPTY, f"{name}: none of {len(table)} points is finite; scan the object again")
+    if len(rows) < len(table):
+        notes = (*notes, f"{len(table) - len(rows)} of {len(table)} points are not finite and were left out")
+    kept = table[rows] * scale
+    _check_size(kept, name)
+    return Cloud(kept, None if shades is None else np.nan_to_num(shades[rows]), rows, len(table), notes)
+
+
+def _check_size(points: Array, name: str) -> None:
+    # Quantiles: a single stray point does not turn metres into millimetres.
+    low, high = np.quantile(points, [0.02, 0.98], axis=0)
+    diagonal = float(np.linalg.norm(high - low))
+    if diagonal > LARGEST:
+        guess = f"millimetres? Then it is {diagonal:.0f} mm long: give a scale of 0.001 (--scale 0.001)"
+        raise InputError(ErrorCode.BAD_INPUT, f"{name}: {diagonal:.3g} m across; are these {guess}", diagonal=diagonal)
+    if diagonal < SMALLEST:
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"{name}: {diagonal:.3g} m across, too small for an object; are these its metres? Mend --scale",
+            diagonal=diagonal,
+        )

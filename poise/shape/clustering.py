@@ -1,0 +1,116 @@
+"""Initial clusters of surface points that do not cross the edges of parts (thesis Algorithm 1, step 1; Lin 2018).
+
+A cluster is known by one representative point. Two neighbouring clusters merge when the dissimilarity of their
+representatives (thesis eq. 3.28: position, colour, normal) is below a threshold that doubles until few are left.
+Unlike the sequential sweep of Lin et al., each round lets every cluster choose its most similar neighbour, so that
+the order of the points changes nothing.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from poise.shape.solid import Array, Indices
+
+MOST_ROUNDS = 60
+BORDER_SWEEPS = 3
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What makes two points different (thesis eq. 3.28): per spacing of the points, per unit of colour, per normal."""
+
+    position: float = 0.05
+    colour: float = 8.0
+    normal: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Features:
+    """What is known of each surface point: (N, 3) positions in spacings, colours 0..1 and unit normals."""
+
+    positions: Array
+    colours: Array
+    normals: Array
+
+    def dissimilarity(self, i: Indices, j: Indices, weights: Weights) -> Array:
+        """Thesis eq. (3.28) between points i and j; both (E,)."""
+        alignment = np.abs(np.einsum("ij,ij->i", self.normals[i], self.normals[j]))
+        return np.asarray(
+            weights.position * np.linalg.norm(self.positions[i] - self.positions[j], axis=1)
+            + weights.colour * np.linalg.norm(self.colours[i] - self.colours[j], axis=1)
+            + weights.normal * (1 - alignment)
+        )
+
+
+def initial_clusters(features: Features, neighbours: Indices, wanted: int, weights: Weights) -> Indices:
+    """Cluster points until about `wanted` clusters are left.
+
+    Args:
+        features: of N points.
+        neighbours: (N, K) numbers of the nearest other points of each.
+        wanted: merging stops at or below this many; what does not touch stays apart.
+
+    Returns:
+        (N,) cluster of each point, numbered from 0.
+    """
+    n_points = len(neighbours)
+    labels = np.arange(n_points)
+    representatives = np.arange(n_points)
+    i, j = np.repeat(np.arange(n_points), neighbours.shape[1]), neighbours.ravel()
+    threshold = float(np.median(features.dissimilarity(i, j, weights)))
+    for _ in range(MOST_ROUNDS):
+        a, b = labels[i], labels[j]
+        apart = a != b
+        if len(representatives) <= wanted or not np.any(apart):
+            break
+        pairs = np.unique(np.sort(np.column_stack([a[apart], b[apart]]), axis=1), axis=0)
+        cost = features.dissimilarity(representatives[pairs[:, 0]], representatives[pairs[:, 1]], weights)
+        joined = _best_pairs(pairs, cost, threshold, len(representatives) - wanted)
+        if not len(joined):
+            threshold *= 2
+            continue
+        labels, representatives = _merge(labels, representatives, joined, features.positions)
+    return _smooth_borders(labels, neighbours, features, weights)
+
+
+def _best_pairs(pairs: Indices, cost: Array, threshold: float, most: int) -> Indices:
+    """Pairs under the threshold that are each other's best choice, the cheapest first, `most` at the most."""
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    costs = np.tile(cost, 2)
+    order = np.lexsort((both[:, 1], costs, both[:, 0]))
+    first = np.append(True, np.diff(both[order, 0]) != 0)
+    choice = np.full(both.max() + 1, -1)
+    choice[both[order[first], 0]] = both[order[first], 1]
+    mutual = (choice[pairs[:, 0]] == pairs[:, 1]) & (choice[pairs[:, 1]] == pairs[:, 0]) & (cost < threshold)
+    chosen = np.flatnonzero(mutual)
+    return np.asarray(pairs[chosen[np.argsort(cost[chosen], kind="stable")][:most]])
+
+
+def _merge(labels: Indices, representatives: Indices, pairs: Indices, positions: Array) -> tuple[Indices, Indices]:
+    """Unite pairs of clusters; the representative is the point nearest to the middle of the new cluster."""
+    n_clusters = len(representatives)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n_clusters, n_clusters))
+    count, united = connected_components(graph, directed=False)
+    labels = united[labels]
+    sizes = np.bincount(labels, minlength=count)
+    middles = np.column_stack([np.bincount(labels, positions[:, k], count) / sizes for k in range(3)])
+    off_middle = np.linalg.norm(positions - middles[labels], axis=1)
+    order = np.lexsort((off_middle, labels))
+    return labels, order[np.append(True, np.diff(labels[order]) != 0)]
+
+
+def _smooth_borders(labels: Indices, neighbours: Indices, features: Features, weights: Weights) -> Indices:
+    """Give each point on a border to the neighbouring cluster that it is most similar to (Algorithm 1)."""
+    i, j = np.repeat(np.arange(len(labels)), neighbours.shape[1]), neighbours.ravel()
+    likeness = np.exp(-features.dissimilarity(i, j, weights))
+    for _ in range(BORDER_SWEEPS):
+        count = labels.max() + 1
+        votes = coo_array((likeness, (i, labels[j])), shape=(len(labels), count)).tocsr()
+        best = np.asarray(votes.argmax(axis=1)).ravel()
+        if np.array_equal(best, labels):
+            break
+        labels = best
+    return np.unique(labels, return_inverse=True)[1]

@@ -1,0 +1,127 @@
+"""From a cloud of surface points to parts of likely homogeneous density (thesis Algorithm 1)."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poise.shape.carving import carve, spacing_of
+from poise.shape.clustering import Features, Weights, initial_clusters
+from poise.shape.hierarchy import Hierarchy, build_hierarchy
+from poise.shape.normals import estimate_normals, neighbours_of
+from poise.shape.solid import Array, Indices, Solid
+from poise.shape.thinning import thin
+
+
+@dataclass(frozen=True)
+class SegmentationOptions:
+    """How to cut.
+
+    Args:
+        points: a denser cloud is thinned to about as many.
+        clusters: initial clusters of surface points; many more than parts are expected.
+        colour_cost: what a unit of colour (0..1, three channels) counts, in shares of the object's volume.
+        limit: merging stops at the first step that costs more, in shares of the object's volume.
+        weights: of the initial clusters.
+    """
+
+    points: int = 2500
+    clusters: int = 50
+    colour_cost: float = 1.0
+    limit: float = 0.06
+    weights: Weights = field(default_factory=Weights)
+
+
+DEFAULT = SegmentationOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """A solid and its parts.
+
+    Args:
+        solid: T tetrahedra; its vertices are the points, or fewer when there were too many.
+        labels: (N,) part of each surface point that was given, 0..P-1.
+        tetrahedron_labels: (T,) part of each tetrahedron.
+        hierarchy: of all merges; its leaves are the initial clusters.
+        leaves: (T,) initial cluster of each tetrahedron.
+        steps: merges that were taken.
+        notes: what to read the answer with, one sentence each.
+    """
+
+    solid: Solid
+    labels: Indices
+    tetrahedron_labels: Indices
+    hierarchy: Hierarchy
+    leaves: Indices
+    steps: int
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def n_parts(self) -> int:
+        return int(self.tetrahedron_labels.max()) + 1
+
+    @cached_property
+    def volumes(self) -> Array:
+        """(P,) m3."""
+        return np.bincount(self.tetrahedron_labels, self.solid.volumes, minlength=self.n_parts).astype(np.float64)
+
+    @cached_property
+    def centroids(self) -> Array:
+        """(P, 3) m."""
+        first = self.solid.volumes[:, None] * self.solid.centroids
+        sums = [np.bincount(self.tetrahedron_labels, first[:, axis], minlength=self.n_parts) for axis in range(3)]
+        return np.stack(sums, axis=1) / self.volumes[:, None]
+
+    @cached_property
+    def surface(self) -> tuple[Indices, Indices]:
+        """(F, 3) vertex numbers of the triangles around the object, counter-clockwise from outside, and (F,) parts."""
+        triangles, owners = self.solid.surface
+        return triangles, self.tetrahedron_labels[owners]
+
+
+def segment(points: Array, colours: Array | None = None, options: SegmentationOptions = DEFAULT) -> Segmentation:
+    """Cut an object into parts.
+
+    Args:
+        points: (N, 3) m, on its whole surface, finite (see `clouds`).
+        colours: (N, 3) 0..1, or None.
+
+    Raises:
+        InputError: as `carve`.
+    """
+    chosen = thin(points, options.points)
+    few = points[chosen]
+    shades = np.zeros_like(few) if colours is None else colours[chosen]
+    spacing = spacing_of(few)
+    solid = carve(few, spacing)
+    neighbours = neighbours_of(few)
+    features = Features(few / spacing, shades, estimate_normals(few, neighbours))
+    clusters = initial_clusters(features, neighbours, options.clusters, options.weights)
+    tree = cKDTree(few)
+    leaves, point_leaves = _leaves(solid, clusters, tree)
+    sizes = np.bincount(point_leaves, minlength=leaves.max() + 1)
+    sums = [np.bincount(point_leaves, shades[:, channel], len(sizes)) for channel in range(3)]
+    means = np.stack(sums, axis=1) / np.maximum(sizes, 1)[:, None]
+    hierarchy = build_hierarchy(solid, leaves, means, options.colour_cost)
+    steps = hierarchy.steps_below(options.limit)
+    parts = hierarchy.labels(steps)
+    nearest = np.arange(len(few)) if len(few) == len(points) else tree.query(points)[1]
+    return Segmentation(solid, parts[point_leaves][nearest], parts[leaves], hierarchy, leaves, steps)
+
+
+def _leaves(solid: Solid, clusters: Indices, tree: cKDTree) -> tuple[Indices, Indices]:
+    """Leaf of each tetrahedron, that of its nearest point, and of each point; a leaf that has no volume joins another.
+
+    Returns:
+        (T,) and (N,), numbered from 0 without gaps.
+    """
+    used, leaves = np.unique(clusters[tree.query(solid.centroids)[1]], return_inverse=True)
+    number = np.full(clusters.max() + 1, -1)
+    number[used] = np.arange(len(used))
+    point_leaves = number[clusters]
+    lost = point_leaves < 0
+    if np.any(lost):
+        point_leaves[lost] = leaves[cKDTree(solid.centroids).query(tree.data[lost])[1]]
+    return leaves, point_leaves

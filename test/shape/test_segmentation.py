@@ -1,0 +1,83 @@
+"""Parts of objects whose parts are known, and what the command says about them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shape_samples as samples
+
+from poise.cli import run
+from poise.shape.metrics import global_consistency_error, undersegmentation_error
+from poise.shape.segmentation import segment
+from poise.shape.thinning import thin
+
+
+def test_head_and_handle_do_not_mix() -> None:
+    points, colours, truth = samples.mallet(np.random.default_rng(2), 800)
+    found = segment(points, colours)
+    assert undersegmentation_error(found.labels, truth) < 0.03
+    assert global_consistency_error(found.labels, truth) < 0.03
+    assert found.volumes.sum() == pytest.approx(found.solid.volume)
+
+
+def test_the_same_cloud_gives_the_same_labels() -> None:
+    points, colours, _ = samples.mallet(np.random.default_rng(2), 500)
+    first, second = segment(points, colours), segment(points.copy(), colours.copy())
+    np.testing.assert_array_equal(first.labels, second.labels)
+
+
+def test_a_dense_cloud_is_thinned_and_all_its_points_are_labelled() -> None:
+    points, colours, truth = samples.mallet(np.random.default_rng(3), 20_000)
+    found = segment(points, colours)
+    assert len(found.labels) == len(points)
+    assert len(found.solid.vertices) <= 2500
+    assert undersegmentation_error(found.labels, truth) < 0.03
+
+
+def test_thinning_keeps_points_evenly_and_drops_duplicates() -> None:
+    rng = np.random.default_rng(4)
+    points = samples.box(rng, (0.1, 0.1, 0.1), 5000)
+    kept = thin(points, 1000)
+    assert 500 < len(kept) <= 1000
+    assert thin(np.repeat(points[:50], 3, axis=0), 100).tolist() == list(range(0, 150, 3))
+
+
+def test_the_command_answers_with_a_label_per_row(tmp_path: Path) -> None:
+    points, colours, _ = samples.mallet(np.random.default_rng(2), 400)
+    rows = np.insert(np.concatenate([points, colours], axis=1), 3, np.nan, axis=0)
+    np.save(tmp_path / "mallet.npy", rows)
+    options = {
+        f"--{kind}": tmp_path / f"mallet_{kind}.{ending}"
+        for kind, ending in (("json", "json"), ("picture", "png"), ("ply", "ply"), ("surface", "ply"))
+    }
+    words = [word for option, path in options.items() for word in (option, str(path))]
+    assert run(["segment", str(tmp_path / "mallet.npy"), *words]) == 0
+    answer = json.loads(options["--json"].read_text())
+    assert len(answer["labels"]) == len(rows)
+    assert answer["labels"][3] == -1
+    assert set(answer["labels"]) == {-1, *range(answer["n_parts"])}
+    assert answer["volume"] == pytest.approx(0.04 * 0.12 * 0.04 + np.pi * 0.012**2 * 0.2, rel=0.1)
+    assert sum(answer["part_volumes"]) == pytest.approx(answer["volume"])
+    assert answer["notes"]
+    assert options["--picture"].read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_written_surface_is_read_back_closed_with_its_volume(tmp_path: Path) -> None:
+    trimesh = pytest.importorskip("trimesh")
+    points, colours, _ = samples.mallet(np.random.default_rng(2), 400)
+    np.save(tmp_path / "mallet.npy", np.concatenate([points, colours], axis=1))
+    path = tmp_path / "surface.ply"
+    assert (
+        run(["segment", str(tmp_path / "mallet.npy"), "--surface", str(path), "--json", str(tmp_path / "a.json")]) == 0
+    )
+    mesh = trimesh.load(path, process=False)
+    assert mesh.volume == pytest.approx(json.loads((tmp_path / "a.json").read_text())["volume"])
+
+
+def test_bad_clouds_exit_with_two_and_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    np.save(tmp_path / "millimetres.npy", 1000 * samples.box(np.random.default_rng(0), (0.1, 0.1, 0.1), 300))
+    assert run(["segment", str(tmp_path / "millimetres.npy")]) == 2
+    assert "--scale 0.001" in capsys.readouterr().err
+    assert run(["segment", str(tmp_path / "nowhere.ply")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
