@@ -30,6 +30,7 @@ from poise.simulation import (
 
 BLOCK = 0.02  # s simulated at a time: also how late a command can be heeded
 STOP_TIME = 0.5  # s to stop in when a command says so
+FARTHEST = 60.0  # s ahead that a command may lie
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 
 
@@ -52,13 +53,17 @@ class ArmOptions:
 
 
 class Waypoints(NamedTuple):
-    """A commanded motion of K joints: (P,) s from now, and (P, K) arrays; None: at rest at every waypoint."""
+    """A commanded motion of K joints: (P,) s from its begin, and (P, K) arrays; None: at rest at every waypoint.
+
+    It begins at `stamp` ns of the stamps of joint states, at once when that is zero.
+    """
 
     names: Sequence[str]
     times: Array
     position: Array
     velocity: Array | None = None
     acceleration: Array | None = None
+    stamp: int = 0
 
 
 class SimulatedArm:
@@ -93,9 +98,10 @@ class SimulatedArm:
         self.world = world
 
     def command(self, waypoints: Waypoints) -> None:
-        """Move through waypoints from where the arm is, or (none at all) stop; a waypoint at 0 s is left out.
+        """Move through waypoints from where the arm then is, or (none at all) stop; what would be past is left out.
 
-        Joints that are not named stop where they are.
+        Until a motion begins, the one before it goes on, as with ros2_control. Joints that are not named stop where
+        they are.
 
         Raises:
             InputError: JOINT_MISSING for a joint that the robot does not have; BAD_INPUT for times or shapes;
@@ -111,11 +117,18 @@ class SimulatedArm:
             )
         columns = [self.model.joint_names.index(name) for name in names]
         with self._lock:
-            begin = self._frontier
+            wanted = (waypoints.stamp - self._start) * 1e-9 if waypoints.stamp else self._frontier
+            begin = max(wanted, self._frontier)
+            if begin > self._frontier + FARTHEST:
+                raise InputError(
+                    ErrorCode.BAD_INPUT, f"joint trajectory: it would begin in {begin - self._frontier:.0f} s; check clocks"
+                )
             now = self._motion(np.array([begin]))
-            plan = _through(now, columns, waypoints) if len(waypoints.times) else _halt(now)
+            late = waypoints._replace(times=np.asarray(waypoints.times, dtype=np.float64) - (begin - wanted))
+            plan = _through(now, columns, late) if len(waypoints.times) else self._halt(begin)
             check_limits(self.model, plan)
-            self._plans = [*self._plans[-3:], (begin, plan)]
+            before = [(since, other) for since, other in self._plans if since < begin]
+            self._plans = [*before[-3:], (begin, plan)]
 
     def messages(self) -> Iterator[Message]:
         """Everything the robot says, simulated block by block as it is asked for."""
@@ -159,6 +172,16 @@ class SimulatedArm:
             out[:, here] = plan.at(seconds[here] - begin)
         return JointMotion(out[0], out[1], out[2])
 
+    def _halt(self, begin: float) -> WaypointTrajectory:
+        """Slow down along the path that the arm is on, and stay."""
+        u = np.linspace(0.0, 1.0, 26)
+        rate, change = (1 - 3 * u**2 + 2 * u**3)[:, None], ((-6 * u + 6 * u**2) / STOP_TIME)[:, None]
+        path = self._motion(begin + STOP_TIME * (u - u**3 + u**4 / 2))
+        velocity = path.velocity * rate
+        return WaypointTrajectory(
+            u * STOP_TIME, path.position, velocity, path.acceleration * rate**2 + path.velocity * change
+        )
+
     def _say_joints(self, reports: NoisyJoints, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
         effort = self.world.effort(motion)
         stamps = self._start + np.maximum(reports.stamps(taken), 0)
@@ -193,17 +216,6 @@ def _through(now: JointMotion, columns: list[int], waypoints: Waypoints) -> Wayp
         full[:, columns] = given[ahead]
         rows.append(np.vstack([present, full]))
     return WaypointTrajectory(np.concatenate([[0.0], times[ahead]]), rows[0], rows[1], rows[2])
-
-
-def _halt(now: JointMotion) -> WaypointTrajectory:
-    there = now.position + now.velocity * STOP_TIME / 2
-    rest = np.zeros_like(there)
-    return WaypointTrajectory(
-        np.array([0.0, STOP_TIME]),
-        np.vstack([now.position, there]),
-        np.vstack([now.velocity, rest]),
-        np.vstack([now.acceleration, rest]),
-    )
 
 
 def _odometry(stamp: int, pose: Array, velocity: Array) -> bytes:

@@ -129,7 +129,9 @@ class FakeRobot(Node):
         if points and positions is None:
             raise InputError(ErrorCode.BAD_INPUT, "joint trajectory: its points have no positions")
         times = np.array([point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in points])
-        waypoints = Waypoints(message.joint_names, times, positions, rows("velocities"), rows("accelerations"))
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        given = (positions, rows("velocities"), rows("accelerations"))
+        waypoints = Waypoints(message.joint_names, times, *given, stamp)
         self._source.command(waypoints)
 
     def _set_payload(self, parameters: list[Any]) -> SetParametersResult:
