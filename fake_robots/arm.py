@@ -121,7 +121,8 @@ class SimulatedArm:
             begin = max(wanted, self._frontier)
             if begin > self._frontier + FARTHEST:
                 raise InputError(
-                    ErrorCode.BAD_INPUT, f"joint trajectory: it would begin in {begin - self._frontier:.0f} s; check clocks"
+                    ErrorCode.BAD_INPUT,
+                    f"joint trajectory: it would begin in {begin - self._frontier:.0f} s; check clocks",
                 )
             now = self._motion(np.array([begin]))
             late = waypoints._replace(times=np.asarray(waypoints.times, dtype=np.float64) - (begin - wanted))
@@ -208,7 +209,7 @@ def _through(now: JointMotion, columns: list[int], waypoints: Waypoints) -> Wayp
     ahead = times > 0.0
     rows = []
     others = (now.position[0], np.zeros_like(now.position[0]), np.zeros_like(now.position[0]))
-    for name, value, present, other in zip(JointMotion._fields, waypoints[2:], now, others, strict=True):
+    for name, value, present, other in zip(JointMotion._fields, waypoints[2:5], now, others, strict=True):
         given = np.zeros(shape) if value is None else np.asarray(value, dtype=np.float64)
         if given.shape != shape:
             raise InputError(ErrorCode.BAD_INPUT, f"joint trajectory: {name} has shape {given.shape}, expected {shape}")

@@ -16,6 +16,7 @@ from poise.errors import PoiseError
 from poise.inertia.live import LiveEstimator
 from poise.inertia.status import status_of
 from poise.nodes.estimate_message import estimate_message, no_estimate_message
+from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
@@ -53,6 +54,7 @@ class InertialEstimator(Node):
         self.create_timer(UPDATE_PERIOD, guarded(self, self._update))
         self.create_timer(1.0 / values["publish_rate"], guarded(self, self._publish))
         self.create_timer(1.0, guarded(self, self._diagnose))
+        self._action = IdentifyPayload(self)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque

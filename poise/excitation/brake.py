@@ -44,6 +44,4 @@ def _along(motion: WaypointTrajectory, at: float, stop_time: float) -> WaypointT
     path = motion.at(place)
     beyond = (place > motion.duration)[:, None]  # at rest there
     velocity, acceleration = (np.where(beyond, 0.0, value) for value in (path.velocity, path.acceleration))
-    return WaypointTrajectory(
-        u * stop_time, path.position, velocity * rate, acceleration * rate**2 + velocity * change
-    )
+    return WaypointTrajectory(u * stop_time, path.position, velocity * rate, acceleration * rate**2 + velocity * change)

@@ -5,12 +5,13 @@ has a deadline, and `tick` returns at once.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
 from poise.excitation.brake import brake
@@ -26,6 +27,8 @@ PATIENCE = 2.0
 """s that joint states, wrenches, and an arm that stands still are waited for."""
 STALE = 0.25
 """s without joint states or wrenches after which the arm is stopped."""
+HELD_UP = 0.1
+"""s between two ticks from which the process was held up, and messages wait that would prove the streams alive."""
 PLANNING = 40.0
 """s that planning may take; the search has its own, shorter limit."""
 LEAD = 0.15
@@ -120,7 +123,8 @@ class Session:
         self.error: PoiseError | None = None
         self.answer: InertialEstimate | None = None
         self.planned: ExcitationPlan | None = None
-        self._since, self._begun = now, now
+        self._since = self._ticked = now
+        self._trusting_until = now
         self._stop_planning = threading.Event()
         self._planned: list[ExcitationPlan | PoiseError] = []
         self._begin = 0  # ns of the motion on the joint states' clock
@@ -133,7 +137,7 @@ class Session:
             Phase.STOPPING: self._await_rest,
         }
 
-    def add_joint_state(self, stamp: int, names: list[str], position: "object", now: float) -> None:
+    def add_joint_state(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
         """Take a joint state; another robot's is left out."""
         self.joints.add(stamp, names, position, now)
 
@@ -141,6 +145,9 @@ class Session:
         """Go on; never blocks, never raises."""
         if self.phase is Phase.DONE:
             return
+        if now - self._ticked > HELD_UP:
+            self._trusting_until = now + STALE
+        self._ticked = now
         try:
             self._steps[self.phase](now)
         except PoiseError as error:
@@ -259,10 +266,10 @@ class Session:
         if self.planned is None or self.phase is Phase.SETTLING:
             self._enter(Phase.DONE, now)
             return
+        self._enter(Phase.STOPPING, now)
         stamp = self.joints.clock(now) + round(STOP_LEAD * 1e9)
         at = (stamp - self._begin) * 1e-9
         self._send(Command(brake(self._model, self.planned.motion, at, self._task.guard, self._task.limits), stamp))
-        self._enter(Phase.STOPPING, now)
 
     def _silent(self, now: float) -> PoiseError | None:
         heard = self._scale.heard()
@@ -276,6 +283,8 @@ class Session:
         return None
 
     def _require_streams(self, now: float) -> None:
+        if now < self._trusting_until:
+            return
         problem = self.joints.problem(now) or self._silent(now)
         if problem is not None:
             raise problem
@@ -288,8 +297,8 @@ class Session:
             index = int(np.argmax(off - allowed))
             raise PoiseError(
                 ErrorCode.NOT_FOLLOWING,
-                f"{self._model.joint_names[index]} is {off[index]:.3f} rad off its path {seconds:.2f} s into the motion: is"
-                " its controller active, and does it listen to joint_trajectory?",
+                f"{self._model.joint_names[index]} is {off[index]:.3f} off its path {seconds:.2f} s into the motion:"
+                " is its controller active, and does it listen to joint_trajectory?",
             )
 
     def _the_plan(self) -> ExcitationPlan:

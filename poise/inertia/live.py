@@ -214,6 +214,11 @@ class LiveEstimator:
         """Samples used in the window."""
         return 0 if self.estimator is None else self.estimator.window_samples
 
+    @property
+    def window_decided(self) -> int | None:
+        """ns: up to which stamp the window's samples are in; None: none are."""
+        return None if self.estimator is None else self.estimator.window_decided
+
     def window_estimate(self) -> InertialEstimate:
         """Solve for everything in the window.
 

@@ -121,6 +121,14 @@ class OnlineEstimator:
         """Samples used in the window."""
         return 0 if self._window is None else self._window.busiest.weigher.n_samples
 
+    @property
+    def window_decided(self) -> int | None:
+        """ns: up to which stamp the window's samples are in; None: none are."""
+        if self._window is None:
+            return None
+        ends = [run.track.decided for run in self._window.runs.values()]
+        return min((end for end in ends if end is not None), default=None)
+
     def window_estimate(self) -> InertialEstimate:
         """Solve for everything in the window.
 

@@ -1,0 +1,299 @@
+"""The action `identify_payload`: goals in, an identification session run by a timer, a motion for the arm out."""
+
+import time
+from dataclasses import replace
+from typing import Any
+
+from builtin_interfaces.msg import Duration
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.excitation import (
+    COLLABORATIVE_SPEED,
+    ExcitationOptions,
+    Guard,
+    MotionLimits,
+    plan_excitation,
+    plan_stop_and_go,
+    tool_centre,
+)
+from poise.excitation.session import Command, Phase, Plan, Session, Task
+from poise.inertia import InertialEstimate
+from poise.inertia.live import LiveEstimator
+from poise.inertia.parts import Parts
+from poise.inertia.problem import NoiseLevels
+from poise.inertia.weighers import check_method
+from poise.nodes.estimate_message import estimate_message, no_estimate_message, time_message
+from poise.nodes.parameters import Parameter, declare_parameters
+from poise.nodes.runtime import guarded, to_message
+from poise.robot import RobotModel
+from poise.robot.motion import Array
+from poise_msgs.action import IdentifyPayload as Action
+
+TICK = 0.02
+"""s between looks at a running session."""
+FEEDBACK_TICKS = 10
+NOBODY_ZEROED = NoiseLevels(force_bias=5.0, torque_bias=0.25)
+"""A motion is planned to show the sensor's bias too, whether or not somebody has zeroed it."""
+
+PARAMETERS = (
+    Parameter("speed_limit", COLLABORATIVE_SPEED, "m/s that no point of hand and object exceeds", (1e-3, 5.0)),
+    Parameter("object_radius", 0.15, "m: the object is nowhere farther from the tool centre point", (0.0, 5.0)),
+    Parameter("tcp_frame", "", "frame of the tool centre point; empty: the sensor's"),
+    Parameter("joint_speed_share", 0.8, "of each joint's velocity limit, for identification motions", (0.01, 1.0)),
+    Parameter("joint_acceleration", 10.0, "rad/s2, for identification motions", (0.1, 1e3)),
+    Parameter("room", 0.15, "m that the tool centre point may go from where it is", (0.01, 5.0)),
+    Parameter("excitation_duration", 1.5, "s of the optimal motion", (0.5, 60.0)),
+    Parameter("stop_and_go_poses", 5, "poses to rest in", (3, 7)),
+    Parameter("stop_and_go_dwell", 0.75, "s at rest in each of them", (0.1, 10.0)),
+    Parameter("listen_duration", 3.0, "s of MOTION_NONE", (0.1, 600.0)),
+    Parameter("expected_mass", 1.0, "kg, a guess that motions are planned for", (1e-3, 1e3)),
+    Parameter("excitation_seed", 0, "of the search for the optimal motion", (0, 2**31 - 1)),
+)
+
+
+class LiveScale:
+    """The node's live estimator, with a window of its own for one goal.
+
+    Args:
+        live: the estimator.
+        method: by name; empty: the node's.
+        parts: of the object, in the sensor frame.
+    """
+
+    def __init__(self, live: LiveEstimator, method: str, parts: Parts | None) -> None:
+        self._live, self._method, self._parts = live, method, parts
+        self.samples = 0
+
+    def begin(self) -> None:
+        """Open the window."""
+        self._live.begin_window(self._method, self._parts)
+
+    def estimate(self) -> InertialEstimate:
+        """Of what is in the window."""
+        self.samples = self._live.window_samples
+        return self._live.window_estimate()
+
+    def settled(self, stamp: int) -> bool:
+        """All samples up to a stamp are in."""
+        decided = self._live.window_decided
+        return decided is not None and decided >= stamp
+
+    def heard(self) -> float | None:
+        """When the last wrench came, s."""
+        return self._live.heard.get("wrench")
+
+
+class IdentifyPayload:
+    """Serves `identify_payload` (poise_msgs/IdentifyPayload), one goal at a time; moves the arm by `joint_trajectory`.
+
+    Args:
+        node: the inertial_estimator, with its `live` estimator.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._live = node, node.live
+        self._values = declare_parameters(node, PARAMETERS)
+        self._arm = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
+        self._goal: ServerGoalHandle | None = None
+        self._session: Session | None = None
+        self._ticks = 0
+        self._joints: Any = None
+        self._timer: Any = None
+        self._server = ActionServer(
+            node,
+            Action,
+            "identify_payload",
+            self._conclude_busy,  # every goal is given its own callback when it ends
+            handle_accepted_callback=guarded(node, self._accept),
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    # -- a goal comes ------------------------------------------------------------------------------------------
+
+    def _accept(self, goal: ServerGoalHandle) -> None:
+        if self._goal is not None:
+            goal.execute(self._conclude_busy)
+            return
+        try:
+            session = self._begin(goal.request)
+        except PoiseError as error:
+            goal.execute(lambda handle, error=error: self._conclude(handle, error, None))
+            return
+        self._goal, self._session, self._ticks = goal, session, 0
+        self._joints = self._node.create_subscription(
+            JointState, "joint_states", guarded(self._node, self._on_joint_state), 100
+        )
+        self._timer = self._node.create_timer(TICK, guarded(self._node, self._tick))
+
+    def _begin(self, request: Action.Goal) -> Session:
+        """What the goal asks for.
+
+        Raises:
+            InputError: when it makes no sense, or there is no robot to move.
+        """
+        check_method(request.method or self._live.options.method)
+        if request.motion not in (
+            Action.Goal.MOTION_NONE,
+            Action.Goal.MOTION_STOP_AND_GO,
+            Action.Goal.MOTION_EXCITATION,
+        ):
+            raise InputError(ErrorCode.BAD_INPUT, f"goal: there is no motion {request.motion}; 0, 1 and 2 there are")
+        for name in ("duration", "speed_limit", "object_radius"):
+            if not 0 <= getattr(request, name) < 1e3:
+                raise InputError(
+                    ErrorCode.BAD_INPUT, f"goal: {name} is {getattr(request, name)}: give 0 for the default"
+                )
+        model = self._model()
+        parts = self._node.parts_of(request.object[0]) if request.object else self._live.parts
+        guard, limits = self._guard(model, request, parts), self._limits(request)
+        duration = request.duration or self._values["listen_duration"]
+        if request.motion == Action.Goal.MOTION_NONE:
+            task = Task(None, guard, limits, duration)
+        else:
+            if not self._arm.get_subscription_count():
+                raise InputError(
+                    ErrorCode.TOPIC_MISSING,
+                    "no controller listens on joint_trajectory: remap it to the arm's, or start it",
+                )
+            task = Task(self._planner(model, request, guard, limits, parts), guard, limits)
+        return Session(model, task, LiveScale(self._live, request.method, parts), self._send, time.monotonic())
+
+    def _model(self) -> RobotModel:
+        if self._live.problem is not None:
+            raise self._live.problem
+        if self._live.joints is None:
+            heard = "wrench" in self._live.heard or self._live.options.sensor_frame
+            what = (
+                "robot_description: publish it" if heard else "wrench, which names the sensor's frame: start the driver"
+            )
+            code = ErrorCode.ROBOT_DESCRIPTION_MISSING if heard else ErrorCode.TOPIC_MISSING
+            raise InputError(code, f"identify_payload needs to know the robot, and there is no {what}")
+        return self._live.joints.model
+
+    def _guard(self, model: RobotModel, request: Action.Goal, parts: Parts | None) -> Guard:
+        tcp = tool_centre(model, self._values["tcp_frame"])
+        if parts is not None and len(parts.points):
+            return Guard.outline(tcp, parts.points)
+        return Guard.ball(tcp, request.object_radius or self._values["object_radius"])
+
+    def _limits(self, request: Action.Goal) -> MotionLimits:
+        highest = self._values["speed_limit"]
+        if request.speed_limit > highest:
+            raise InputError(
+                ErrorCode.BAD_INPUT,
+                f"goal: speed_limit {request.speed_limit:g} m/s is above the node's {highest:g} m/s",
+            )
+        return MotionLimits(
+            speed=request.speed_limit or highest,
+            joint_speed=self._values["joint_speed_share"],
+            acceleration=self._values["joint_acceleration"],
+            room=self._values["room"],
+        )
+
+    def _planner(
+        self, model: RobotModel, request: Action.Goal, guard: Guard, limits: MotionLimits, parts: Parts | None
+    ) -> Any:
+        noise = self._live.options.noise
+        options = ExcitationOptions(
+            duration=request.duration or self._values["excitation_duration"],
+            poses=self._values["stop_and_go_poses"],
+            dwell=self._values["stop_and_go_dwell"],
+            mass=self._values["expected_mass"],
+            noise=replace(
+                noise,
+                force_bias=max(noise.force_bias, NOBODY_ZEROED.force_bias),
+                torque_bias=max(noise.torque_bias, NOBODY_ZEROED.torque_bias),
+            ),
+            seed=self._values["excitation_seed"],
+        )
+        plan = plan_stop_and_go if request.motion == Action.Goal.MOTION_STOP_AND_GO else plan_excitation
+
+        def from_here(start: Array) -> Plan:
+            return lambda progress, cancelled: plan(
+                model, start, guard, limits, options, parts=parts, progress=progress, cancelled=cancelled
+            )
+
+        return from_here
+
+    # -- while it runs -----------------------------------------------------------------------------------------
+
+    def _on_joint_state(self, message: JointState) -> None:
+        if self._session is not None:
+            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            self._session.add_joint_state(stamp, message.name, message.position, time.monotonic())
+
+    def _tick(self) -> None:
+        goal, session = self._goal, self._session
+        if goal is None or session is None:
+            return
+        now = time.monotonic()
+        if goal.is_cancel_requested:
+            session.cancel(now)
+        session.tick(now)
+        self._ticks += 1
+        if session.phase is Phase.DONE:
+            self._end()
+        elif self._ticks % FEEDBACK_TICKS == 0:
+            goal.publish_feedback(self._feedback(session))
+
+    def _feedback(self, session: Session) -> Action.Feedback:
+        feedback = Action.Feedback(phase=session.phase.value, progress=float(session.progress))
+        try:
+            feedback.estimate = estimate_message(self._live.window_estimate())
+        except PoiseError as error:
+            feedback.estimate = no_estimate_message(error, self._live.sensor_frame)
+        return feedback
+
+    def _send(self, command: Command) -> None:
+        """Hand a motion to the arm's controller."""
+        message = JointTrajectory(joint_names=list(self._live.joints.model.joint_names))
+        message.header.stamp = time_message(command.stamp)
+        motion = command.motion
+        rows = zip(motion.times, motion.position, motion.velocity, motion.acceleration, strict=True)
+        for seconds, position, velocity, acceleration in rows:
+            whole, part = divmod(round(seconds * 1e9), 10**9)
+            message.points.append(
+                JointTrajectoryPoint(
+                    time_from_start=Duration(sec=whole, nanosec=part),
+                    positions=position.tolist(),
+                    velocities=velocity.tolist(),
+                    accelerations=acceleration.tolist(),
+                )
+            )
+        self._arm.publish(message)
+
+    # -- and ends ----------------------------------------------------------------------------------------------
+
+    def _end(self) -> None:
+        """Close everything that was opened for the goal, then let it have its result."""
+        goal, session = self._goal, self._session
+        self._goal = self._session = None
+        self._node.destroy_timer(self._timer)
+        self._node.destroy_subscription(self._joints)
+        self._live.end_window(keep=session.answer is not None)
+        goal.execute(lambda handle: self._conclude(handle, session.error, session.answer))
+
+    def _conclude(
+        self, goal: ServerGoalHandle, error: PoiseError | None, answer: InertialEstimate | None
+    ) -> Action.Result:
+        result = Action.Result(error=to_message(error))
+        if answer is not None:
+            result.estimate = estimate_message(answer)
+            goal.succeed()
+            return result
+        error = error or NoAnswerError(ErrorCode.TOO_FEW_SAMPLES, "there is no estimate")
+        result.estimate = no_estimate_message(error, self._live.sensor_frame)
+        if goal.is_cancel_requested:
+            goal.canceled()
+        else:
+            goal.abort()
+        return result
+
+    def _conclude_busy(self, goal: ServerGoalHandle) -> Action.Result:
+        busy = InputError(ErrorCode.BUSY, "another identification is running: cancel it, or wait for its end")
+        return self._conclude(goal, busy, None)
