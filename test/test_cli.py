@@ -60,7 +60,7 @@ def fails(capsys):
 
 def test_json_has_the_fields_of_the_contract_and_null_for_what_was_not_seen(tmp_path, capsys):
     target = tmp_path / "payload.json"
-    assert run(["identify", STATIC, "--json", str(target)]) == 0
+    assert run(["identify", STATIC, "--method", "static", "--json", str(target)]) == 0
     content = strictly(target.read_text())
     assert set(CONTRACT) <= set(content)
     assert content["mass"] == pytest.approx(0.9323, abs=0.005)

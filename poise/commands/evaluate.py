@@ -22,12 +22,13 @@ from poise.commands.identify import (
 )
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError, PoiseError
+from poise.inertia.identification import METHODS
 from poise.viewing.wording import readable, rounded
 
 
 def evaluate(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds .mcap recordings.", show_default=False)],
-    method: MethodOption = "auto",
+    method: MethodOption = METHODS[0],
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,
     gravity: GravityOption = None,

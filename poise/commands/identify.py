@@ -9,10 +9,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from poise.commands.output import console, refuse_folder, warn, write_json
+from poise.commands.output import console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
 from poise.inertia.identification import METHODS, Identification
 from poise.inertia.identification import identify as identify_recording
+from poise.inertia.object_shape import ObjectShape, load_object
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
 from poise.viewing.summary import parameter_rows
@@ -22,7 +23,40 @@ MethodOption = Annotated[
     str,
     typer.Option(
         "--method",
-        help=f"One of {', '.join(METHODS)}. static: poses held still; ols: motion; auto: what the motion suits.",
+        help=f"One of {', '.join(METHODS)}. poise: this project's own, with bias, clock delay and honest covariance;"
+        " static: least squares on poses held still; ols, rtls, geo, pmd, hps: the thesis' methods and its rivals"
+        " (the last three want --object); auto: static or ols, whichever the motion suits.",
+    ),
+]
+ObjectOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--object",
+        metavar="CLOUD_OR_MESH",
+        help="Shape of what is held, in the sensor frame or placed by --object-pose: a mesh (STL, OBJ, PLY; closed"
+        " bodies are its parts) or points on its surface (PLY, XYZ, CSV, NPY, PCD; `label` names parts). In m.",
+        show_default=False,
+    ),
+]
+ObjectPoseOption = Annotated[
+    str | None,
+    typer.Option(
+        "--object-pose",
+        metavar="'X Y Z QX QY QZ QW'",
+        help="Where the shape's own frame is in the sensor frame, m and a unit quaternion.",
+        show_default=False,
+    ),
+]
+ObjectScaleOption = Annotated[
+    float, typer.Option("--object-scale", help="From the file's unit to m: 0.001 for a mesh in millimetres.")
+]
+ShapeAccuracyOption = Annotated[
+    float | None,
+    typer.Option(
+        "--shape-accuracy",
+        help="Relative error of lengths in the shape, and of where its parts are cut (default: 0.0007 for a mesh of"
+        " several bodies, 0.03 for one body, 0.05 for points).",
+        show_default=False,
     ),
 ]
 SensorFrameOption = Annotated[
@@ -55,7 +89,11 @@ JsonOption = Annotated[
 
 def identify(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
-    method: MethodOption = "auto",
+    object_file: ObjectOption = None,
+    method: MethodOption = METHODS[0],
+    object_pose: ObjectPoseOption = None,
+    object_scale: ObjectScaleOption = 1.0,
+    shape_accuracy: ShapeAccuracyOption = None,
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,
     gravity: GravityOption = None,
@@ -70,16 +108,29 @@ def identify(
 ) -> None:
     """Weigh what a force-torque sensor carries: mass, centre of mass, inertia, each with its uncertainty.
 
-    The recording needs the wrench, and either joint_states with robot_description or tf up to the sensor. Poses held
-    still in three attitudes or more give mass, centre of mass and the sensor's bias; motion also gives the inertia it
-    shows. What cannot be seen is named, never guessed.
+    The recording needs the wrench, and one of: joint_states with robot_description; tf up to the sensor; imu with a
+    gyroscope. Poses held still in three attitudes or more give mass, centre of mass and the sensor's bias; motion also
+    gives the inertia it shows, and by how much the clocks differ. What cannot be seen is named. With --object the
+    shape stands in for it, as sure as the uncertainty says.
 
     Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
     """
     refuse_folder(json_target, "--json")
-    recording, answer = weigh(bag, urdf, method, sensor_frame, gravity, wrench_topic, (max_force, max_torque))
+    shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people = console(json_target)
-    content = as_json(bag, recording, answer)
+    with progress_bar("weighing") as progress:
+        recording, answer = weigh(
+            bag,
+            urdf,
+            method,
+            sensor_frame,
+            gravity,
+            wrench_topic,
+            (max_force, max_torque),
+            progress=progress,
+            **_told(shape, shape_accuracy),
+        )
+    content = as_json(bag, recording, answer) | {"object": None if shape is None else shape.words}
     for warning in content["warnings"]:
         warn(warning)
     written = [] if report is None else write_report(report, bag, answer)
@@ -87,6 +138,30 @@ def identify(
     print_answer(people, bag, answer)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def _told(shape: ObjectShape | None, accuracy: float | None) -> dict[str, Any]:
+    if shape is None:
+        return {}
+    return {"parts": shape.parts, "shape_accuracy": accuracy or shape.accuracy}
+
+
+def placed_object(path: Path, scale: float, pose: str | None) -> ObjectShape:
+    """The shape of --object in the sensor frame.
+
+    Raises:
+        InputError: BAD_INPUT for a pose that is none, or as `load_object`.
+    """
+    shape = load_object(path, scale)
+    if pose is None:
+        return shape
+    try:
+        numbers = [float(word) for word in pose.replace(",", " ").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 7:
+        raise InputError(ErrorCode.BAD_INPUT, f"--object-pose '{pose}': give seven numbers, x y z qx qy qz qw")
+    return shape.placed(numbers[:3], numbers[3:])
 
 
 def weigh(
@@ -97,8 +172,9 @@ def weigh(
     gravity: float | None,
     wrench_topic: str,
     saturation: tuple[float, float],
+    **known: Any,
 ) -> tuple[Recording, Identification]:
-    """Open a recording and identify its payload.
+    """Open a recording and identify its payload; `known` goes on to `identify`.
 
     Raises:
         InputError, NoAnswerError: as `identify` of `poise.inertia`.
@@ -115,6 +191,7 @@ def weigh(
         method=method,
         wrench_topic=wrench_topic,
         saturation=saturation,
+        **known,
     )
     return recording, answer
 
@@ -152,6 +229,10 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
         "residual_torque": estimate.residual_torque,
         "frame_id": estimate.frame_id,
         "stamp": estimate.stamp * 1e-9,
+        "findings": [
+            {"code": int(finding.code), "name": finding.code.name, "message": finding.message}
+            for finding in estimate.findings
+        ],
         "source": answer.source,
         "bag": str(bag),
         "losses": losses,
@@ -196,7 +277,7 @@ def print_answer(people: Console, bag: Path, answer: Identification) -> None:
         group = {0: "force bias", 3: "torque bias"}.get(index, "")
         shown, spread = rounded(float(value), float(sigma))
         unit = "N" if index < 3 else "N m"
-        table.add_row(group, "xyz"[index % 3], shown if spread else "not seen", spread, unit)
+        table.add_row(group, "xyz"[index % 3], shown if np.isfinite(value) else "not seen", spread, unit)
     people.print(table)
     for name, text in _facts(answer):
         people.print(f"{name:11}{escape(readable(text, 500))}", soft_wrap=True)
@@ -210,8 +291,15 @@ def _facts(answer: Identification) -> list[tuple[str, str]]:
         reasons[span.reason] = reasons.get(span.reason, 0) + span.n_samples
     left_out = ", ".join(f"{count} {reason}" for reason, count in reasons.items()) or "none"
     used = f"{estimate.n_samples} used, worth {estimate.n_effective:.0f} independent ones"
+    late = (
+        ""
+        if np.isnan(estimate.delay)
+        else "; wrenches stamped {} ± {} ms after the motion".format(
+            *rounded(1e3 * estimate.delay, 1e3 * estimate.delay_std)
+        )
+    )
     return [
-        ("method", f"{estimate.method}; motion from {answer.source}"),
+        ("method", f"{estimate.method}; motion from {answer.source}{late}"),
         ("samples", f"{used}; left out: {left_out}"),
         ("residual", f"{estimate.residual_force:.3g} N and {estimate.residual_torque:.3g} N m rms per axis"),
         ("physics", "a body like this can exist" if estimate.consistent else "NO BODY LIKE THIS CAN EXIST"),
@@ -221,8 +309,9 @@ def _facts(answer: Identification) -> list[tuple[str, str]]:
 def _doubts(answer: Identification) -> list[str]:
     """What an answer has to be read with, one sentence each."""
     estimate = answer.estimate
-    doubts = []
-    if estimate.method != "static" and "attitudes only" in answer.source:
+    doubts = [finding.message for finding in estimate.findings]
+    moved = bool(np.any(answer.motion.angular_velocity_in_sensor))
+    if moved and estimate.method != "static" and answer.source.endswith("taken as zero)"):
         doubts.append("the recording has no positions: forces from linear acceleration are not accounted for")
     if not estimate.consistent:
         doubts.append("no body with this mass and inertia can exist: move more, or faster, about every axis")

@@ -3,11 +3,14 @@
 import json
 import math
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
@@ -27,6 +30,16 @@ def console(json_target: str | None) -> Console:
 def warn(message: str) -> None:
     """Say on stderr, in one line, what the answer has to be read with."""
     print(f"poise: warning: {message}", file=sys.stderr)
+
+
+@contextmanager
+def progress_bar(words: str) -> Iterator[Callable[[float], None]]:
+    """A bar on stderr while a job runs, on a terminal; is told the share that is done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
+        task = progress.add_task(words, total=1.0)
+        yield lambda share: progress.update(task, completed=share)
 
 
 def to_json(value: Any) -> Any:

@@ -1,8 +1,8 @@
 """From a recording to what the sensor carried: chooses the kinematics, pairs them with the wrenches, and weighs."""
 
+import functools
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,46 +10,45 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.buffer import Stamps
 from poise.inertia.estimate import Identification, InertialEstimate
 from poise.inertia.findings import RejectedInterval
+from poise.inertia.imu import Imu, ImuSource, find_imu
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import solve
-from poise.inertia.online import OnlineEstimator
+from poise.inertia.methods import OWN_METHOD, method_names
+from poise.inertia.offline import weigh
+from poise.inertia.online import MAX_GRAVITY, OnlineEstimator
 from poise.inertia.parameters import Array
+from poise.inertia.parts import Parts
+from poise.inertia.recorded_kinematics import Kinematics, find_kinematics, has_topic
 from poise.inertia.recorder import NOT_FINITE
-from poise.inertia.sources import FrameSource, JointSource, MotionSource
+from poise.inertia.samples import Progress, collect
 from poise.inertia.tracks import USED, PairingSettings
-from poise.inertia.weighers import AUTO, METHODS, check_method, joined, model_matrix
+from poise.inertia.weighers import AUTO, OLS, STATIC, joined, model_matrix
 from poise.inertia.weighing import PairedSamples
-from poise.recording import PoseStream, Recording, WrenchStream
+from poise.recording import Recording, WrenchStream
 from poise.robot import STANDARD_GRAVITY, RobotModel
 
-__all__ = ["METHODS", "Identification", "InertialEstimate", "RejectedInterval", "identify", "identify_wrenches"]
+__all__ = [
+    "METHODS",
+    "Identification",
+    "InertialEstimate",
+    "Kinematics",
+    "RejectedInterval",
+    "find_kinematics",
+    "identify",
+    "identify_wrenches",
+]
+
+LEAST_SQUARES = (AUTO, STATIC, OLS)
+"""Are one with the recursive estimator."""
+
+METHODS = (OWN_METHOD, *LEAST_SQUARES, *(name for name in method_names() if name not in (OWN_METHOD, OLS)))
+"""The default first."""
 
 HISTORY = 50
 """How many points show the estimate closing in."""
 
 CHUNKS = 20
 """A recording is fed in this many pieces, so that its kinematics do not have to be remembered all at once."""
-
-
-@dataclass
-class Kinematics:
-    """The kinematics of a recording, to be fed to a source in the order of time.
-
-    Args:
-        source: takes them.
-        parts: stamps (N,) and what adds the samples of a slice to the source.
-    """
-
-    source: MotionSource
-    parts: list[tuple[Stamps, Callable[[slice], None]]]
-
-    def feed(self, begin: int | None, end: int | None) -> None:
-        """Add what is stamped after `begin` and no later than `end`; None: no limit."""
-        for stamps, add in self.parts:
-            low = 0 if begin is None else int(np.searchsorted(stamps, begin, "right"))
-            high = len(stamps) if end is None else int(np.searchsorted(stamps, end, "right"))
-            if high > low:
-                add(slice(low, high))
 
 
 def identify(
@@ -59,47 +58,72 @@ def identify(
     sensor_frame: str | None = None,
     base_frame: str | None = None,
     gravity: float | None = None,
-    method: str = AUTO,
+    method: str = OWN_METHOD,
     wrench_topic: str = "wrench",
     saturation: tuple[float, float] = (np.inf, np.inf),
     settings: PairingSettings | None = None,
+    parts: Parts | None = None,
+    shape_accuracy: float | None = None,
+    progress: Progress = lambda share: None,
 ) -> Identification:
     """Weigh the payload of a recording.
 
     Args:
-        recording: holds the wrench, and either joint states or tf up to the sensor frame.
+        recording: the wrench; and joint states, tf, or an IMU with a gyroscope. An IMU also helps tf without positions.
         robot_model: for the joint states; None: the recording's robot_description, without which tf is used.
         sensor_frame: frame of the wrench; None: what its messages say.
         base_frame: gravity-aligned frame in tf; None: the topmost.
         gravity: m/s2; None: the recording's metadata record `poise`, key `gravity`, else 9.80665.
-        method: `static` (held poses), `ols` (motion), or `auto`: `static` when at least half of the samples are at rest
-            and show mass and centre of mass, else `ols`.
+        method: `poise`; one of the thesis (`ols`, `rtls`, `geo`, `pmd`, `hps`); `static`, least squares on held poses;
+            or `auto`: `static` when half of the samples are at rest and show mass and centre of mass, else `ols`.
         wrench_topic: topic of the sensor.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
+        parts: of the object in the sensor frame; None when nothing is known of its shape.
+        shape_accuracy: relative error of lengths in the shape; None: that of a model from CAD.
+        progress: is told the share of the work that is done.
 
     Raises:
         InputError: BAD_INPUT, TOPIC_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, JOINT_MISSING, ...
         NoAnswerError: TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
     """
-    check_method(method)
+    _check(method, gravity, saturation)
     wrench = recording.wrench(wrench_topic)
-    frame = sensor_frame or wrench.frame_id
-    if not frame:
-        raise InputError(
-            ErrorCode.FRAME_UNKNOWN,
-            f"{recording.path}: the messages of {wrench_topic} name no frame: give the sensor frame",
-        )
-    kinematics = find_kinematics(recording, frame, robot_model, base_frame)
-    return identify_wrenches(
-        wrench,
-        kinematics,
-        frame_id=frame,
-        gravity=recorded_gravity(recording) if gravity is None else gravity,
-        method=method,
-        saturation=saturation,
-        settings=settings,
+    frame = _frame(recording, wrench, sensor_frame)
+    down = recorded_gravity(recording) if gravity is None else gravity
+    kinematics, imu = _motion_of(recording, frame, robot_model, base_frame, down)
+    known: dict[str, Any] = {"frame_id": frame, "gravity": down, "saturation": saturation, "settings": settings}
+    if method in LEAST_SQUARES:
+        return identify_wrenches(wrench, kinematics, method=method, **known)
+    samples = collect(wrench, kinematics, imu=imu, progress=lambda share: progress(share / 2), **known)
+    later = functools.partial(_second_half, progress)
+    return weigh(samples, method, parts=parts, shape_accuracy=shape_accuracy, progress=later)
+
+
+def _second_half(progress: Progress, share: float) -> None:
+    progress((1 + share) / 2)
+
+
+def _frame(recording: Recording, wrench: WrenchStream, given: str | None) -> str:
+    """The sensor's."""
+    if given or wrench.frame_id:
+        return given or wrench.frame_id
+    raise InputError(
+        ErrorCode.FRAME_UNKNOWN, f"{recording.path}: the messages of its sensor name no frame: give the sensor frame"
     )
+
+
+def _motion_of(
+    recording: Recording, frame: str, robot_model: RobotModel | None, base_frame: str | None, gravity: float
+) -> tuple[Kinematics, Imu | None]:
+    """What says how the sensor moved, and the IMU that has to help it."""
+    joints_known = robot_model is not None or has_topic(recording, "robot_description")
+    if not has_topic(recording, "tf") and not (joints_known and has_topic(recording, "joint_states")):
+        imu = find_imu(recording, frame)
+        if imu is not None:
+            return Kinematics(ImuSource(imu, gravity), []), None
+    kinematics = find_kinematics(recording, frame, robot_model, base_frame)
+    return kinematics, None if kinematics.has_positions else find_imu(recording, frame)
 
 
 def identify_wrenches(
@@ -146,35 +170,15 @@ def identify_wrenches(
     return _identification(answer, _joined(paired[answer.method]), gravity, kinematics.source.words)
 
 
-def find_kinematics(
-    recording: Recording, sensor_frame: str, robot_model: RobotModel | None = None, base_frame: str | None = None
-) -> Kinematics:
-    """Joint states with a robot model where there are both, else tf.
-
-    Raises:
-        InputError: when the recording has neither, or the sensor frame is in neither.
-    """
-    joints, frames = _has(recording, "joint_states"), _has(recording, "tf")
-    if robot_model is None and joints and _has(recording, "robot_description"):
-        try:
-            robot_model = RobotModel.from_urdf(recording.robot_description(), sensor_frame)
-        except InputError as error:
-            if error.code is not ErrorCode.FRAME_UNKNOWN or not frames:
-                raise InputError(error.code, f"{recording.path}: {error.message}", **error.data) from error
-    if robot_model is not None:
-        return _joint_kinematics(recording, robot_model)
-    if frames:
-        return _frame_kinematics(recording, sensor_frame, base_frame)
-    if joints:
-        raise InputError(
-            ErrorCode.ROBOT_DESCRIPTION_MISSING,
-            f"{recording.path} has joint_states, but no robot_description: give a URDF file, or record it too",
-        )
-    raise InputError(
-        ErrorCode.TOPIC_MISSING,
-        f"{recording.path} does not say how {sensor_frame} moved: record joint_states with robot_description,"
-        f" or tf up to {sensor_frame}",
-    )
+def _check(method: str, gravity: float | None, saturation: tuple[float, float]) -> None:
+    """Refuse what makes no sense, before anything is read."""
+    if method not in METHODS:
+        raise InputError(ErrorCode.BAD_INPUT, f"there is no method '{method}'; choose one of {', '.join(METHODS)}")
+    for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
+        if value is not None and not value > 0:
+            raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
+    if gravity is not None and gravity > MAX_GRAVITY:
+        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {MAX_GRAVITY:g} is believed")
 
 
 def recorded_gravity(recording: Recording) -> float:
@@ -193,74 +197,6 @@ def recorded_gravity(recording: Recording) -> float:
             ErrorCode.BAD_INPUT, f"{recording.path}: its metadata give gravity as '{text}': give it in m/s2 yourself"
         )
     return gravity
-
-
-def _has(recording: Recording, topic: str) -> bool:
-    try:
-        recording.topic(topic)
-    except InputError as error:
-        if error.code is ErrorCode.TOPIC_MISSING:
-            return False
-        raise
-    return True
-
-
-def _joint_kinematics(recording: Recording, model: RobotModel) -> Kinematics:
-    stream = recording.joint_states(names=model.joint_names)
-    source = JointSource(model)
-
-    def add(part: slice) -> None:
-        source.extend(stream.stamps[part], stream.names, stream.position[part], stream.velocity[part])
-
-    return Kinematics(source, [(stream.stamps, add)])
-
-
-def _frame_kinematics(recording: Recording, sensor_frame: str, base_frame: str | None) -> Kinematics:
-    """Every transform from the sensor up to the base."""
-    source = FrameSource(sensor_frame, base_frame)
-    streams: list[PoseStream] = []
-    frame = sensor_frame
-    while frame != base_frame:
-        try:
-            stream = recording.poses(frame)
-        except InputError as error:
-            if error.code is ErrorCode.FRAME_UNKNOWN and streams and base_frame is None:
-                break  # the top of the tree
-            raise
-        if any(stream.parent in (frame, other.child) for other in streams):
-            raise InputError(ErrorCode.FRAME_UNKNOWN, f"{recording.path}: tf goes round in a circle at {stream.parent}")
-        streams.append(stream)
-        frame = stream.parent
-    still = [_is_constant(stream) for stream in streams]
-    if all(still):  # then all is rest, which the samples of the first one may say
-        still[0] = False
-    parts: list[tuple[Stamps, Callable[[slice], None]]] = []
-    for stream, fixed in zip(streams, still, strict=True):
-        add = _adder(source, stream, fixed)
-        if fixed:
-            add(slice(None))
-        else:
-            parts.append((stream.stamps, add))
-    return Kinematics(source, parts)
-
-
-def _is_constant(stream: PoseStream) -> bool:
-    rotation, translation = stream.rotation_parent_child, stream.translation_parent_child
-    return bool(np.all(rotation == rotation[:1]) and np.all(translation == translation[:1]))
-
-
-def _adder(source: FrameSource, stream: PoseStream, fixed: bool) -> Callable[[slice], None]:
-    def add(part: slice) -> None:
-        source.extend(
-            stream.stamps[part],
-            stream.parent,
-            stream.child,
-            stream.rotation_parent_child[part],
-            stream.translation_parent_child[part],
-            fixed=fixed,
-        )
-
-    return add
 
 
 def _joined(parts: list[PairedSamples]) -> PairedSamples:

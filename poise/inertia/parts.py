@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.parameters import Array, frame_change, phi_of_pseudo_inertia
+from poise.inertia.parameters import Array, frame_change, phi_of_pseudo_inertia, pseudo_inertia
 
 # Cells that a shape is cut into before each is given to a part.
 CELLS = 8000
@@ -49,6 +49,18 @@ class Parts:
 
     def __len__(self) -> int:
         return len(self.volumes)
+
+    @property
+    def inside(self) -> Array:
+        """(P, 3) m, points spread over the inside: corners of each part's equivalent box, for what wants points."""
+        corners = np.array(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3)).reshape(3, -1)
+        places = []
+        for phi in self.unit_phi.T:
+            moments = pseudo_inertia(phi)
+            centre = moments[:3, 3]
+            squares, axes = np.linalg.eigh(moments[:3, :3] - np.outer(centre, centre))
+            places.append(centre + (axes * np.sqrt(1.8 * squares.clip(min=0.0)) @ corners).T)
+        return np.concatenate(places)
 
     @property
     def homogeneous_phi(self) -> Array:
@@ -102,7 +114,7 @@ class Parts:
     ) -> "Parts":
         """Parts of a closed triangle mesh; each place belongs to the part of the nearest labelled point.
 
-        The whole is exact. Between the parts, columns of the shape are cut into cells (see `_cells`), and the cells
+        The whole is exact. Between the parts, columns of the shape are cut into cells (see `cells_of`), and the cells
         are then stretched by the one affine map that gives their sum the exact volume, centroid and second moments.
 
         Args:
@@ -121,7 +133,7 @@ class Parts:
             )
         if labelled_points is None or labels is None or len(np.unique(labels)) == 1:
             return cls.from_moments(exact[None], [0], vertices)
-        centres, moments = _cells(corners, (exact[3, 3] / cells) ** (1 / 3))
+        centres, moments = cells_of(corners, (exact[3, 3] / cells) ** (1 / 3))
         share = moments[:, 3, 3].sum() / exact[3, 3]
         if abs(share - 1) > VOLUME_TOLERANCE:
             raise InputError(
@@ -167,7 +179,7 @@ def _upper_factor(moments: Array) -> Array:
     return np.asarray(np.linalg.cholesky(moments[::-1, ::-1])[::-1, ::-1])
 
 
-def _cells(corners: Array, size: float) -> tuple[Array, Array]:
+def cells_of(corners: Array, size: float) -> tuple[Array, Array]:
     """Cut what closed triangles (F, 3, 3) enclose into boxes of about `size`: (N, 3) centres, (N, 4, 4) moments.
 
     Columns run along the thinnest direction, where their ends are exact; what lies inside is told by the winding

@@ -12,6 +12,7 @@ from poise.inertia.buffer import StampedBuffer, Stamps
 from poise.inertia.parameters import Array
 from poise.recording.alignment import interpolate, interpolate_rotations
 from poise.robot import RobotModel, SensorMotion, frame_poses, motion_from_joints, motion_from_poses
+from poise.robot.measured import MeasuredMotion
 
 JUMP = 500_000_000
 """ns; stamps that go back by more are no late messages: the clock was set, or a recording started over."""
@@ -137,9 +138,13 @@ class JointSource:
         return Poses(stamps, *frame_poses(self.model, np.hsplit(rows, 2)[0]))
 
     def motion(self, begin: int, end: int) -> SensorMotion:
+        return self.measured(begin, end).motion
+
+    def measured(self, begin: int, end: int) -> MeasuredMotion:
+        """The same with its uncertainty."""
         stamps, rows = self._buffer.between(begin, end)
         position, velocity = np.hsplit(rows, 2)
-        return motion_from_joints(self.model, stamps, self.model.joint_names, position, velocity).motion
+        return motion_from_joints(self.model, stamps, self.model.joint_names, position, velocity)
 
     def forget_before(self, stamp: int) -> None:
         self._buffer.forget_before(stamp)
@@ -256,9 +261,18 @@ class FrameSource:
             rotation = rotation @ turn
         return Poses(stamps[valid], rotation[valid], translation[valid])
 
+    @property
+    def has_positions(self) -> bool:
+        """Some transform has a translation; without any only attitudes were recorded."""
+        return self._has_positions
+
     def motion(self, begin: int, end: int) -> SensorMotion:
+        return self.measured(begin, end).motion
+
+    def measured(self, begin: int, end: int) -> MeasuredMotion:
+        """The same with its uncertainty."""
         poses = self.poses(begin, end)
-        return motion_from_poses(poses.stamps, poses.rotation, poses.translation).motion
+        return motion_from_poses(poses.stamps, poses.rotation, poses.translation)
 
     def forget_before(self, stamp: int) -> None:
         for buffer in self._moving.values():

@@ -1,5 +1,6 @@
 """Identification from recordings: the real one, a simulated arm, and everything that can be wrong with one."""
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -7,11 +8,12 @@ import pytest
 from simulated_motion import BIAS, LOAD, fr3, record, steps, swing
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.identification import identify
+from poise.inertia import identification
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream, open_recording, write_recording
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf
 
+identify = functools.partial(identification.identify, method="auto")
 ROOT = Path(__file__).resolve().parents[2]
 URDF = find_urdf("fr3").read_text()
 
