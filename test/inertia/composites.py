@@ -23,11 +23,14 @@ class Composite:
     phi: Array
 
 
-def composite(rng: np.random.Generator, shape_error: float = 0.0, cut_error: float = 0.0) -> Composite:
+def composite(
+    rng: np.random.Generator, shape_error: float = 0.0, cut_error: float = 0.0, resolution: float = 0.0
+) -> Composite:
     """One to five boxes or cylinders of 1 to 10 cm, chained; of one material or several, some grams to some kilograms.
 
     Args:
         shape_error, cut_error: relative errors of lengths that the given parts have; the latter where densities differ.
+        resolution: m, error of every length, however short.
     """
     count = int(rng.integers(1, 6))
     sides = np.exp(rng.uniform(np.log(0.01), np.log(0.1), (count, 3)))
@@ -50,7 +53,8 @@ def composite(rng: np.random.Generator, shape_error: float = 0.0, cut_error: flo
     density = np.exp(rng.uniform(np.log(600), np.log(8000), 1 if one else count))
     model = MassModel.of_parts(parts.unit_phi, parts.volumes)
     error = shape_error if one or count == 1 else np.hypot(shape_error, cut_error)
-    deformation = error * rng.normal(size=9) * np.repeat([1.0, 0.7], [6, 3])
+    deviations = np.hypot(error * np.repeat([1.0, 0.7], [6, 3]), np.sqrt(model.roughness(resolution)))
+    deformation = deviations * rng.normal(size=9)
     state = np.concatenate([np.log(density * parts.volumes.sum() * np.ones(count)), deformation])
     return Composite(parts, model.to_sensor @ model.evaluate(state[None])[0][0])
 

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from poise.cli import run
-from poise.inertia import online, tracks
+from poise.inertia import bayes, recorder, tracks
 from poise.inertia.tracks import PairingSettings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,12 +62,13 @@ def test_every_reason_is_on_the_page():
     section = PAGE.split("## What is left out")[1].split("## ")[0]
     named = set(re.findall(r"^\| `(\w+)`", section, re.MULTILINE))
     assert named == {
-        online.NOT_FINITE,
-        online.SATURATED,
-        online.OUT_OF_ORDER,
+        recorder.NOT_FINITE,
+        recorder.SATURATED,
+        recorder.OUT_OF_ORDER,
         tracks.MOVING,
         tracks.NO_KINEMATICS,
         tracks.STALE,
+        bayes.EXTERNAL_CONTACT,
     }
 
 
