@@ -26,6 +26,7 @@ benchmark: ## every figure of the README and docs (long)
 	@tools/set_up.sh viewer,test
 	@for file in $(filter-out benchmarks/transport_ends.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 	@$(BIN)/python -m benchmarks.identification.run
+	@$(BIN)/python -m benchmarks.identification.excitation
 
 pictures: ## the pictures in docs/, from the committed recordings
 	@tools/set_up.sh viewer

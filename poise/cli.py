@@ -12,6 +12,7 @@ import typer
 
 from poise.commands.assembly import disassemble, msa, robustness
 from poise.commands.evaluate import evaluate
+from poise.commands.excite import excite
 from poise.commands.identify import identify
 from poise.commands.mismatch import mismatch
 from poise.commands.segment import segment
@@ -32,6 +33,7 @@ app = typer.Typer(
 )
 app.command()(identify)
 app.command()(evaluate)
+app.command()(excite)
 app.command()(segment)
 app.command()(robustness)
 app.command()(msa)

@@ -9,10 +9,14 @@ from pathlib import Path
 
 import matplotlib
 
+from poise.excitation import Guard, MotionLimits, plan_excitation, tool_centre
 from poise.inertia.identification import Identification, identify
 from poise.recording import open_recording
+from poise.robot import RobotModel
+from poise.simulation import home
 from poise.viewing import figures
 from poise.viewing.canvas import STYLE, Panel, sheet
+from poise.viewing.excitation_figures import excitation_panels
 from poise.viewing.report import write_identification_report
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -54,6 +58,13 @@ def weigh(bag: str, method: str) -> Identification:
     return identify(open_recording(ROOT / "bags" / bag), method=method)
 
 
+def swing() -> list[Panel]:
+    """The panels of `poise excite fr3 --radius 0.12`."""
+    robot = RobotModel.from_file("fr3")
+    guard, limits = Guard.ball(tool_centre(robot, "tcp"), 0.12), MotionLimits()
+    return excitation_panels(robot, plan_excitation(robot, home(robot), guard, limits), guard, limits.speed)
+
+
 def main() -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
     static = weigh("kuka_static_poses.mcap", "static")
@@ -63,6 +74,7 @@ def main() -> None:
     save("closing_in", figures.convergence_panels(static), columns=2)
     save("motion", figures.motion_panels(motion), columns=3)
     save("directions", [figures.sphere_panel(static), figures.sphere_panel(motion)], columns=2)
+    save("excitation", swing(), columns=2)
     with tempfile.TemporaryDirectory() as folder:
         page = write_identification_report(
             Path(folder),

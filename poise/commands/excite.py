@@ -1,0 +1,186 @@
+"""`poise excite`: a motion that weighs a payload, as a trajectory file and a picture."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.progress import Progress
+
+from poise.assembly.mesh_files import load_mesh
+from poise.commands.output import console, refuse_folder, write_json
+from poise.errors import ErrorCode, InputError
+from poise.excitation import (
+    COLLABORATIVE_SPEED,
+    ExcitationOptions,
+    ExcitationPlan,
+    Guard,
+    MotionLimits,
+    plan_excitation,
+    plan_stop_and_go,
+    tool_centre,
+)
+from poise.excitation.plan_file import write_plan
+from poise.inertia.parameters import about_com_jacobian
+from poise.inertia.parts import Parts
+from poise.robot import RobotModel
+from poise.robot.motion import Array
+from poise.simulation import home
+
+
+def excite(
+    robot: Annotated[
+        str, typer.Argument(metavar="ROBOT", help="A URDF file, or fr3, xarm7 or ridgeback_ur10.", show_default=False)
+    ],
+    start: Annotated[
+        str | None,
+        typer.Option(
+            "--start", metavar="Q1,Q2,..", help="Joint positions, rad (default: mid-range).", show_default=False
+        ),
+    ] = None,
+    radius: Annotated[
+        float, typer.Option("--radius", help="m: the object is nowhere farther from the tool centre point.")
+    ] = 0.15,
+    object_mesh: Annotated[
+        Path | None,
+        typer.Option(
+            "--object", metavar="MESH", help="Its shape in the sensor's axes, m, instead.", show_default=False
+        ),
+    ] = None,
+    stop_and_go: Annotated[
+        bool, typer.Option("--stop-and-go", help="Rest in a few poses instead: the safest.")
+    ] = False,
+    duration: Annotated[float, typer.Option("--duration", help="s of the optimal motion.")] = 1.5,
+    poses: Annotated[int, typer.Option("--poses", help="To rest in.")] = 5,
+    dwell: Annotated[float, typer.Option("--dwell", help="s at rest in each.")] = 0.75,
+    speed: Annotated[
+        float, typer.Option("--speed", help="m/s that neither the tool centre point nor the object exceeds.")
+    ] = COLLABORATIVE_SPEED,
+    acceleration: Annotated[float, typer.Option("--acceleration", help="rad/s2 of each joint.")] = 10.0,
+    room: Annotated[float, typer.Option("--room", help="m that the tool centre point may go from its start.")] = 0.15,
+    mass: Annotated[float, typer.Option("--mass", help="kg, a guess at the payload.")] = 1.0,
+    sensor_frame: Annotated[str, typer.Option("--sensor-frame", help="Frame of the wrench.")] = "ft_sensor",
+    tcp: Annotated[str, typer.Option("--tcp", help="Frame of the tool centre point; empty: the sensor's.")] = "tcp",
+    seed: Annotated[int, typer.Option("--seed", help="The same one gives the same motion.", min=0)] = 0,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="FILE", help="Write the trajectory (YAML).", show_default=False)
+    ] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", metavar="FILE", help="Draw it (PNG or SVG).", show_default=False)
+    ] = None,
+    json_target: Annotated[
+        str | None,
+        typer.Option("--json", metavar="FILE", help="Write what is known of it; - for stdout.", show_default=False),
+    ] = None,
+) -> None:
+    """Plan the motion that tells most about what a robot holds, and that keeps everything slow.
+
+    From where the robot is, and back to rest there: joint motions with the most information about mass, centre of
+    mass, inertia and sensor bias, within the joints' limits, and with both the tool centre point and the object's
+    farthest point under the speed limit at every instant (0.25 m/s: ISO/TS 15066). The file can be played by
+    `fake_robot`, and by any controller of joint trajectories.
+
+    Example:  poise excite fr3 --radius 0.12 --out motion.yaml --picture motion.png
+    """
+    refuse_folder(json_target, "--json")
+    model = RobotModel.from_file(robot, sensor_frame)
+    guard, parts = _guard(tool_centre(model, tcp), radius, object_mesh)
+    limits = MotionLimits(speed=speed, acceleration=acceleration, room=room)
+    options = ExcitationOptions(duration=duration, poses=poses, dwell=dwell, mass=mass, seed=seed)
+    people = console(json_target)
+    with Progress(console=people, transient=True) as bar:
+        job = bar.add_task("planning", total=1.0)
+        plan = (plan_stop_and_go if stop_and_go else plan_excitation)(
+            model,
+            home(model) if start is None else _numbers(start),
+            guard,
+            limits,
+            options,
+            parts=parts,
+            progress=lambda share: bar.update(job, completed=share),
+        )
+    kind = "stop_and_go" if stop_and_go else "excitation"
+    written = []
+    if out is not None:
+        written.append(write_plan(out, plan, f"{kind} of {robot}: poise excite, seed {seed}, at most {speed:g} m/s"))
+    if picture is not None:
+        written.append(draw(picture, model, plan, guard, speed))
+    write_json(json_target, {"robot": robot, "kind": kind, "speed_limit": speed, **as_json(plan)})
+    for line in sentences(plan, speed):
+        people.print(line, soft_wrap=True)
+    for path in written:
+        people.print(f"written: {path}", markup=False, soft_wrap=True)
+
+
+def as_json(plan: ExcitationPlan) -> dict[str, Any]:
+    """What is known of a plan, SI units."""
+    proof, about_com = plan.certificate, _about_com_std(plan)
+    return {
+        "joints": plan.joint_names,
+        "start": plan.motion.position[0],
+        "duration": proof.duration,
+        "speed": proof.speed,
+        "joint_speed_share": proof.joint_speed,
+        "joint_acceleration": proof.acceleration,
+        "room": proof.room,
+        "information": plan.information,
+        "expected_std": {"mass": plan.mass_std, "com": about_com[:3], "inertia": about_com[3:]},
+        "waypoints": len(plan.motion.times),
+    }
+
+
+def sentences(plan: ExcitationPlan, limit: float) -> list[str]:
+    """The same for people."""
+    proof, about_com = plan.certificate, _about_com_std(plan)
+    diagonal = np.sqrt(np.mean(about_com[[3, 6, 8]] ** 2))
+    return [
+        f"{proof.duration:.2f} s, back to rest where it began; the tool centre point stays within {proof.room:.3f} m",
+        f"certified at every instant: {proof.speed:.3f} of {limit:g} m/s, joints at {proof.joint_speed:.0%} of their"
+        f" speed limits and {proof.acceleration:.1f} rad/s²",
+        f"{plan.information:.0f} nats; of a payload of {plan.belief.phi[0]:g} kg it would leave unknown, one sigma:"
+        f" {plan.mass_std * 1e3:.2g} g, {1e3 * float(np.max(about_com[:3])):.2g} mm, {1e6 * diagonal:.2g} kg mm²",
+    ]
+
+
+def draw(path: Path, model: RobotModel, plan: ExcitationPlan, guard: Guard, limit: float) -> Path:
+    """Write the picture.
+
+    Raises:
+        InputError: UNSUPPORTED for another kind of file, FILE_UNWRITABLE.
+    """
+    # Drawing libraries load slowly: only now.
+    import io
+
+    import matplotlib as mpl
+
+    from poise.files import write_whole
+    from poise.viewing.canvas import STYLE, sheet
+    from poise.viewing.excitation_figures import excitation_panels
+
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in ("png", "svg"):
+        raise InputError(ErrorCode.UNSUPPORTED, f"--picture {path}: give a name that ends in .png or .svg")
+    content = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        sheet(excitation_panels(model, plan, guard, limit), 2).savefig(content, dpi=108, format=kind)
+    return write_whole(path, content.getvalue())
+
+
+def _guard(tcp: Array, radius: float, mesh: Path | None) -> tuple[Guard, Parts | None]:
+    if mesh is None:
+        return Guard.ball(tcp, radius), None
+    shape = load_mesh(str(mesh))
+    return Guard.outline(tcp, shape.vertices), Parts.from_surface(shape.vertices, shape.triangles)
+
+
+def _numbers(text: str) -> Array:
+    try:
+        return np.array([float(part) for part in text.split(",")])
+    except ValueError as error:
+        raise InputError(ErrorCode.BAD_INPUT, f"--start '{text}': give numbers with commas between, rad") from error
+
+
+def _about_com_std(plan: ExcitationPlan) -> Array:
+    """(9,) centre of mass m, inertia about it kg m2, one sigma."""
+    jacobian = about_com_jacobian(plan.belief.phi)
+    return np.asarray(np.sqrt(np.einsum("ij,jk,ik->i", jacobian, plan.covariance, jacobian)))
