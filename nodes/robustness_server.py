@@ -15,6 +15,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from poise.assembly import Analysis, Pose, RigidObject, assess, load_scene, plan_disassembly, robustness_map
 from poise.assembly.analysis import unstable
+from poise.assembly.changes import analysis_after
 from poise.assembly.deadline import Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.nodes.assembly_markers import cleared, map_markers, mechanism_markers, scene_markers
@@ -74,7 +75,7 @@ class RobustnessServer(Node):
         self._frame_id: str = values["frame_id"]
         self._analysis: Analysis | None = None
         self._problem: PoiseError | None = None
-        self._recent: tuple[AssemblyMessage, Analysis] | None = None
+        self._recent: Analysis | None = None
         self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
         self._markers: dict[str, list[Marker]] = {}
         self._drawn = True
@@ -114,6 +115,8 @@ class RobustnessServer(Node):
             left = max(deadline - time.monotonic(), 0.0)
             mapped = robustness_map(analysis, request.map_points, tolerance, request.model, left)
             complete &= mapped.complete
+        for result in found.results:
+            _ = result.mode, result.mechanism  # worked out when asked for: part of the computation, too
         response.seconds = time.perf_counter() - start
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
         response.robustness = [robustness_message(result) for result in found.results]
@@ -149,7 +152,7 @@ class RobustnessServer(Node):
     def _changed(self, request: SetAssembly.Request) -> Analysis:
         message = request.assembly
         if request.operation == SetAssembly.Request.REPLACE:
-            return Analysis.of(assembly_of(message, self._folders))
+            return analysis_after(self._analysis, assembly_of(message, self._folders))
         if self._analysis is None:
             raise InputError(ErrorCode.EMPTY, "there is no assembly to change; set one with REPLACE")
         if request.operation == SetAssembly.Request.ADD_OR_MOVE:
@@ -169,10 +172,8 @@ class RobustnessServer(Node):
             if self._analysis is None:
                 raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
             return self._analysis
-        message = request.assembly[0]
-        if self._recent is None or self._recent[0] != message:
-            self._recent = message, Analysis.of(assembly_of(message, self._folders))
-        return self._recent[1]
+        self._recent = analysis_after(self._recent, assembly_of(request.assembly[0], self._folders))
+        return self._recent
 
     def _frame_of(self, request: Any) -> str:
         return request.assembly[0].header.frame_id if request.assembly else self._frame_id
@@ -216,7 +217,9 @@ class RobustnessServer(Node):
 
     def _take_message(self, message: AssemblyMessage) -> None:
         self._frame_id = message.header.frame_id or self._frame_id
-        self._take(lambda: Analysis.of(assembly_of(message, self._folders)), "assembly", publish=False)
+        self._take(
+            lambda: analysis_after(self._analysis, assembly_of(message, self._folders)), "assembly", publish=False
+        )
 
     def _take_poses(self, poses: dict[str, Pose], tolerance: float) -> None:
         """Move what has moved in tf, all at once."""

@@ -9,18 +9,21 @@ from pathlib import Path
 
 import matplotlib
 
+from poise.assembly import Analysis, acceleration_limits, assess, load_scene, robustness_map
+from poise.commands.assembly import read_pushes
 from poise.excitation import Guard, MotionLimits, plan_excitation, tool_centre
 from poise.inertia.identification import Identification, identify
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import home
-from poise.viewing import figures
+from poise.viewing import assembly_figures, figures
 from poise.viewing.canvas import STYLE, Panel, sheet
 from poise.viewing.excitation_figures import excitation_panels
 from poise.viewing.report import write_identification_report
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
+SCENES = ROOT / "docs" / "scenes"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 BROWSER_OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars",
@@ -65,10 +68,27 @@ def swing() -> list[Panel]:
     return excitation_panels(robot, plan_excitation(robot, home(robot), guard, limits), guard, limits.speed)
 
 
+def save_assembly() -> None:
+    """The loaded tray of docs/scenes: what touches what, what it bears, how it gives way, how fast it may go."""
+    analysis = Analysis.of(load_scene(SCENES / "tray.yaml"))
+    pushes = read_pushes(SCENES / "pushes.json")
+    results = assess(analysis, pushes).results
+    weakest = min(range(len(pushes)), key=lambda row: results[row].robustness)
+    for name, panel in (
+        ("contact_graph", assembly_figures.graph_panel(analysis)),
+        ("robustness_map", assembly_figures.map_panel(robustness_map(analysis))),
+        ("mechanism", assembly_figures.mechanism_panel(analysis, pushes[weakest], results[weakest])),
+        ("acceleration_limits", assembly_figures.limits_panel(acceleration_limits(analysis))),
+    ):
+        path = assembly_figures.write_picture(panel, PICTURES / f"{name}.png")
+        print(f"{path.relative_to(ROOT)}: {path.stat().st_size // 1024} KiB")
+
+
 def main() -> None:
     PICTURES.mkdir(parents=True, exist_ok=True)
     static = weigh("kuka_static_poses.mcap", "static")
     motion = weigh("kuka_free_motion.mcap", "ols")
+    save_assembly()
     save("wrench", figures.wrench_panels(motion), columns=3)
     save("residual", figures.residual_panels(motion), columns=3)
     save("closing_in", figures.convergence_panels(static), columns=2)

@@ -148,16 +148,14 @@ class Mechanism:
         """For each object that moves, its place in `Assembly.objects`: (6,) velocity of its com, angular velocity."""
         twists = self.twist.reshape(-1, 6)
         speeds = np.abs(twists).max(axis=1)
-        found = {}
-        for speed, velocity, members in zip(
-            speeds, self.block.geometry.units.velocity(twists), self.block.block.members, strict=True
-        ):
-            if speed <= STILL * speeds.max():
-                continue
-            for place in members:
-                com = self.block.structure.assembly.objects[place].com_in_world
-                found[place] = np.concatenate([velocity[:3] + np.cross(velocity[3:], com), velocity[3:]])
-        return found
+        velocities = self.block.geometry.units.velocity(twists)
+        objects, groups = self.block.structure.assembly.objects, self.block.block.members
+        moving = [(body, place) for body in np.flatnonzero(speeds > STILL * speeds.max()) for place in groups[body]]
+        rows = velocities[[body for body, _ in moving]]
+        # v + omega x com, for all at once: np.cross is slow for single vectors.
+        com = np.array([objects[place].com_in_world for _, place in moving]).reshape(-1, 3)
+        rows[:, :3] += np.cross(rows[:, 3:], com)
+        return {place: row for (_, place), row in zip(moving, rows, strict=True)}
 
     @cached_property
     def mode(self) -> str:

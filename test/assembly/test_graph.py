@@ -6,6 +6,7 @@ import pytest
 from assembly_scenes import box, fixed_box
 
 from poise.assembly import Analysis, Assembly, Push, Structure, assess
+from poise.assembly.changes import analysis_after
 from poise.assembly.graph import FIXED
 from poise.errors import ErrorCode, InputError
 
@@ -94,3 +95,23 @@ def test_moving_an_object_away_from_its_support_is_refused():
     with pytest.raises(InputError) as caught:
         Analysis.of(scenes.stack(2)).with_object(box("c1", (1, 1, 1), (5, 0, 1.5)))
     assert caught.value.code is ErrorCode.FLOATING
+
+
+def test_an_analysis_starts_from_what_another_assembly_has_in_common():
+    before = Analysis.of(scenes.stack(4))
+    again = analysis_after(before, scenes.stack(4))
+    assert again is before
+    after = analysis_after(before, scenes.stack(3).with_object(box("top", (1, 1, 1), (0.1, 0, 3.5), 2.0)))
+    fresh = Analysis.of(after.assembly)
+    assert {item.id for item in after.assembly.objects} == {"floor", "c0", "c1", "c2", "top"}
+    assert after.stability().margin == pytest.approx(fresh.stability().margin)
+    # The interface between floor and lowest cube has not been looked for again.
+    assert {id(i.points) for i in before.structure.interfaces} & {id(i.points) for i in after.structure.interfaces}
+    assert (
+        not analysis_after(before, scenes.stack(3).with_object(box("c0", (1, 1, 1), (0, 0.7, 0.5)))).stability().stable
+    )
+    other = analysis_after(before, scenes.stack(4, friction=0.2))
+    assert other.structure.interfaces[0].friction == 0.2
+    with pytest.raises(InputError) as raised:
+        analysis_after(before, scenes.stack(4).without("c1"))
+    assert raised.value.code == ErrorCode.FLOATING
