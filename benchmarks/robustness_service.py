@@ -8,6 +8,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from poise_msgs.msg import Push as PushMessage
 from poise_msgs.srv import AssessRobustness, SetAssembly
 
 PATIENCE = 60.0  # s for anything
+SILENCE = 4.0  # s without an answer after which the rest of many count as lost
 
 
 def box(
@@ -80,6 +82,12 @@ class Caller:
             self._executor.spin_once(timeout_sec=0.05)
         return bool(done())
 
+    def spin_while_answers_come(self, futures: list[Any]) -> None:
+        """Until all are done, or none has been for so long that the rest are lost."""
+        done = 0
+        while done < len(futures) and self.spin(partial(_more_are_done, futures, done), SILENCE):
+            done = sum(future.done() for future in futures)
+
     def call(self, client: Any, request: Any) -> tuple[Any, float]:
         """The response, and the round trip in s."""
         start = time.perf_counter()
@@ -87,6 +95,10 @@ class Caller:
         if not self.spin(future.done, PATIENCE):
             raise TimeoutError("no answer")
         return future.result(), time.perf_counter() - start
+
+
+def _more_are_done(futures: list[Any], before: int) -> bool:
+    return sum(future.done() for future in futures) > before
 
 
 def pushes_on(assembly: Assembly, count: int) -> list[PushMessage]:
@@ -143,7 +155,7 @@ def in_flight(caller: Caller, count: int, rounds: int) -> list[dict[str, Any]]:
                 request = AssessRobustness.Request(assembly=[message] if along else [], pushes=pushes)
                 start = time.perf_counter()
                 futures = [client.call_async(request) for _ in range(count)]
-                caller.spin(lambda futures=futures: all(future.done() for future in futures), 5.0)
+                caller.spin_while_answers_come(futures)
                 seconds.append(time.perf_counter() - start)
                 codes.update(ErrorCode(f.result().error.code).name if f.done() else "lost" for f in futures)
             rows.append(
