@@ -17,6 +17,8 @@ from poise.errors import ErrorCode, InputError
 
 CEILING = 100.0
 """Points that hold this many weights of the assembly are strong enough: how much more is not looked into."""
+LESS = 0.6
+"""Share of the tolerance that limit analysis may be below a patch's answer without being asked."""
 FOR_EVER = 1e-5
 """Gauges below this, per weight of the assembly, are sustained for ever; maps are solved to a tenth of it."""
 
@@ -129,7 +131,8 @@ def _bounded(
     open_rows = list(loaded)
     if model != "limit":
         for number, block in enumerate(analysis.blocks):
-            open_rows[number] = _single_patch(block, number, loaded[number], wrenches, bounds)
+            less = LESS * tolerance if model == "default" else 0.0
+            open_rows[number] = _single_patch(block, number, loaded[number], wrenches, bounds, less)
     complete, floor = True, 1 / (CEILING * _weight(analysis))
     for number, (block, rows) in enumerate(zip(analysis.blocks, open_rows, strict=True)):
         if model == "patch" and block.single_patch is not None:
@@ -174,16 +177,18 @@ def _doubtful(
     return doubtful
 
 
-def _single_patch(block: BlockAnalysis, number: int, rows: Integers, wrenches: Array, bounds: Bounds) -> Integers:
+def _single_patch(
+    block: BlockAnalysis, number: int, rows: Integers, wrenches: Array, bounds: Bounds, less: float
+) -> Integers:
     """Blocks of one body on one interface need no bounds under `patch`: all points (rows) are solved at once.
 
     Returns:
-        The points for which limit analysis has still to be asked.
+        The points for which limit analysis has still to be asked: it may hold less, by more than this share.
     """
     if block.single_patch is None or not len(rows):
         return rows
     factor = block.single_patch.collapse(wrenches[rows]).factor
     with np.errstate(divide="ignore"):
         gauge = 1 / factor
-    bounds.raise_to(rows, gauge, gauge, number, np.full(len(rows), -1))
-    return rows[~block.single_patch.allowed_by_limit(wrenches[rows], factor)]
+    bounds.raise_to(rows, gauge, gauge * (1 + less), number, np.full(len(rows), -1))
+    return rows[~block.single_patch.allowed_by_limit(wrenches[rows], factor / (1 + less))]

@@ -76,19 +76,29 @@ class SinglePatch:
     def allowed_by_limit(self, loads: Array, factor: Array) -> NDArray[np.bool_]:
         """(Q,) whether limit analysis surely holds loads (Q, 6) at these factors (Q,); a sufficient test.
 
-        The patch shrunk towards the centre of pressure until that is its centroid lies within the patch: uniform
-        pressure on it is one of the distributions that limit analysis may choose from.
+        Two distributions that limit analysis may choose from, both with the given centre of pressure: uniform pressure
+        on the patch shrunk towards that centre until it is its centroid, and two points on a line along the nearest
+        edge, at equal distances from it.
         """
         large = np.where(np.isfinite(factor), factor, 1e9) * (1 - 1e-9)
         supply = self._rest + large[:, None] * self._demand(loads)
         normal = np.maximum(supply[:, 0], 1e-12 * self._weight)
         centre = supply[:, 1:3] / normal[:, None]
         inward, offset = self._edges
+        slack = centre @ inward.T - offset
+        moment = self._moment(supply, normal)
         with np.errstate(divide="ignore", invalid="ignore"):
-            shrunk = np.nanmin(1 - (centre @ inward.T) / offset, axis=1)
-        moment = self._moment(supply, normal) / np.maximum(shrunk, 1e-9)
-        needed = self._friction.surface.gauge(supply[:, 3:5], moment)
-        return np.asarray((shrunk >= 0) & (needed <= self._mu * normal * (1 + 1e-6)))
+            shrunk = np.nanmin(slack / -offset, axis=1)
+            across = inward[slack.argmin(axis=1)]
+            along = np.stack([-across[:, 1], across[:, 0]], axis=1)
+            rates = np.abs(along @ inward.T)
+            reach = np.where(rates > 1e-9, slack / rates, np.inf).min(axis=1)
+            couple = np.where(moment == 0, 0.0, np.abs(moment) * self._friction.size / reach)
+        spread = self._friction.surface.gauge(supply[:, 3:5], moment / np.maximum(shrunk, 1e-9))
+        force = supply[:, 3:5]
+        paired = np.hypot((force * along).sum(axis=1), np.abs((force * across).sum(axis=1)) + couple)
+        most = self._mu * normal * (1 + 1e-6)
+        return np.asarray((shrunk >= 0) & ((spread <= most) | (paired <= most)))
 
     def _moment(self, supply: Array, normal: Array) -> Array:
         """(...) moment about the centre of pressure that friction must supply, per size of the patch."""
