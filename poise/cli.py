@@ -16,6 +16,7 @@ from poise.commands.excite import excite
 from poise.commands.identify import identify
 from poise.commands.mismatch import mismatch
 from poise.commands.segment import segment
+from poise.commands.sensitivity import sensitivity
 from poise.commands.simulate import simulate
 from poise.errors import InputError, PoiseError
 
@@ -38,6 +39,7 @@ app.command()(segment)
 app.command()(robustness)
 app.command()(msa)
 app.command()(disassemble)
+app.command()(sensitivity)
 app.command()(mismatch)
 app.command()(simulate)
 

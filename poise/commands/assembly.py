@@ -1,6 +1,5 @@
 """`poise robustness`, `poise msa` and `poise disassemble`: what a scene file of objects in contact bears."""
 
-import json
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,7 +13,6 @@ from poise.assembly import (
     MODELS,
     Analysis,
     Assessment,
-    Push,
     RobustnessMap,
     acceleration_limits,
     assess,
@@ -30,7 +28,8 @@ from poise.commands.assembly_pictures import (
     draw_pushes,
     refuse_folders,
 )
-from poise.commands.output import console, refuse_folder, warn, write_json
+from poise.commands.output import console, number_for_json, refuse_folder, warn, write_json
+from poise.commands.questions import Question, first_of, read_pushes, read_vectors
 from poise.errors import ErrorCode, InputError, NoAnswerError
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
@@ -38,18 +37,18 @@ JsonOption = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
 ]
+QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow together."
 DeadlineOption = Annotated[
     float | None,
     typer.Option("--deadline", help="s; what is certified by then is returned.", show_default=False, min=0.0),
 ]
-MAX_QUERIES_BYTES = 100_000_000
 
 
 def robustness(
     scene: SceneArgument,
     queries: Annotated[
         Path | None,
-        typer.Option("--queries", metavar="FILE", help="JSON list of {object, point, direction}.", show_default=False),
+        typer.Option("--queries", metavar="FILE", help=QUERIES_HELP, show_default=False),
     ] = None,
     surface: Annotated[bool, typer.Option("--map", help="Pushes inward all over the surface instead.")] = False,
     points: Annotated[int, typer.Option("--points", help="Of the map.", min=1, max=1_000_000)] = 10_000,
@@ -86,7 +85,7 @@ def robustness(
     _print_assessment(found, pushes, json_target)
     if not found.complete:
         warn("the deadline passed: some bounds are wide")
-    draw_pushes(analysis, pushes, found, picture, rerun, json_target)
+    draw_pushes(analysis, [first_of(question) for question in pushes], found, picture, rerun, json_target)
     analysis.require_stable()
 
 
@@ -106,27 +105,31 @@ def msa(
     Example:  poise msa scene.yaml --directions 8 --json limits.json --picture limits.png
     """
     refuse_folders(json_target, picture, rerun)
-    wanted = int(directions) if directions.isdecimal() else _vectors(Path(directions))
+    wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
     analysis = Analysis.of(load_scene(scene))
     start = time.perf_counter()
     found = acceleration_limits(analysis, wanted, deadline)
     seconds = time.perf_counter() - start
+    tilts = found.tilts(float(np.linalg.norm(analysis.assembly.gravity)))
     content = {
         "directions": found.directions,
-        "limits": [_number(value) for value in found.limits],
+        "tilts": tilts,
+        "limits": [number_for_json(value) for value in found.limits],
         "first_to_move": found.first_to_move,
         "seconds": seconds,
         "normals": found.normals,
         "offsets": found.offsets,
-        "angular_acceleration": _number(found.angular_acceleration),
-        "angular_speed": _number(found.angular_speed),
+        "angular_acceleration": number_for_json(found.angular_acceleration),
+        "angular_speed": number_for_json(found.angular_speed),
         "complete": found.complete,
     }
     write_json(json_target, content)
     people = console(json_target)
-    table = Table("direction", "limit m/s2", "moves first")
-    for direction, limit, names in zip(found.directions, found.limits, found.first_to_move, strict=True):
-        table.add_row(" ".join(f"{value:.3f}" for value in direction), f"{limit:.3f}", escape(", ".join(names)))
+    table = Table("direction", "limit m/s2", "tilt rad", "moves first")
+    rows = zip(found.directions, found.limits, tilts, found.first_to_move, strict=True)
+    for direction, limit, tilt, names in rows:
+        way = " ".join(f"{value:.3f}" for value in direction)
+        table.add_row(way, f"{limit:.3f}", f"{tilt:.3f}", escape(", ".join(names)))
     people.print(table)
     people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
     draw_limits(analysis, found, picture, rerun, json_target)
@@ -148,7 +151,7 @@ def disassemble(
     refuse_folder(json_target, "--json")
     analysis = Analysis.of(load_scene(scene))
     found = plan_disassembly(analysis, target, deadline)
-    margins = [_number(value) for value in found.margins]
+    margins = [number_for_json(value) for value in found.margins]
     content = {"order": found.order, "safe": found.safe, "margins": margins, "complete": found.complete}
     write_json(json_target, content)
     table = Table("take", "safe", "margin left N")
@@ -157,62 +160,18 @@ def disassemble(
     console(json_target).print(table)
 
 
-def read_pushes(path: Path) -> list[Push]:
-    """Read a JSON list of {object, point [3], direction [3]}, in the scene's frame.
-
-    Raises:
-        InputError: FILE_UNREADABLE, FILE_CORRUPT, or BAD_INPUT naming the entry.
-    """
-    pushes = []
-    for number, entry in enumerate(_json_list(path)):
-        if not isinstance(entry, dict) or {"object", "point", "direction"} - set(entry):
-            raise InputError(ErrorCode.BAD_INPUT, f"{path}: entry {number} needs object, point and direction")
-        if not isinstance(entry["object"], str):
-            raise InputError(
-                ErrorCode.BAD_INPUT, f"{path}: entry {number}: object is {entry['object']!r}, expected an id"
-            )
-        pushes.append(Push(entry["object"], entry["point"], entry["direction"]))
-    return pushes
-
-
-def _vectors(path: Path) -> "np.typing.NDArray[np.float64]":
-    try:
-        return np.array(_json_list(path), dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(ErrorCode.BAD_INPUT, f"{path}: expected a list of [x, y, z]") from error
-
-
-def _json_list(path: Path) -> list[Any]:
-    try:
-        if path.stat().st_size > MAX_QUERIES_BYTES:
-            raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: larger than {MAX_QUERIES_BYTES // 1_000_000} MB")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: not JSON: {error}") from error
-    if not isinstance(content, list):
-        raise InputError(ErrorCode.BAD_INPUT, f"{path}: expected a list, found {type(content).__name__}")
-    return content
-
-
-def _number(value: float) -> float | str:
-    """JSON has no infinity: the contract writes it as a word."""
-    return float(value) if np.isfinite(value) else "inf" if value > 0 else "-inf"
-
-
 def _assessment_json(analysis: Analysis, found: Assessment, model: str | None, seconds: float) -> dict[str, Any]:
     objects = analysis.assembly.objects
     return {
         "stable": found.stable,
-        "margin": _number(found.margin),
+        "margin": number_for_json(found.margin),
         "falling": found.falling,
         "model": model or "default",
         "queries": [
             {
-                "robustness": _number(result.robustness),
-                "lower": _number(result.lower),
-                "upper": _number(result.upper),
+                "robustness": number_for_json(result.robustness),
+                "lower": number_for_json(result.lower),
+                "upper": number_for_json(result.upper),
                 "mode": result.mode,
                 "moves": result.moves,
                 "mechanism": result.mechanism,
@@ -239,15 +198,15 @@ def _map_json(found: RobustnessMap) -> dict[str, Any]:
         "objects": [objects[place].id for place in found.surface.place.tolist()],
         "points": found.surface.points,
         "directions": found.surface.directions,
-        "lower": [_number(value) for value in found.lower.tolist()],
-        "upper": [_number(value) for value in found.upper.tolist()],
+        "lower": [number_for_json(value) for value in found.lower.tolist()],
+        "upper": [number_for_json(value) for value in found.upper.tolist()],
         "complete": found.complete,
         "solves": found.solves,
         "seconds": found.seconds,
     }
 
 
-def _print_assessment(found: Assessment, pushes: list[Push], json_target: str | None) -> None:
+def _print_assessment(found: Assessment, pushes: list[Question], json_target: str | None) -> None:
     people = console(json_target)
     people.print(f"stands: {'yes' if found.stable else 'no'}, margin {found.margin:.4g} N")
     if not found.stable or not pushes:
@@ -256,7 +215,7 @@ def _print_assessment(found: Assessment, pushes: list[Push], json_target: str | 
     for push, result in zip(pushes, found.results, strict=True):
         bounds = f"{result.lower:.4g} to {result.upper:.4g}"
         moves = escape(", ".join(result.moves))
-        table.add_row(escape(push.object), f"{result.robustness:.4g}", bounds, result.mode, moves)
+        table.add_row(escape(first_of(push).object), f"{result.robustness:.4g}", bounds, result.mode, moves)
     people.print(table)
 
 

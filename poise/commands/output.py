@@ -88,3 +88,8 @@ def refuse_folder(target: str | None, option: str) -> None:
     """
     if target is not None and target != STDOUT and Path(target).is_dir():
         raise InputError(ErrorCode.FILE_UNWRITABLE, f"{option} {target} is a folder: give the name of a file")
+
+
+def number_for_json(value: float) -> float | str:
+    """JSON has no infinity: the contract writes it as a word."""
+    return float(value) if math.isfinite(value) else "inf" if value > 0 else "-inf"

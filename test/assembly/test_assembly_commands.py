@@ -10,10 +10,11 @@ from typer.testing import CliRunner
 
 from poise.assembly import write_scene
 from poise.commands.assembly import disassemble, msa, robustness
+from poise.commands.sensitivity import sensitivity
 from poise.errors import ErrorCode, InputError, NoAnswerError
 
 app = typer.Typer(pretty_exceptions_enable=False)
-for command in (robustness, msa, disassemble):
+for command in (robustness, msa, disassemble, sensitivity):
     app.command()(command)
 
 
@@ -144,3 +145,49 @@ def test_answers_are_drawn_where_asked(run, tmp_path):
             "graph.svg",
         )
     assert "post" in (tmp_path / "graph.svg").read_text()
+
+
+def low_push(tmp_path, *entries):
+    path = tmp_path / "pushes.json"
+    path.write_text(json.dumps(list(entries)))
+    return str(path)
+
+
+LOW = {"object": "cube", "point": [-0.5, 0, 0.1], "direction": [1, 0, 0]}
+
+
+def test_forces_in_a_list_of_their_own_grow_together(run, tmp_path):
+    """A hand on top that presses as hard as another pushes: F = mu (W + F)."""
+    hand = {"object": "cube", "point": [0, 0, 1], "direction": [0, 0, -1]}
+    found = run("robustness", scenes.cube(0.5), "--queries", low_push(tmp_path, [LOW, hand], LOW), "--json", "-")
+    alone, together = 0.5 * scenes.G, 0.5 * scenes.G / (1 - 0.5)
+    values = [query["robustness"] for query in strictly(found.stdout)["queries"]]
+    assert values == pytest.approx([together, alone], rel=1e-6)
+
+
+@pytest.mark.parametrize("model", ["thesis", "approx", "lp8"])
+def test_models_to_compare_with_are_asked_by_name(run, tmp_path, model):
+    found = run("robustness", scenes.cube(0.5), "--queries", low_push(tmp_path, LOW), "--model", model, "--json", "-")
+    query = strictly(found.stdout)["queries"][0]
+    assert query["robustness"] == pytest.approx(0.5 * scenes.G, rel=0.1)
+    assert query["moves"] == ["cube"]
+
+
+def test_derivatives_are_those_of_mu_m_g(run, tmp_path):
+    found = run("sensitivity", scenes.cube(0.5), "--queries", low_push(tmp_path, LOW), "--json", "-")
+    query = strictly(found.stdout)["queries"][0]
+    assert query["mass"]["cube"] == pytest.approx(0.5 * scenes.G, rel=1e-5)
+    assert query["friction"] == [{"objects": ["floor", "cube"], "derivative": pytest.approx(scenes.G, rel=1e-5)}]
+
+
+def test_a_push_as_hard_as_friction_holds_moves_half_of_the_time(run, tmp_path):
+    options = ("--force", str(0.5 * scenes.G), "--friction-deviation", "0.05", "--samples", "200", "--json", "-")
+    found = run("sensitivity", scenes.cube(0.5), "--queries", low_push(tmp_path, LOW), *options)
+    query = strictly(found.stdout)["queries"][0]
+    assert query["probability"] == pytest.approx(0.5, abs=0.12)
+    assert query["samples"] == 200
+
+
+def test_sensitivity_refuses_several_forces_at_once(run, tmp_path):
+    with pytest.raises(InputError, match="single pushes"):
+        run("sensitivity", scenes.cube(), "--queries", low_push(tmp_path, [LOW, LOW]))

@@ -65,7 +65,7 @@ def test_an_off_centre_mass_topples_at_its_own_lever(model, offset):
     assert found == pytest.approx(G * (0.5 - offset), rel=EXACT)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", ["limit", "patch"])
 @pytest.mark.parametrize("degrees", [10, 20])
 def test_a_wedge_driven_under_a_guided_block_lifts_it_by_the_classical_force(model, degrees):
     """Friction angle f, slope t: the wedge presses the block by W cos(f) / cos(t + 2 f) at t + f from the vertical."""
@@ -80,8 +80,7 @@ def test_a_wedge_driven_under_a_guided_block_lifts_it_by_the_classical_force(mod
     on_block = G * np.cos(phi) / np.cos(angle + 2 * phi)
     expected = on_block * np.sin(angle + phi) + mu * (G + on_block * np.cos(angle + phi))
     found = robustness(assembly, "wedge", (1.5, 0, 0.1), (-1, 0, 0), model)
-    # Elastic contacts, which check the default, come to within about 2 % of a collapse at which everything slides.
-    assert found == pytest.approx(expected, rel=EXACT if model == "limit" else 0.025)
+    assert found == pytest.approx(expected, rel=EXACT if model == "limit" else 0.005)
 
 
 @pytest.mark.parametrize("share", [0.97, 1.03])

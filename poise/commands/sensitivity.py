@@ -1,0 +1,97 @@
+"""`poise sensitivity`: on what the robustness to a push depends, and how sure it is."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.markup import escape
+from rich.progress import Progress
+
+from poise.assembly import Analysis, MotionProbability, Push, Sensitivity, load_scene, motion_probability
+from poise.assembly import sensitivity as sensitivity_of
+from poise.commands.assembly import DeadlineOption, JsonOption, SceneArgument
+from poise.commands.output import console, number_for_json, refuse_folder, write_json
+from poise.commands.questions import read_pushes
+from poise.errors import ErrorCode, InputError
+
+
+def sensitivity(
+    scene: SceneArgument,
+    queries: Annotated[
+        Path, typer.Option("--queries", metavar="FILE", help="JSON list of {object, point, direction}.")
+    ],
+    force: Annotated[
+        float | None,
+        typer.Option("--force", help="N; also: how probably does a push this hard move anything?", min=0.0),
+    ] = None,
+    friction_deviation: Annotated[
+        float, typer.Option("--friction-deviation", help="Of pairs that have none in the scene.", min=0.0)
+    ] = 0.0,
+    pose_deviation: Annotated[float, typer.Option("--pose-deviation", help="m, across gravity.", min=0.0)] = 0.0,
+    samples: Annotated[int, typer.Option("--samples", help="For --force.", min=1, max=1_000_000)] = 1000,
+    seed: Annotated[int, typer.Option("--seed", help="Of the samples.", min=0)] = 0,
+    deadline: DeadlineOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """How does what a push may be change with masses, places, friction and the point of the push?
+
+    Exact derivatives, from how things give way. With --force: the probability that a push this hard moves anything,
+    given the covariances and deviations in the scene.
+
+    Example:  poise sensitivity scene.yaml --queries pushes.json --force 3 --friction-deviation 0.05
+    """
+    refuse_folder(json_target, "--json")
+    analysis = Analysis.of(load_scene(scene))
+    pushes = read_pushes(queries)
+    single = [push for push in pushes if isinstance(push, Push)]
+    if len(single) < len(pushes):
+        raise InputError(ErrorCode.BAD_INPUT, f"{queries}: sensitivity takes single pushes, not lists of them")
+    start = time.perf_counter()
+    content: list[dict[str, Any]] = []
+    with Progress(console=console("-"), transient=True) as bar:
+        for push in bar.track(single, description="pushes"):
+            found, sure = sensitivity_of(analysis, push), None
+            if force is not None:
+                sure = motion_probability(
+                    analysis.assembly,
+                    push,
+                    force,
+                    np.random.default_rng(seed),
+                    samples,
+                    friction_deviation,
+                    pose_deviation,
+                    deadline,
+                )
+            content.append(_as_json(found, sure))
+            _print(push, found, sure, json_target)
+    write_json(json_target, {"queries": content, "seconds": time.perf_counter() - start})
+
+
+def _as_json(found: Sensitivity, sure: MotionProbability | None) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "robustness": number_for_json(found.robustness),
+        "mass": found.mass,
+        "com": found.com,
+        "friction": [{"objects": pair, "derivative": value} for pair, value in found.friction.items()],
+        "point": found.point,
+    }
+    if sure is not None:
+        content["probability"] = sure.probability
+        content["deviation"] = sure.deviation
+        content["moves"] = sure.moves
+        content["samples"] = sure.samples
+        content["complete"] = sure.complete
+    return content
+
+
+def _print(push: Push, found: Sensitivity, sure: MotionProbability | None, json_target: str | None) -> None:
+    people = console(json_target)
+    people.print(f"{escape(push.object)}: {found.robustness:.4g} N")
+    for name, value in sorted(found.mass.items(), key=lambda entry: -abs(entry[1])):
+        people.print(f"  mass of {escape(name)}: {value:.4g} N/kg")
+    for pair, value in sorted(found.friction.items(), key=lambda entry: -abs(entry[1])):
+        people.print(f"  friction between {escape(pair[0])} and {escape(pair[1])}: {value:.4g} N per unit")
+    if sure is not None:
+        people.print(f"  moves with probability {sure.probability:.4g} ± {sure.deviation:.2g}")
