@@ -87,7 +87,9 @@ def _reach(corners: Array, neighbours: Indices) -> Array:
     widest = np.lexsort((-width, outer, inner))  # a tetrahedron at a corner of the hull has several ways out
     inner, outer, width = inner[widest], outer[widest], width[widest]
     first = np.append(True, (np.diff(inner) != 0) | (np.diff(outer) != 0))
-    narrowness = coo_array((1 / width[first], (inner[first], outer[first])), shape=(n_tetrahedra + 1,) * 2)
+    narrowness = coo_array(
+        (1 / np.maximum(width[first], TINY), (inner[first], outer[first])), shape=(n_tetrahedra + 1,) * 2
+    )
     tree = minimum_spanning_tree(narrowness.tocsr())
     order, parent = breadth_first_order(tree, n_tetrahedra, directed=False)
     both = tree + tree.T

@@ -13,23 +13,28 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from poise.shape.solid import Array, Indices
+from poise.shape.surface_graph import folds
 
-MOST_ROUNDS = 60
+MOST_ROUNDS = 80
 BORDER_SWEEPS = 3
 
 
 @dataclass(frozen=True)
 class Weights:
-    """What makes two points different (thesis eq. 3.28): per spacing of the points, per unit of colour, per normal."""
+    """What makes two points different (thesis eq. 3.28): per spacing of the points, per unit of colour, per fold.
+
+    Outward folds count for little: the edge of a box is inside a part, the corner between two boxes is between them.
+    """
 
     position: float = 0.05
     colour: float = 8.0
-    normal: float = 1.0
+    inward_fold: float = 1.0
+    outward_fold: float = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """What is known of each surface point: (N, 3) positions in spacings, colours 0..1 and unit normals."""
+    """What is known of each surface point: (N, 3) positions in spacings, colours 0..1 and outward unit normals."""
 
     positions: Array
     colours: Array
@@ -37,43 +42,44 @@ class Features:
 
     def dissimilarity(self, i: Indices, j: Indices, weights: Weights) -> Array:
         """Thesis eq. (3.28) between points i and j; both (E,)."""
-        alignment = np.abs(np.einsum("ij,ij->i", self.normals[i], self.normals[j]))
+        fold = folds(self.positions, self.normals, i, j)
         return np.asarray(
             weights.position * np.linalg.norm(self.positions[i] - self.positions[j], axis=1)
             + weights.colour * np.linalg.norm(self.colours[i] - self.colours[j], axis=1)
-            + weights.normal * (1 - alignment)
+            + np.where(fold > 0, weights.inward_fold, -weights.outward_fold) * fold
         )
 
 
-def initial_clusters(features: Features, neighbours: Indices, wanted: int, weights: Weights) -> Indices:
+def initial_clusters(features: Features, edges: Indices, wanted: int, weights: Weights) -> Indices:
     """Cluster points until about `wanted` clusters are left.
 
     Args:
         features: of N points.
-        neighbours: (N, K) numbers of the nearest other points of each.
+        edges: (E, 2) neighbours.
         wanted: merging stops at or below this many; what does not touch stays apart.
 
     Returns:
         (N,) cluster of each point, numbered from 0.
     """
-    n_points = len(neighbours)
+    n_points = len(features.positions)
     labels = np.arange(n_points)
     representatives = np.arange(n_points)
-    i, j = np.repeat(np.arange(n_points), neighbours.shape[1]), neighbours.ravel()
+    i, j = edges.T
     threshold = float(np.median(features.dissimilarity(i, j, weights)))
     for _ in range(MOST_ROUNDS):
         a, b = labels[i], labels[j]
         apart = a != b
         if len(representatives) <= wanted or not np.any(apart):
             break
-        pairs = np.unique(np.sort(np.column_stack([a[apart], b[apart]]), axis=1), axis=0)
+        low, high = np.minimum(a[apart], b[apart]), np.maximum(a[apart], b[apart])
+        pairs = np.stack(np.divmod(np.unique(low * n_points + high), n_points), axis=1)
         cost = features.dissimilarity(representatives[pairs[:, 0]], representatives[pairs[:, 1]], weights)
         joined = _best_pairs(pairs, cost, threshold, len(representatives) - wanted)
         if not len(joined):
             threshold *= 2
             continue
         labels, representatives = _merge(labels, representatives, joined, features.positions)
-    return _smooth_borders(labels, neighbours, features, weights)
+    return _smooth_borders(labels, edges, features, weights)
 
 
 def _best_pairs(pairs: Indices, cost: Array, threshold: float, most: int) -> Indices:
@@ -102,13 +108,12 @@ def _merge(labels: Indices, representatives: Indices, pairs: Indices, positions:
     return labels, order[np.append(True, np.diff(labels[order]) != 0)]
 
 
-def _smooth_borders(labels: Indices, neighbours: Indices, features: Features, weights: Weights) -> Indices:
+def _smooth_borders(labels: Indices, edges: Indices, features: Features, weights: Weights) -> Indices:
     """Give each point on a border to the neighbouring cluster that it is most similar to (Algorithm 1)."""
-    i, j = np.repeat(np.arange(len(labels)), neighbours.shape[1]), neighbours.ravel()
+    i, j = np.concatenate([edges, edges[:, ::-1]]).T
     likeness = np.exp(-features.dissimilarity(i, j, weights))
     for _ in range(BORDER_SWEEPS):
-        count = labels.max() + 1
-        votes = coo_array((likeness, (i, labels[j])), shape=(len(labels), count)).tocsr()
+        votes = coo_array((likeness, (i, labels[j])), shape=(len(labels), labels.max() + 1)).tocsr()
         best = np.asarray(votes.argmax(axis=1)).ravel()
         if np.array_equal(best, labels):
             break

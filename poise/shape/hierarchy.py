@@ -1,4 +1,9 @@
-"""Hierarchical tetrahedral clustering: merge what is most convex together (Attene 2008; thesis eq. 3.27)."""
+"""Hierarchical tetrahedral clustering: merge what is most convex together (Attene 2008; thesis eq. 3.27).
+
+Three things keep two clusters apart: how much hollow their merging adds to the hollow that each has already (Attene
+asks for the hollow of the whole, so that whatever is not convex by itself can never grow), the step of colour between
+them, which likely is a step of density, and how far the surface folds inwards along their border (the minima rule).
+"""
 
 import heapq
 from dataclasses import dataclass
@@ -7,8 +12,27 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from poise.shape.solid import Array, Indices, Solid
+from poise.shape.surface_graph import SurfaceGraph
 
-TIE = 1e-3
+FEWEST_EDGES = 2
+"""A border of fewer edges says little about a fold."""
+
+
+@dataclass(frozen=True)
+class MergeCosts:
+    """What keeps clusters apart, in shares of the object's volume.
+
+    Args:
+        colour: per unit of colour (0..1 in three channels) between two halves of all points; less for small clusters.
+        fold: the same per unit of fold along their border (see `SurfaceGraph.creases`).
+        hollow: for all the hollow of the merged cluster, as a share of it; what merging adds counts in full.
+        size: for the square of the merged volume; small pairs merge first.
+    """
+
+    colour: float = 10.0
+    fold: float = 1.0
+    hollow: float = 0.04
+    size: float = 1e-3
 
 
 @dataclass(frozen=True)
@@ -45,97 +69,141 @@ class Hierarchy:
         return next((step for step, merge in enumerate(self.merges) if merge.cost > limit), len(self.merges))
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Cluster:
-    hull_points: Array
+    """Hull corners; volume and hull's volume, and points, as shares of the object; mean colour."""
+
+    corners: Array
     volume: float
-    colour: Array
+    hull: float
     weight: float
+    colour: Array
 
 
 class _Clusters:
-    """Clusters that are left, and their cost of merging. A hull is made of its two hulls' corners only."""
+    """Clusters that are left, their borders, and their cost of merging."""
 
-    def __init__(self, solid: Solid, leaves: Indices, colours: Array, colour_cost: float) -> None:
+    def __init__(self, solid: Solid, leaves: Indices, point_leaves: Indices, colours: Array, costs: MergeCosts) -> None:
+        self.costs = costs
         self._total = solid.volume
-        self._colour_cost = colour_cost
         count = int(leaves.max()) + 1
-        volumes = np.bincount(leaves, solid.volumes, minlength=count)
+        volumes = np.bincount(leaves, solid.volumes, minlength=count) / self._total
+        sizes = np.bincount(point_leaves, minlength=count)
+        sums = [np.bincount(point_leaves, colours[:, channel], count) for channel in range(3)]
+        means = np.stack(sums, axis=1) / np.maximum(sizes, 1)[:, None]
         self.items: dict[int, _Cluster] = {}
         for leaf in range(count):
-            corners = solid.vertices[np.unique(solid.tetrahedra[leaves == leaf])]
-            self.items[leaf] = _Cluster(_hull(corners)[0], float(volumes[leaf]), colours[leaf], float(volumes[leaf]))
+            corners, hull = self._hull(solid.vertices[np.unique(solid.tetrahedra[leaves == leaf])], volumes[leaf])
+            weight = max(int(sizes[leaf]), 1) / len(point_leaves)
+            self.items[leaf] = _Cluster(corners, float(volumes[leaf]), hull, weight, means[leaf])
+        self.touching: dict[int, set[int]] = {leaf: set() for leaf in range(count)}
         self.next = count
+        self._folds: dict[tuple[int, int], tuple[float, int]] = {}  # sum and number of edges across each border
 
-    def together(self, i: int, j: int) -> tuple[float, Array]:
-        """Cost of a merge, and the corners of the common hull."""
+    def meet(self, i: int, j: int) -> None:
+        self.touching[i].add(j)
+        self.touching[j].add(i)
+
+    def add_fold(self, i: int, j: int, fold: float, edges: int) -> None:
+        key = (min(i, j), max(i, j))
+        total, count = self._folds.get(key, (0.0, 0))
+        self._folds[key] = (total + fold, count + edges)
+
+    def border_cost(self, i: int, j: int) -> float:
+        """What colour and fold alone ask; no hull is needed."""
         one, other = self.items[i], self.items[j]
-        points, hull_volume = _hull(np.concatenate([one.hull_points, other.hull_points]))
-        volume = one.volume + other.volume
-        hollow = max(0.0, hull_volume - volume)
+        fold, edges = self._folds.get((min(i, j), max(i, j)), (0.0, 0))
+        size = one.weight * other.weight / (one.weight + other.weight)
         step = float(np.linalg.norm(one.colour - other.colour))
-        # Eq. (3.27) with volumes in place of counts: tetrahedra differ in size, and convex pairs come smallest first.
-        cost = hollow / self._total + self._colour_cost * step
-        tie = (one.volume**2 + other.volume**2) / self._total**2
-        return cost + TIE * tie, points
+        return size * (self.costs.colour * step + self.costs.fold * max(0.0, fold / (edges + FEWEST_EDGES)))
 
-    def merge(self, i: int, j: int, points: Array) -> int:
-        one, other = self.items.pop(i), self.items.pop(j)
+    def together(self, i: int, j: int) -> tuple[float, _Cluster]:
+        """What the shape of a merge costs (eq. 3.27), and the merged cluster: its hull is that of the two hulls."""
+        one, other = self.items[i], self.items[j]
+        volume = one.volume + other.volume
+        corners, hull = self._hull(np.concatenate([one.corners, other.corners]), volume)
         weight = one.weight + other.weight
         colour = (one.colour * one.weight + other.colour * other.weight) / weight
-        self.items[self.next] = _Cluster(points, one.volume + other.volume, colour, weight)
-        self.next += 1
-        return self.next - 1
+        added = max(0.0, hull - one.hull - other.hull)
+        cost = added + self.costs.hollow * (hull - volume) + self.costs.size * volume**2
+        return cost, _Cluster(corners, volume, hull, weight, colour)
+
+    def merge(self, i: int, j: int, merged: _Cluster) -> int:
+        """Put a cluster in the place of two; gives its number."""
+        parent, self.next = self.next, self.next + 1
+        del self.items[i], self.items[j]
+        self.items[parent] = merged
+        self.touching[parent] = (self.touching.pop(i) | self.touching.pop(j)) - {i, j}
+        for k in self.touching[parent]:
+            for child in (i, j):
+                self.touching[k].discard(child)
+                self.add_fold(k, parent, *self._folds.pop((min(child, k), max(child, k)), (0.0, 0)))
+            self.touching[k].add(parent)
+        return parent
+
+    def _hull(self, points: Array, least: float) -> tuple[Array, float]:
+        """Corners of the convex hull, and its share of the object; flat sets count as what they fill."""
+        try:
+            hull = ConvexHull(points)
+        except (QhullError, ValueError):
+            return points, float(least)
+        return points[hull.vertices], max(float(hull.volume) / self._total, float(least))
 
 
-def build_hierarchy(solid: Solid, leaves: Indices, colours: Array, colour_cost: float) -> Hierarchy:
+def build_hierarchy(
+    solid: Solid,
+    leaves: Indices,
+    point_leaves: Indices,
+    colours: Array,
+    graph: SurfaceGraph,
+    costs: MergeCosts,
+) -> Hierarchy:
     """Merge clusters of tetrahedra, the most convex and most alike first, until nothing touches.
 
     Args:
         solid: T tetrahedra.
         leaves: (T,) initial cluster of each, 0..L-1, none empty.
-        colours: (L, 3) mean colour of each cluster, 0..1; a step of colour likely is a step of density.
-        colour_cost: what a unit of colour counts, in shares of the object's volume.
+        point_leaves: (V,) the same for each vertex.
+        colours: (V, 3) 0..1.
+        graph: of the surface.
+        costs: what keeps clusters apart.
     """
-    clusters = _Clusters(solid, leaves, colours, colour_cost)
+    clusters = _Clusters(solid, leaves, point_leaves, colours, costs)
     n_leaves = clusters.next
-    touching: dict[int, set[int]] = {leaf: set() for leaf in range(n_leaves)}
-    owner = np.repeat(np.arange(len(leaves)), 4)
-    behind = solid.neighbours.ravel()
-    for i, j in np.unique(np.column_stack([leaves[owner[behind >= 0]], leaves[behind[behind >= 0]]]), axis=0).tolist():
-        if i != j:
-            touching[i].add(j)
-            touching[j].add(i)
+    owner, behind = np.repeat(np.arange(len(leaves)), 4), solid.neighbours.ravel()
+    faces = np.stack([leaves[owner[behind >= 0]], leaves[behind[behind >= 0]]], axis=1)
+    for i, j in np.unique(faces[faces[:, 0] < faces[:, 1]], axis=0).tolist():
+        clusters.meet(i, j)
+    ends = point_leaves[graph.edges]
+    across = ends[:, 0] != ends[:, 1]
+    for (i, j), fold in zip(ends[across].tolist(), graph.creases[across].tolist(), strict=True):
+        clusters.add_fold(i, j, fold, 1)
+    return Hierarchy(n_leaves, tuple(_merge_all(clusters)))
+
+
+def _merge_all(clusters: _Clusters) -> list[Merge]:
+    """Hulls are the work: a pair's is made only when what its border asks is the least of all."""
     queue: list[tuple[float, int, int]] = []
-    known: dict[tuple[int, int], tuple[float, Array]] = {}
+    known: dict[tuple[int, int], _Cluster] = {}
 
     def consider(i: int, j: int) -> None:
-        known[i, j] = clusters.together(i, j)
-        heapq.heappush(queue, (known[i, j][0], i, j))
+        heapq.heappush(queue, (clusters.border_cost(i, j), min(i, j), max(i, j)))
 
-    for i in range(n_leaves):
-        for j in sorted(touching[i]):
+    for i, others in clusters.touching.items():
+        for j in sorted(others):
             if i < j:
                 consider(i, j)
     merges = []
     while queue:
-        _, i, j = heapq.heappop(queue)
+        cost, i, j = heapq.heappop(queue)
         if i not in clusters.items or j not in clusters.items:
             continue
-        cost, points = known.pop((i, j))
-        parent = clusters.merge(i, j, points)
+        if (i, j) not in known:
+            more, known[i, j] = clusters.together(i, j)
+            heapq.heappush(queue, (cost + more, i, j))
+            continue
+        parent = clusters.merge(i, j, known.pop((i, j)))
         merges.append(Merge(i, j, parent, cost))
-        touching[parent] = (touching.pop(i) | touching.pop(j)) - {i, j}
-        for k in sorted(touching[parent]):
-            touching[k] = (touching[k] - {i, j}) | {parent}
+        for k in sorted(clusters.touching[parent]):
             consider(k, parent)
-    return Hierarchy(n_leaves, tuple(merges))
-
-
-def _hull(points: Array) -> tuple[Array, float]:
-    """Corners and volume of the convex hull; flat sets have none."""
-    try:
-        hull = ConvexHull(points)
-    except (QhullError, ValueError):
-        return points, 0.0
-    return points[hull.vertices], float(hull.volume)
+    return merges

@@ -8,9 +8,10 @@ from scipy.spatial import cKDTree
 
 from poise.shape.carving import carve, spacing_of
 from poise.shape.clustering import Features, Weights, initial_clusters
-from poise.shape.hierarchy import Hierarchy, build_hierarchy
-from poise.shape.normals import estimate_normals, neighbours_of
+from poise.shape.coverage import check_coverage
+from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.solid import Array, Indices, Solid
+from poise.shape.surface_graph import surface_graph
 from poise.shape.thinning import thin
 
 
@@ -21,16 +22,16 @@ class SegmentationOptions:
     Args:
         points: a denser cloud is thinned to about as many.
         clusters: initial clusters of surface points; many more than parts are expected.
-        colour_cost: what a unit of colour (0..1, three channels) counts, in shares of the object's volume.
         limit: merging stops at the first step that costs more, in shares of the object's volume.
         weights: of the initial clusters.
+        costs: of merging them.
     """
 
     points: int = 2500
-    clusters: int = 50
-    colour_cost: float = 1.0
-    limit: float = 0.06
+    clusters: int = 120
+    limit: float = 0.004
     weights: Weights = field(default_factory=Weights)
+    costs: MergeCosts = field(default_factory=MergeCosts)
 
 
 DEFAULT = SegmentationOptions()
@@ -89,26 +90,24 @@ def segment(points: Array, colours: Array | None = None, options: SegmentationOp
         colours: (N, 3) 0..1, or None.
 
     Raises:
-        InputError: as `carve`.
+        InputError: as `carve` and `check_coverage`.
     """
     chosen = thin(points, options.points)
     few = points[chosen]
     shades = np.zeros_like(few) if colours is None else colours[chosen]
     spacing = spacing_of(few)
     solid = carve(few, spacing)
-    neighbours = neighbours_of(few)
-    features = Features(few / spacing, shades, estimate_normals(few, neighbours))
-    clusters = initial_clusters(features, neighbours, options.clusters, options.weights)
+    notes = check_coverage(solid)
+    graph = surface_graph(solid)
+    features = Features(few / spacing, shades, graph.normals)
+    clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     tree = cKDTree(few)
     leaves, point_leaves = _leaves(solid, clusters, tree)
-    sizes = np.bincount(point_leaves, minlength=leaves.max() + 1)
-    sums = [np.bincount(point_leaves, shades[:, channel], len(sizes)) for channel in range(3)]
-    means = np.stack(sums, axis=1) / np.maximum(sizes, 1)[:, None]
-    hierarchy = build_hierarchy(solid, leaves, means, options.colour_cost)
+    hierarchy = build_hierarchy(solid, leaves, point_leaves, shades, graph, options.costs)
     steps = hierarchy.steps_below(options.limit)
     parts = hierarchy.labels(steps)
     nearest = np.arange(len(few)) if len(few) == len(points) else tree.query(points)[1]
-    return Segmentation(solid, parts[point_leaves][nearest], parts[leaves], hierarchy, leaves, steps)
+    return Segmentation(solid, parts[point_leaves][nearest], parts[leaves], hierarchy, leaves, steps, notes)
 
 
 def _leaves(solid: Solid, clusters: Indices, tree: cKDTree) -> tuple[Indices, Indices]:

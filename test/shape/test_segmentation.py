@@ -8,6 +8,7 @@ import pytest
 import shape_samples as samples
 
 from poise.cli import run
+from poise.errors import ErrorCode, InputError
 from poise.shape.metrics import global_consistency_error, undersegmentation_error
 from poise.shape.segmentation import segment
 from poise.shape.thinning import thin
@@ -73,6 +74,22 @@ def test_the_written_surface_is_read_back_closed_with_its_volume(tmp_path: Path)
     )
     mesh = trimesh.load(path, process=False)
     assert mesh.volume == pytest.approx(json.loads((tmp_path / "a.json").read_text())["volume"])
+
+
+@pytest.mark.parametrize("height", [-0.0199, 0.0, 0.0199])
+def test_a_cloud_from_one_side_is_refused(height: float) -> None:
+    points = samples.box(np.random.default_rng(6), (0.1, 0.06, 0.04), 3000)
+    with pytest.raises(InputError) as refused:
+        segment(points[points[:, 2] > height])
+    assert refused.value.code in (ErrorCode.SCAN_INCOMPLETE, ErrorCode.MESH_INVALID)
+
+
+def test_two_objects_are_named() -> None:
+    rng = np.random.default_rng(7)
+    one, other = (samples.box(rng, (0.05, 0.05, 0.05), 600, np.array([x, 0.0, 0.0])) for x in (0.0, 0.1))
+    found = segment(np.concatenate([one, other]))
+    assert "2 pieces" in found.notes[0]
+    assert found.n_parts >= 2
 
 
 def test_bad_clouds_exit_with_two_and_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

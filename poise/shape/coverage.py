@@ -1,0 +1,59 @@
+"""Was the object seen from all sides? What a solid tells about the cloud it was carved from."""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from poise.errors import ErrorCode, InputError
+from poise.shape.solid import Array, Indices, Solid
+from poise.shape.surface_graph import facing_of
+
+BARE_ERROR, BARE_NOTE = 0.12, 0.045
+"""Shares of points without anything behind them: complete clouds had at most 0.03, half ones 0.2 or more."""
+STD_ERROR, STD_NOTE = 0.5, 0.2
+"""The same of the volume's deviation over the volume."""
+TWO_SIDED = 0.3
+SMALL_PIECE = 0.03
+MEND = "scan it from the other sides too, or complete its bottom on the support plane"
+
+
+def check_coverage(solid: Solid) -> tuple[str, ...]:
+    """Sentences about a solid that is not quite trusted.
+
+    Raises:
+        InputError: SCAN_INCOMPLETE when the points show only some sides of the object.
+    """
+    bare, doubt = bare_share(solid), solid.volume_std / solid.volume
+    if bare > BARE_ERROR or doubt > STD_ERROR:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"cloud: {bare:.0%} of its points have nothing behind them and the volume is uncertain by {doubt:.0%}: "
+            f"some sides of the object are missing; {MEND}",
+            bare=bare,
+        )
+    notes = []
+    if bare > BARE_NOTE or doubt > STD_NOTE:
+        notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {MEND}")
+    pieces = piece_volumes(solid) / solid.volume
+    large = int(np.sum(pieces > SMALL_PIECE))
+    if large > 1:
+        notes.append(f"the points form {large} pieces that do not touch; if they are several objects, give one")
+    return tuple(notes)
+
+
+def bare_share(solid: Solid) -> float:
+    """The share of points that the solid left out, or keeps as a sheet whose two sides are the same points."""
+    facing, areas = facing_of(solid)
+    used = np.bincount(solid.tetrahedra.ravel(), minlength=len(solid.vertices)) > 0
+    sheet = (areas > 0) & (np.linalg.norm(facing, axis=1) < TWO_SIDED * areas)
+    return float(np.mean(~used | sheet))
+
+
+def piece_volumes(solid: Solid) -> Array:
+    """(P,) m3 of what hangs together by faces."""
+    owner, behind = np.repeat(np.arange(len(solid.tetrahedra)), 4), solid.neighbours.ravel()
+    pairs: Indices = np.stack([owner[behind >= 0], behind[behind >= 0]])
+    count = len(solid.tetrahedra)
+    graph = coo_array((np.ones(pairs.shape[1]), (pairs[0], pairs[1])), shape=(count, count))
+    pieces, member = connected_components(graph, directed=False)
+    return np.bincount(member, solid.volumes, minlength=pieces).astype(np.float64)

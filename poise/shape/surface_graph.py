@@ -1,0 +1,59 @@
+"""The points of a surface as a graph: which are neighbours on it, which way it faces there, where it has creases."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poise.shape.solid import Array, Indices, Solid
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceGraph:
+    """Neighbours along a surface, never across a gap between two parts.
+
+    Args:
+        edges: (E, 2) vertex numbers; a vertex that is not on the surface hangs on the nearest that is.
+        normals: (V, 3) outward unit normals.
+        creases: (E,) how far the surface folds between the ends of an edge, 0..2: positive where it folds inwards, as
+            where two parts meet (the minima rule, thesis section 3.2.1), negative where it folds outwards.
+    """
+
+    edges: Indices
+    normals: Array
+    creases: Array
+
+
+def surface_graph(solid: Solid) -> SurfaceGraph:
+    """The graph of a solid's surface."""
+    triangles, _ = solid.surface
+    points = solid.vertices
+    normals, _ = facing_of(solid)
+    lengths = np.linalg.norm(normals, axis=1)
+    on_surface = lengths > 0
+    normals[on_surface] /= lengths[on_surface, None]
+    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    inner, outer = np.flatnonzero(~on_surface), np.flatnonzero(on_surface)
+    if len(inner):
+        nearest = outer[cKDTree(points[outer]).query(points[inner])[1]]
+        normals[inner] = normals[nearest]
+        edges = np.concatenate([edges, np.stack([inner, nearest], axis=1)])
+    return SurfaceGraph(edges, normals, folds(points, normals, edges[:, 0], edges[:, 1]))
+
+
+def facing_of(solid: Solid) -> tuple[Array, Array]:
+    """Sums over the triangles around each vertex: (V, 3) of normals as long as twice the area, (V,) of the lengths."""
+    triangles, _ = solid.surface
+    a, b, c = (solid.vertices[triangles[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    columns = np.column_stack([normals, np.linalg.norm(normals, axis=1)])
+    corners, count = triangles.ravel(), len(solid.vertices)
+    sums = np.stack([np.bincount(corners, np.repeat(column, 3), count) for column in columns.T], axis=1)
+    return sums[:, :3].astype(np.float64), sums[:, 3].astype(np.float64)
+
+
+def folds(points: Array, normals: Array, i: Indices, j: Indices) -> Array:
+    """(E,) 1 - n_i . n_j, negative where the surface folds outwards between points i and j."""
+    fold = 1 - np.einsum("ij,ij->i", normals[i], normals[j])
+    inwards = np.einsum("ij,ij->i", points[j] - points[i], normals[i] - normals[j]) > 0
+    return np.asarray(np.where(inwards, fold, -fold))
