@@ -136,6 +136,7 @@ setup(
         "rich>=13",
         "shapely>=2",
         "trimesh>=4.4",
+        "manifold3d>=3",
     ],
     extras_require={
         "viewer": ["rerun-sdk>=0.30"],

@@ -35,45 +35,74 @@ class Table:
     n_faces: int = 0
 
 
-def read_ply(content: bytes, name: str) -> Table:
-    """The vertices of a PLY file; its faces are only counted."""
+@dataclass(frozen=True)
+class PlyHeader:
+    """What a PLY file says about itself.
+
+    Args:
+        order: of bytes, `<` or `>`; empty for text.
+        elements: name, how many, and (name, type, type of a list's length or "") of each property.
+        body: where the data begin.
+    """
+
+    order: str
+    elements: list[tuple[str, int, list[tuple[str, str, str]]]]
+    body: int
+
+
+def read_ply_header(content: bytes, name: str) -> PlyHeader:
+    """Raises FILE_CORRUPT for what is no PLY header."""
     end = re.search(rb"end_header[ \t]*\r?\n", content[:MAX_HEADER])
     if not content.startswith(b"ply") or end is None:
-        raise _corrupt(name, "it has no PLY header")
-    lines = [line.split() for line in content[: end.start()].decode("ascii", "replace").splitlines()]
-    encoding = next((words[1] for words in lines if words[:1] == ["format"] and len(words) > 1), "")
-    elements: list[tuple[str, int, list[tuple[str, str]]]] = []
-    for words in lines:
-        if words[:1] == ["element"] and len(words) == 3:
+        raise corrupt(name, "it has no PLY header")
+    encoding = ""
+    elements: list[tuple[str, int, list[tuple[str, str, str]]]] = []
+    for words in (line.split() for line in content[: end.start()].decode("ascii", "replace").splitlines()):
+        if words[:1] == ["format"] and len(words) > 1:
+            encoding = words[1]
+        elif words[:1] == ["element"] and len(words) == 3:
             elements.append((words[1], _count(words[2], name), []))
         elif words[:1] == ["property"] and len(words) >= 3 and elements:
-            kind = "list" if words[1] == "list" else PLY_TYPES.get(words[1], "")
-            if not kind:
-                raise _corrupt(name, f"a property has the unknown type {words[1]!r}")
-            elements[-1][2].append((words[-1], kind))
-    if not elements or elements[0][0] != "vertex":
+            kinds = words[2:4] if words[1] == "list" else words[1:2]
+            if any(kind not in PLY_TYPES for kind in kinds):
+                raise corrupt(name, f"a property has the unknown type {' '.join(words[1:-1])!r}")
+            length = PLY_TYPES[kinds[0]] if words[1] == "list" else ""
+            elements[-1][2].append((words[-1], PLY_TYPES[kinds[-1]], length))
+    orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+    if encoding not in orders:
+        raise corrupt(name, f"the format {encoding!r} is none of {', '.join(orders)}")
+    return PlyHeader(orders[encoding], elements, end.end())
+
+
+def read_ply(content: bytes, name: str) -> Table:
+    """The vertices of a PLY file; its faces are only counted."""
+    header = read_ply_header(content, name)
+    if not header.elements or header.elements[0][0] != "vertex":
         raise InputError(ErrorCode.UNSUPPORTED, f"{name}: vertices have to be the first element of a PLY file")
-    _, count, properties = elements[0]
-    if any(kind == "list" for _, kind in properties):
-        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: lists as properties of vertices are not read")
-    body = content[end.end() :]
-    names, kinds = [name for name, _ in properties], [kind for _, kind in properties]
-    if encoding == "ascii":
-        columns = _text_columns(body, names, count, name)
-    else:
-        order = {"binary_little_endian": "<", "binary_big_endian": ">"}.get(encoding)
-        if order is None:
-            raise _corrupt(name, f"the format {encoding!r} is none of ascii, binary_little_endian, binary_big_endian")
-        columns = _binary_columns(body, names, [order + kind for kind in kinds], count, name)
-    n_faces = next((number for element, number, _ in elements if element == "face"), 0)
+    columns, _ = read_ply_vertices(content, header, name)
+    n_faces = next((number for element, number, _ in header.elements if element == "face"), 0)
     return _table(columns, name, n_faces)
+
+
+def read_ply_vertices(content: bytes, header: PlyHeader, name: str) -> tuple[dict[str, NDArray[np.generic]], bytes]:
+    """The columns of the first element, and what comes after it."""
+    _, count, properties = header.elements[0]
+    if any(length for _, _, length in properties):
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: lists as properties of vertices are not read")
+    names, body = [column for column, _, _ in properties], content[header.body :]
+    if not header.order:
+        rest = body.split(b"\n", count)
+        return _text_columns(body, names, count, name), rest[count] if len(rest) > count else b""
+    kinds = [header.order + kind for _, kind, _ in properties]
+    length = count * sum(np.dtype(kind).itemsize for kind in kinds)
+    return _binary_columns(body, names, kinds, count, name), body[length:]
 
 
 def read_pcd(content: bytes, name: str) -> Table:
     """A PCD file, DATA ascii or binary; `rgb` is unpacked."""
     start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content[:MAX_HEADER], re.MULTILINE)
     if start is None:
-        raise _corrupt(name, "it has no PCD header")
+        raise corrupt(name, "it has no PCD header")
     header = {
         words[0]: words[1:]
         for line in content[: start.start()].decode("ascii", "replace").splitlines()
@@ -83,12 +112,12 @@ def read_pcd(content: bytes, name: str) -> Table:
     sizes, letters = header.get("SIZE", []), header.get("TYPE", [])
     repeats = header.get("COUNT", ["1"] * len(fields))
     if not fields or not len(fields) == len(sizes) == len(letters) == len(repeats):
-        raise _corrupt(name, "FIELDS, SIZE, TYPE and COUNT do not belong together")
+        raise corrupt(name, "FIELDS, SIZE, TYPE and COUNT do not belong together")
     names, kinds = [], []
     for field, size, letter, repeat in zip(fields, sizes, letters, repeats, strict=True):
         kind = {"F": "f", "I": "i", "U": "u"}.get(letter, "") + size
         if kind not in {"f4", "f8", *(sign + width for sign in "iu" for width in "1248")}:
-            raise _corrupt(name, f"{field} has the unknown type {letter}{size}")
+            raise corrupt(name, f"{field} has the unknown type {letter}{size}")
         times = min(_count(repeat, name), MAX_HEADER)
         names += [field if times == 1 else f"{field}[{i}]" for i in range(times)]
         kinds += ["<" + kind] * times
@@ -130,7 +159,7 @@ def read_npy(content: bytes, name: str) -> Table:
     try:
         array = np.load(io.BytesIO(content), allow_pickle=False)
     except (ValueError, EOFError, OSError, SyntaxError, MemoryError, OverflowError) as error:
-        raise _corrupt(name, f"it is no NPY array: {error}") from error
+        raise corrupt(name, f"it is no NPY array: {error}") from error
     if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
         raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: expected an array of numbers of shape (N, 3) or (N, 6)")
     if array.ndim < 2 or array.shape[-1] not in (3, 4, 6):
@@ -148,7 +177,7 @@ READERS = {
 
 def _count(word: str, name: str) -> int:
     if not word.isdecimal() or len(word) > 9 or int(word) > MAX_POINTS:
-        raise _corrupt(name, f"it says that it holds {word[:20]} points; at most {MAX_POINTS} are read")
+        raise corrupt(name, f"it says that it holds {word[:20]} points; at most {MAX_POINTS} are read")
     return int(word)
 
 
@@ -157,13 +186,13 @@ def _text_columns(body: bytes, names: list[str], count: int, name: str) -> dict[
         return {column: np.zeros(0) for column in names}
     lines = body.split(b"\n", count)[:count]
     if not any(map(bytes.strip, lines)):
-        raise _corrupt(name, f"it ends before the first of {count} points")
+        raise corrupt(name, f"it ends before the first of {count} points")
     try:
         rows = np.loadtxt([line.decode("ascii") for line in lines], dtype=np.float64, ndmin=2, comments=None)
     except ValueError as error:
-        raise _corrupt(name, str(error)) from error
+        raise corrupt(name, str(error)) from error
     if rows.shape != (count, len(names)):
-        raise _corrupt(name, f"it holds {rows.shape[0]} rows of {rows.shape[1]}, expected {count} of {len(names)}")
+        raise corrupt(name, f"it holds {rows.shape[0]} rows of {rows.shape[1]}, expected {count} of {len(names)}")
     return {column: rows[:, i] for i, column in enumerate(names)}
 
 
@@ -171,10 +200,10 @@ def _binary_columns(
     body: bytes, names: list[str], kinds: list[str], count: int, name: str
 ) -> dict[str, NDArray[np.generic]]:
     if len(set(names)) != len(names):
-        raise _corrupt(name, "two of its columns have the same name")
+        raise corrupt(name, "two of its columns have the same name")
     layout = np.dtype(list(zip(names, kinds, strict=True)))
     if len(body) < count * layout.itemsize:
-        raise _corrupt(name, f"it ends after {len(body) // max(layout.itemsize, 1)} of {count} points")
+        raise corrupt(name, f"it ends after {len(body) // max(layout.itemsize, 1)} of {count} points")
     rows = np.frombuffer(body, layout, count)
     return {column: rows[column] for column in names}
 
@@ -201,5 +230,6 @@ def _shades(colours: NDArray[np.generic]) -> Array:
     return np.clip(values / full, 0.0, 1.0)
 
 
-def _corrupt(name: str, what: str) -> InputError:
-    return InputError(ErrorCode.FILE_CORRUPT, f"{name}: {what}; save the cloud again")
+def corrupt(name: str, what: str) -> InputError:
+    """The error for a file that is not what its ending says."""
+    return InputError(ErrorCode.FILE_CORRUPT, f"{name}: {what}; save it again")
