@@ -5,9 +5,11 @@ from builtin_interfaces.msg import Time
 
 from poise.errors import PoiseError
 from poise.inertia import InertialEstimate
+from poise.inertia.change import PayloadChange
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 from poise_msgs.msg import InertialEstimate as InertialEstimateMessage
+from poise_msgs.msg import PayloadChange as PayloadChangeMessage
 from poise_msgs.msg import RejectedInterval
 
 
@@ -52,6 +54,14 @@ def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
     ]
     message.findings = [ErrorCodeMessage(code=finding.code, message=finding.message) for finding in estimate.findings]
     message.residual_force, message.residual_torque = estimate.residual_force, estimate.residual_torque
+    return message
+
+
+def change_message(change: PayloadChange, frame_id: str) -> PayloadChangeMessage:
+    """Turn a change of the payload into a message."""
+    message = PayloadChangeMessage(since=time_message(change.since))
+    message.header.stamp, message.header.frame_id = time_message(change.stamp), frame_id
+    message.mass_before, message.mass_after = change.mass_before, change.mass_after
     return message
 
 

@@ -14,17 +14,21 @@ from tf2_msgs.msg import TFMessage
 
 from poise.errors import PoiseError
 from poise.inertia.live import LiveEstimator
+from poise.inertia.parts import Parts
 from poise.inertia.status import status_of
-from poise.nodes.estimate_message import estimate_message, no_estimate_message
+from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
+from poise.nodes.payload_shape import parts_of_message
 from poise.nodes.runtime import guarded, run
 from poise.recording.decoding import rotation_from_quaternion
-from poise_msgs.msg import InertialEstimate
+from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
 UPDATE_PERIOD = 0.05
 """s between bringing wrenches and motion together: many at once cost less than one by one."""
+SOLVING = 0.2
+"""Share of a core that solving may take: with many samples it is done less often."""
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -36,9 +40,11 @@ class InertialEstimator(Node):
         values = declare_parameters(self, PARAMETERS)
         self.live = LiveEstimator(live_options(values))
         """For who weighs on request, see `LiveEstimator.begin_window`."""
-        self._published = 0
+        self._published = self._told = 0
+        self._rest = 0.0
         # Who joins later (a planner, the demo) still hears what is being held.
         self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", LATCHED)
+        self._changes = self.create_publisher(PayloadChange, "payload_change", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         best_effort = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
         wrench_qos = best_effort if values["best_effort"] else QoSProfile(depth=2000)
@@ -48,6 +54,7 @@ class InertialEstimator(Node):
             (String, "robot_description", self._on_description, LATCHED),
             (TFMessage, "tf", self._on_tf, QoSProfile(depth=2000)),
             (TFMessage, "tf_static", self._on_tf_static, LATCHED),
+            (SegmentedObject, "segmented_object", self._on_shape, LATCHED),
         ):
             self.create_subscription(message_type, topic, guarded(self, callback), qos)
         self.create_service(Trigger, "reset_estimate", self._on_reset)
@@ -87,6 +94,18 @@ class InertialEstimator(Node):
     def _on_tf_static(self, message: TFMessage) -> None:
         self._on_tf(message, fixed=True)
 
+    def parts_of(self, message: SegmentedObject) -> Parts:
+        """Its parts in the sensor frame; where it is in the hand is told by tf.
+
+        Raises:
+            InputError: OBJECT_INVALID for a shape that cannot be, FRAME_UNKNOWN when tf does not tell where it is.
+        """
+        return parts_of_message(message).in_frame(*self.live.hand.pose(message.header.frame_id, self.live.sensor_frame))
+
+    def _on_shape(self, message: SegmentedObject) -> None:
+        self.live.hold(self.parts_of(message))
+        self.get_logger().info(f"the payload is {message.id or 'an object'} of {len(message.parts)} parts")
+
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         forgotten = self.live.n_samples
         self.live.reset()
@@ -97,10 +116,15 @@ class InertialEstimator(Node):
 
     def _update(self) -> None:
         self.live.update(time.monotonic())
+        for change in self.live.changes[self._told :]:
+            self._changes.publish(change_message(change, self.live.sensor_frame))
+            self._published = -1  # the estimate is another one now
+            self.get_logger().info(f"payload changed: {change.mass_before:.3f} -> {change.mass_after:.3f} kg")
+        self._told = len(self.live.changes)
 
     def _publish(self) -> None:
-        seen = self.live.n_samples
-        if seen == self._published:
+        seen, begun = self.live.n_samples, time.monotonic()
+        if seen == self._published or begun < self._rest:
             return
         self._published = seen
         try:
@@ -108,6 +132,8 @@ class InertialEstimator(Node):
         except PoiseError as error:
             message = no_estimate_message(error, self.live.sensor_frame)
         self._estimates.publish(message)
+        now = time.monotonic()
+        self._rest = now + (now - begun) * (1 / SOLVING - 1)
 
     def _diagnose(self) -> None:
         status = status_of(self.live, time.monotonic())

@@ -9,6 +9,7 @@ from poise.inertia.problem import NoiseLevels
 from poise.inertia.tracks import PairingSettings
 from poise.inertia.weighers import METHODS
 from poise.nodes.parameters import Parameter
+from poise.nodes.payload_shape import parts_of_file
 
 SETTINGS = ("max_gap", "rest_gap", "rest_window", "rest_turning", "rest_speed", "block", "margin")
 NOISE = ("force", "torque", "linear_acceleration", "angular_acceleration")
@@ -28,10 +29,14 @@ PARAMETERS = (
     ),
     Parameter("window", 10.0, "s of samples, for rtls, geo, pmd and hps", (0.1, 600.0)),
     Parameter("publish_rate", 10.0, "Hz of inertial_estimate while samples come, at the most", (0.1, 100.0)),
+    Parameter("continuous", True, "poise alone: begin anew when the payload has changed, and say so"),
+    Parameter("object", "", "mesh of what is held (STL, OBJ, PLY; path or package://); empty: not known"),
+    Parameter("object_scale", 1.0, "m per unit of that file", (1e-9, 1e9)),
+    Parameter("object_pose", [0.0] * 6 + [1.0], "of that file in the sensor frame: x y z m, quaternion x y z w"),
     Parameter("noise_force", 0.1, "N, one sigma of a sample", (1e-6, 1e3)),
     Parameter("noise_torque", 0.005, "N m, one sigma of a sample", (1e-6, 1e3)),
-    Parameter("noise_linear_acceleration", 0.05, "m/s2, one sigma of the motion's", (0.0, 1e3)),
-    Parameter("noise_angular_acceleration", 0.5, "rad/s2, one sigma of the motion's", (0.0, 1e3)),
+    Parameter("noise_linear_acceleration", 0.02, "m/s2, one sigma of the motion's", (0.0, 1e3)),
+    Parameter("noise_angular_acceleration", 0.05, "rad/s2, one sigma of the motion's", (0.0, 1e3)),
     Parameter("noise_force_bias", 0.0, "N to expect with nothing held; 0: the sensor was zeroed", (0.0, 1e6)),
     Parameter("noise_torque_bias", 0.0, "N m to expect with nothing held; 0: the sensor was zeroed", (0.0, 1e6)),
     Parameter("max_force", 0.0, "N at which an axis of the sensor is saturated; 0: no limit", (0.0, 1e6)),
@@ -57,6 +62,10 @@ def live_options(values: dict[str, Any]) -> LiveOptions:
         method=values["method"],
         noise=NoiseLevels(**{name: values[f"noise_{name}"] for name in (*NOISE, *BIAS)}),
         window=values["window"],
+        continuous=values["continuous"],
+        parts=parts_of_file(values["object"], values["object_scale"], values["object_pose"])
+        if values["object"]
+        else None,
         saturation=(values["max_force"] or np.inf, values["max_torque"] or np.inf),
         settings=PairingSettings(**{name: values[name] for name in SETTINGS}),
     )

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.averaging import ModelAverage
-from poise.inertia.blocks import Blocks
+from poise.inertia.blocks import BLOCK, Blocks
 from poise.inertia.delay import LagGrid
 from poise.inertia.findings import (
     RejectedInterval,
@@ -94,6 +94,7 @@ class PoiseEstimator:
         limits: (6,) |wrench| from which the sensor is saturated, N and N m.
         longest_delay: s between the clocks, either way; 0 when they are known to be one.
         shape_accuracy: relative error of lengths in the shape.
+        block: ns of samples that are kept, or left out, together.
 
     Raises:
         InputError: BAD_INPUT for noise levels or accuracies that are not positive.
@@ -108,6 +109,7 @@ class PoiseEstimator:
         limits: ArrayLike = np.inf,
         longest_delay: float = LONGEST_DELAY,
         shape_accuracy: float = SHAPE_ACCURACY,
+        block: int = BLOCK,
     ) -> None:
         self.parts = parts
         self.noise = noise or NoiseLevels()
@@ -121,7 +123,7 @@ class PoiseEstimator:
             )
         self.shape_accuracy = shape_accuracy
         self._grid = LagGrid(longest_delay)
-        self._recorder = BlockRecorder(self._grid, limits)
+        self._recorder = BlockRecorder(self._grid, limits, block)
         self._search: Search | None = None
         self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes)
 

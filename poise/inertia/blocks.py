@@ -65,9 +65,15 @@ _FIELDS = ("moments", "counts", "sizes", "start", "end")
 
 
 class BlockStore:
-    """Blocks that become more, up to `MAX_BLOCKS`; then the older ones become longer. No sum is ever lost."""
+    """Blocks that become more, up to `MAX_BLOCKS`; then the older ones become longer. No sum is ever lost.
 
-    def __init__(self, n_lags: int) -> None:
+    Args:
+        n_lags: at which samples are paired.
+        length: ns of a block.
+    """
+
+    def __init__(self, n_lags: int, length: int = BLOCK) -> None:
+        self._length = length
         self._room = Blocks.empty(32, n_lags)
         self._n = 0
         self._marked: tuple[int, Blocks] | None = None
@@ -90,8 +96,8 @@ class BlockStore:
             self._marked = None
 
     def append(self, new: Blocks) -> None:
-        """Add blocks of `BLOCK`, the first of which may go on with the last one there is."""
-        if self._n and self._room.start[self._n - 1] // BLOCK == new.start[0] // BLOCK:
+        """Add blocks of the agreed length, the first of which may go on with the last one there is."""
+        if self._n and self._room.start[self._n - 1] // self._length == new.start[0] // self._length:
             for name in ("moments", "counts", "sizes"):
                 getattr(self._room, name)[self._n - 1] += getattr(new, name)[0]
             self._room.end[self._n - 1] = new.end[0]

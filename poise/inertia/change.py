@@ -9,12 +9,16 @@ from numpy.typing import ArrayLike
 
 from poise.errors import NoAnswerError
 from poise.inertia.bayes import BayesSolution, PoiseEstimator
-from poise.inertia.blocks import BLOCK, Stamps
+from poise.inertia.blocks import Stamps
 from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
+from poise.robot import SensorMotion
 
-WINDOWS = (3, 4, 5)
+BLOCK = 50_000_000
+"""ns: a change begins within one, and only the next one is all of the new payload."""
+
+WINDOWS = (5, 6, 8)
 """Blocks, the newest of which may have begun just now, in which a change shows."""
 
 LEAST = 240_000_000
@@ -83,8 +87,8 @@ class ContinuousEstimator:
         self._memory: deque[_Samples] = deque()
         self._since = self._looked = np.iinfo(np.int64).min
         self._solved: int | None = None
-        self._mass = 0.0
-        self._estimator = PoiseEstimator(parts, noise, **options)
+        self._mass: float | None = None
+        self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **options)
 
     def hold(self, parts: Parts | None) -> None:
         """Say what is held since the last change; to be called soon after it, while samples are remembered."""
@@ -119,6 +123,37 @@ class ContinuousEstimator:
         self._looked = now
         return self._look(now)
 
+    def add_motion(self, motion: SensorMotion, wrench: ArrayLike) -> PayloadChange | None:
+        """Add samples of a motion and the wrenches (N, 6) at its stamps; see `add`."""
+        return self.add(
+            motion.stamps,
+            motion.gravity_in_sensor(self._estimator.gravity),
+            motion.linear_acceleration_in_sensor,
+            motion.angular_velocity_in_sensor,
+            motion.angular_acceleration_in_sensor,
+            wrench,
+        )
+
+    @property
+    def tare(self) -> Array:
+        """(6,) what the sensor read with nothing on it when the payload changed last, N and N m."""
+        return self._tare
+
+    @property
+    def noise(self) -> NoiseLevels:
+        """Of samples; and how well that is known."""
+        return self._estimator.noise
+
+    @property
+    def mass(self) -> float | None:
+        """kg that newer samples are compared with; None before there is an answer."""
+        return self._mass
+
+    @property
+    def since(self) -> int:
+        """ns from which on samples are of the payload held now."""
+        return self._since
+
     def solve(self) -> BayesSolution:
         """Estimate the payload held now.
 
@@ -140,9 +175,10 @@ class ContinuousEstimator:
                 continue
             most = max(most, found.log_odds)
             if found.log_odds > CERTAIN and found.surprise < EXPLAINED:
-                change = PayloadChange(now, begin, self._mass, found.mass)
+                change = PayloadChange(now, begin, float(self._known.phi[0]), found.mass)
                 self.changes.append(change)
                 self._begin(begin)
+                self._mass = found.mass
                 return change
         if most < SUSPICIOUS and self._solved is not None and now - self._solved > REFERENCE:
             self._expect(now)
@@ -168,7 +204,7 @@ class ContinuousEstimator:
         self._restart(since, None, told)
 
     def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:
-        self._estimator = PoiseEstimator(parts, noise, **self._options)
+        self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **self._options)
         self._solved = since
         for samples in self._memory:
             late = samples.stamps >= since

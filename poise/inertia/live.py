@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
+from poise.inertia.hand_frames import HandFrames
 from poise.inertia.online import WINDOW, OnlineEstimator
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
@@ -41,6 +43,7 @@ class LiveOptions:
         parts: of the payload, in the sensor frame; None when its shape is not known.
         noise: see `OnlineEstimator`.
         window: s, the same.
+        continuous: the same.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
     """
@@ -53,6 +56,7 @@ class LiveOptions:
     parts: Parts | None = None
     noise: NoiseLevels = field(default_factory=NoiseLevels)
     window: float = WINDOW
+    continuous: bool = False
     saturation: tuple[float, float] = (np.inf, np.inf)
     settings: PairingSettings = field(default_factory=PairingSettings)
 
@@ -78,6 +82,8 @@ class LiveEstimator:
         """None until it is clear where the motion comes from."""
         self.parts = options.parts
         """Of the payload, in the sensor frame."""
+        self.hand = HandFrames()
+        """Frames that the shape of the payload may be given in."""
         self.problem: InputError | None = None
         """Why the robot description cannot be used."""
         self.foreign_wrenches: Counter[str] = Counter()
@@ -148,6 +154,7 @@ class LiveEstimator:
         Raises:
             InputError: FRAME_UNKNOWN when a frame changes its parent.
         """
+        self.hand.add(parent, child, rotation, translation)
         if self.options.motion_source == JOINTS or self._uses(self.joints):
             return
         turn, shift = np.asarray(rotation)[None], np.asarray(translation)[None]
@@ -177,18 +184,24 @@ class LiveEstimator:
             self.estimator.update(flush=quiet)
             self._flushed = quiet
 
-    def reset(self) -> None:
-        """Forget all samples: another payload, of unknown shape."""
+    def reset(self, parts: Parts | None = None) -> None:
+        """Forget all samples: another payload, of this shape in the sensor frame; None: not known."""
         self._early.clear()
-        self.parts = None
-        if self.estimator is not None:
-            self.estimator.reset()
-
-    def hold(self, parts: Parts | None) -> None:
-        """Take the payload for one of this shape, given in the sensor frame."""
         self.parts = parts
         if self.estimator is not None:
+            self.estimator.reset(parts)
+
+    def hold(self, parts: Parts) -> None:
+        """Say of what shape the payload is, in the sensor frame; or the next one, see `OnlineEstimator.hold`."""
+        if self.estimator is None:
+            self.parts = parts
+        else:
             self.estimator.hold(parts)
+
+    @property
+    def changes(self) -> list[PayloadChange]:
+        """Of the payload, in the order of time."""
+        return [] if self.estimator is None else self.estimator.changes
 
     def estimate(self) -> InertialEstimate:
         """Solve for everything since the start or the last reset.
@@ -279,6 +292,7 @@ class LiveEstimator:
             parts=self.parts,
             noise=self.options.noise,
             window=self.options.window,
+            continuous=self.options.continuous,
             saturation=self.options.saturation,
             settings=self.options.settings,
         )

@@ -7,18 +7,29 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
+from poise.inertia.fresh_track import FreshTrack
+from poise.inertia.methods import OWN_METHOD
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.recorder import OUT_OF_ORDER
 from poise.inertia.sources import MotionSource, went_back
 from poise.inertia.tracks import NO_KINEMATICS, MotionTrack, PairingSettings, RestTrack, Track
-from poise.inertia.weighers import AUTO, STATIC, Prior
+from poise.inertia.weighers import AUTO, STATIC, Continuous, Prior, Weigher
 from poise.inertia.weighing import PairedSamples, Run, Weighing
 from poise.robot import STANDARD_GRAVITY
 
 MAX_GRAVITY = 1000.0
 """m/s2; more is a slip of the finger, and far more would overflow the sums."""
+
+_Kind = type[MotionTrack] | type[RestTrack] | type[FreshTrack]
+
+WATCH = "watch"
+"""The run that looks for changes."""
+
+SETTLED = 1_000_000_000
+"""ns after a change in which the watch knows more, because it lags less."""
 
 WINDOW = 10.0
 """s of samples for methods that are not recursive."""
@@ -37,6 +48,7 @@ class OnlineEstimator:
         parts: of the payload, in the sensor frame; None when its shape is not known.
         noise: of samples, and how large a bias to expect; for methods that are told.
         window: s of samples, for methods that are not recursive.
+        continuous: `poise` alone: begin anew when the payload has changed, see `changes`.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
         patience: s that a wrench waits for its kinematics.
@@ -56,6 +68,7 @@ class OnlineEstimator:
         parts: Parts | None = None,
         noise: NoiseLevels | None = None,
         window: float = WINDOW,
+        continuous: bool = False,
         saturation: tuple[float, float] = (np.inf, np.inf),
         settings: PairingSettings | None = None,
         patience: float = 5.0,
@@ -72,30 +85,49 @@ class OnlineEstimator:
         self.frame_id = frame_id
         self.clock_jumps = 0
         """How often time went backwards; what waited for its partner then is lost, what was learnt stays."""
+        self.changes: list[PayloadChange] = []
+        """Of the payload, in the order of time."""
         self._limits = np.repeat(saturation, 3)
         self._settings = settings or PairingSettings()
         self._patience = round(min(patience, 1e9) * 1e9)
         self._max_intervals = max_intervals
         self._source_jumps = source.jumps
         self._newest: int | None = None
-        prior = Prior(parts, noise or NoiseLevels(), np.array([0.0, 0.0, -gravity]), window)
-        self._running = self._weighing(method, prior)
+        self._tracks: dict[_Kind, Track] = {}
+        self._watch: Run | None = None
+        self._coming: Parts | None = None
+        self._continuous = continuous and method == OWN_METHOD
+        self._told = Prior(parts, noise or NoiseLevels(), np.array([0.0, 0.0, -gravity]), window)
         self._window: Weighing | None = None
+        self._begin(method, self._told)
 
-    def reset(self) -> None:
-        """Forget all samples: a new payload, of which nothing is known."""
-        prior = replace(self._running.prior, parts=None, tare=np.zeros(6), since=None)
-        self._running = self._weighing(self._running.method, prior)
+    def reset(self, parts: Parts | None = None) -> None:
+        """Forget all samples: a new payload, of this shape where it is known."""
+        self._begin(self._running.method, replace(self._told, parts=parts))
 
-    def hold(self, parts: Parts | None) -> None:
-        """Say of what shape the payload is, or that it is not known; the samples are forgotten."""
-        self._running = self._weighing(self._running.method, replace(self._running.prior, parts=parts))
+    def hold(self, parts: Parts) -> None:
+        """Say of what shape the payload is, in the sensor frame.
+
+        What is held already is weighed anew; when nothing is held, the shape is that of the next payload.
+        """
+        if isinstance(self._watching, Continuous) and self._watching.is_empty:
+            self._coming = parts
+        else:
+            self.reset(parts)
+
+    @property
+    def _watching(self) -> Weigher | None:
+        return None if self._watch is None else self._watch.weigher
+
+    def _begin(self, method: str, prior: Prior) -> None:
+        self._running = self._weighing(method, prior)
+        if self._continuous:
+            self._watch = Run(WATCH, self._track(FreshTrack), Continuous(prior))
 
     def change_source(self, source: MotionSource) -> None:
         """Take the motion from elsewhere from now on; what was learnt and what waits stays."""
         self.source, self._source_jumps = source, source.jumps
-        for run in self._runs:
-            run.track = self._track(run.name)
+        self._renew_tracks()
 
     # -- a window of its own ---------------------------------------------------------------------------------
 
@@ -113,7 +145,7 @@ class OnlineEstimator:
             raise InputError(ErrorCode.BUSY, "a window is open already: end it, or wait for its end")
         newest = max((stamp for stamp in (self._newest, self.source.newest) if stamp is not None), default=None)
         since = None if newest is None else newest + 1
-        prior = replace(self._running.prior, parts=parts, tare=np.zeros(6), since=since)
+        prior = replace(self._told, parts=parts, since=since)
         self._window = self._weighing(method or self._running.method, prior)
 
     @property
@@ -178,10 +210,14 @@ class OnlineEstimator:
     def update(self, flush: bool = False) -> dict[str, PairedSamples]:
         """Use what has become known, by method; `flush`: do not wait for kinematics that would make it better known."""
         self._notice_jump()
+        for track in self._tracks.values():
+            track.update(flush)
         for run in self._runs:
-            run.update(self._limits, self._patience, flush)
+            run.update(self._limits, self._patience)
+        paired = {name: run.newest for name, run in self._running.runs.items()}
+        self._notice_change()
         self._forget()
-        return {name: run.newest for name, run in self._running.runs.items()}
+        return paired
 
     def finish(self) -> dict[str, PairedSamples]:
         """Use all there is, and give up the wrenches that have no kinematics: nothing more will come."""
@@ -196,18 +232,49 @@ class OnlineEstimator:
         Raises:
             NoAnswerError: TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
         """
-        return self._running.estimate(self.frame_id)
+        running, watch = self._running, self._watch
+        if watch is not None and watch.stamp is not None and self.changes:
+            since = self._running.prior.since
+            known = running.busiest.stamp
+            if since is not None and (known is None or known < since + SETTLED):
+                return watch.estimate(self.frame_id)
+        return running.estimate(self.frame_id)
 
     @property
     def _runs(self) -> list[Run]:
         weighings = [self._running] if self._window is None else [self._running, self._window]
-        return [run for weighing in weighings for run in weighing.runs.values()]
+        watch = [] if self._watch is None else [self._watch]
+        return [run for weighing in weighings for run in weighing.runs.values()] + watch
 
     def _weighing(self, method: str, prior: Prior) -> Weighing:
-        return Weighing(method, self._track, prior, self._max_intervals)
+        def track(name: str) -> Track:
+            return self._track(RestTrack if name == STATIC else MotionTrack)
 
-    def _track(self, method: str) -> Track:
-        return RestTrack(self.source, self._settings) if method == STATIC else MotionTrack(self.source, self._settings)
+        return Weighing(method, track, prior, self._max_intervals)
+
+    def _track(self, kind: _Kind) -> Track:
+        """One for all runs that want such a one."""
+        if kind not in self._tracks:
+            self._tracks[kind] = kind(self.source, self._settings)
+        return self._tracks[kind]
+
+    def _renew_tracks(self) -> None:
+        kinds = {id(track): kind for kind, track in self._tracks.items()}
+        self._tracks = {}
+        for run in self._runs:
+            run.track = self._track(kinds[id(run.track)])
+
+    def _notice_change(self) -> None:
+        """Begin anew with the new payload; what is known of the sensor's bias stays."""
+        watch = self._watching
+        new = watch.new_changes() if isinstance(watch, Continuous) else []
+        if not new or not isinstance(watch, Continuous):
+            return
+        self.changes += new
+        if self._coming is not None and new[-1].mass_after > new[-1].mass_before:
+            watch.hold(self._coming)
+            self._coming = None
+        self._running = self._weighing(self._running.method, watch.prior)
 
     def _notice_jump(self) -> None:
         if self.source.jumps != self._source_jumps:
@@ -220,14 +287,14 @@ class OnlineEstimator:
         self._newest = None
         for run in self._runs:
             run.drop_waiting(OUT_OF_ORDER)
-            run.track = self._track(run.name)
+        self._renew_tracks()
 
     def _forget(self) -> None:
         newest = self.source.newest
         if newest is None:
             return
         keep = newest - round(self._settings.memory * 1e9)
-        needed = [run.track.needs_from() for run in self._runs]
-        for run in self._runs:
-            run.track.forget_before(keep)
+        needed = [track.needs_from() for track in self._tracks.values()]
+        for track in self._tracks.values():
+            track.forget_before(keep)
         self.source.forget_before(min([keep, *(stamp for stamp in needed if stamp is not None)]))

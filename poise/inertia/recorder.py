@@ -43,10 +43,12 @@ class BlockRecorder:
     Args:
         grid: the lags.
         limits: (6,) |wrench| from which the sensor is saturated, N and N m; infinite when not known.
+        block: ns of a block.
     """
 
-    def __init__(self, grid: LagGrid, limits: ArrayLike = np.inf) -> None:
+    def __init__(self, grid: LagGrid, limits: ArrayLike = np.inf, block: int = BLOCK) -> None:
         self.grid = grid
+        self._block = block
         self.log = RejectionLog(MAX_INTERVALS)
         self._limits = np.broadcast_to(np.asarray(limits, dtype=np.float64), 6)
         self._new: list[tuple[Stamps, list[Array]]] = []
@@ -57,7 +59,7 @@ class BlockRecorder:
         self._stamps, self._rows = np.zeros(0, dtype=np.int64), np.zeros((0, 15))
         self._usable = np.zeros(0, dtype=bool)
         self._n_waiting = 0
-        self._store = BlockStore(len(grid))
+        self._store = BlockStore(len(grid), block)
 
     @property
     def blocks(self) -> Blocks:
@@ -171,7 +173,7 @@ class BlockRecorder:
 
     def _sum(self, stamps: Stamps, motion: Array, wrench: Array, share: Array) -> None:
         """Sum (N,) samples with their motion (L, N, 9) and shares of noise (L, N) into blocks."""
-        number = stamps // BLOCK
+        number = stamps // self._block
         first = np.flatnonzero(np.diff(number, prepend=number[0] - 1))
         which = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(stamps))))
         place = np.arange(len(stamps)) - first[which]

@@ -36,6 +36,9 @@ SAME_NOISE = 0.1
 HEAVY, REACH = 0.3, 0.15
 """kg and m: a payload changes by so much, or by its own mass."""
 
+DIFFERENT, DRIFT = 0.01, 0.5
+"""The same payload looks different by this share of itself, and of the noise of a sample."""
+
 
 @dataclass(frozen=True)
 class Contradiction:
@@ -111,16 +114,23 @@ class Search:
         return np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
 
     def contradiction(self, blocks: Blocks) -> Contradiction:
-        """How much better another payload would explain blocks that came later."""
+        """How much better another payload would explain blocks that came later.
+
+        The same payload may look a little different: biases drift, models of the motion err, and an inertia that was
+        learnt in slow motion is a guess, so that only mass and first moment count.
+        """
         moments = mixed_blocks(self._at_delay, blocks)
         total, count = moments.sum(axis=0), float(self._at_delay @ blocks.counts.sum(axis=0))
         normal = normal_equations(total, count, self._residual_covariance, self.noise)
-        change = np.zeros(16)
-        heavy = max(HEAVY, float(self._phi[0]))
-        change[:10] = heavy * np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
+        mass = float(self._phi[0])
+        units = np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
+        change = max(HEAVY, mass) * units
+        slack = np.concatenate([DIFFERENT * mass * units[:4], change[4:], DRIFT * self.noise.wrench])
+        change = np.concatenate([change[:4], np.zeros(12)])
         gradient = normal.vector - normal.information @ self.posterior.unknowns
-        same, _ = _explained(self.covariance, normal.information, gradient)
-        other, step = _explained(self.covariance + np.diag(change**2), normal.information, gradient)
+        expected = self.covariance + np.diag(slack**2)
+        same, _ = _explained(expected, normal.information, gradient)
+        other, step = _explained(expected + np.diag(change**2), normal.information, gradient)
         unknowns = self.posterior.unknowns + step
         left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
         return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()))

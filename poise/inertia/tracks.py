@@ -68,7 +68,7 @@ class Track(Protocol):
         """The oldest stamp that the source has to keep."""
 
 
-class _Samples:
+class Samples:
     """Motion samples in a row: stamps (M,), rotation (M, 3, 3), and K more columns (M, K)."""
 
     def __init__(self, columns: int) -> None:
@@ -97,6 +97,14 @@ class _Samples:
         return reasons
 
 
+def pair_moving(samples: Samples, stamps: Stamps, gap: float) -> tuple[SensorMotion, Reasons]:
+    """Interpolate samples with omega, alpha, a in their columns; across `gap` s at the most. See `Track.pair`."""
+    rotation = interpolate_rotations(samples.stamps, samples.rotation, stamps, max_gap=gap)
+    rates = interpolate(samples.stamps, samples.columns, stamps, max_gap=gap)
+    motion = SensorMotion(stamps, rotation.values, *np.hsplit(rates.values, 3))
+    return motion, samples.reasons(stamps, rotation.found & rates.found)
+
+
 class RestTrack:
     """The sensor's attitude as sampled, and where it holds still.
 
@@ -106,7 +114,7 @@ class RestTrack:
 
     def __init__(self, source: MotionSource, settings: PairingSettings) -> None:
         self._source, self._settings = source, settings
-        self._samples = _Samples(3)  # translation, m
+        self._samples = Samples(3)  # translation, m
         self.decided: int | None = None
 
     def update(self, flush: bool = False) -> None:
@@ -161,7 +169,7 @@ class MotionTrack:
 
     def __init__(self, source: MotionSource, settings: PairingSettings) -> None:
         self._source, self._settings = source, settings
-        self._samples = _Samples(9)  # angular velocity, angular and linear acceleration
+        self._samples = Samples(9)  # angular velocity, angular and linear acceleration
         self._next: int | None = None
         self.decided: int | None = None
 
@@ -178,11 +186,7 @@ class MotionTrack:
             self._next = end
 
     def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
-        samples, gap = self._samples, self._settings.max_gap
-        rotation = interpolate_rotations(samples.stamps, samples.rotation, stamps, max_gap=gap)
-        rates = interpolate(samples.stamps, samples.columns, stamps, max_gap=gap)
-        motion = SensorMotion(stamps, rotation.values, *np.hsplit(rates.values, 3))
-        return motion, samples.reasons(stamps, rotation.found & rates.found)
+        return pair_moving(self._samples, stamps, self._settings.max_gap)
 
     def forget_before(self, stamp: int) -> None:
         self._samples.forget_before(stamp)

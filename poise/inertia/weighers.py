@@ -9,6 +9,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.bayes import PoiseEstimator
+from poise.inertia.change import ContinuousEstimator, PayloadChange
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import Solution, solve
 from poise.inertia.methods import OWN_METHOD, method, method_names
@@ -22,6 +23,9 @@ from poise.robot.motion import GRAVITY_IN_WORLD
 STATIC, OLS, AUTO = "static", "ols", "auto"
 METHODS = (AUTO, STATIC, OLS, *(name for name in method_names() if name != OLS))
 """`auto` chooses between `static` and `ols`; all but these and `poise` work on a window."""
+
+NOTHING = 0.02
+"""kg, of an empty hand."""
 
 WINDOW_SAMPLES = 400
 """A window is thinned out evenly to so many: some methods take time with the square of it."""
@@ -114,6 +118,53 @@ class Recursive:
     def solve(self) -> Solution:
         solution = self._estimator.solve()
         return replace(solution, bias=solution.bias + self._tare)
+
+
+class Continuous:
+    """`poise` on ordinary work: notices when the payload has changed, and begins anew."""
+
+    def __init__(self, prior: Prior) -> None:
+        self._told = prior
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise, gravity=prior.gravity)
+        self._parts = prior.parts
+        self._n_samples = self._n_changes = 0
+
+    def new_changes(self) -> list[PayloadChange]:
+        """Those since the last call."""
+        new = self._estimator.changes[self._n_changes :]
+        self._n_changes += len(new)
+        if new:
+            self._parts = None
+        return new
+
+    @property
+    def is_empty(self) -> bool:
+        """Nothing is held, as far as is known."""
+        mass = self._estimator.mass
+        return mass is not None and mass < NOTHING
+
+    def hold(self, parts: Parts) -> None:
+        """Say of what shape the payload is; soon after a change."""
+        self._parts = parts
+        self._estimator.hold(parts)
+
+    @property
+    def prior(self) -> Prior:
+        """What is known before the first sample of the payload held now."""
+        known = self._estimator
+        return replace(self._told, parts=self._parts, noise=known.noise, tare=known.tare, since=known.since)
+
+    @property
+    def n_samples(self) -> int:
+        return self._n_samples
+
+    def add(self, motion: SensorMotion, wrench: Array) -> None:
+        if len(wrench):
+            self._estimator.add_motion(motion, wrench)
+            self._n_samples += len(wrench)
+
+    def solve(self) -> Solution:
+        return self._estimator.solve()
 
 
 class Windowed:

@@ -12,7 +12,7 @@ from poise.inertia.parameters import Array
 from poise.inertia.recorder import NOT_FINITE, SATURATED
 from poise.inertia.rejection import RejectionLog
 from poise.inertia.tracks import USED, Reasons, Track
-from poise.inertia.weighers import AUTO, OLS, STATIC, Prior, check_method, weigher
+from poise.inertia.weighers import AUTO, OLS, STATIC, Prior, Weigher, check_method, weigher
 from poise.robot import SensorMotion
 
 REST_SHARE = 0.5
@@ -38,19 +38,22 @@ class Run:
     Args:
         name: of the method; not `auto`.
         track: of the sensor.
-        prior: what is known beforehand.
+        weigher: takes the samples.
+        since: ns; earlier samples are of another payload. None: there are none.
         max_intervals: how many rejected intervals are remembered; None: all.
     """
 
-    def __init__(self, name: str, track: Track, prior: Prior, max_intervals: int | None) -> None:
+    def __init__(
+        self, name: str, track: Track, weigher: Weigher, since: int | None = None, max_intervals: int | None = 100
+    ) -> None:
         self.name = name
         self.track = track
-        self.weigher = weigher(name, prior)
+        self.weigher = weigher
         self.rejections = RejectionLog(max_intervals)
         self.stamp: int | None = None
         self.newest: PairedSamples
         """What the last update brought together."""
-        self._since = prior.since
+        self._since = since
         self._waiting = StampedBuffer(6)
 
     def add(self, stamps: Stamps, wrench: Array) -> None:
@@ -58,9 +61,11 @@ class Run:
         late = slice(None) if self._since is None else stamps >= self._since
         self._waiting.extend(stamps[late], wrench[late])
 
-    def update(self, limits: Array, patience: int, flush: bool) -> None:
-        """Use every wrench that waits for nothing any more; `patience` ns is how long one waits at most."""
-        self.track.update(flush)
+    def update(self, limits: Array, patience: int) -> None:
+        """Use every wrench that waits for nothing any more; `patience` ns is how long one waits at most.
+
+        The track is up to date.
+        """
         stamps, wrench = self._waiting.stamps, self._waiting.rows
         ready = stamps < (stamps[-1] if len(stamps) else 0) - patience
         if self.track.decided is not None:
@@ -124,7 +129,7 @@ class Weighing:
         self.method = method
         self.prior = prior
         names = (STATIC, OLS) if method == AUTO else (method,)
-        self.runs = {name: Run(name, track(name), prior, max_intervals) for name in names}
+        self.runs = {name: Run(name, track(name), weigher(name, prior), prior.since, max_intervals) for name in names}
 
     @property
     def busiest(self) -> Run:

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.motion import Array
-from poise.robot.splines import DEGREE, Grid, SplineFit
+from poise.robot.splines import DEGREE, Design, Grid, SplineFit
+
+_Made = TypeVar("_Made")
 
 MIN_SAMPLES = 12
 """A stretch between gaps that has fewer gets no derivatives: six coefficients and their noise want more."""
@@ -85,8 +88,11 @@ def differentiate(
     out = np.full((6, *values.shape), np.nan)
     spacing = np.zeros(values.shape[1])
     for part, seconds in _stretches(stamps, gap):
+        designs = _designs(seconds)
+        scores = _scores(seconds, designs, values[part])
         for column in range(values.shape[1]):
-            fit = _Smoother(seconds, values[part, column, None], _rates(rates, part, column), knot_spacing)
+            rate = _rates(rates, part, column)
+            fit = _Smoother(seconds, designs, values[part, column, None], rate, knot_spacing, scores[column])
             out[:3, part, column] = np.stack([fit.spline(seconds, d)[:, 0] for d in range(3)])
             out[3:, part, column] = np.stack([fit.sigma(d)[:, 0] for d in range(3)])
             spacing[column] = max(spacing[column], fit.spline.grid.spacing)
@@ -98,9 +104,7 @@ def differentiate_rotations(
 ) -> RotationDerivatives:
     """Angular velocity and acceleration of sampled attitudes, as from tf alone.
 
-    The spline runs through the four components of the quaternion, which have no singularity, and is brought back to
-    unit length: with s the spline, omega = 2 vec(s* s') / |s|^2 and
-    alpha = 2 vec(s* s'') / |s|^2 - 2 (s . s') omega / |s|^2, both in body axes.
+    The spline runs through the four components of the quaternion, which have no singularity, see `turning`.
 
     Args:
         stamps: (N,) int64 ns, not descending.
@@ -116,19 +120,15 @@ def differentiate_rotations(
     wrong = np.flatnonzero((off > 1e-2) | (np.linalg.det(matrices) < 0))
     if wrong.size:
         raise InputError(ErrorCode.NOT_FINITE, f"sample {wrong[0]} is not a rotation matrix (columns not orthonormal)")
-    quaternions = _continuous(Rotation.from_matrix(matrices).as_quat())
+    quaternions = continuous_quaternions(matrices)
 
     n = len(stamps)
     smooth, vectors, sigmas = np.full((n, 3, 3), np.nan), np.full((2, n, 3), np.nan), np.full((3, n), np.nan)
     spacing = 0.0
     for part, seconds in _stretches(stamps, gap):
-        fit = _Smoother(seconds, quaternions[part], None, knot_spacing, pooled=True)
-        s, rate, second = (fit.spline(seconds, d) for d in range(3))
-        square = np.sum(s * s, axis=1, keepdims=True)
-        omega = 2.0 * _vector_of_product(s, rate) / square
-        stretch = np.sum(s * rate, axis=1, keepdims=True) / square
-        smooth[part] = Rotation.from_quat(s).as_matrix()
-        vectors[:, part] = omega, 2.0 * _vector_of_product(s, second) / square - 2.0 * stretch * omega
+        fit = _Smoother(seconds, _designs(seconds), quaternions[part], None, knot_spacing)
+        s, *rates = (fit.spline(seconds, d) for d in range(3))
+        smooth[part], vectors[0, part], vectors[1, part] = turning(s, *rates)
         # A rotation error of e rad moves the quaternion by e / 2, in three of its four directions.
         sigmas[:, part] = [2.0 * np.sqrt(np.sum(fit.sigma(d) ** 2, axis=1) / 3.0) for d in range(3)]
         spacing = max(spacing, fit.spline.grid.spacing)
@@ -139,16 +139,22 @@ class _Smoother:
     """The spline with the best knots for one stretch without gaps, and its error."""
 
     def __init__(
-        self, seconds: Array, values: Array, rates: Array | None, spacing: float | None, pooled: bool = False
+        self,
+        seconds: Array,
+        designs: "_Designs",
+        values: Array,
+        rates: Array | None,
+        spacing: float | None,
+        score: Callable[[int], float] | None = None,
     ) -> None:
         self.seconds = seconds
-        self._fit = _memo(lambda m: SplineFit(Grid.across(seconds, m), seconds, values))
-        self.spline = self._fit(self._intervals(spacing))
+        self._fit = _memo(lambda m: SplineFit(designs(m).grid, seconds, values, design=designs(m)))
+        self.spline = self._fit(self._intervals(spacing, score or self._score))
         if rates is not None:
             scatter = float(np.mean((rates - self.spline(seconds, 1)) ** 2))
             weight = float(np.sum(self.spline.sigma**2)) / scatter if scatter > 0 else 0.0
-            self._fit = _memo(lambda m: SplineFit(Grid.across(seconds, m), seconds, values, rates, weight))
-            self.spline = self._fit(self._intervals(spacing))
+            self._fit = _memo(lambda m: SplineFit(designs(m).grid, seconds, values, rates, weight, designs(m)))
+            self.spline = self._fit(self._intervals(spacing, self._score))
 
     def sigma(self, derivative: int) -> Array:
         """(N, K) one-sigma error of the derivative, noise and lag of the spline together."""
@@ -169,14 +175,14 @@ class _Smoother:
         """Most knot intervals that still leave a third of the samples to judge by."""
         return max(len(self.seconds) * 2 // 3 - DEGREE, 1)
 
-    def _intervals(self, spacing: float | None) -> int:
+    def _score(self, m: int) -> float:
+        return float(self._fit(m).score().sum())
+
+    def _intervals(self, spacing: float | None, score: Callable[[int], float]) -> int:
         most = self._most()
         duration = float(self.seconds[-1] - self.seconds[0])
         if spacing is not None:
             return min(max(round(duration / spacing), 1), most)
-
-        def score(m: int) -> float:
-            return float(self._fit(m).score().sum())
 
         coarse = [2**k for k in range(most.bit_length()) if 2**k <= most]
         best = min(coarse, key=score)
@@ -184,10 +190,41 @@ class _Smoother:
         return min(near, key=score)
 
 
-def _memo(make: Callable[[int], SplineFit]) -> Callable[[int], SplineFit]:
-    made: dict[int, SplineFit] = {}
+def turning(quaternion: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:
+    """Rotation (N, 3, 3), angular velocity and acceleration (N, 3) in body axes of an attitude with its derivatives.
 
-    def get(m: int) -> SplineFit:
+    Of a quaternion s (N, 4), x y z w, whatever its length: omega = 2 vec(s* s') / |s|^2 and
+    alpha = 2 vec(s* s'') / |s|^2 - 2 (s . s') omega / |s|^2.
+    """
+    square = np.sum(quaternion * quaternion, axis=1, keepdims=True)
+    omega = 2.0 * _vector_of_product(quaternion, first) / square
+    stretch = np.sum(quaternion * first, axis=1, keepdims=True) / square
+    alpha = 2.0 * _vector_of_product(quaternion, second) / square - 2.0 * stretch * omega
+    return Rotation.from_quat(quaternion).as_matrix(), omega, alpha
+
+
+_Designs = Callable[[int], Design]
+
+
+def _designs(seconds: Array) -> _Designs:
+    """Those of every number of knot intervals across these times, for all columns that were sampled then."""
+    return _memo(lambda m: Design(Grid.across(seconds, m), seconds))
+
+
+def _scores(seconds: Array, designs: _Designs, values: Array) -> list[Callable[[int], float]]:
+    """Of each column (N, J), its score by the number of knot intervals; all are worked out when one is asked for."""
+    together = _memo(lambda m: SplineFit(designs(m).grid, seconds, values, design=designs(m)).score())
+
+    def of(column: int) -> Callable[[int], float]:
+        return lambda m: float(together(m)[column])
+
+    return [of(column) for column in range(values.shape[1])]
+
+
+def _memo(make: Callable[[int], _Made]) -> Callable[[int], _Made]:
+    made: dict[int, _Made] = {}
+
+    def get(m: int) -> _Made:
         if m not in made:
             made[m] = make(m)
         return made[m]
@@ -235,8 +272,9 @@ def _rates(rates: Array | None, part: slice, column: int) -> Array | None:
     return chosen if chosen is not None and np.isfinite(chosen).all() else None
 
 
-def _continuous(quaternions: Array) -> Array:
-    """The same rotations with signs chosen so that neighbours are close."""
+def continuous_quaternions(rotation: Array) -> Array:
+    """(N, 4) x y z w of rotations (N, 3, 3), with signs chosen so that neighbours are close."""
+    quaternions = np.asarray(Rotation.from_matrix(rotation).as_quat())
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
     sign = np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))
     return np.asarray(quaternions * sign[:, None])

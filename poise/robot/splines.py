@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import lapack
 from scipy.sparse import csr_array
 
 from poise.robot.motion import Array
@@ -78,6 +78,35 @@ class Grid:
         return csr_array((weights.ravel(), columns, rows), shape=(len(seconds), self.size))
 
 
+class Design:
+    """What a grid makes of the times (N,) of samples; worked out once, for all splines through samples there."""
+
+    def __init__(self, grid: Grid, seconds: Array) -> None:
+        self.grid = grid
+        self.seconds = seconds
+        self._matrices: dict[int, csr_array] = {}
+        self._bands: dict[int, Array] = {}
+
+    def matrix(self, derivative: int) -> csr_array:
+        """(N, size) see `Grid.matrix`."""
+        if derivative not in self._matrices:
+            self._matrices[derivative] = self.grid.matrix(self.seconds, derivative)
+        return self._matrices[derivative]
+
+    def band(self, derivative: int) -> Array:
+        """(6, size) its normal matrix in lower form: band[d, i] = A[i + d, i]."""
+        if derivative not in self._bands:
+            size = self.grid.size
+            band = np.zeros((ORDER, size))
+            start, weights = self.grid.basis(self.seconds, derivative)
+            for i in range(ORDER):
+                for j in range(i, ORDER):
+                    products = weights[:, i] * weights[:, j]
+                    band[j - i] += np.bincount(start + i, weights=products, minlength=size)
+            self._bands[derivative] = band
+        return self._bands[derivative]
+
+
 class SplineFit:
     """The quintic spline on `grid` that is nearest to samples in the sense of least squares; K columns at once.
 
@@ -87,16 +116,24 @@ class SplineFit:
         values: (N, K).
         slopes: (N, K) measured first derivatives, or None.
         slope_weight: variance of the values over variance of the slopes, s2.
+        design: of the grid at these times, when it is there already.
     """
 
     def __init__(
-        self, grid: Grid, seconds: Array, values: Array, slopes: Array | None = None, slope_weight: float = 0.0
+        self,
+        grid: Grid,
+        seconds: Array,
+        values: Array,
+        slopes: Array | None = None,
+        slope_weight: float = 0.0,
+        design: Design | None = None,
     ) -> None:
         self.grid = grid
+        self._design = design or Design(grid, seconds)
         self._offset = values.mean(axis=0)  # so that the ridge and the rounding do not see where zero is
-        self._factor_normal_matrix(seconds, slope_weight if slopes is not None else 0.0)
+        self._factor_normal_matrix(slope_weight if slopes is not None else 0.0)
         self.coefficients = np.zeros((grid.size, values.shape[1]))
-        basis, basis_1 = grid.matrix(seconds), grid.matrix(seconds, 1) if slopes is not None else None
+        basis, basis_1 = self._design.matrix(0), self._design.matrix(1) if slopes is not None else None
         for _ in range(2):  # the second round takes away what squaring the condition number cost
             right = basis.T @ (values - self._offset - basis @ self.coefficients)
             if basis_1 is not None:
@@ -127,7 +164,9 @@ class SplineFit:
 
     def __call__(self, seconds: Array, derivative: int = 0) -> Array:
         """The spline or its derivative at (M,) times: (M, K)."""
-        value = np.asarray(self.grid.matrix(seconds, derivative) @ self.coefficients)
+        own = seconds is self._design.seconds
+        matrix = self._design.matrix(derivative) if own else self.grid.matrix(seconds, derivative)
+        value = np.asarray(matrix @ self.coefficients)
         return value + self._offset if derivative == 0 else value
 
     def gain(self, seconds: Array, derivative: int = 0) -> Array:
@@ -149,30 +188,23 @@ class SplineFit:
             gain[here] = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", weights[here], local, weights[here]), 0.0))
         return gain
 
-    def _factor_normal_matrix(self, seconds: Array, slope_weight: float) -> None:
+    def _factor_normal_matrix(self, slope_weight: float) -> None:
         size = self.grid.size
-        band = np.zeros((ORDER, size))  # lower form: band[d, i] = A[i + d, i]
-        for derivative, factor in ((0, 1.0), (1, slope_weight)):
-            if factor == 0.0:
-                continue
-            start, weights = self.grid.basis(seconds, derivative)
-            for i in range(ORDER):
-                for j in range(i, ORDER):
-                    band[j - i] += factor * np.bincount(
-                        start + i, weights=weights[:, i] * weights[:, j], minlength=size
-                    )
+        band = self._design.band(0).copy()
+        if slope_weight > 0.0:
+            band += slope_weight * self._design.band(1)
         difference = np.array([-1.0, 3.0, -3.0, 1.0])
-        strength = RIDGE * max(len(seconds) / self.grid.intervals, 1.0)
+        strength = RIDGE * max(len(self._design.seconds) / self.grid.intervals, 1.0)
         for i in range(4):
             for j in range(i, 4):
                 band[j - i, i : size - 3 + i] += strength * difference[i] * difference[j]
         self._band = band
         self._scale = 1.0 / np.sqrt(band[0])
-        self._factor = cholesky_banded(_scaled(band, self._scale), lower=True)
+        self._factor = _cholesky(_scaled(band, self._scale))
 
     def _solve(self, right: Array) -> Array:
         scale = self._scale[:, None]
-        return np.asarray(scale * cho_solve_banded((self._factor, True), scale * right))
+        return np.asarray(scale * lapack.dpbtrs(self._factor, scale * right, lower=1)[0])
 
     def _inverse(self, low: int, high: int) -> Array:
         n = high - low
@@ -180,8 +212,16 @@ class SplineFit:
         band = _scaled(self._band[:, low:high], scale)
         for d in range(1, ORDER):
             band[d, n - d :] = 0.0
-        inverse = cho_solve_banded((cholesky_banded(band, lower=True), True), np.eye(n))
+        inverse = lapack.dpbtrs(_cholesky(band), np.eye(n), lower=1)[0]
         return np.asarray(scale[:, None] * inverse * scale)
+
+
+def _cholesky(band: Array) -> Array:
+    """Of a positive band matrix in lower form; LAPACK without scipy's checks, which would take most of the time."""
+    factor, failed = lapack.dpbtrf(band, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError("the normal matrix of a spline is not positive definite")
+    return np.asarray(factor)
 
 
 def _scaled(band: Array, scale: Array) -> Array:

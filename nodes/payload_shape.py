@@ -1,0 +1,57 @@
+"""The shape of what is held: from a file, or from poise_msgs/SegmentedObject, to parts."""
+
+from pathlib import Path
+
+import numpy as np
+
+from poise.assembly.mesh_files import load_mesh
+from poise.errors import ErrorCode, InputError
+from poise.inertia import InertialParameters
+from poise.inertia.parameters import symmetric
+from poise.inertia.parts import Parts
+from poise.recording.decoding import rotation_from_quaternion
+from poise_msgs.msg import Part, SegmentedObject
+
+
+def parts_of_file(path: str, scale: float, pose: list[float]) -> Parts:
+    """Of a mesh file, scaled to m, at a pose (x y z m, quaternion x y z w) in the sensor frame.
+
+    Raises:
+        InputError: FILE_UNREADABLE, UNSUPPORTED, MESH_INVALID, NOT_FINITE; BAD_INPUT when the pose is none.
+    """
+    values = np.array(pose, dtype=np.float64)
+    if values.shape != (7,) or not np.isfinite(values).all() or abs(np.linalg.norm(values[3:]) - 1) > 1e-3:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"parameter object_pose is {pose}: give x y z in m and a unit quaternion x y z w"
+        )
+    mesh = load_mesh(path, Path(), scale)
+    parts = Parts.from_surface(mesh.vertices, mesh.triangles)
+    return parts.in_frame(rotation_from_quaternion(values[None, 3:])[0], values[:3])
+
+
+def parts_of_message(message: SegmentedObject) -> Parts:
+    """In the object's own frame.
+
+    Raises:
+        InputError: OBJECT_INVALID, naming the part, for numbers that no body has.
+    """
+    if not message.parts:
+        raise InputError(ErrorCode.OBJECT_INVALID, f"segmented object {message.id!r} has no parts: segment it first")
+    phi = np.array([_unit_phi(part, message.id) for part in message.parts]).T
+    corners = [[point.x, point.y, point.z] for part in message.parts for point in part.surface.vertices]
+    return Parts(phi, np.array([part.volume for part in message.parts]), np.array(corners).reshape(-1, 3))
+
+
+def _unit_phi(part: Part, name: str) -> list[float]:
+    given = part.unit_inertia
+    com = np.array([given.com.x, given.com.y, given.com.z])
+    inertia = symmetric([given.ixx, given.ixy, given.ixz, given.iyy, given.iyz, given.izz])
+    finite = np.isfinite(com).all() and np.isfinite(inertia).all()
+    unit = InertialParameters(1.0, com, inertia) if finite else None
+    if unit is None or not unit.is_consistent or not (np.isfinite(part.volume) and part.volume > 0):
+        raise InputError(
+            ErrorCode.OBJECT_INVALID,
+            f"part {part.label} of segmented object {name!r}: no body has this volume and inertia per kg; give m3, and"
+            " the inertia about the centre of mass in m2",
+        )
+    return list(unit.phi)
