@@ -28,13 +28,16 @@ CERTAIN = 14.0
 """Log of the odds of a change against none: a million to one."""
 
 SUSPICIOUS = 3.0
-"""Below this, what came last may become part of what is expected."""
+"""Below this, what came last may become part of what is expected at once; above, when it is no change for long."""
+
+LEAST_CHANGE, LEAST_SHARE = 0.03, 0.1
+"""kg, and share of the mass, by which payloads differ that count as two; models of a motion err by less."""
 
 EXPLAINED = 8.0
 """Standard deviations by which a block may differ from the new payload and still be held for it."""
 
-LOOK, REFERENCE = 50_000_000, 1_000_000_000
-"""ns between looks for a change, and between what they compare with."""
+LOOK, REFERENCE, PATIENCE = 50_000_000, 1_000_000_000, 600_000_000
+"""ns between looks for a change, and between what they compare with; and of doubt that was no change after all."""
 
 MEMORY = 2_000_000_000
 """ns of samples, for a new beginning."""
@@ -85,7 +88,7 @@ class ContinuousEstimator:
         self._options = options
         self._tare = np.zeros(6)
         self._memory: deque[_Samples] = deque()
-        self._since = self._looked = np.iinfo(np.int64).min
+        self._since = self._looked = self._sure = np.iinfo(np.int64).min
         self._solved: int | None = None
         self._mass: float | None = None
         self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **options)
@@ -115,7 +118,7 @@ class ContinuousEstimator:
         self._feed(self._memory[-1])
         now = int(when[-1])
         if self._solved is None:
-            self._solved = int(when[0])
+            self._solved = self._sure = int(when[0])
         while self._memory[0].stamps[-1] < now - MEMORY:
             self._memory.popleft()
         if now - self._looked < LOOK:
@@ -174,13 +177,18 @@ class ContinuousEstimator:
             if found is None:
                 continue
             most = max(most, found.log_odds)
-            if found.log_odds > CERTAIN and found.surprise < EXPLAINED:
-                change = PayloadChange(now, begin, float(self._known.phi[0]), found.mass)
+            before = float(self._known.phi[0])
+            differs = abs(found.mass - before) > max(LEAST_CHANGE, LEAST_SHARE * before)
+            if differs and found.log_odds > CERTAIN and found.surprise < EXPLAINED:
+                change = PayloadChange(now, begin, before, found.mass)
                 self.changes.append(change)
                 self._begin(begin)
                 self._mass = found.mass
                 return change
-        if most < SUSPICIOUS and self._solved is not None and now - self._solved > REFERENCE:
+        if most < SUSPICIOUS:
+            self._sure = now
+        settled = most < SUSPICIOUS or now - self._sure > PATIENCE
+        if settled and self._solved is not None and now - self._solved > REFERENCE:
             self._expect(now)
         return None
 
@@ -205,7 +213,7 @@ class ContinuousEstimator:
 
     def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:
         self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **self._options)
-        self._solved = since
+        self._solved = self._sure = since
         for samples in self._memory:
             late = samples.stamps >= since
             self._feed(_Samples(samples.stamps[late], samples.rows[late]))

@@ -9,24 +9,19 @@ from numpy.typing import ArrayLike
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
-from poise.inertia.fresh_track import FreshTrack
 from poise.inertia.methods import OWN_METHOD
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.recorder import OUT_OF_ORDER
+from poise.inertia.shared_tracks import SharedTracks
 from poise.inertia.sources import MotionSource, went_back
-from poise.inertia.tracks import NO_KINEMATICS, MotionTrack, PairingSettings, RestTrack, Track
-from poise.inertia.weighers import AUTO, STATIC, Continuous, Prior, Weigher
+from poise.inertia.tracks import NO_KINEMATICS, PairingSettings
+from poise.inertia.weighers import AUTO, WATCH, Continuous, Prior, Weigher
 from poise.inertia.weighing import PairedSamples, Run, Weighing
 from poise.robot import STANDARD_GRAVITY
 
 MAX_GRAVITY = 1000.0
 """m/s2; more is a slip of the finger, and far more would overflow the sums."""
-
-_Kind = type[MotionTrack] | type[RestTrack] | type[FreshTrack]
-
-WATCH = "watch"
-"""The run that looks for changes."""
 
 SETTLED = 1_000_000_000
 """ns after a change in which the watch knows more, because it lags less."""
@@ -93,7 +88,7 @@ class OnlineEstimator:
         self._max_intervals = max_intervals
         self._source_jumps = source.jumps
         self._newest: int | None = None
-        self._tracks: dict[_Kind, Track] = {}
+        self._tracks = SharedTracks(source, self._settings)
         self._watch: Run | None = None
         self._coming: Parts | None = None
         self._continuous = continuous and method == OWN_METHOD
@@ -122,7 +117,7 @@ class OnlineEstimator:
     def _begin(self, method: str, prior: Prior) -> None:
         self._running = self._weighing(method, prior)
         if self._continuous:
-            self._watch = Run(WATCH, self._track(FreshTrack), Continuous(prior))
+            self._watch = Run(WATCH, self._tracks.of(WATCH), Continuous(prior))
 
     def change_source(self, source: MotionSource) -> None:
         """Take the motion from elsewhere from now on; what was learnt and what waits stays."""
@@ -210,8 +205,7 @@ class OnlineEstimator:
     def update(self, flush: bool = False) -> dict[str, PairedSamples]:
         """Use what has become known, by method; `flush`: do not wait for kinematics that would make it better known."""
         self._notice_jump()
-        for track in self._tracks.values():
-            track.update(flush)
+        self._tracks.update(flush)
         for run in self._runs:
             run.update(self._limits, self._patience)
         paired = {name: run.newest for name, run in self._running.runs.items()}
@@ -247,22 +241,12 @@ class OnlineEstimator:
         return [run for weighing in weighings for run in weighing.runs.values()] + watch
 
     def _weighing(self, method: str, prior: Prior) -> Weighing:
-        def track(name: str) -> Track:
-            return self._track(RestTrack if name == STATIC else MotionTrack)
-
-        return Weighing(method, track, prior, self._max_intervals)
-
-    def _track(self, kind: _Kind) -> Track:
-        """One for all runs that want such a one."""
-        if kind not in self._tracks:
-            self._tracks[kind] = kind(self.source, self._settings)
-        return self._tracks[kind]
+        return Weighing(method, self._tracks.of, prior, self._max_intervals)
 
     def _renew_tracks(self) -> None:
-        kinds = {id(track): kind for kind, track in self._tracks.items()}
-        self._tracks = {}
+        self._tracks = SharedTracks(self.source, self._settings)
         for run in self._runs:
-            run.track = self._track(kinds[id(run.track)])
+            run.track = self._tracks.of(run.name)
 
     def _notice_change(self) -> None:
         """Begin anew with the new payload; what is known of the sensor's bias stays."""
@@ -293,8 +277,4 @@ class OnlineEstimator:
         newest = self.source.newest
         if newest is None:
             return
-        keep = newest - round(self._settings.memory * 1e9)
-        needed = [track.needs_from() for track in self._tracks.values()]
-        for track in self._tracks.values():
-            track.forget_before(keep)
-        self.source.forget_before(min([keep, *(stamp for stamp in needed if stamp is not None)]))
+        self._tracks.forget_before(newest - round(self._settings.memory * 1e9))

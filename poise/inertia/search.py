@@ -36,8 +36,11 @@ SAME_NOISE = 0.1
 HEAVY, REACH = 0.3, 0.15
 """kg and m: a payload changes by so much, or by its own mass."""
 
-DIFFERENT, DRIFT = 0.01, 0.5
+DIFFERENT, DRIFT = 0.02, 0.5
 """The same payload looks different by this share of itself, and of the noise of a sample."""
+
+YOUNG, LOOK = 0.15, 0.1
+"""After one second an answer is good to this share of the payload, after two to half of it; s it is from at least."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,10 @@ class Search:
         mass = float(self._phi[0])
         units = np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
         change = max(HEAVY, mass) * units
-        slack = np.concatenate([DIFFERENT * mass * units[:4], change[4:], DRIFT * self.noise.wrench])
+        drift = DRIFT * self.noise.wrench * np.sqrt(np.repeat(self._sample * self.slow, 3))
+        seconds = max((self.blocks.end[-1] - self.blocks.start[0]) * 1e-9, LOOK)
+        different = max(DIFFERENT, YOUNG / seconds) * mass
+        slack = np.concatenate([different * units[:4], change[4:], drift])
         change = np.concatenate([change[:4], np.zeros(12)])
         gradient = normal.vector - normal.information @ self.posterior.unknowns
         expected = self.covariance + np.diag(slack**2)

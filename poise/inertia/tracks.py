@@ -53,7 +53,9 @@ class Track(Protocol):
     `decided` is the stamp (ns) up to which `pair` has its final answer; None before anything is known.
     """
 
-    decided: int | None
+    @property
+    def decided(self) -> int | None:
+        """See above."""
 
     def update(self, flush: bool = False) -> None:
         """Work out what the source has made possible; `flush`: do not wait for what comes after."""

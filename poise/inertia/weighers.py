@@ -24,6 +24,9 @@ STATIC, OLS, AUTO = "static", "ols", "auto"
 METHODS = (AUTO, STATIC, OLS, *(name for name in method_names() if name != OLS))
 """`auto` chooses between `static` and `ols`; all but these and `poise` work on a window."""
 
+WATCH = "watch"
+"""The run that looks for changes; no method."""
+
 NOTHING = 0.02
 """kg, of an empty hand."""
 

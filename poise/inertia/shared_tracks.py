@@ -1,0 +1,103 @@
+"""The tracks of one source, each worked out once for all methods that want it."""
+
+from dataclasses import fields
+from functools import cached_property
+
+import numpy as np
+
+from poise.inertia.buffer import Stamps
+from poise.inertia.fresh_track import FreshTrack
+from poise.inertia.sources import MotionSource
+from poise.inertia.tracks import USED, MotionTrack, PairingSettings, Reasons, RestTrack, Track
+from poise.inertia.weighers import OLS, STATIC, WATCH
+from poise.robot import SensorMotion
+
+
+class SharedTracks:
+    """Made as they are asked for.
+
+    Args:
+        source: of the kinematics.
+        settings: how wrenches and motion are brought together.
+    """
+
+    def __init__(self, source: MotionSource, settings: PairingSettings) -> None:
+        self._source, self._settings = source, settings
+        self._made: list[Track] = []
+
+    def of(self, method: str) -> Track:
+        """What a method needs."""
+        if method == STATIC:
+            return self._still
+        if method == OLS:
+            return self._moving
+        return self._fresh if method == WATCH else self._either
+
+    def update(self, flush: bool) -> None:
+        """See `Track`."""
+        for track in self._made:
+            track.update(flush)
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop older motion, and what the source no longer has to keep."""
+        needed = [track.needs_from() for track in self._made]
+        for track in self._made:
+            track.forget_before(stamp)
+        self._source.forget_before(min([stamp, *(begin for begin in needed if begin is not None)]))
+
+    @cached_property
+    def _still(self) -> RestTrack:
+        self._made.append(track := RestTrack(self._source, self._settings))
+        return track
+
+    @cached_property
+    def _moving(self) -> MotionTrack:
+        self._made.append(track := MotionTrack(self._source, self._settings))
+        return track
+
+    @cached_property
+    def _fresh(self) -> FreshTrack:
+        self._made.append(track := FreshTrack(self._source, self._settings))
+        return track
+
+    @cached_property
+    def _either(self) -> "EitherTrack":
+        return EitherTrack(self._moving, self._still)
+
+
+class EitherTrack:
+    """The smoothed motion where there is one, and poses held still where there is not.
+
+    A motion that is smoothed knows more; but poses may come so rarely that there is none. The two are kept up to date
+    by whoever made them.
+    """
+
+    def __init__(self, moving: MotionTrack, still: RestTrack) -> None:
+        self._moving, self._still = moving, still
+
+    @property
+    def decided(self) -> int | None:
+        """Up to which stamp (ns) `pair` has its final answer; None before anything is known."""
+        known = self._moving.decided, self._still.decided
+        return None if known[0] is None or known[1] is None else min(known[0], known[1])
+
+    def update(self, flush: bool = False) -> None:
+        """Nothing to do."""
+
+    def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
+        motion, reasons = self._moving.pair(stamps)
+        rest, at_rest = self._still.pair(stamps)
+        held = (reasons != USED) & (at_rest == USED)
+        if not held.any():
+            return motion, reasons
+        columns = []
+        for field in fields(SensorMotion):
+            moving, still = getattr(motion, field.name), getattr(rest, field.name)
+            columns.append(np.where(held.reshape(-1, *[1] * (moving.ndim - 1)), still, moving))
+        return SensorMotion(*columns), np.where(held, USED, reasons).astype(reasons.dtype)
+
+    def forget_before(self, stamp: int) -> None:
+        """Nothing to forget."""
+
+    def needs_from(self) -> int | None:
+        return None
