@@ -9,6 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.output import console, refuse_folder, warn, write_json
+from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.mismatch.diagnosis import Diagnosis, Finding, Quantity, diagnose
 from poise.mismatch.joining import joined
@@ -38,6 +39,10 @@ def mismatch(
         typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
     ],
     model: ModelOption = None,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
+    ] = None,
     save: Annotated[
         Path | None,
         typer.Option("--save", metavar="FILE", help="Write the model with what was found.", show_default=False),
@@ -50,7 +55,7 @@ def mismatch(
     are used where they are. Effects of a library compete by evidence, with small calibration errors always allowed
     for; where none fits, the answer is `unknown`, with the state that it depends on.
 
-    Example:  poise mismatch run.mcap --model model.yaml --json answer.json --save augmented.yaml
+    Example:  poise mismatch run.mcap --model model.yaml --json answer.json --report out --save augmented.yaml
     """
     refuse_folder(json_target, "--json")
     nominal = NominalModel() if model is None else load_model(model)
@@ -60,7 +65,7 @@ def mismatch(
             warn(f"{bag}: {note}")
     world, last = joined([reading.world for reading in readings])
     found = diagnose(world, readings[0].model, last if last.any() else None)
-    written = []
+    written = [] if report is None else write_report(report, bags, readings, found)
     if save is not None:
         written.append(write_whole(save, dump_model(found.augmented).encode()))
     write_json(json_target, as_json(found, readings))
@@ -78,6 +83,28 @@ def read_all(bags: list[Path], nominal: NominalModel) -> list[Reading]:
     """
     first = read_world(open_recording(bags[0]), nominal)
     return [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
+
+
+def write_report(folder: Path, bags: list[Path], readings: list[Reading], found: Diagnosis) -> list[Path]:
+    """Write the HTML report, and the Rerun scene when rerun is installed.
+
+    Raises:
+        InputError: FILE_UNWRITABLE.
+    """
+    # Drawing libraries load slowly: only now.
+    from poise.viewing.mismatch_report import write_mismatch_report
+    from poise.viewing.mismatch_scene import write_mismatch_scene
+
+    notes = [note for reading in readings for note in reading.notes]
+    title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
+    written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]
+    try:
+        written.append(write_mismatch_scene(folder / "mismatch.rrd", found))
+    except InputError as error:
+        if error.code is not ErrorCode.UNSUPPORTED:
+            raise
+        warn(error.message)
+    return written
 
 
 def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:

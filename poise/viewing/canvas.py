@@ -75,9 +75,9 @@ def sheet(panels: Sequence[Panel], columns: int) -> Figure:
     return figure
 
 
-def add_axes(figure: FigureBase, title: str, below: str = "s", right: float = 0.02) -> Axes:
+def add_axes(figure: FigureBase, title: str, below: str = "s", right: float = 0.02, left: float = 0.125) -> Axes:
     """Plain axes with the title at the top left, the unit of x at the bottom right."""
-    axes = figure.add_axes((0.125, 0.15, 0.875 - right, 0.70))
+    axes = figure.add_axes((left, 0.15, 1.0 - left - right, 0.70))
     axes.set_gid("plot")
     axes.patch.set_visible(False)
     axes.set_title(title, loc="left", fontsize=11.5, color=PALETTE["ink"], pad=5)
@@ -105,12 +105,18 @@ def trace(
     stamps: NDArray[np.int64] | None = None,
 ) -> None:
     """Draw one series over seconds since the first wrench sample: marks when sparse, else a thinned line."""
-    seconds = _seconds(identification, identification.stamps if stamps is None else stamps)
+    line(
+        axes, _seconds(identification, identification.stamps if stamps is None else stamps), values, role, label, width
+    )
+
+
+def line(axes: Axes, seconds: Array, values: Array, role: str, label: str, width: float, bins: int = BINS) -> None:
+    """Draw one series over seconds: marks when sparse, else a line thinned to `bins` stretches."""
     if len(seconds) <= SPARSE:
         size = 5.5 if role == "measured" else 3.2
         axes.plot(seconds, values, "o", color=PALETTE[role], markersize=size, markeredgewidth=0, gid=f"series-{label}")
         return
-    seconds, values = envelope(*break_at_gaps(seconds, values), BINS)
+    seconds, values = envelope(*break_at_gaps(seconds, values), bins)
     axes.plot(seconds, values, color=PALETTE[role], linewidth=width, gid=f"series-{label}", solid_joinstyle="round")
 
 
@@ -122,13 +128,22 @@ def _seconds(identification: Identification, stamps: NDArray[np.int64]) -> Array
 
 def mark_rejected(axes: Axes, identification: Identification) -> None:
     """Shade what the estimate did not use; a single sample still gets a visible width."""
-    left, right = axes.get_xlim()
     rejected = identification.estimate.rejected
     stamps = np.array([(interval.start, interval.end) for interval in rejected], dtype=np.int64).reshape(-1, 2)
-    spans = _merged(_seconds(identification, stamps), least=0.006 * (right - left))
+    shade(axes, _seconds(identification, stamps))
+
+
+def shade(axes: Axes, spans: Array) -> None:
+    """Shade spans (K, 2) of x from top to bottom; the shortest still gets a visible width."""
+    left, right = axes.get_xlim()
     top_to_bottom = axes.get_xaxis_transform()
     colours: Any = {"facecolor": PALETTE["rejected"], "alpha": 0.16, "linewidth": 0}
-    axes.broken_barh([(start, end - start) for start, end in spans], (0, 1), transform=top_to_bottom, **colours)
+    axes.broken_barh(
+        [(start, end - start) for start, end in _merged(spans, least=0.006 * (right - left))],
+        (0, 1),
+        transform=top_to_bottom,
+        **colours,
+    )
 
 
 def _merged(spans: Array, least: float) -> list[tuple[float, float]]:

@@ -3,6 +3,7 @@
 import html
 import io
 import json
+import math
 import re
 from typing import Any
 
@@ -42,11 +43,14 @@ def inline_svg(panel: Panel) -> str:
     )
 
 
-def _axes_of(figure: Any, height: int) -> dict[str, list[float]]:
+def _axes_of(figure: Any, height: int) -> dict[str, Any]:
     """Where the axes that carry series lie (points from the top left) and what they span; empty without such."""
     for axes in figure.axes:
         if axes.get_gid() == "plot":
             box = axes.get_window_extent()
             area = [box.x0, height - box.y0, box.x1, height - box.y1]
-            return {"area": [round(float(v), 2) for v in area], "x": [*axes.get_xlim()], "y": [*axes.get_ylim()]}
+            log = axes.get_yscale() == "log"
+            span = [*axes.get_ylim()]
+            plot = {"area": [round(float(v), 2) for v in area], "x": [*axes.get_xlim()]}
+            return {**plot, "y": [math.log10(v) for v in span], "log": True} if log else {**plot, "y": span}
     return {}

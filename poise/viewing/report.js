@@ -29,7 +29,8 @@ function show(svg, plot, event) {
   const lines = svg.series.filter(series => series.points.length).map(series => {
     const nearest = series.points.reduce((a, b) => Math.abs(b[0] - at) < Math.abs(a[0] - at) ? b : a);
     x ??= nearest[0];
-    return `${series.name}  ${value(nearest[1], bottom, top, plot.y).toPrecision(4)}`;
+    const height = value(nearest[1], bottom, top, plot.y);
+    return `${series.name}  ${(plot.log ? 10 ** height : height).toPrecision(4)}`;
   });
   if (x === null) { return; }
   if (!cursor || cursor.ownerSVGElement !== svg) {

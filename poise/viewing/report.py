@@ -1,27 +1,20 @@
 """The HTML report of an identification: one file that needs no network, for people who were not there."""
 
-import base64
-import hashlib
-import json
 import math
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
-from markupsafe import Markup
 
-import poise
 from poise.files import write_whole
 from poise.inertia.estimate import Identification, InertialEstimate
 from poise.inertia.parameters import PARAMETER_NAMES
 from poise.viewing import figures
-from poise.viewing.inline_svg import inline_svg
+from poise.viewing.page import Finding, drawn, making, origin, render_page
 from poise.viewing.summary import (
     ParameterRow,
     Whiteness,
@@ -32,19 +25,10 @@ from poise.viewing.summary import (
 )
 from poise.viewing.wording import counted, readable, rounded
 
-HERE = Path(__file__).parent
 FILE_NAME = "identification.html"
 PHI_NAMES = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
 MAX_INTERVALS = 200
 SIGN = "What the load exerts on the sensor, in the sensor frame; the bias is part of both."
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One line under the headline; mark: good, warn or note."""
-
-    mark: str
-    text: str
 
 
 def write_identification_report(
@@ -90,17 +74,11 @@ def render_identification(identification: Identification, title: str, provenance
         (name, unit, whiteness(left_over[:, channel]))
         for channel, (name, unit) in enumerate(zip(figures.CHANNELS, figures.CHANNEL_UNITS, strict=True))
     ]
-    script = (HERE / "report.js").read_text(encoding="utf-8")
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(HERE), autoescape=True, undefined=jinja2.StrictUndefined
-    )
-    return environment.get_template("identification.html.j2").render(
-        title=readable(title),
+    return render_page(
+        "identification.html.j2",
+        title=title,
+        kicker="Payload identification",
         frame_id=readable(estimate.frame_id),
-        # Markup: these two files are ours; everything else is escaped.
-        style=Markup((HERE / "report.css").read_text(encoding="utf-8")),
-        script=Markup(script),
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         mass=rows[0],
         com=rows[1:4],
         com_known=not any(row.reason for row in rows[1:4]),
@@ -116,8 +94,9 @@ def render_identification(identification: Identification, title: str, provenance
         more_rejected=max(0, len(estimate.rejected) - MAX_INTERVALS),
         phi_names=PHI_NAMES,
         correlations=_correlation_rows(identification),
-        provenance=[(name, readable(value, 1000)) for name, value in provenance],
+        provenance=provenance,
         data=_data(identification),
+        data_id="identification",
         **_pictures(identification),
     )
 
@@ -130,10 +109,7 @@ def _pictures(identification: Identification) -> dict[str, list[dict[str, Any]]]
         "convergence_panels": figures.convergence_panels(identification),
         "motion_panels": [figures.sphere_panel(identification), *figures.motion_panels(identification)],
     }
-    return {
-        name: [{"key": panel.key, "svg": Markup(inline_svg(panel))} for panel in panels]
-        for name, panels in sections.items()
-    }
+    return {name: drawn(panels) for name, panels in sections.items()}
 
 
 def _findings(identification: Identification, rows: list[ParameterRow], whites: list[Whiteness]) -> list[Finding]:
@@ -231,10 +207,7 @@ def _correlation_rows(identification: Identification) -> list[tuple[str, list[in
 
 def _provenance(identification: Identification, source: str, command: str, now: datetime) -> list[tuple[str, str]]:
     """Where the numbers come from, so that somebody else can make them again."""
-    lines = [("Recording", source)]
-    digest = _sha256(source)
-    if digest:
-        lines.append(("SHA-256", digest))
+    lines = origin(source)
     stamps = identification.stamps
     if len(stamps):
         span = (int(stamps[-1]) - int(stamps[0])) * 1e-9
@@ -245,25 +218,14 @@ def _provenance(identification: Identification, source: str, command: str, now: 
         ("Sensor frame", identification.estimate.frame_id),
         ("Method", identification.estimate.method),
         ("Condition", f"{identification.estimate.condition_number:.3g}"),
-        ("Poise", poise.__version__),
-        ("Command", command),
-        ("Date", now.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")),
+        *making(command, now),
     ]
 
 
-def _sha256(source: str) -> str:
-    """Hash of a file; empty when the source is none or cannot be read."""
-    try:
-        with Path(source).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except (OSError, ValueError):
-        return ""
-
-
 def _data(identification: Identification) -> dict[str, Any]:
-    """The estimate at full precision, in the fields of `poise identify --json`; null for what is not known."""
+    """The estimate at full precision, in the fields of `poise identify --json`; NaN for what is not known."""
     estimate = identification.estimate
-    fields = {
+    return {
         "mass": estimate.parameters.mass,
         "com": estimate.parameters.com,
         "inertia": estimate.parameters.inertia_vector,
@@ -276,14 +238,3 @@ def _data(identification: Identification) -> dict[str, Any]:
         "n_samples": estimate.n_samples,
         "frame_id": readable(estimate.frame_id),
     }
-    # Through JSON's own NaN, which is no JSON, to null.
-    text = json.dumps(fields, default=lambda value: np.asarray(value).tolist())
-    loaded: dict[str, Any] = json.loads(text)
-    return {name: _without_nan(value) for name, value in loaded.items()}
-
-
-def _without_nan(value: Any) -> Any:
-    """None for every number that is not finite, in nested lists."""
-    if isinstance(value, list):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.errors import ErrorCode, InputError
-from poise.files import write_whole
 from poise.inertia.estimate import Identification
 from poise.inertia.parameters import PARAMETER_NAMES
+from poise.viewing.rerun_file import RerunFile
 from poise.viewing.summary import (
     SCALES,
     UNITS,
@@ -59,34 +58,22 @@ def write_identification_recording(path: Path, identification: Identification) -
     Raises:
         InputError: UNSUPPORTED when rerun-sdk is not installed, FILE_UNWRITABLE.
     """
-    try:
-        import rerun as rr
-    except ImportError as error:
-        raise InputError(
-            ErrorCode.UNSUPPORTED, "a Rerun recording needs rerun-sdk: pip install 'poise[viewer]'"
-        ) from error
-    # No viewer and no file is attached: everything stays in memory and is written once, whole.
-    recording = rr.RecordingStream("poise_identification")
-    memory = rr.memory_recording(recording)
-    scene = _Scene(rr, recording, identification)
+    scene = _Scene(identification)
     scene.send_wrench()
     scene.send_estimates()
     scene.send_motion()
     scene.send_log()
-    rr.send_blueprint(_blueprint(), recording=recording)
-    recording.flush()
-    return write_whole(Path(path), memory.drain_as_bytes())
+    return scene.write(path, _blueprint())
 
 
-class _Scene:
-    """One recording being filled; `rr` is the rerun module, imported late because it is an extra."""
+class _Scene(RerunFile):
+    """One recording being filled."""
 
-    def __init__(self, rr: Any, recording: Any, identification: Identification) -> None:
-        self.rr = rr
-        self.recording = recording
-        self.identification = identification
+    def __init__(self, identification: Identification) -> None:
         stamps = identification.stamps
-        self.origin = int(stamps[0]) if len(stamps) else int(identification.estimate.stamp)
+        origin = int(stamps[0]) if len(stamps) else int(identification.estimate.stamp)
+        super().__init__("poise_identification", origin)
+        self.identification = identification
 
     def send_wrench(self) -> None:
         """Measured, predicted and left-over wrench, channel by channel."""
@@ -98,7 +85,7 @@ class _Scene:
                 (f"residual/{name}", left_over, RESIDUAL, name.replace("_", " ")),
             )
             for path, values, colour, label in curves:
-                self._curve(path, identification.stamps, values[:, channel], colour, label)
+                self.curve(path, identification.stamps, values[:, channel], colour, label)
 
     def send_estimates(self) -> None:
         """Every identified parameter with its two-sigma bounds, estimate by estimate."""
@@ -116,26 +103,26 @@ class _Scene:
                 known = np.isfinite(series)
                 if np.any(known):
                     label = f"{name.replace('_', ' ')} {'' if part == 'value' else part}".strip()
-                    self._curve(f"estimate/{name}/{part}", stamps[known], series[known], colour, label)
+                    self.curve(f"estimate/{name}/{part}", stamps[known], series[known], colour, label)
         self._send_bodies(stamps)
 
     def send_motion(self) -> None:
         """The sensor's turning, gravity, and the force of the load on it (bias taken off)."""
         rr, motion = self.rr, self.identification.motion
-        self._static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-        self._static(
+        self.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
+        self.static(
             "world/gravity",
             rr.Arrows3D(vectors=[[0, 0, -GRAVITY_LENGTH]], colors=[GRAVITY], labels=["gravity"], radii=[0.0015]),
         )
-        self._static("world/sensor", rr.TransformAxes3D(AXIS_LENGTH))
+        self.static("world/sensor", rr.TransformAxes3D(AXIS_LENGTH))
         if len(motion):
             columns = rr.Transform3D.columns(quaternion=_quaternions(motion.rotation_world_sensor))
-            self._columns("world/sensor", motion.stamps, columns)
+            self.columns("world/sensor", motion.stamps, columns)
         bias = np.nan_to_num(self.identification.estimate.bias[:3])
         forces = (self.identification.wrench_measured[:, :3] - bias) * METRES_PER_NEWTON
-        self._static("world/sensor/force", rr.Arrows3D.from_fields(colors=[RESIDUAL], radii=[0.002]))
+        self.static("world/sensor/force", rr.Arrows3D.from_fields(colors=[RESIDUAL], radii=[0.002]))
         if len(forces):
-            self._columns("world/sensor/force", self.identification.stamps, rr.Arrows3D.columns(vectors=forces))
+            self.columns("world/sensor/force", self.identification.stamps, rr.Arrows3D.columns(vectors=forces))
 
     def send_log(self) -> None:
         """Rejected intervals at their start; the answer as plain text."""
@@ -148,8 +135,8 @@ class _Scene:
                 for interval in rejected
             ]
             stamps = np.array([int(interval.start) for interval in rejected], dtype=np.int64)
-            self._columns("log", stamps, rr.TextLog.columns(text=texts, level=["WARN"] * len(texts)))
-        self._static("summary", rr.TextDocument(_summary(self.identification), media_type="text/plain"))
+            self.columns("log", stamps, rr.TextLog.columns(text=texts, level=["WARN"] * len(texts)))
+        self.static("summary", rr.TextDocument(_summary(self.identification), media_type="text/plain"))
 
     def _send_bodies(self, stamps: NDArray[np.int64]) -> None:
         """The centre of mass with its two-sigma ellipsoid, and the body with the payload's inertia."""
@@ -158,8 +145,8 @@ class _Scene:
         known = [index for index, estimate in enumerate(history) if np.all(np.isfinite(shown_parameters(estimate)[:4]))]
         centres = [history[index].parameters.com for index in known]
         if known:
-            self._static("world/sensor/com", rr.Points3D.from_fields(colors=[ESTIMATE], radii=[0.003]))
-            self._columns("world/sensor/com", stamps[known], rr.Points3D.columns(positions=centres))
+            self.static("world/sensor/com", rr.Points3D.from_fields(colors=[ESTIMATE], radii=[0.003]))
+            self.columns("world/sensor/com", stamps[known], rr.Points3D.columns(positions=centres))
         for path, shape, factor, colour in (
             ("world/sensor/com_uncertainty", covariance_ellipsoid, 2.0, BOUND),
             ("world/sensor/payload", equivalent_ellipsoid, 1.0, MEASURED),
@@ -174,26 +161,8 @@ class _Scene:
                 half_sizes=[factor * half_axes for _, half_axes, _ in bodies],
                 quaternions=_quaternions(np.array([rotation for _, _, rotation in bodies])),
             )
-            self._static(path, rr.Ellipsoids3D.from_fields(colors=[colour]))
-            self._columns(path, stamps[indices], columns)
-
-    def _curve(self, path: str, stamps: NDArray[np.int64], values: Array, colour: Sequence[int], label: str) -> None:
-        """One time series in one call."""
-        self._static(path, self.rr.SeriesLines(colors=[colour], names=[label]))
-        if len(values):
-            self._columns(path, stamps, self.rr.Scalars.columns(scalars=values))
-
-    def _columns(self, path: str, stamps: NDArray[np.int64], columns: Any) -> None:
-        """Rows of one entity on both timelines."""
-        indexes = [
-            self.rr.TimeColumn("time", duration=(stamps - self.origin).astype("timedelta64[ns]")),
-            self.rr.TimeColumn("stamp", timestamp=stamps.astype("datetime64[ns]")),
-        ]
-        self.rr.send_columns(path, indexes, columns, recording=self.recording, strict=True)
-
-    def _static(self, path: str, archetype: Any) -> None:
-        """What does not change over time."""
-        self.rr.log(path, archetype, static=True, recording=self.recording, strict=True)
+            self.static(path, rr.Ellipsoids3D.from_fields(colors=[colour]))
+            self.columns(path, stamps[indices], columns)
 
 
 def _summary(identification: Identification) -> str:

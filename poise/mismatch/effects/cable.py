@@ -10,6 +10,8 @@ from poise.mismatch.world import World
 
 ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
 HOOK = ("x", "y", "z")
+LEAST_WAY = 0.02
+"""m that the tool has to travel for a cable's length to change."""
 
 
 class Cable(Effect):
@@ -80,6 +82,11 @@ class Cable(Effect):
         pull = world.to_sensor(np.einsum("nij,nj->ni", turn, toward))
         point = np.array([nonlinear[name] for name in HOOK])
         return np.stack([forces_at(point, pull * size[:, None]) for size in (stretch, rate)], axis=2)
+
+    def untestable(self, world: World) -> str:
+        lacking = super().untestable(world)
+        way = float(np.ptp(world.position_in_world, axis=0).max())
+        return lacking or ("" if way > LEAST_WAY else f"the tool stays within {1e3 * way:.0f} mm")
 
     def sentence(self, world: World, values: Values) -> str:
         place = ", ".join(f"{values[name]:.2f}" for name in ANCHOR)

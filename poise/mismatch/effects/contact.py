@@ -1,6 +1,6 @@
 """Contact: for a while something pushes on the tool, with or without sliding along it."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -13,6 +13,14 @@ from poise.mismatch.world import World
 POINT = ("x", "y", "z")
 KNOTS = 7
 REACH = 0.5
+AROUND = 0.3
+"""s before and after a burst that take part in the search for its window, at the least."""
+SHORTEST = 0.05
+"""s of a touch."""
+NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
+"""Shares of a burst by which its window may begin later and end sooner."""
+MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
+"""Steps of start and end that are tried."""
 
 
 class Contact(Effect):
@@ -41,7 +49,7 @@ class Contact(Effect):
         return (*when, *points, *forces)
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """Bursts of the residual; in each, the point from torque = p x force."""
+        """Bursts of the residual; in each, the point from torque = p x force, then the window that fits best."""
         for begin, end in bursts(world, residual):
             inside = (world.seconds >= begin) & (world.seconds <= end)
             force, torque = residual[inside, :3], residual[inside, 3:]
@@ -49,18 +57,44 @@ class Contact(Effect):
             normal = np.einsum("nci,ncj->ij", lever, lever)
             normal += (0.02 * np.trace(normal) + 1e-9) / 3 * np.eye(3)
             point = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
-            yield {
-                "start": begin - world.period,
-                "length": float(np.clip(end - begin + 2 * world.period, 0.05, world.duration / 3)),
-                **dict(zip(POINT, np.clip(point, -0.9 * REACH, 0.9 * REACH).tolist(), strict=True)),
-            }
+            place = dict(zip(POINT, np.clip(point, -0.9 * REACH, 0.9 * REACH).tolist(), strict=True))
+            start, stop = self._window(world, residual, (begin - world.period, end + world.period))
+            yield {"start": start, "length": float(np.clip(stop - start, SHORTEST, world.duration / 3)), **place}
+
+    @staticmethod
+    def _window(world: World, residual: Array, seen: tuple[float, float]) -> tuple[float, float]:
+        """The window that leaves least of the force in the world: many are tried around the one that stands out.
+
+        There are narrow optima one after the other, as knots meet the bends of the course; a descent stays in the next.
+        """
+        length = seen[1] - seen[0]
+        around = max(0.5 * length, AROUND)
+        rows = (world.seconds > seen[0] - around) & (world.seconds < seen[1] + around)
+        seconds, force = world.seconds[rows], world.to_world(residual[:, :3])[rows]
+        # Beside a cubic: what else is wrong, and what a touch made of the calibration, changes slowly.
+        slow = np.linalg.qr(np.vander(seconds - seconds.mean(), 4))[0]
+        force = force - slow @ (slow.T @ force)
+
+        def left(window: tuple[float, float]) -> float:
+            if window[1] - window[0] < SHORTEST:
+                return np.inf
+            hats = _hats(seconds, window[0], window[1] - window[0])
+            hats = hats - slow @ (slow.T @ hats)
+            normal = hats.T @ hats
+            right = hats.T @ force
+            solved = np.linalg.solve(normal + 1e-6 * np.trace(normal) * np.eye(KNOTS), right)
+            return -float(np.sum(solved * right))
+
+        tried = [(seen[0] + a * length, seen[1] - b * length) for a in NARROWER for b in NARROWER]
+        found = [_descended(left, window, length / 100) for window in sorted(tried, key=left)[:3]]
+        return min(found, key=left)
 
     def columns(self, world: World, nonlinear: Values) -> Array:
         point = np.array([nonlinear[name] for name in POINT])
-        place = (world.seconds - nonlinear["start"]) / nonlinear["length"] * (KNOTS + 1)
-        rows = np.flatnonzero((place > 0.0) & (place < KNOTS + 1))
+        whole = _hats(world.seconds, nonlinear["start"], nonlinear["length"])
+        rows = np.flatnonzero(whole.any(axis=1))
         out = np.zeros((len(world), 6, 3 * KNOTS))
-        hats = np.maximum(1.0 - np.abs(place[rows, None] - np.arange(1, KNOTS + 1)), 0.0)
+        hats = whole[rows]
         turn = world.rotation_world_sensor[rows]
         for axis in range(3):
             unit = forces_at(point, turn[:, axis])
@@ -88,3 +122,24 @@ class Contact(Effect):
         """(3,) the force at the knot where it is greatest, world axes."""
         forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(KNOTS)])
         return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])
+
+
+def _hats(seconds: Array, start: float, length: float) -> Array:
+    """(N, KNOTS) hat functions whose knots part a window evenly."""
+    place = (seconds - start) / length * (KNOTS + 1)
+    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, KNOTS + 1)), 0.0)
+
+
+def _descended(
+    left: Callable[[tuple[float, float]], float], window: tuple[float, float], step: float
+) -> tuple[float, float]:
+    """A pattern search: start and end move by a step as long as that helps, then by half of it."""
+    least, smallest = left(window), step / 10
+    while step > smallest:
+        tried = [(window[0] + i * step, window[1] + j * step) for i, j in MOVES]
+        sizes = [left(each) for each in tried]
+        if min(sizes) < least:
+            window, least = tried[int(np.argmin(sizes))], min(sizes)
+        else:
+            step /= 2
+    return window

@@ -1,0 +1,171 @@
+"""What there is to say about a diagnosis: residuals in units of the noise, the ladder of evidence, sentences."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.diagnosis import Diagnosis, Examination
+from poise.mismatch.search import left_over, names
+from poise.mismatch.unknown import spoken
+from poise.mismatch.wording import channel_names
+from poise.viewing.page import Finding
+from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
+
+Array = NDArray[np.float64]
+
+STRETCH = 0.25
+"""s over which a residual's size is averaged for the eye."""
+ALONE, BESIDE = 8, 3
+"""Hypotheses that are drawn: of single effects, and of as many effects as the answer has or one more."""
+SURE = 0.9
+"""Probability below which a name is said with a warning."""
+MUCH = 1.25
+"""Held-out error, in units of the noise, from which a model is said to miss something."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """One signal's residuals, in its units.
+
+    Args:
+        seconds: (N,).
+        names: (C) of the channels.
+        units: (C).
+        before, after: (N, C) measured minus predicted by the nominal and by the best model. Calibration errors, as the
+            best model shows them, are taken out of both: fitted without what was found they would be bent by it.
+        noise: (N, C) one sigma.
+        held: (N,) what no fit of the proof saw.
+    """
+
+    seconds: Array
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    before: Array
+    after: Array
+    noise: Array
+    held: NDArray[np.bool_]
+
+    def size(self, residual: Array) -> Array:
+        """(N,) root mean square over channels and a quarter of a second, in units of the noise."""
+        energy = np.mean((residual / self.noise) ** 2, axis=1)
+        count = max(round(STRETCH / float(np.median(np.diff(self.seconds)))), 1)
+        kernel = np.ones(count) / count
+        padded = np.pad(energy, (count // 2, count - 1 - count // 2), mode="reflect")
+        return np.asarray(np.sqrt(np.convolve(padded, kernel, mode="valid")))
+
+
+def residuals(examination: Examination) -> Residuals:
+    """What the models leave of a signal."""
+    problem = examination.problem
+    effort = problem.world.effort if problem.signal == "effort" else None
+    channels = channel_names() if effort is None else effort.names
+    units = ("N",) * 3 + ("N m",) * 3 if effort is None else ("N m",) * len(channels)
+    before = problem.measured - problem.predicted(problem.world) - examination.best.calibrated
+    after = left_over(problem, examination.best)
+    return Residuals(problem.seconds, channels, units, before, after, problem.noise.total, examination.last)
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One hypothesis of the ladder: what it adds, the log evidence it wins over the nominal model, whether it won."""
+
+    label: str
+    gain: float
+    answer: bool
+
+
+def ladder(examination: Examination) -> list[Rung]:
+    """The answer, the single effects that came furthest, its rivals and what would come next; the best first."""
+    state = examination.state
+    answer = tuple(sorted(names(examination.best)))
+    base = state.fits[()].log_evidence if () in state.fits else examination.nominal.log_evidence
+    gains = {tuple(sorted(key)): each.log_evidence - base for key, each in state.fits.items()}
+    for (known, effect), gain in state.gains.items():
+        key = tuple(sorted((*known, effect)))
+        if key not in gains and tuple(sorted(known)) in gains:
+            gains[key] = gains[tuple(sorted(known))] + gain
+    gains.setdefault(answer, examination.best.log_evidence - base)
+    gains[()] = 0.0
+
+    def best(count: int, keys: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
+        return sorted((key for key in keys if key != answer), key=lambda key: -gains[key])[:count]
+
+    kept = {answer, ()}
+    kept.update(best(ALONE, (key for key in gains if len(key) == 1)))
+    kept.update(best(BESIDE, (key for key in gains if len(key) == len(answer) > 1)))
+    kept.update(best(BESIDE, (key for key in gains if len(key) == len(answer) + 1 and set(answer) < set(key))))
+    return [Rung(labelled(key), gains[key], key == answer) for key in sorted(kept, key=lambda key: -gains[key])]
+
+
+def labelled(parts: tuple[str, ...]) -> str:
+    """The names of a hypothesis' effects as people read them."""
+    return " + ".join(_label(part) for part in parts) or "nothing: the nominal model"
+
+
+def _label(name: str) -> str:
+    kind, _, state = name.partition(":")
+    return f"some function of {spoken(state)}" if kind == "unknown" else name.replace("_", " ")
+
+
+def remaining(examination: Examination) -> tuple[Array, list[Whiteness]]:
+    """Whitened residual (N, C) of the best model, and how white each channel is."""
+    frame = examination.best.frame
+    channels = examination.problem.measured.shape[1]
+    white = np.asarray(frame.target - frame.coefficients() @ frame.columns).reshape(channels, -1)
+    return white.T, [whiteness(channel) for channel in white]
+
+
+def correlations(series: Array) -> Array:
+    """(20, C) autocorrelations of (N, C) at one to twenty samples."""
+    centred = series - series.mean(axis=0)
+    power = np.maximum(np.sum(centred**2, axis=0), 1e-12)
+    return np.array([np.sum(centred[:-lag] * centred[lag:], axis=0) / power for lag in range(1, WHITENESS_LAGS + 1)])
+
+
+def headline(found: Diagnosis) -> tuple[str, str]:
+    """The verdict in a word or two, and the sentence under it."""
+    named = " + ".join(finding.effect.name.replace("_", " ") for finding in found.findings)
+    if found.verdict == "none":
+        return "No mismatch", "The recording and the simulation agree within the declared tolerances."
+    if found.unknown is None:
+        return _capital(named), " ".join(finding.sentence for finding in found.findings)
+    said = found.unknown.sentence
+    if found.verdict == "unknown":
+        return "Unknown physics", said
+    return f"{_capital(named)} + something unknown", " ".join([*(finding.sentence for finding in found.findings), said])
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
+    """What a person should know before using the answer."""
+    proof, said = found.main.proof, []
+    if found.verdict == "none":
+        said.append(Finding("good", f"Nothing is missing: probability {100 * found.probability:.1f} %."))
+    else:
+        said.append(
+            Finding(
+                "good" if proof.augmented < MUCH else "warn",
+                f"Held-out error {proof.nominal:.2f} times the noise without, {proof.augmented:.2f} with what was "
+                f"found ({proof.as_given:.2f} before calibration errors within the tolerances are fitted).",
+            )
+        )
+    for finding in found.findings:
+        chance, name = finding.belief.probability, finding.effect.name.replace("_", " ")
+        said.append(Finding("good" if chance > SURE else "warn", f"{name}: probability {100 * chance:.1f} %."))
+        if finding.belief.alike:
+            others = ", ".join(_label(other) for other in finding.belief.alike)
+            said.append(
+                Finding(
+                    "warn",
+                    f"This motion cannot tell {name} from {others}; this would: {finding.effect.separating_motion}.",
+                )
+            )
+    if found.unknown is not None:
+        said.append(Finding("warn", "Something remains that no effect of the library explains."))
+    said += [Finding("note", note) for note in notes]
+    return said
