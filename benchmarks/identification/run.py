@@ -1,6 +1,6 @@
 """Tables 3.3, 3.4 and 3.8 of the thesis, rebuilt for every estimator side by side, with the bounds beside them.
 
-python -m benchmarks.identification.run [--quick] [--final] [--tools FOLDER_OR_NPZ] [--out FOLDER]
+python -m benchmarks.identification.run [--quick] [--final] [--seeds N] [--only KEY] [--tools PATH] [--out FOLDER]
 """
 
 import argparse
@@ -132,13 +132,15 @@ def _without_nan(value: object) -> object:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="one seed instead of eight")
+    parser.add_argument("--seeds", type=int, default=8, help="how many of the eight; all of them take half an hour")
+    parser.add_argument("--only", action="append", help="one of the tables: table_3_3, tools, table_3_4, table_3_8")
     parser.add_argument("--final", action="store_true", help="seeds that nothing was tuned on")
     parser.add_argument("--tools", type=Path, help="other tools: the dataset's folder, or an .npz made of it")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
     seeds = FINAL_SEEDS if arguments.final else DEVELOPMENT_SEEDS
-    seeds = seeds[:1] if arguments.quick else seeds
-    chosen = experiments(arguments.tools)
+    seeds = seeds[:1] if arguments.quick else seeds[: arguments.seeds]
+    chosen = [one for one in experiments(arguments.tools) if not arguments.only or one.key in arguments.only]
     records = run_all(chosen, seeds)
     for experiment in chosen:
         summaries = summarise(records[experiment.key])

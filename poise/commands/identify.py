@@ -34,7 +34,7 @@ ObjectOption = Annotated[
         "--object",
         metavar="CLOUD_OR_MESH",
         help="Shape of what is held, in the sensor frame or placed by --object-pose: a mesh (STL, OBJ, PLY; closed"
-        " bodies are its parts) or points on its surface (PLY, XYZ, CSV, NPY, PCD; `label` names parts). In m.",
+        " bodies are its parts) or points on its surface (PLY, XYZ, CSV, NPY, PCD), which are segmented. In m.",
         show_default=False,
     ),
 ]

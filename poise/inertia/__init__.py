@@ -8,7 +8,8 @@
 - `sources`, `tracks`: joint states or tf -> the sensor's motion and where it rests, as they come in (`buffer`).
 - `online`: `OnlineEstimator`, wrenches and motion stream in; `rejection` keeps count of what was not used.
 - `live`: `LiveEstimator`, the same for messages as they arrive, of whatever comes; `status` says how it goes.
-- `identification`: `identify`, the same for a recording.
+- `identification`: `identify`, the same for a recording; `samples`, `clock_offset`, `offline` do it for Poise's own
+  estimator, with `imu` where there is one and `object_shape` from a file.
 """
 
 from poise.inertia.estimate import Identification, InertialEstimate

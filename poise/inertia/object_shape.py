@@ -8,17 +8,23 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import QhullError, cKDTree
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts, cells_of, surface_moments
 from poise.inertia.pmd import spread
-from poise.inertia.shape_files import read_shape
+from poise.shape.clouds import read_cloud
+from poise.shape.segmentation import segment
 
-ENOUGH_POINTS = 6000
-"""Of a denser cloud, that many are used, evenly spread."""
+MESHES = (".stl", ".obj")
+"""Are always surfaces; a PLY file may be a cloud."""
+
+MAX_BYTES = 200_000_000
+
+SAMPLED = 6000
+"""Points on a surface that is not closed."""
 
 LARGEST, SMALLEST = 3.0, 1e-3
 """m, of what a robot holds."""
@@ -69,19 +75,53 @@ class ObjectShape:
 def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
     """Read a mesh (STL, OBJ, PLY) or a cloud (PLY, XYZ, CSV, NPY, PCD), in m after scaling, in the file's own frame.
 
-    Bodies of a mesh are taken for parts. One body, or a cloud without labels, is cut into `PIECES` of about one size.
+    Bodies of a mesh are taken for parts, and a cloud is segmented. What has one part is cut into `PIECES`.
 
     Raises:
-        InputError: FILE_UNREADABLE, UNSUPPORTED, FILE_CORRUPT, NOT_FINITE, OBJECT_INVALID (too few points, flat, or not
-            of the size of something held), naming the file and the mend.
+        InputError: FILE_UNREADABLE, UNSUPPORTED, FILE_CORRUPT, NOT_FINITE, OBJECT_INVALID (flat, or not of the size of
+            something held), or as `read_cloud`; naming the file and the mend.
     """
     if not (np.isfinite(scale) and scale > 0):
         raise InputError(ErrorCode.BAD_INPUT, f"object scale {scale}: it must be positive")
-    points, faces, labels = read_shape(path)
-    points = points * scale
-    if not np.isfinite(points).all():
-        raise InputError(ErrorCode.NOT_FINITE, f"{path}: a point is not finite; clean it")
-    size = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    mesh = _read_mesh(path) if path.suffix.lower() in (*MESHES, ".ply") else None
+    try:
+        if mesh is None:
+            cloud = read_cloud(path, scale)
+            return _of_cloud(cloud.points, cloud.colours)
+        mesh.vertices = mesh.vertices * scale
+        _check_size(path, mesh)
+        return _of_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    except (QhullError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            ErrorCode.OBJECT_INVALID, f"{path}: its points lie in a plane or on a line; give a solid shape"
+        ) from error
+
+
+def _read_mesh(path: Path) -> trimesh.Trimesh | None:
+    """The surface in a file; None for a PLY file without faces."""
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(ErrorCode.OBJECT_INVALID, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
+        loaded = trimesh.load(path, process=False, skip_materials=True)
+        if isinstance(loaded, trimesh.Scene):
+            loaded = loaded.to_geometry()
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
+    except Exception as error:  # loaders raise whatever a broken file provokes
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: cannot be read as a shape: {error}") from error
+    if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
+        if path.suffix.lower() == ".ply":
+            return None
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: holds no triangles")
+    return loaded
+
+
+def _check_size(path: Path, mesh: trimesh.Trimesh) -> None:
+    if not np.isfinite(mesh.vertices).all():
+        raise InputError(ErrorCode.NOT_FINITE, f"{path}: a vertex is not finite; clean the mesh")
+    size = float(np.ptp(mesh.vertices, axis=0).max())
     if not SMALLEST < size < LARGEST:
         raise InputError(
             ErrorCode.OBJECT_INVALID,
@@ -89,14 +129,6 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
             " give --object-scale 0.001",
             size=size,
         )
-    try:
-        return _of_mesh(points, faces) if len(faces) else _of_cloud(points, labels)
-    except (QhullError, np.linalg.LinAlgError) as error:
-        raise InputError(
-            ErrorCode.OBJECT_INVALID, f"{path}: its points lie in a plane or on a line; give a solid shape"
-        ) from error
-    except InputError as error:
-        raise InputError(error.code, f"{path}: {error.message}", **error.data) from error
 
 
 def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
@@ -110,7 +142,7 @@ def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
         bodies = [trimesh.Trimesh(mesh.vertices, mesh.faces[number == body]) for body in range(number.max() + 1)]
         if sum(len(body.faces) for body in bodies if not body.is_watertight) <= LOOSE_FACES * len(mesh.faces):
             return _of_bodies(mesh, [body for body in bodies if body.is_watertight and abs(body.volume) > 0])
-    points = trimesh.sample.sample_surface(mesh, ENOUGH_POINTS, seed=0)[0]
+    points = trimesh.sample.sample_surface(mesh, SAMPLED, seed=0)[0]
     shape = _of_cloud(np.asarray(points), None)
     return replace(shape, words=f"a surface that is not closed: {shape.words}")
 
@@ -143,54 +175,12 @@ def _cut(body: trimesh.Trimesh) -> Parts:
     return Parts.from_surface(body.vertices, body.faces, seeds, np.arange(len(seeds)), CELLS)
 
 
-def _of_cloud(points: Array, labels: NDArray[np.int64] | None) -> ObjectShape:
-    if len(points) > ENOUGH_POINTS:
-        some = np.unique(np.linspace(0, len(points) - 1, ENOUGH_POINTS).astype(np.int64))
-        points, labels = points[some], None if labels is None else labels[some]
-    if len(points) < 4:
-        raise InputError(ErrorCode.OBJECT_INVALID, f"{len(points)} points make no solid; scan more of it")
-    tetrahedra = carved(points)
-    centres = points[tetrahedra].mean(axis=1)
-    if labels is None or len(np.unique(labels)) == 1:
-        seeds = spread(centres, PIECES)
-        which = cKDTree(seeds).query(centres)[1]
-        words = f"{len(points)} points, carved and cut into {PIECES} pieces"
-    else:
-        which = labels[cKDTree(points).query(centres)[1]]
-        words = f"{len(points)} points, carved; {len(np.unique(labels))} parts as labelled"
-    return ObjectShape(Parts.from_tetrahedra(points, tetrahedra, which), CLOUD_ACCURACY, words)
-
-
-def carved(points: Array) -> NDArray[np.int64]:
-    """(T, 4) tetrahedra of the solid whose surface was sampled at (P, 3): what a ball cannot reach from outside.
-
-    Of the Delaunay tetrahedra of all points, those are taken away that a ball reaches without passing between points
-    of the surface (sculpting, Boissonnat 1984; the radius as for alpha shapes, Edelsbrunner and Mücke 1994). When that
-    takes away everything, the convex hull is left.
-    """
-    mesh = Delaunay(points)
-    radius = 1.5 * float(np.percentile(cKDTree(points).query(points, k=min(7, len(points)))[0][:, -1], 90))
-    outside = len(mesh.simplices)
-    first, second = [], []
-    for opposite in range(4):
-        face = points[np.delete(mesh.simplices, opposite, axis=1)]
-        open_face = _circumradius(face) > radius
-        neighbour = mesh.neighbors[:, opposite]
-        first.append(np.flatnonzero(open_face))
-        second.append(np.where(neighbour[open_face] < 0, outside, neighbour[open_face]))
-    rows, columns = np.concatenate(first), np.concatenate(second)
-    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(outside + 1, outside + 1))
-    group = connected_components(graph, directed=False)[1]
-    kept = group[:-1] != group[-1]
-    solid = mesh.simplices[kept] if kept.any() else mesh.simplices
-    edges = points[solid[:, 1:]] - points[solid[:, :1]]
-    volume = np.abs(np.linalg.det(edges))
-    return np.asarray(solid[volume > 1e-12 * volume.max()], dtype=np.int64)
-
-
-def _circumradius(faces: Array) -> Array:
-    """(F,) m, of triangles (F, 3, 3); infinite when they have no area."""
-    a, b, c = (np.linalg.norm(faces[:, i] - faces[:, i - 1], axis=1) for i in range(3))
-    area = np.linalg.norm(np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(area > 0, a * b * c / (2 * area), np.inf))
+def _of_cloud(points: Array, colours: Array | None) -> ObjectShape:
+    found = segment(points, colours)
+    solid, which = found.solid, found.tetrahedron_labels
+    words = f"{len(points)} points, segmented into {found.n_parts} parts"
+    if found.n_parts == 1:
+        seeds = spread(solid.centroids, PIECES)
+        which = cKDTree(seeds).query(solid.centroids)[1]
+        words = f"{len(points)} points of one part, cut into {PIECES} pieces"
+    return ObjectShape(Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, which), CLOUD_ACCURACY, words)

@@ -26,6 +26,9 @@ COARSE, FINE = Effort(0.1, 10, 0.0), Effort(0.003, 25, 1e-4)
 
 MAX_ROUNDS = 10
 
+IMPATIENT = 3
+"""Rounds after which noise and blocks are judged by an answer that still moves: perhaps it does because of them."""
+
 STILL = 0.3
 """Standard deviations; what moves less from round to round has arrived."""
 
@@ -92,12 +95,13 @@ class Search:
         normals = self._normals()
         self._find_delays(normals, None)
         self.posterior = self._solve(normals, COARSE)
-        for _ in range(MAX_ROUNDS):
+        for number in range(MAX_ROUNDS):
             before = self.posterior
             normals = self._normals()
             self._find_delays(normals, before)
             self.posterior = self._solve(normals, FINE)
-            if not self._moved(before) and not self._judge():
+            moved = self._moved(before)
+            if (number >= IMPATIENT or not moved) and not self._judge() and not moved:
                 return self
         self._compare()
         return self
@@ -226,7 +230,7 @@ class Search:
             self.slow = self.slow * slow_excess(self.found, keep)
             other_noise = _differ(self.slow, before[1])
         self.keep = keep
-        if other_blocks:
+        if other_blocks or other_noise:  # a hypothesis that was dropped may have been dropped for noise
             self.average.consider()
         return other_blocks or other_noise
 

@@ -1,12 +1,15 @@
 """`identify` with Poise's own estimator and the thesis' methods: the real recordings, clocks, IMUs, shapes."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from simulated_motion import BIAS, GRAVITY, LOAD, record, swing
 
+from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia import InertialParameters
 from poise.inertia.identification import identify
@@ -241,3 +244,25 @@ def test_fewer_samples_than_unknowns_have_no_answer(swinging, save):
     with pytest.raises(NoAnswerError) as caught:
         identify(save({"wrench": few, "joint_states": swinging.joints}, robot_description=URDF))
     assert caught.value.code is ErrorCode.TOO_FEW_SAMPLES
+
+
+def test_the_command_takes_a_shape_and_its_pose(hammering, save, tmp_path):
+    _, load = two_boxes()
+    centres, sides = ([0, 0, 0.05], [0.03, 0, 0.16]), ([0.03, 0.03, 0.199], [0.1, 0.03, 0.03])
+    boxes = [
+        trimesh.creation.box(side, transform=trimesh.transformations.translation_matrix(centre))
+        for centre, side in zip(centres, sides, strict=True)
+    ]
+    mesh = trimesh.util.concatenate(boxes)
+    mesh.apply_translation([0, 0, -0.05])
+    mesh.apply_scale(1000)
+    mesh.export(tmp_path / "hammer.stl")
+    save({"wrench": hammering.wrench, "joint_states": hammering.joints}, robot_description=URDF)
+    told = ["--object", str(tmp_path / "hammer.stl"), "--object-scale", "0.001", "--object-pose", "0 0 0.05 0 0 0 1"]
+    assert run(["identify", str(tmp_path / "scene.mcap"), *told, "--json", str(tmp_path / "out.json")]) == 0
+    content = json.loads((tmp_path / "out.json").read_text())
+    assert content["mass"] == pytest.approx(load.mass, rel=0.005)
+    np.testing.assert_allclose(content["inertia"], load.inertia_vector, atol=0.03 * np.trace(load.inertia) / 3)
+    assert content["findings"] == []
+    assert content["object"].startswith("2 closed surfaces")
+    assert run(["identify", str(tmp_path / "scene.mcap"), *told[:-1], "0 0 1"]) == 2
