@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import rclpy
-from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from poise.errors import ErrorCode, PoiseError
+from poise.nodes.answers import Answers
 
 SERVICE_QOS = QoSProfile(depth=1000)
 """Calls that wait in the middleware: the usual 10 would be overwritten by a burst."""
@@ -24,6 +24,8 @@ GRACE = 0.25
 """s after its deadline in which a call may still bring what is certified."""
 STEP = 0.05
 """s between looks for answers that are overdue."""
+CROWD = 4
+"""Calls in flight beyond which answers are spaced."""
 THREAD = "poise jobs"
 
 
@@ -70,6 +72,7 @@ class Jobs:
         self._node = node
         self._waiting: queue.Queue[Job | None] = queue.Queue(most)
         self._open: set[Job] = set()
+        self._answers = Answers(THREAD)
         node.create_timer(STEP, self._answer_overdue)
         self._thread = threading.Thread(target=self._run, name=THREAD, daemon=True)
         self._thread.start()
@@ -92,6 +95,7 @@ class Jobs:
             job = Job(lambda response: work(request, response, deadline), kind, deadline + GRACE)
             job.answer.add_done_callback(lambda _: self._open.discard(job))
             self._open.add(job)
+            self._answers.note_call()
             try:
                 self._waiting.put_nowait(job)
             except queue.Full:
@@ -102,10 +106,14 @@ class Jobs:
         send = service.send_response
 
         def send_when_done(answer: "Future[Any]", header: Any) -> None:
-            answer.add_done_callback(lambda done: _send(send, done.result(), header))
+            answer.add_done_callback(lambda done: self._answers.put(send, done.result(), header, self._crowded))
 
         # The executors hand what `receive` returned to this; rclpy has no other way to answer later.
         service.send_response = send_when_done
+
+    @property
+    def _crowded(self) -> bool:
+        return len(self._open) >= CROWD
 
     def do(self, work: Callable[[], None]) -> bool:
         """Do something between the calls; False when too many wait."""
@@ -123,6 +131,7 @@ class Jobs:
             while True:
                 self._waiting.get_nowait()
         self._waiting.put(None)
+        self._answers.close()
         self._thread.join(1.0)
 
     def _run(self) -> None:
@@ -162,11 +171,3 @@ def leave(status: Any) -> None:
         sys.stderr.flush()
         os._exit(status if isinstance(status, int) else 1)
     sys.exit(status)
-
-
-def _send(send: Callable[[Any, Any], None], response: Any, header: Any) -> None:
-    try:
-        send(response, header)
-    except (InvalidHandle, RCLError):
-        if rclpy.ok():  # otherwise the node is on its way out
-            raise

@@ -1,6 +1,7 @@
 """In which order an assembly can be taken apart without anything else moving."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -65,10 +66,13 @@ class _Step:
 
     name: str
     left: Analysis
+    clock: Deadline
 
-    @property
+    @cached_property
     def margin(self) -> float:
-        return self.left.stability().margin
+        """N; -inf, too, when the deadline passed before it was known."""
+        found = self.left.stability(self.clock)
+        return found.margin if found.complete else -np.inf
 
 
 def _steps(analysis: Analysis, clock: Deadline) -> list[_Step]:
@@ -77,7 +81,8 @@ def _steps(analysis: Analysis, clock: Deadline) -> list[_Step]:
     for place in analysis.structure.movable:
         if clock.passed:
             break
-        step = _Step(analysis.assembly.objects[place].id, analysis.without(analysis.assembly.objects[place].id))
+        name = analysis.assembly.objects[place].id
+        step = _Step(name, analysis.without(name), clock)
         if step.margin >= 0:
             steps.append(step)
     carrying = _carrying(analysis)
@@ -153,12 +158,12 @@ def _free(analysis: Analysis, target: str, clock: Deadline) -> Disassembly:
         if waiting[-1] not in left.assembly.index:
             waiting.pop()
             continue
-        step = _Step(waiting[-1], left.without(waiting[-1]))
+        step = _Step(waiting[-1], left.without(waiting[-1]), clock)
         if step.margin >= 0:
             steps.append(step)
             waiting.pop()
             continue
-        falls = [name for name in step.left.stability().falling if name not in waiting]
+        falls = [name for name in step.left.stability(clock).falling if name not in waiting]
         if not falls:  # each needs the other
             break
         waiting.append(falls[-1])

@@ -1,0 +1,69 @@
+"""Answers of services sent from a thread of their own, slowly enough for clients that are still busy calling."""
+
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import rclpy
+from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
+
+KEPT = 8
+"""Answers sent at once: a client of rclpy keeps ten, and loses older ones while it does not spin."""
+SPACING = 0.002
+"""s between further ones, when many calls are in flight."""
+QUIET, LONGEST = 0.02, 0.25
+"""s without a new call after which clients are taken to listen again; s for which answers wait for that."""
+
+
+class Answer(NamedTuple):
+    """One answer, and whether many others are in flight."""
+
+    send: Callable[[Any, Any], None]
+    response: Any
+    header: Any
+    crowded: bool
+    ready: float
+
+
+class Answers:
+    """Sends answers in the order in which they are ready.
+
+    Args:
+        name: of the thread.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._ready: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
+        self._called = 0.0
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+        self._thread.start()
+
+    def note_call(self) -> None:
+        """A call has arrived."""
+        self._called = time.monotonic()
+
+    def put(self, send: Callable[[Any, Any], None], response: Any, header: Any, crowded: bool) -> None:
+        """Send an answer as soon as that is wise."""
+        self._ready.put(Answer(send, response, header, crowded, time.monotonic()))
+
+    def close(self) -> None:
+        """Send what is ready, and end."""
+        self._ready.put(None)
+        self._thread.join(1.0)
+
+    def _run(self) -> None:
+        sent: deque[float] = deque(maxlen=KEPT)
+        while (answer := self._ready.get()) is not None:
+            if answer.crowded and len(sent) == KEPT:
+                time.sleep(max(0.0, sent[0] + KEPT * SPACING - time.monotonic()))
+                while time.monotonic() < min(self._called + QUIET, answer.ready + LONGEST):
+                    time.sleep(SPACING)
+            try:
+                answer.send(answer.response, answer.header)
+            except (InvalidHandle, RCLError):
+                if rclpy.ok():  # otherwise the node is on its way out
+                    raise
+            sent.append(time.monotonic())
