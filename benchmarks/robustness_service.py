@@ -145,6 +145,8 @@ def in_flight(caller: Caller, count: int, rounds: int) -> list[dict[str, Any]]:
     """Calls made at once: how they end, for clients that keep enough answers and for rclpy's own."""
     message = assembly_message(SCENES["stack of 3"], "world")
     pushes = pushes_on(SCENES["stack of 3"], 1)
+    setter = caller.client(SetAssembly, "set_assembly")
+    caller.call(setter, SetAssembly.Request(assembly=message))
     rows = []
     for depth in (1000, None):
         client = caller.client(AssessRobustness, "assess_robustness", depth)
@@ -166,6 +168,7 @@ def in_flight(caller: Caller, count: int, rounds: int) -> list[dict[str, Any]]:
                     "seconds": float(np.median(seconds)),
                 }
             )
+        caller.node.destroy_client(client)
     return rows
 
 
