@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -142,7 +143,7 @@ def _by_poise(
     """Portion by portion, an answer after each; clocks are compared beforehand when the samples alone can do that."""
     known = clock_offset(samples)
     sharp = known is not None and known.std < SHARP
-    options = {} if shape_accuracy is None else {"shape_accuracy": shape_accuracy}
+    options: dict[str, Any] = {} if shape_accuracy is None else {"shape_accuracy": shape_accuracy}
     if sharp:
         options["longest_delay"] = 0.0
     estimator = PoiseEstimator(parts, samples.noise, gravity=samples.gravity, **options)
