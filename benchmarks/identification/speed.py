@@ -1,5 +1,6 @@
 """How long one answer takes on one core: `python -m benchmarks.identification.speed`; run it on a machine at rest."""
 
+import functools
 import time
 from collections.abc import Callable
 
@@ -49,10 +50,9 @@ def per_sample(problem: IdentificationProblem) -> float:
 def main() -> None:
     problems = [make_trial(tool, Scenario("1.5 rad/s", 1.5), 0).problem for tool in load_tools()]
     for name in METHODS:
-        times = [milliseconds(lambda call=method(name), problem=problem: call(problem)) for problem in problems]
-        print(
-            f"{name}: {np.median(times):.2f} ms for 150 samples (median over 14 tools; {min(times):.2f}-{max(times):.2f})"
-        )
+        times = [milliseconds(functools.partial(method(name), problem)) for problem in problems]
+        spread = f"{min(times):.2f} to {max(times):.2f}"
+        print(f"{name}: {np.median(times):.2f} ms for 150 samples (median over the tools; {spread})")
     updates = [per_sample(problem) for problem in problems[:5]]
     print(f"poise, recursive update: {np.median(updates):.1f} us per sample")
 
