@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.noise import Colour, Noise
-from poise.mismatch.problem import Problem
-from poise.mismatch.world import World
+from poise.mismatch.problem import Blocks, Problem
 
 Array = NDArray[np.float64]
 
@@ -17,34 +16,24 @@ ENOUGH = 500
 """Samples that a thinned recording has at the least; shorter ones stay as they are."""
 
 
-def thinned(problem: Problem, whole: World) -> Problem:
-    """The problem with every five samples of the wrench made one.
+def thinned(problem: Problem) -> Problem:
+    """The problem with every five samples made one.
 
-    What is averaged is the residual of a model; the middle sample's prediction is then put back. So the model's own
-    course is not blurred, only what it does not explain.
-
-    Args:
-        problem: of a wrench; joint efforts are returned as they are.
-        whole: the model's world, see `Problem.compose`.
+    Measurement, prediction and responses are averaged alike, after they were made at the full rate: nothing but what
+    is faster than the averages is lost.
     """
-    count = len(problem.seconds) // TOGETHER
-    if problem.signal != "wrench" or count < ENOUGH:
+    seconds = problem.seconds
+    count = len(seconds) // TOGETHER
+    if count < ENOUGH:
         return problem
-    groups = np.arange(count * TOGETHER).reshape(count, TOGETHER)
-    span = problem.seconds[groups[:, -1]] - problem.seconds[groups[:, 0]]
-    groups = groups[span < 1.5 * TOGETHER * problem.world.period]
-    middle = np.zeros(len(problem.seconds), dtype=bool)
-    middle[groups[:, TOGETHER // 2]] = True
-    residual = problem.measured - whole.prediction
-    world = replace(
-        problem.world.select(middle), wrench=whole.prediction[middle] + residual[groups].mean(axis=1), effort=None
-    )
-    return replace(problem, world=world, noise=_thinned_noise(problem.noise, world))
+    rows = np.arange(count * TOGETHER).reshape(count, TOGETHER)
+    period = float(np.median(np.diff(seconds)))
+    rows = rows[seconds[rows[:, -1]] - seconds[rows[:, 0]] < 1.5 * TOGETHER * period]
+    return replace(problem, blocks=Blocks(rows, _thinned_noise(problem.noise, rows, TOGETHER * period)))
 
 
-def _thinned_noise(noise: Noise, world: World) -> Noise:
+def _thinned_noise(noise: Noise, rows: NDArray[np.intp], span: float) -> Noise:
     """White noise falls with the root of the number; what is slower than a group stays (Ornstein-Uhlenbeck mean)."""
-    span = world.period
 
     def kept(colour: Colour) -> Colour:
         x = span / colour.tau
@@ -52,4 +41,5 @@ def _thinned_noise(noise: Noise, world: World) -> Noise:
         return Colour(colour.floor * factor, colour.slope * factor, colour.tau)
 
     colours = tuple(kept(colour) for colour in noise.colours)
-    return Noise(noise.sigma / np.sqrt(TOGETHER), noise.groups, colours, world.seconds, world.speed)
+    middle = rows[:, TOGETHER // 2]
+    return Noise(noise.sigma / np.sqrt(TOGETHER), noise.groups, colours, noise.seconds[middle], noise.speed[middle])

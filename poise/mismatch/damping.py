@@ -9,7 +9,7 @@ class Damping:
 
     def tries(self) -> list[float]:
         """From what served last, upwards."""
-        return [self._now * 30.0**k for k in range(6) if self._now * 30.0**k < 1e3]
+        return [max(self._now * 100.0**k, 1e-3 if k else 0.0) for k in range(4) if self._now * 100.0**k < 1e3]
 
     def eased(self, strength: float) -> None:
         """A step at this strength was good: try a longer one next."""

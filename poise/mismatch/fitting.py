@@ -25,8 +25,10 @@ STEP = 1e-4
 MOST_STEPS = 12
 HOPE = 5.0
 """How much more a step may bring than the linear model promises."""
-SETTLED = 0.05
+SETTLED = 0.1
 """Fall of the square below which a fit has settled."""
+NEARLY = 2.0
+"""The same for taking the calibration anew about what a fit says."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +56,13 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One effect beside a frame: its values, and by how much it raises the log evidence."""
+    """One effect beside a frame: its values, by how much it raises the log evidence, and by how much it still might."""
 
     effect: Effect
     values: Values
     gain: float
     drop: float
+    hope: float
 
 
 def refine(
@@ -98,7 +101,8 @@ def refine(
             break
     slopes = _slopes(problem, world, effect, at, moving)
     gain = _evidence_gain(frame, at, parameters, slopes)
-    return Candidate(effect, at.values, gain, at.drop)
+    hope = 0.5 * at.drop + HOPE * _downhill(frame, effect, world, at, slopes, weak).promised if moving else gain
+    return Candidate(effect, at.values, gain, at.drop, hope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,25 +153,37 @@ def _stepped(
 ) -> _Point | None:
     """A Levenberg-Marquardt step in all parameters, damped until the fit is better; None when it cannot be."""
     count = len(at.columns)
-    beside = frame.beside(np.vstack([at.columns, slopes, at.response[None]]))
-    inner = beside.pick(slice(0, -1))
-    # What is left when the response as it is has been taken away.
-    vector = inner.vector - beside.information[:-1, -1]
-    vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(world) if p.linear])
-    quick = Beside(inner.information, vector)
-    promised = 0.5 * float(vector @ quick.solve(np.concatenate([weak, np.full(len(moving), 1.0)])))
-    if 0.5 * at.drop + HOPE * promised < least:
+    slope = _downhill(frame, effect, world, at, slopes, weak)
+    if 0.5 * at.drop + HOPE * slope.promised < least:
         return None
     for strength in damping.tries():
-        held = strength * np.diag(inner.information)[count:]
+        held = strength * np.diag(slope.beside.information)[count:]
         precision = np.concatenate([weak, held + 1e-9])
-        step = Beside(inner.information, vector).solve(precision)[count:]
+        step = slope.beside.solve(precision)[count:]
         values = {p.name: _shifted(p, at.values[p.name], float(s)) for p, s in zip(moving, step, strict=True)}
         trial = _linear(problem, frame, world, effect, {**at.values, **values}, weak)
         if trial.drop > at.drop:
             damping.eased(strength)
             return trial
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Downhill:
+    """The linear model of an effect about a point, and the log likelihood that it promises."""
+
+    beside: Beside
+    promised: float
+
+
+def _downhill(frame: Frame, effect: Effect, world: World, at: _Point, slopes: Array, weak: Array) -> _Downhill:
+    count = len(at.columns)
+    beside = frame.beside(np.vstack([at.columns, slopes, at.response[None]]))
+    # What is left when the response as it is has been taken away.
+    vector = beside.vector[:-1] - beside.information[:-1, -1]
+    vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(world) if p.linear])
+    quick = Beside(beside.information[:-1, :-1], vector)
+    return _Downhill(quick, 0.5 * float(vector @ quick.solve(np.concatenate([weak, np.full(len(slopes), 1.0)]))))
 
 
 def _shifted(p: Parameter, value: float, step: float) -> float:
@@ -233,7 +249,8 @@ def fit(problem: Problem, parts: Sequence[Part], steps: int = 12) -> Fit:
     current = _about(problem, tuple(parts), None)
     for _ in range(2 if parts else 0):
         settled = _settled(problem, current, steps)
-        if settled is current:
+        if current.square - settled.square < NEARLY:
+            current = settled
             break
         # The calibration's own response changes a little with what the sensor is said to feel.
         current = _about(problem, settled.parts, None)
@@ -317,10 +334,9 @@ def _settled(problem: Problem, at: _About, steps: int) -> _About:
         moved = _all_stepped(problem, at, damping)
         if moved is None:
             return at
-        done = at.square - moved.square < SETTLED
+        if at.square - moved.square < SETTLED:
+            return replace(moved, columns=at.columns)
         at = replace(moved, columns=_columns(problem, moved.parts, moved.worlds))
-        if done:
-            break
     return at
 
 

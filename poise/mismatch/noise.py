@@ -1,8 +1,7 @@
 """What the sensor's noise is like: white, plus a coloured part that grows with speed; and the filter that whitens it.
 
 Each channel is n_t = sigma (e_t + g_t x_t): e white, x an Ornstein-Uhlenbeck process of unit variance and
-correlation time tau, g_t = floor + slope * speed_t. Forces share floor, slope and tau; so do torques;
-each joint effort has its own. Whitening is the
+correlation time tau, g_t = floor + slope * speed_t, all of the channel's own. Whitening is the
 Kalman filter's innovation, exact for stamps that are not even.
 """
 
@@ -147,24 +146,22 @@ def fit_noise(
     Args:
         seconds, speed: (N,).
         residual: (N, C) measured minus predicted.
-        groups: channels that share a colour.
+        groups: channels of one unit.
         given: stated white level of each group, or None; the measured one counts, unless it is less than half of it.
         white: look for no colour.
     """
     level = white_level(residual)
-    sigma = np.empty(len(level))
-    colours = []
     for part, stated in zip(groups, given, strict=True):
         level[part] = np.maximum(level[part], 1e-9 if stated is None else 0.5 * stated)
-        colour, sigma[part] = (
-            (Colour(), level[part]) if white else _most_likely(seconds, speed, residual[:, part], level[part])
-        )
-        colours.append(colour)
-    return Noise(sigma, groups, tuple(colours), seconds, speed)
+    each = tuple(slice(channel, channel + 1) for channel in range(len(level)))
+    if white:
+        return Noise(level, each, (Colour(),) * len(each), seconds, speed)
+    colours, sigma = _most_likely(seconds, speed, residual, level)
+    return Noise(sigma, each, colours, seconds, speed)
 
 
-def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[Colour, Array]:
-    """The colour and white level of some channels: every kind is run through its Kalman filter side by side."""
+def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[tuple[Colour, ...], Array]:
+    """Each channel's colour and white level: every kind is run through its Kalman filter side by side."""
     kinds = [Colour(*kind) for kind in product(FLOORS, SLOPES, TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == TAUS[0]]
     floor, slope, tau = (np.array([getattr(kind, name) for kind in kinds]) for name in ("floor", "slope", "tau"))
     gain = floor + slope * speed[:, None]
@@ -182,6 +179,6 @@ def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) ->
     n, channels = residual.shape
     # Most likely level given the kind, kept near what neighbouring samples say.
     sigma2 = np.clip(square / n, (level[:, None] / EXCESS) ** 2, (level[:, None] * EXCESS) ** 2)
-    loglik = -0.5 * (square / sigma2 + n * np.log(sigma2)).sum(axis=0) - 0.5 * channels * log_variance
-    best = int(np.argmax(loglik))
-    return kinds[best], np.sqrt(sigma2[:, best])
+    loglik = -0.5 * (square / sigma2 + n * np.log(sigma2)) - 0.5 * log_variance
+    best = np.argmax(loglik, axis=1)
+    return tuple(kinds[i] for i in best), np.sqrt(sigma2[np.arange(channels), best])

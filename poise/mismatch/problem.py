@@ -37,6 +37,20 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
+class Blocks:
+    """Samples that are averaged before they are judged: (M, b) rows of each block, and the noise of the averages."""
+
+    rows: NDArray[np.intp]
+    noise: Noise
+
+    def middle(self, count: int) -> NDArray[np.bool_]:
+        """(N,) of `count` samples those in the middle of a block."""
+        mask = np.zeros(count, dtype=bool)
+        mask[self.rows[:, self.rows.shape[1] // 2]] = True
+        return mask
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """A signal with its noise.
 
@@ -46,6 +60,7 @@ class Problem:
         noise: of the signal.
         signal: wrench or effort.
         judged: (N,) samples that count besides those at the ends that never do; None: all.
+        blocks: samples that are judged as one; None: each by itself.
     """
 
     world: World
@@ -53,6 +68,7 @@ class Problem:
     noise: Noise
     signal: Literal["wrench", "effort"] = "wrench"
     judged: NDArray[np.bool_] | None = None
+    blocks: Blocks | None = None
 
     @cached_property
     def measured(self) -> Array:
@@ -69,16 +85,25 @@ class Problem:
         return inner if self.judged is None else inner & self.judged
 
     @cached_property
+    def _counting(self) -> NDArray[np.bool_]:
+        """Which of the samples, or of their blocks, count."""
+        return self.active if self.blocks is None else np.asarray(self.active[self.blocks.rows].all(axis=1))
+
+    @cached_property
     def _rows(self) -> slice | NDArray[np.intp]:
-        """Those samples, as a slice when they are in a row."""
-        index = np.flatnonzero(self.active)
+        """Those, as a slice when they are in a row."""
+        index = np.flatnonzero(self._counting)
         in_a_row = len(index) == index[-1] - index[0] + 1
         return slice(int(index[0]), int(index[-1]) + 1) if in_a_row else index
 
+    @property
+    def _judging(self) -> Noise:
+        return self.noise if self.blocks is None else self.blocks.noise
+
     @cached_property
     def log_scale(self) -> float:
-        """What whitening divides by, see `Noise.log_scale`."""
-        return float(self.noise.log_divisor[self.active].sum())
+        """What whitening divides by, see `Noise.log_divisor`."""
+        return float(self._judging.log_divisor[self._counting].sum())
 
     @cached_property
     def seconds(self) -> Array:
@@ -120,10 +145,14 @@ class Problem:
         return Frame(white, sigma**-2.0, np.zeros(len(sigma)), target)
 
     def whiten(self, values: Array) -> Array:
-        """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples that count."""
-        white = self.noise.whiten(values if values.ndim == 3 else values[:, :, None])
-        rows = white[:, :, self._rows].reshape(len(white), -1)
-        return rows[0] if values.ndim == 2 else rows
+        """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""
+        wide = values if values.ndim == 3 else values[:, :, None]
+        if self.blocks is not None and len(wide) != len(self.blocks.rows):
+            rows = self.blocks.rows
+            wide = sum(wide[column] for column in rows.T) / rows.shape[1]
+        white = self._judging.whiten(wide)
+        kept = white[:, :, self._rows].reshape(len(white), -1)
+        return kept[0] if values.ndim == 2 else kept
 
     def calibrated(self, groups: Sequence[Group], coefficients: Array) -> Array:
         """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""

@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.identification import find_kinematics, recorded_gravity
@@ -17,7 +18,7 @@ from poise.mismatch.sanity import check_wrench, without_spikes
 from poise.mismatch.smoothing import smooth
 from poise.mismatch.world import World
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
-from poise.robot import BaseMotion, RobotModel, differentiate_rotations
+from poise.robot import BaseMotion, RobotModel
 from poise.robot.model import find_urdf
 from poise.robot.urdf import parse_urdf, read_urdf
 
@@ -188,31 +189,41 @@ def _seconds(stamps: NDArray[np.int64], start: int) -> Array:
 
 
 def _odometry(odom: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, NDArray[np.bool_]]:
-    """The root link's motion at the wrench's stamps, and where it is known."""
+    """The root link's motion at the wrench's stamps, and where it is known.
+
+    Attitude is followed in yaw, pitch and roll: a base turns round many times, and never stands on its nose.
+    """
     sampled = _seconds(odom.stamps, start)
-    moved = smooth(sampled, odom.translation_parent_child, seconds)
-    turned = differentiate_rotations(odom.stamps, odom.rotation_parent_child)
-    fine = np.isfinite(turned.angular_acceleration).all(axis=1)
-
-    def carried(values: Array) -> Array:
-        return at_times(sampled[fine], values[fine].reshape(int(fine.sum()), -1), seconds)
-
-    rotation = carried(turned.rotation).reshape(-1, 3, 3)
-    left, _, right = np.linalg.svd(rotation)
-    rotation = left @ right
+    angles = np.unwrap(Rotation.from_matrix(odom.rotation_parent_child).as_euler("ZYX"), axis=0)
+    moved = smooth(sampled, np.hstack([odom.translation_parent_child, angles]), seconds)
+    place, rate, second = (values[:, :3] for values in (moved.position, moved.velocity, moved.acceleration))
+    angle, turn, change = (values[:, 3:] for values in (moved.position, moved.velocity, moved.acceleration))
+    known = moved.known
+    rotation = np.full((len(seconds), 3, 3), np.nan)
+    rotation[known] = Rotation.from_euler("ZYX", angle[known]).as_matrix()
+    # omega = E(angles) d angles / dt in base axes, E by pitch and roll (Siciliano et al. 2009, section 2.4).
+    matrix, matrix_rate = _euler_rates(angle, turn)
+    omega = np.einsum("nij,nj->ni", matrix, turn)
+    alpha = np.einsum("nij,nj->ni", matrix, change) + np.einsum("nij,nj->ni", matrix_rate, turn)
 
     def in_base(values: Array) -> Array:
         return np.asarray(np.einsum("nji,nj->ni", rotation, values))
 
-    base = BaseMotion(
-        rotation,
-        moved.position,
-        in_base(moved.velocity),
-        carried(turned.angular_velocity),
-        in_base(moved.acceleration),
-        carried(turned.angular_acceleration),
-    )
-    return base, moved.known
+    return BaseMotion(rotation, place, in_base(rate), omega, in_base(second), alpha), known
+
+
+def _euler_rates(angle: Array, turn: Array) -> tuple[Array, Array]:
+    """(N, 3, 3) from the rates of yaw, pitch, roll to the angular velocity in body axes, and its rate."""
+    _, pitch, roll = angle.T
+    _, dpitch, droll = turn.T
+    (sp, cp), (sr, cr), zero = (np.sin(pitch), np.cos(pitch)), (np.sin(roll), np.cos(roll)), np.zeros(len(angle))
+    matrix = [[-sp, zero, zero + 1.0], [sr * cp, cr, zero], [cr * cp, -sr, zero]]
+    rate = [
+        [-cp * dpitch, zero, zero],
+        [cr * cp * droll - sr * sp * dpitch, -sr * droll, zero],
+        [-sr * cp * droll - cr * sp * dpitch, -cr * droll, zero],
+    ]
+    return np.moveaxis(np.array(matrix), 2, 0), np.moveaxis(np.array(rate), 2, 0)
 
 
 def _at(base: BaseMotion | None, known: NDArray[np.bool_]) -> BaseMotion | None:

@@ -6,7 +6,7 @@ the present best model with the noise and the calibration linearised there; the 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,16 @@ from poise.mismatch.unknown import Dependence, dependences
 
 Array = NDArray[np.float64]
 
-PROMISING = 5
-"""Candidates of a round that are fitted in full."""
-REACH = 0.25
-"""Share of the best candidate's gain below which another one is not fitted in full."""
+PROMISING = 4
+"""Candidates of a round that are fitted."""
+STEPS, WARM = 6, 3
+"""Steps of a fit from where a first look led, and from where another fit did."""
+REACH = 0.2
+"""Share of the best candidate's gain below which another one is not fitted."""
+NEAR = 20.0
+"""log evidence within which hypotheses are judged more closely."""
+SLACK = 5.0
+"""log evidence that a fit may still win over the first look."""
 MOST_PARTS = 3
 THRESHOLD = 4.0
 """log evidence that an effect must win over the model without it."""
@@ -37,15 +43,37 @@ class Search:
 
     Args:
         problem: the signal; its noise is that of the nominal model.
+        fast: hypotheses are judged at the full rate, for there are fast effects among them.
         fits: best fit of every hypothesis, by the names of its effects.
         gains: log evidence that an effect was seen to add to a hypothesis, where it was not fitted in full.
         untestable: effects that this recording cannot show, and why.
     """
 
     problem: Problem
+    fast: bool = False
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def judging(self) -> Problem:
+        """What hypotheses are judged on: the recording, thinned while all that is in sight is slow."""
+        return self.problem if self.fast else thinned(self.problem)
+
+    def under(self, best: Fit) -> Problem:
+        """The same with the noise that a fit leaves."""
+        if not best.parts:
+            return self.judging
+        problem = self.problem.with_noise(self.problem.fitted_noise(left_over(self.problem, best)))
+        return problem if self.fast else thinned(problem)
+
+    def quicken(self) -> None:
+        """From now on judge at the full rate."""
+        self.fast = True
+        known = list(self.fits.values())
+        self.fits.clear()
+        for each in known:
+            self.offer(fit(self.under(each), each.parts, WARM))
 
     def offer(self, found: Fit) -> None:
         """Keep a fit when its hypothesis had none as good."""
@@ -77,14 +105,14 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
             state.untestable[effect.name] = reason
     if problem.signal == "wrench":
         effects += dependences(problem.world)
-    best = fit(problem, ())
+    best = fit(state.judging, ())
     state.offer(best)
     for parts in range(MOST_PARTS):
         found = _round(state, best, effects)
         if found is None:
             break
-        won = found.log_evidence - state.fits[names(best)].log_evidence
-        if won < (THRESHOLD if parts == 0 else NEXT_THRESHOLD):
+        best = state.fits[names(best)]
+        if found.log_evidence - best.log_evidence < (THRESHOLD if parts == 0 else NEXT_THRESHOLD):
             break
         best = found
     return state, _pruned(state, best)
@@ -98,10 +126,10 @@ def _identified(problem: Problem, effect: Effect) -> str:
 def _pruned(state: Search, best: Fit) -> Fit:
     """Without parts that later ones made needless."""
     while len(best.parts) > 1:
-        problem = _under(state.problem, best)
+        problem = state.under(best)
         shorter = []
         for part in best.parts:
-            rest = fit(problem, [other for other in best.parts if other is not part])
+            rest = fit(problem, [other for other in best.parts if other is not part], STEPS)
             state.offer(rest)
             shorter.append(state.fits[names(rest)])
         top = max(shorter, key=lambda each: each.log_evidence)
@@ -113,42 +141,40 @@ def _pruned(state: Search, best: Fit) -> Fit:
 
 def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
     """The best model with one more effect, under the noise that suits it."""
-    problem = _under(state.problem, best)
-    least = (NEXT_THRESHOLD if best.parts else THRESHOLD) - 5.0
-    candidates = screen(state, problem, best, effects, least)
-    chosen = [c for c in candidates[:PROMISING] if c.gain > max(least, REACH * candidates[0].gain)]
-    found = [fit(problem, (*best.parts, Part(c.effect, c.values))) for c in chosen]
+    chosen = screen(state, best, effects)
+    if not chosen:
+        return None
+    problem = state.under(best)
+    found = [fit(problem, parts, STEPS) for parts in chosen]
     for each in found:
         state.offer(each)
-    if not found:
-        return None
     found.sort(key=lambda each: -each.log_evidence)
     # The noise that the best one leaves; all near it, and the model before, are judged under that too.
-    quieter = problem.with_noise(problem.fitted_noise(left_over(problem, found[0])))
-    top = [each for each in found if each.log_evidence > found[0].log_evidence - 30.0]
+    quieter = state.under(found[0])
+    top = [each for each in found if each.log_evidence > found[0].log_evidence - NEAR]
     for each in (*top, best):
-        state.offer(fit(quieter, each.parts))
+        state.offer(fit(quieter, each.parts, WARM))
     return max((state.fits[names(each)] for each in found), key=lambda each: each.log_evidence)
 
 
-def screen(state: Search, problem: Problem, best: Fit, effects: Sequence[Effect], least: float) -> list[Candidate]:
-    """Each effect beside the present best model; the most promising first, fitted at the full rate.
-
-    Effects are first tried on a thinned recording; those that gain `least` or more, and are in reach of the best, are
-    then tried in full.
-    """
+def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Part, ...]]:
+    """Each effect beside the present best model: the few hypotheses that are worth a fit."""
     taken = {part.effect.name for part in best.parts}
-    whole = problem.compose(best.parts)[1]
-    rough = thinned(problem, whole)
-    slow = [effect for effect in effects if effect.name not in taken and not effect.fast]
-    looked = _beside(rough, best.parts, slow, least) if rough is not problem else []
-    reach = max(least, 0.5 * REACH * max((each.gain for each in looked), default=0.0))
-    hopeful = [each.effect for each in _few_unknown(looked)[: 2 * PROMISING] if each.gain > reach]
-    fast = [effect for effect in effects if effect.name not in taken and (effect.fast or rough is problem)]
-    found = _beside(problem, best.parts, [*hopeful, *fast], least)
-    for each in (*looked, *found):
+    free = [effect for effect in effects if effect.name not in taken]
+    problem = state.under(best)
+    full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
+    fast = _beside(full, best.parts, [effect for effect in free if effect.fast])
+    slow = _beside(rough, best.parts, [effect for effect in free if not effect.fast])
+    found = sorted((*slow, *fast), key=lambda each: -each.gain)
+    for each in found:
         state.gains[names(best), each.effect.name] = each.gain
-    return found
+    if not found or found[0].gain < THRESHOLD - SLACK:
+        return []
+    least = max(THRESHOLD - SLACK, found[0].gain - max(2.0 * NEAR, 0.2 * found[0].gain))
+    chosen = [each for each in _few_unknown(found) if each.gain > least][:PROMISING]
+    if not state.fast and any(each.effect.fast for each in chosen):
+        state.quicken()
+    return [(*best.parts, Part(each.effect, each.values)) for each in chosen]
 
 
 def _few_unknown(candidates: list[Candidate]) -> list[Candidate]:
@@ -157,26 +183,35 @@ def _few_unknown(candidates: list[Candidate]) -> list[Candidate]:
     return [each for each in candidates if each not in unknown[2:]]
 
 
-def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect], least: float) -> list[Candidate]:
-    """Each effect beside some parts, at its most likely values; the most promising first."""
+def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) -> list[Candidate]:
+    """Each effect beside some parts, at its most likely values; the most promising first.
+
+    A glance at each shows what it might come to; those that cannot come near the best so far are left at that.
+    """
     here = ground(problem, parts)
-    frame, world = here.frame, here.world
-    found = []
+    frame = here.frame
+    few = here.world if problem.blocks is None else here.world.select(problem.blocks.middle(len(here.world)))
+    seen = []
     for effect in effects:
-        tried = [refine(problem, frame, world, effect, start, steps=0) for start in effect.starts(world, here.residual)]
-        if not tried:
-            continue
-        best = max(tried, key=lambda each: each.gain)
-        nonlinear = {p.name: best.values[p.name] for p in effect.parameters(world) if not p.linear}
-        found.append(refine(problem, frame, world, effect, nonlinear, least=least) if nonlinear else best)
+        # Of states the columns are many, and as good when made at the blocks' middles.
+        world = few if isinstance(effect, Dependence) else here.world
+        starts = effect.starts(world, here.residual)
+        tried = [refine(problem, frame, world, effect, start, steps=0) for start in starts]
+        if tried:
+            seen.append(max(tried, key=lambda each: each.drop))
+    world = here.world
+    found, top = [], 0.0
+    for each in sorted(seen, key=lambda each: -each.hope):
+        least = max(THRESHOLD - SLACK, REACH * top)
+        nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(world) if not p.linear}
+        done = each
+        if nonlinear and each.hope > least:
+            done = refine(problem, frame, world, each.effect, nonlinear, STEPS, least)
+        found.append(done)
+        top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
 
 
 def left_over(problem: Problem, found: Fit) -> Array:
     """(N, C) residual of a fit, calibration errors taken out."""
     return np.asarray(problem.measured - problem.predicted(problem.world) - found.response - found.calibrated)
-
-
-def _under(problem: Problem, best: Fit) -> Problem:
-    """The problem with the noise that the best fit leaves."""
-    return problem.with_noise(problem.fitted_noise(left_over(problem, best))) if best.parts else problem

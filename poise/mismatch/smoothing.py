@@ -21,6 +21,8 @@ SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
 """s between knots that are tried: 0.03 to 0.51."""
 LOCAL = 0.7
 """s around a sample that say which spline suits it."""
+PRICE = 2.0
+"""log likelihood that a coefficient must win; Akaike's 1 buys noise where it is louder than elsewhere."""
 HONEST = 2.5
 """Measured rates whose means over 25 samples scatter by this much more than white noise would are not used."""
 
@@ -97,14 +99,14 @@ class _Blend:
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
 
     def _local(self, fit: SplineFit, values: Array) -> Array:
-        """(M, J) local log likelihood, less one for every coefficient that is spent around (Akaike 1974)."""
+        """(M, J) local log likelihood, less `PRICE` for every coefficient that is spent around."""
         period = float(np.median(np.diff(self._seconds)))
         half = min(max(round(LOCAL / period), 3), (len(values) - 1) // 2)
         window = np.hanning(2 * half + 3)[1:-1]
         square = ((values - fit(self._seconds)) / self.noise) ** 2
         padded = np.pad(square, ((half, half), (0, 0)), mode="reflect")
         misfit = np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
-        return -0.5 * misfit - float(window.sum()) * fit.grid.size / len(values)
+        return -0.5 * misfit - PRICE * float(window.sum()) * fit.grid.size / len(values)
 
     def __call__(self, wanted: Array) -> Array:
         """(3, N, J) value, rate and second rate."""

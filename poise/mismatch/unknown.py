@@ -4,8 +4,9 @@ Each state gives a pseudo-effect that competes with the named ones by the same e
 Where one of them wins, the answer is `unknown`, with the state and the shape of the curve.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,46 +51,58 @@ class State:
     columns: Array
 
 
-def states(world: World, level: Array) -> Iterator[State]:
-    """What a residual of this recording may depend on, as far as it varies.
+def states(world: World, level: Array) -> dict[str, Callable[[], State]]:
+    """What a residual of this recording may depend on, as far as it varies; made when it is asked for.
 
     Args:
         world: the recording.
         level: (6,) white noise of a sample.
     """
-    time = world.seconds[:, None]
-    yield State("time", time, _each(hats(world.seconds, max(int(world.duration / TIME_STEP), 4)), level))
+    found: dict[str, Callable[[], State]] = {"time": partial(_of_time, world, level)}
     down = world.gravity / np.linalg.norm(world.gravity, axis=1, keepdims=True)
     if float(np.ptp(down, axis=0).max()) > 0.1:
-        yield State("gravity_direction", down, _each(harmonics(down), level))
-    size = np.linalg.norm(world.nominal[:, :3], axis=1)
+        found["gravity_direction"] = lambda: State("gravity_direction", down, _each(harmonics(down), level))
     if float(np.ptp(world.nominal[:, :3], axis=0).max()) > 0.5:
-        yield State("load", size[:, None], _own(world.nominal, level))
-    yield from _of_joints(world, level)
+        size = np.linalg.norm(world.nominal[:, :3], axis=1)[:, None]
+        found["load"] = lambda: State("load", size, _own(world.nominal, level))
+    if world.joints is not None:
+        for kind in ("position", "velocity", "acceleration"):
+            for j, name in enumerate(world.joints.names):
+                values = getattr(world.joints, kind)[:, j]
+                if float(np.ptp(values)) > 0.05:
+                    found[f"joint_{kind}:{name}"] = partial(_of_joint, f"joint_{kind}:{name}", values, level)
     if float(np.abs(world.velocity_in_world).max()) > 0.05:
-        speed = np.linalg.norm(world.velocity_in_world, axis=1, keepdims=True)
-        laws = np.hstack([world.velocity_in_world / np.sqrt(speed**2 + SLOW**2), world.velocity_in_world])
-        yield State("joint_velocity", speed, _pushes(world, laws.reshape(-1, 2, 3), level))
-        yield State("joint_position", world.position_in_world, _anywhere(world, level))
+        found["joint_velocity"] = partial(_of_speed, world, level)
+        found["joint_position"] = lambda: State("joint_position", world.position_in_world, _anywhere(world, level))
     if world.base is not None:
         turn = world.base.rotation_world_base
         felt = np.einsum("nji,nj->ni", turn, world.base.acceleration_in_world)
         if float(np.ptp(felt, axis=0).max()) > 0.05:
-            curves = np.hstack([hats(felt[:, k], 5) for k in (0, 1)])
             turned = world.base.angular_acceleration_in_base[:, 2:]
-            yield State("base_acceleration", felt, _each(np.hstack([curves, turned]), level))
+            found["base_acceleration"] = partial(_of_base, felt, turned, level)
+    return found
 
 
-def _of_joints(world: World, level: Array) -> Iterator[State]:
-    if world.joints is None:
-        return
-    for kind in ("position", "velocity", "acceleration"):
-        for j, name in enumerate(world.joints.names):
-            values = getattr(world.joints, kind)[:, j]
-            span = float(np.ptp(values))
-            if span > 0.05:
-                count = min(max(CURVE, round(TURNS * span / np.pi)), 2 * TURNS) if kind == "position" else CURVE
-                yield State(f"joint_{kind}:{name}", values[:, None], _each(hats(values, count), level))
+def _of_time(world: World, level: Array) -> State:
+    count = max(int(world.duration / TIME_STEP), 4)
+    return State("time", world.seconds[:, None], _each(hats(world.seconds, count), level))
+
+
+def _of_joint(name: str, values: Array, level: Array) -> State:
+    turns = min(max(CURVE, round(TURNS * float(np.ptp(values)) / np.pi)), 2 * TURNS)
+    count = turns if name.startswith("joint_position") else CURVE
+    return State(name, values[:, None], _each(hats(values, count), level))
+
+
+def _of_speed(world: World, level: Array) -> State:
+    speed = np.linalg.norm(world.velocity_in_world, axis=1, keepdims=True)
+    laws = np.hstack([world.velocity_in_world / np.sqrt(speed**2 + SLOW**2), world.velocity_in_world])
+    return State("joint_velocity", speed, _pushes(world, laws.reshape(-1, 2, 3), level))
+
+
+def _of_base(felt: Array, turned: Array, level: Array) -> State:
+    curves = np.hstack([hats(felt[:, k], 5) for k in (0, 1)])
+    return State("base_acceleration", felt, _each(np.hstack([curves, turned]), level))
 
 
 def _each(basis: Array, level: Array) -> Array:
@@ -190,13 +203,10 @@ class Dependence(Effect):
         for seconds, state in self._known:
             if seconds is world.seconds:
                 return state
-        found = next((state for state in states(world, _level(world)) if state.name == self.state), None)
-        self.remember(world, found)
+        made = states(world, _level(world)).get(self.state)
+        found = None if made is None else made()
+        self._known = [*self._known[-2:], (world.seconds, found)]
         return found
-
-    def remember(self, world: World, state: State | None) -> None:
-        """The state in a recording, so that it is not sought again."""
-        self._known.append((world.seconds, state))
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         state = self.at(world)
@@ -263,12 +273,7 @@ def _level(world: World) -> Array:
 
 def dependences(world: World) -> list[Effect]:
     """A pseudo-effect for every state that varies."""
-    found: list[Effect] = []
-    for state in states(world, _level(world)):
-        effect = Dependence(state.name)
-        effect.remember(world, state)
-        found.append(effect)
-    return found
+    return [Dependence(name) for name in states(world, _level(world))]
 
 
 def spoken(state: str) -> str:

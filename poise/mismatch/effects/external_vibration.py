@@ -23,6 +23,7 @@ class ExternalVibration(Effect):
 
     name = "external_vibration"
     layer = "event"
+    fast = True
     equation = "dw = (-m a, -mc x a), a = R_sensor_base (A sin 2 pi f t + B cos 2 pi f t) in the window"
     source = "base excitation (Inman 2014, Engineering Vibration, section 2.4)"
     excited_by = "nothing: a machine nearby, a fan, a pump"

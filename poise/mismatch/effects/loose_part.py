@@ -45,6 +45,7 @@ class LoosePart(Effect):
 
     name = "loose_part"
     layer = "load"
+    fast = True
     equation = (
         "z'' = n.(g - a_p) while |z| < gap / 2, at rest against a stop otherwise; part at p + n z instead of at p"
     )

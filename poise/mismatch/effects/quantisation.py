@@ -21,6 +21,7 @@ class Quantisation(Effect):
 
     name = "quantisation"
     layer = "sensor"
+    fast = True
     equation = "w_read = step round(w / step)"
     source = "uniform quantiser; error step / sqrt(12) when it is busy (Widrow and Kollar 2008)"
     excited_by = "anything: every reading is a multiple of the step"

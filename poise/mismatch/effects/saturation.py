@@ -20,6 +20,7 @@ class Saturation(Effect):
 
     name = "saturation"
     layer = "sensor"
+    fast = True
     equation = "w_read = min(max(w, -limit), limit)"
     source = "a converter's or amplifier's range (ATI manual 9620-05-DAQ: saturated gauges)"
     excited_by = "the largest loads"

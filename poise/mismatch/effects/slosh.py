@@ -45,13 +45,13 @@ class Slosh(Effect):
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         place = payload_centre(world)
         scores = []
-        for length in np.geomspace(0.02, 0.25, 9):
+        for length in np.geomspace(0.02, 0.25, 7):
             values = {"length": float(length), "damping_ratio": 0.05, **dict(zip(PLACE, place.tolist(), strict=True))}
             response = self.columns(world, values)[:, :, 0]
             response = response - response.mean(axis=0)
             along, size = (float(np.sum(response * other * weight**2)) for other in (wanted, response))
             scores.append((along**2 / max(size, 1e-12), along / max(size, 1e-12), response, values))
-        best = sorted(scores, key=lambda item: -item[0])[:2]
+        best = sorted(scores, key=lambda item: -item[0])[:1]
         for _, mass, response, values in best:
             pivot = likely_place(mass * response[:, :3], wanted[:, 3:]) if mass > 0.0 else place
             yield {**values, **dict(zip(PLACE, pivot.tolist(), strict=True))}
