@@ -16,7 +16,7 @@ from poise.mismatch.heldout import HeldOut, held_out, tail
 from poise.mismatch.leftover import Leftover, leftover
 from poise.mismatch.model import Component, NominalModel
 from poise.mismatch.problem import Part, Problem, effort_problem, wrench_problem
-from poise.mismatch.search import Search, left_over, names, search
+from poise.mismatch.search import WARM, Search, left_over, names, search
 from poise.mismatch.unknown import Dependence, Shape, shape, spoken
 from poise.mismatch.where import Window, locate
 from poise.mismatch.wording import channel_names
@@ -174,7 +174,7 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
     seen = problem if last is None else replace(problem, judged=~last)
     state, best = search(seen, library)
     final = seen.with_noise(seen.fitted_noise(left_over(seen, best)))
-    best = fit(final, best.parts)
+    best = fit(final, best.parts, WARM)
     nominal = fit(final, ()) if best.parts else best
     rest = leftover(final, left_over(final, best), _whitened(best))
     held = tail(final) if last is None else last

@@ -101,8 +101,19 @@ def refine(
             break
     slopes = _slopes(problem, world, effect, at, moving)
     gain = _evidence_gain(frame, at, parameters, slopes)
-    hope = 0.5 * at.drop + HOPE * _downhill(frame, effect, world, at, slopes, weak).promised if moving else gain
-    return Candidate(effect, at.values, gain, at.drop, hope)
+    return Candidate(effect, at.values, gain, at.drop, gain)
+
+
+def glance(problem: Problem, frame: Frame, world: World, effect: Effect, start: Values) -> Candidate:
+    """One effect beside a frame at a starting point; its hope is what it explains there beyond chance."""
+    parameters = effect.parameters(world)
+    weak = np.array([(SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
+    at = _linear(problem, frame, world, effect, dict(start), weak)
+    free = sum(not p.choice for p in parameters)
+    slopes = np.zeros((0, len(at.response)))
+    gain = _evidence_gain(frame, at, parameters, slopes)
+    moving = any(not p.linear for p in parameters)
+    return Candidate(effect, at.values, gain, at.drop, 0.5 * (at.drop - free) if moving else gain)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.mismatch.coarse import thinned
 from poise.mismatch.fitting import Fit, fit
 from poise.mismatch.problem import Part, Problem
 
 Array = NDArray[np.float64]
 
+STEPS = 4
+"""Of a fit without the held-out samples; it starts from one with them."""
 TAIL = 0.3
 """Share of a single recording, at its end, that is held out."""
 
@@ -48,7 +51,7 @@ def held_out(problem: Problem, best: Fit, last: NDArray[np.bool_]) -> HeldOut:
     told = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.world) if fixed else 0.0
     measured = problem.measured - told
     train = _reading(replace(problem, judged=~last), measured)
-    plain, full = fit(replace(problem, judged=~last), ()), fit(train, learnt)
+    plain, full = fit(thinned(replace(problem, judged=~last)), ()), fit(thinned(train), learnt, STEPS)
     given = problem.measured - problem.predicted(problem.world)
     errors = [
         given - plain.response - plain.calibrated,

@@ -16,7 +16,7 @@ from poise.mismatch.model import NominalModel
 from poise.mismatch.payload import identified, loosened
 from poise.mismatch.sanity import check_wrench, without_spikes
 from poise.mismatch.smoothing import smooth
-from poise.mismatch.world import World
+from poise.mismatch.world import EffortTrack, World
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
 from poise.robot import BaseMotion, RobotModel
 from poise.robot.model import find_urdf
@@ -162,15 +162,10 @@ def world_from_streams(
     if moved.jitter > 0:
         notes.append(f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used")
     motion = Motion(moved.position[known], moved.velocity[known], moved.acceleration[known], _at(base, known))
-    effort = None
     (efforts,) = robot.order(joints.names, joints.effort)
-    if np.isfinite(efforts[finite]).all(axis=0).any() and odom is None:
-        at = sampled[(sampled > sampled[0] + 0.1) & (sampled < sampled[-1] - 0.1)]
-        rows = np.isin(sampled, at)
-        along = smooth(sampled, position[finite], sampled[rows], rates[finite])
-        good = along.known
-        whole = Motion(along.position[good], along.velocity[good], along.acceleration[good])
-        effort = effort_track(robot, sampled[rows][good], whole, efforts[finite][rows][good], phi)
+    effort = None
+    if np.isfinite(efforts[finite]).all(axis=0).any():
+        effort = _efforts(robot, (sampled, position[finite], rates[finite], efforts[finite]), odom, start, phi)
     world = world_from_motion(
         robot,
         seconds[known],
@@ -182,6 +177,20 @@ def world_from_streams(
         effort=effort if effort is not None and effort.names else None,
     )
     return world, notes
+
+
+def _efforts(
+    robot: RobotModel, samples: tuple[Array, Array, Array, Array], odom: PoseStream | None, start: int, phi: Array
+) -> EffortTrack:
+    """Efforts at the stamps of the joint states (seconds, position, velocity, effort), where all motion is known."""
+    seconds, position, rates, efforts = samples
+    inner = (seconds > seconds[0] + 0.1) & (seconds < seconds[-1] - 0.1)
+    at = seconds[inner]
+    moved = smooth(seconds, position, at, rates)
+    base, known = _odometry(odom, start, at) if odom is not None else (None, np.ones(len(at), dtype=bool))
+    known &= moved.known
+    motion = Motion(moved.position[known], moved.velocity[known], moved.acceleration[known], _at(base, known))
+    return effort_track(robot, at[known], motion, efforts[inner][known], phi)
 
 
 def _seconds(stamps: NDArray[np.int64], start: int) -> Array:

@@ -5,6 +5,8 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.world import World
 
+NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
+"""Samples that say what one in their middle should be like."""
 MAX_SPIKES = 0.03
 """Share of samples that may be spikes; more of them are no accidents."""
 
@@ -43,12 +45,14 @@ def check_wrench(world: World, name: str) -> None:
 def without_spikes(world: World) -> tuple[World, list[str]]:
     """The world without single samples that stand far out of their neighbours (lost bits, not physics)."""
     residual = world.wrench - world.prediction
-    around = np.stack([np.roll(residual, shift, axis=0) for shift in (-3, -2, 2, 3)])
-    off = residual - np.median(around, axis=0)
-    spread = 1.4826 * np.median(np.abs(off), axis=0)
-    largest = np.abs(off / np.maximum(spread, 1e-9)).max(axis=1)
-    out = largest > 8.0
-    out[:3] = out[-3:] = False
+    out = np.zeros(len(world), dtype=bool)
+    for _ in range(2):  # what was found does not hide its neighbours
+        calm = np.where(out[:, None], np.nan, residual)
+        around = np.nanmedian(np.stack([np.roll(calm, shift, axis=0) for shift in NEIGHBOURS]), axis=0)
+        off = residual - around
+        spread = 1.4826 * np.nanmedian(np.abs(off), axis=0)
+        out = np.abs(off / np.maximum(spread, 1e-9)).max(axis=1) > 8.0
+        out[:6] = out[-6:] = False
     beside = np.convolve(out.astype(float), np.ones(5), mode="same") > 2.5
     out &= ~beside
     if not out.any() or out.mean() > MAX_SPIKES:

@@ -14,21 +14,23 @@ from numpy.typing import NDArray
 from poise.mismatch.coarse import thinned
 from poise.mismatch.effects import all_effects
 from poise.mismatch.effects.base import Effect
-from poise.mismatch.fitting import Candidate, Fit, fit, ground, refine
+from poise.mismatch.fitting import Candidate, Fit, fit, glance, ground, refine
 from poise.mismatch.problem import Part, Problem
 from poise.mismatch.unknown import Dependence, dependences
 
 Array = NDArray[np.float64]
 
-PROMISING = 4
+PROMISING = 3
 """Candidates of a round that are fitted."""
-STEPS, WARM = 6, 3
-"""Steps of a fit from where a first look led, and from where another fit did."""
+LOOK, STEPS, WARM = 7, 4, 2
+"""Steps of a first look, of a fit from where that led, and of one from where another fit did."""
 REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
 NEAR = 20.0
 """log evidence within which hypotheses are judged more closely."""
-SLACK = 5.0
+BRIEF, BESIDE = 0.3, 0.2
+"""Share of a recording up to which an event's window is left out when more is looked for, and s on its sides."""
+SLACK = 3.0
 """log evidence that a fit may still win over the first look."""
 MOST_PARTS = 3
 THRESHOLD = 4.0
@@ -54,6 +56,7 @@ class Search:
     fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
     gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
+    _under: dict[tuple[int, bool], tuple[Fit, Problem]] = field(default_factory=dict)
 
     @property
     def judging(self) -> Problem:
@@ -64,8 +67,11 @@ class Search:
         """The same with the noise that a fit leaves."""
         if not best.parts:
             return self.judging
-        problem = self.problem.with_noise(self.problem.fitted_noise(left_over(self.problem, best)))
-        return problem if self.fast else thinned(problem)
+        key = id(best), self.fast
+        if key not in self._under:
+            problem = self.problem.with_noise(self.problem.fitted_noise(left_over(self.problem, best)))
+            self._under[key] = best, problem if self.fast else thinned(problem)
+        return self._under[key][1]
 
     def quicken(self) -> None:
         """From now on judge at the full rate."""
@@ -161,7 +167,7 @@ def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Pa
     """Each effect beside the present best model: the few hypotheses that are worth a fit."""
     taken = {part.effect.name for part in best.parts}
     free = [effect for effect in effects if effect.name not in taken]
-    problem = state.under(best)
+    problem = _calm(state.under(best), best)
     full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
     fast = _beside(full, best.parts, [effect for effect in free if effect.fast])
     slow = _beside(rough, best.parts, [effect for effect in free if not effect.fast])
@@ -170,11 +176,22 @@ def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Pa
         state.gains[names(best), each.effect.name] = each.gain
     if not found or found[0].gain < THRESHOLD - SLACK:
         return []
-    least = max(THRESHOLD - SLACK, found[0].gain - max(2.0 * NEAR, 0.2 * found[0].gain))
+    least = max(THRESHOLD - SLACK, found[0].gain - max(NEAR, 0.15 * found[0].gain))
     chosen = [each for each in _few_unknown(found) if each.gain > least][:PROMISING]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
     return [(*best.parts, Part(each.effect, each.values)) for each in chosen]
+
+
+def _calm(problem: Problem, best: Fit) -> Problem:
+    """The problem without the moments of the events that a model has: what remains there is their detail."""
+    worlds = problem.compose(best.parts)[0]
+    keep = np.ones(len(problem.seconds), dtype=bool)
+    for part, world in zip(best.parts, worlds, strict=True):
+        for begin, end in () if part.effect.transfers else part.effect.windows(world, part.values):
+            if end - begin < BRIEF * world.duration:
+                keep &= (problem.seconds < begin - BESIDE) | (problem.seconds > end + BESIDE)
+    return problem if keep.all() else replace(problem, judged=keep if problem.judged is None else keep & problem.judged)
 
 
 def _few_unknown(candidates: list[Candidate]) -> list[Candidate]:
@@ -196,17 +213,17 @@ def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) 
         # Of states the columns are many, and as good when made at the blocks' middles.
         world = few if isinstance(effect, Dependence) else here.world
         starts = effect.starts(world, here.residual)
-        tried = [refine(problem, frame, world, effect, start, steps=0) for start in starts]
+        tried = [glance(problem, frame, world, effect, start) for start in starts]
         if tried:
             seen.append(max(tried, key=lambda each: each.drop))
     world = here.world
     found, top = [], 0.0
     for each in sorted(seen, key=lambda each: -each.hope):
-        least = max(THRESHOLD - SLACK, REACH * top)
+        least = max(THRESHOLD, REACH * top)
         nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(world) if not p.linear}
         done = each
         if nonlinear and each.hope > least:
-            done = refine(problem, frame, world, each.effect, nonlinear, STEPS, least)
+            done = refine(problem, frame, world, each.effect, nonlinear, LOOK, least)
         found.append(done)
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)

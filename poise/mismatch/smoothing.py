@@ -21,6 +21,8 @@ SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
 """s between knots that are tried: 0.03 to 0.51."""
 LOCAL = 0.7
 """s around a sample that say which spline suits it."""
+FINER = 2.5
+"""How much closer than the knots that suit the whole recording those of some moment may be."""
 PRICE = 2.0
 """log likelihood that a coefficient must win; Akaike's 1 buys noise where it is louder than elsewhere."""
 HONEST = 2.5
@@ -97,6 +99,9 @@ class _Blend:
         slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
         self._fits = plain if slopes is None else [SplineFit(g, seconds, values, slopes, weight) for g in grids]
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
+        # What is much finer than what suits the whole follows noise wherever it is a little louder.
+        fine = np.array([grid.size for grid in grids])
+        self._score -= 1e9 * (fine[:, None] > FINER * fine[best])[:, None]
 
     def _local(self, fit: SplineFit, values: Array) -> Array:
         """(M, J) local log likelihood, less `PRICE` for every coefficient that is spent around."""

@@ -58,7 +58,8 @@ class Cable(Effect):
             anchor = np.linalg.solve(normal + 1e-9 * np.eye(3), pull)
             length = np.linalg.norm(anchor - hook, axis=1)
             along = np.einsum("ni,ni->n", force, anchor - hook) / np.maximum(length, 1e-6)
-            slope, level = np.polyfit(length, along, 1)
+            slope = float(np.cov(length, along)[0, 1]) / max(float(np.var(length)), 1e-12)
+            level = float(along.mean()) - slope * float(length.mean())
             rest = float(np.clip(-level / slope if slope > 0 else 0.0, 0.0, 0.98 * length.max()))
             for slack in sorted({0.7 * float(length.min()), rest, float(np.quantile(length, 0.3))}):
                 yield {

@@ -17,6 +17,9 @@ STRETCH = 1.28
 RAMP = 0.1
 """s in which the shaking comes and goes."""
 
+FEWEST_WAVES = 6.0
+"""Of a vibration; a shorter burst is some other event."""
+
 
 class ExternalVibration(Effect):
     """The base accelerates as A sin(2 pi f t) + B cos(2 pi f t) in its own axes, from `start` for `length`."""
@@ -51,6 +54,8 @@ class ExternalVibration(Effect):
             turns = np.exp(-2j * np.pi * np.outer(near, world.seconds[inside]))
             best = float(near[int(np.argmax((np.abs(turns @ shake[inside]) ** 2).sum(axis=1)))])
             start, stop = self._span(world, shake, best, inside)
+            if (stop - start) * best < FEWEST_WAVES:
+                continue
             yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, LOWEST)}
 
     def columns(self, world: World, nonlinear: Values) -> Array:

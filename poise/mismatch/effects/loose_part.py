@@ -28,8 +28,6 @@ from poise.mismatch.world import World
 
 BLURS = (5, 2)
 """Samples."""
-GAPS = (0.003, 0.01, 0.03)
-"""m, tried where nothing knocks."""
 FEWEST = 2
 """Knocks that are needed to begin with them."""
 SURE, NEAR, TIMED = 0.02, 0.03, 0.003
@@ -66,7 +64,7 @@ class LoosePart(Effect):
         )
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """Knocks say where the part slides, along what, and how far; without knocks some gaps along some axes."""
+        """Knocks say where the part slides, along what, and how far; without knocks there is nothing to tell it by."""
         wanted = residual - residual.mean(axis=0)
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         readings = find_knocks(world.seconds, wanted[:, :3], 1.0 / weight[:3])
@@ -74,10 +72,6 @@ class LoosePart(Effect):
             found = [self._from_knocks(world, wanted, knocks) for knocks in readings[:3]]
             best = min(found, key=lambda values: self._left(world, values, wanted, weight))
             yield self._sharpened(world, best, wanted, weight)
-            return
-        place = payload_centre(world)
-        tried = [_values(gap, 0.01, axis, place) for axis in np.eye(3) for gap in GAPS]
-        yield from sorted(tried, key=lambda values: self._left(world, values, wanted, weight))[:2]
 
     def columns(self, world: World, nonlinear: Values) -> Array:
         place, axis = place_of(nonlinear), direction(nonlinear)

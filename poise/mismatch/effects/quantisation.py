@@ -78,7 +78,10 @@ def lattice(values: NDArray[np.float64]) -> float:
     if len(levels) < 3 or len(levels) > 0.9 * len(flat):
         return 0.0
     gaps = np.diff(levels)
-    counts = np.concatenate([[0.0], np.cumsum(np.round(gaps / np.quantile(gaps, 0.1)))])
+    finest = float(np.quantile(gaps, 0.1))
+    if finest < 1e-6 * size:
+        return 0.0
+    counts = np.concatenate([[0.0], np.cumsum(np.round(gaps / finest))])
     step = float(np.polyfit(counts, levels, 1)[0])
     off = np.abs(levels / step - np.round(levels / step))
     return step if np.quantile(off, 0.99) < 0.04 else 0.0
