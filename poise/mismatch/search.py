@@ -207,7 +207,9 @@ def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) 
     """
     here = ground(problem, parts)
     frame = here.frame
-    few = here.world if problem.blocks is None else here.world.select(problem.blocks.middle(len(here.world)))
+    few = here.world
+    if problem.blocks is not None and problem.signal == "wrench":
+        few = few.select(problem.blocks.middle(len(few)))
     seen = []
     for effect in effects:
         # Of states the columns are many, and as good when made at the blocks' middles.
