@@ -56,13 +56,20 @@ class Fit:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One effect beside a frame: its values, by how much it raises the log evidence, and by how much it still might."""
+    """One effect beside a frame: its values, and by how much it raises the log evidence.
+
+    Args:
+        effect, values, gain, drop: its most likely values; log evidence won, and fall of the square.
+        hope: log evidence that it might win yet.
+        shown: sigmas by which it would stand out at its typical size.
+    """
 
     effect: Effect
     values: Values
     gain: float
     drop: float
     hope: float
+    shown: float = np.inf
 
 
 def refine(
@@ -113,7 +120,9 @@ def glance(problem: Problem, frame: Frame, world: World, effect: Effect, start: 
     slopes = np.zeros((0, len(at.response)))
     gain = _evidence_gain(frame, at, parameters, slopes)
     moving = any(not p.linear for p in parameters)
-    return Candidate(effect, at.values, gain, at.drop, 0.5 * (at.drop - free) if moving else gain)
+    typical = np.array([p.scale for p in parameters if p.linear])
+    shown = float(np.sqrt(np.max(at.information * typical**2))) if len(typical) else np.inf
+    return Candidate(effect, at.values, gain, at.drop, 0.5 * (at.drop - free) if moving else gain, shown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +133,7 @@ class _Point:
     columns: Array
     response: Array
     drop: float
+    information: Array
 
 
 def _linear(
@@ -133,13 +143,14 @@ def _linear(
     if not len(weak):
         response = problem.whiten(effect.simulate(world, nonlinear))
         drop = frame.beside(response[None]).drop(np.ones(1))
-        return _Point(nonlinear, np.zeros((0, len(response))), response, drop)
+        return _Point(nonlinear, np.zeros((0, len(response))), response, drop, np.zeros(0))
     columns = problem.whiten(effect.columns(world, nonlinear))
     beside = frame.beside(columns)
     linear = beside.solve(weak)
     names = [p.name for p in effect.parameters(world) if p.linear]
     values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
-    return _Point(values, columns, linear @ columns, beside.drop(linear) - float(weak @ linear**2))
+    drop = beside.drop(linear) - float(weak @ linear**2)
+    return _Point(values, columns, linear @ columns, drop, np.diag(beside.information))
 
 
 def _slopes(problem: Problem, world: World, effect: Effect, at: _Point, moving: Sequence[Parameter]) -> Array:

@@ -1,5 +1,7 @@
 """Wrenches that cannot be what they claim: wrong units, the opposite sign, single samples that jump out."""
 
+import warnings
+
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
@@ -48,10 +50,12 @@ def without_spikes(world: World) -> tuple[World, list[str]]:
     out = np.zeros(len(world), dtype=bool)
     for _ in range(2):  # what was found does not hide its neighbours
         calm = np.where(out[:, None], np.nan, residual)
-        around = np.nanmedian(np.stack([np.roll(calm, shift, axis=0) for shift in NEIGHBOURS]), axis=0)
+        with warnings.catch_warnings():  # where no neighbour is good, nothing is known: NaN is right
+            warnings.simplefilter("ignore", RuntimeWarning)
+            around = np.nanmedian(np.stack([np.roll(calm, shift, axis=0) for shift in NEIGHBOURS]), axis=0)
         off = residual - around
         spread = 1.4826 * np.nanmedian(np.abs(off), axis=0)
-        out = np.abs(off / np.maximum(spread, 1e-9)).max(axis=1) > 8.0
+        out = np.nan_to_num(np.abs(off / np.maximum(spread, 1e-9)).max(axis=1)) > 8.0
         out[:6] = out[-6:] = False
     beside = np.convolve(out.astype(float), np.ones(5), mode="same") > 2.5
     out &= ~beside

@@ -28,13 +28,17 @@ REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
 NEAR = 20.0
 """log evidence within which hypotheses are judged more closely."""
+VISIBLE = 3.0
+"""Sigmas by which an effect of typical size must stand out to be testable."""
 BRIEF, BESIDE = 0.3, 0.2
 """Share of a recording up to which an event's window is left out when more is looked for, and s on its sides."""
 SLACK = 3.0
 """log evidence that a fit may still win over the first look."""
 MOST_PARTS = 3
-THRESHOLD = 4.0
-"""log evidence that an effect must win over the model without it."""
+THRESHOLD = 3.0
+"""log evidence that a tolerance that is exceeded must win over one that is kept."""
+NEW_PHYSICS = 6.0
+"""The same for physics that the nominal model lacks altogether."""
 NEXT_THRESHOLD = 8.0
 """The same for a second and third effect."""
 
@@ -113,15 +117,23 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
         effects += dependences(problem.world)
     best = fit(state.judging, ())
     state.offer(best)
-    for parts in range(MOST_PARTS):
+    for _ in range(MOST_PARTS):
         found = _round(state, best, effects)
         if found is None:
             break
         best = state.fits[names(best)]
-        if found.log_evidence - best.log_evidence < (THRESHOLD if parts == 0 else NEXT_THRESHOLD):
+        if found.log_evidence - best.log_evidence < _needed(found, best):
             break
         best = found
     return state, _pruned(state, best)
+
+
+def _needed(found: Fit, best: Fit) -> float:
+    """log evidence by which a model must be better than one with an effect less."""
+    known = {part.effect.name for part in best.parts}
+    new = next((part.effect for part in found.parts if part.effect.name not in known), None)
+    first = THRESHOLD if new is not None and new.widens else NEW_PHYSICS
+    return first if not best.parts else first + NEXT_THRESHOLD - THRESHOLD
 
 
 def _identified(problem: Problem, effect: Effect) -> str:
@@ -174,6 +186,10 @@ def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Pa
     found = sorted((*slow, *fast), key=lambda each: -each.gain)
     for each in found:
         state.gains[names(best), each.effect.name] = each.gain
+        if not best.parts and each.shown < VISIBLE and not isinstance(each.effect, Dependence):
+            state.untestable[each.effect.name] = (
+                f"this motion does not show it; this would: {each.effect.separating_motion}"
+            )
     if not found or found[0].gain < THRESHOLD - SLACK:
         return []
     least = max(THRESHOLD - SLACK, found[0].gain - max(NEAR, 0.15 * found[0].gain))
@@ -226,7 +242,7 @@ def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) 
         done = each
         if nonlinear and each.hope > least:
             done = refine(problem, frame, world, each.effect, nonlinear, LOOK, least)
-        found.append(done)
+        found.append(replace(done, shown=each.shown))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
 

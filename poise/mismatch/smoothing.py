@@ -21,6 +21,8 @@ SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
 """s between knots that are tried: 0.03 to 0.51."""
 LOCAL = 0.7
 """s around a sample that say which spline suits it."""
+LOUD = 0.8
+"""Quantile of the noise around a sample that stands for all."""
 FINER = 2.5
 """How much closer than the knots that suit the whole recording those of some moment may be."""
 PRICE = 2.0
@@ -96,6 +98,9 @@ class _Blend:
         self.noise = np.array([fit.sigma for fit in plain])[best, columns]
         self.noise = np.maximum(self.noise, 1e-12)
         self._seconds = seconds
+        # A base's odometry is loud while it drives and silent while it rests: what counts is the former.
+        local = self._around((values - plain[-1](seconds)) ** 2)
+        self.noise *= np.sqrt(np.maximum(np.quantile(local, LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0))
         slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
         self._fits = plain if slopes is None else [SplineFit(g, seconds, values, slopes, weight) for g in grids]
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
@@ -105,13 +110,20 @@ class _Blend:
 
     def _local(self, fit: SplineFit, values: Array) -> Array:
         """(M, J) local log likelihood, less `PRICE` for every coefficient that is spent around."""
-        period = float(np.median(np.diff(self._seconds)))
-        half = min(max(round(LOCAL / period), 3), (len(values) - 1) // 2)
-        window = np.hanning(2 * half + 3)[1:-1]
         square = ((values - fit(self._seconds)) / self.noise) ** 2
-        padded = np.pad(square, ((half, half), (0, 0)), mode="reflect")
-        misfit = np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
-        return -0.5 * misfit - PRICE * float(window.sum()) * fit.grid.size / len(values)
+        return self._around(-0.5 * square) - PRICE * self._window(len(values)).sum() * fit.grid.size / len(values)
+
+    def _around(self, values: Array) -> Array:
+        """(M, J) sums over `LOCAL` seconds, smoothly weighted."""
+        window = self._window(len(values))
+        half = len(window) // 2
+        padded = np.pad(values, ((half, half), (0, 0)), mode="reflect")
+        return np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
+
+    def _window(self, count: int) -> Array:
+        period = float(np.median(np.diff(self._seconds)))
+        half = min(max(round(LOCAL / period), 3), (count - 1) // 2)
+        return np.asarray(np.hanning(2 * half + 3)[1:-1])
 
     def __call__(self, wanted: Array) -> Array:
         """(3, N, J) value, rate and second rate."""
