@@ -111,7 +111,8 @@ class _Blend:
     def _local(self, fit: SplineFit, values: Array) -> Array:
         """(M, J) local log likelihood, less `PRICE` for every coefficient that is spent around."""
         square = ((values - fit(self._seconds)) / self.noise) ** 2
-        return self._around(-0.5 * square) - PRICE * self._window(len(values)).sum() * fit.grid.size / len(values)
+        spent = float(self._window(len(values)).sum()) * fit.grid.size / len(values)
+        return self._around(-0.5 * square) - PRICE * spent
 
     def _around(self, values: Array) -> Array:
         """(M, J) sums over `LOCAL` seconds, smoothly weighted."""
