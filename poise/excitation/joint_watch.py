@@ -12,7 +12,7 @@ from poise.robot.motion import Array
 
 REST_SPAN, REST_TRAVEL = 0.1, 2e-3
 """s within which a resting arm's joints move by less than this, rad or m."""
-OLD = 0.25
+OLD = 0.5
 """s after which joint states count as stale."""
 
 

@@ -25,7 +25,7 @@ from poise.simulation import WaypointTrajectory
 
 PATIENCE = 2.0
 """s that joint states, wrenches, and an arm that stands still are waited for."""
-STALE = 0.25
+STALE = 0.5
 """s without joint states or wrenches after which the arm is stopped."""
 HELD_UP = 0.1
 """s between two ticks from which the process was held up, and messages wait that would prove the streams alive."""

@@ -96,9 +96,9 @@ def fastest(states: list[JointState]) -> float:
     tcp = np.array([0.0, 0.0, 0.163])
     points = np.vstack([tcp, tcp + RADIUS * directions / np.linalg.norm(directions, axis=1)[:, None]])
     places = np.einsum("nij,pj->npi", rotation, points) + where[:, None]
-    span = seconds[10:] - seconds[:-10]
-    kept = span < 0.05  # no message lost in between
-    return float((np.linalg.norm(places[10:] - places[:-10], axis=2).max(axis=1) / span)[kept].max())
+    span = seconds[5:] - seconds[:-5]
+    kept = span < 0.06  # no message lost in between
+    return float((np.linalg.norm(places[5:] - places[:-5], axis=2).max(axis=1) / span)[kept].max())
 
 
 def at_rest(states: list[JointState]) -> bool:
