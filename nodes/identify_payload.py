@@ -67,7 +67,6 @@ class LiveScale:
 
     def __init__(self, live: LiveEstimator, method: str, parts: Parts | None) -> None:
         self._live, self._method, self._parts = live, method, parts
-        self.samples = 0
 
     def begin(self) -> None:
         """Open the window."""
@@ -75,7 +74,6 @@ class LiveScale:
 
     def estimate(self) -> InertialEstimate:
         """Of what is in the window."""
-        self.samples = self._live.window_samples
         return self._live.window_estimate()
 
     def settled(self, stamp: int) -> bool:
@@ -121,8 +119,9 @@ class IdentifyPayload:
             return
         try:
             session = self._begin(goal.request)
-        except PoiseError as error:
-            goal.execute(lambda handle, error=error: self._conclude(handle, error, None))
+        except Exception as failure:  # whatever it is, the caller must not wait for ever
+            error = failure if isinstance(failure, PoiseError) else PoiseError(ErrorCode.INTERNAL, repr(failure))
+            goal.execute(lambda handle: self._conclude(handle, error, None))
             return
         self._goal, self._session, self._ticks = goal, session, 0
         self._joints = self._node.create_subscription(

@@ -215,10 +215,10 @@ class Session:
             raise PoiseError(
                 ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the motion was planned: stop what moves it"
             )
+        self._scale.begin()
         self.planned = planned
         self._begin = self.joints.clock(now) + round(LEAD * 1e9)
         self._send(Command(planned.motion, self._begin))
-        self._scale.begin()
         self._enter(Phase.MOVING, now)
 
     def _watch(self, now: float) -> None:
