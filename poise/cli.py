@@ -15,6 +15,7 @@ from poise.commands.evaluate import evaluate
 from poise.commands.excite import excite
 from poise.commands.identify import identify
 from poise.commands.mismatch import mismatch
+from poise.commands.place import place
 from poise.commands.segment import segment
 from poise.commands.sensitivity import sensitivity
 from poise.commands.simulate import simulate
@@ -40,6 +41,7 @@ app.command()(robustness)
 app.command()(msa)
 app.command()(disassemble)
 app.command()(sensitivity)
+app.command()(place)
 app.command()(mismatch)
 app.command()(simulate)
 

@@ -68,6 +68,10 @@ class Cones:
         return cones + [clarabel.SecondOrderConeT(size) for size in self.second_order]
 
 
+LARGEST_SVD = 1_000_000
+"""Entries of a matrix that is still taken apart to find directions that no row notices."""
+
+
 class ConicProgram:
     """min 1/2 x'Px + q'x subject to b - A x in a cone; kept in memory, so that only q is sent again.
 
@@ -157,12 +161,27 @@ class ConicProgram:
             return Solution(Outcome.UNBOUNDED, x, z, -np.inf, -np.inf)
         primal, dual, good = self._residuals(raw, x, z, q)
         if not good:
+            free = self._free_descent(q)
+            if free is not None:
+                return Solution(Outcome.UNBOUNDED, free, z, -np.inf, -np.inf)
             raise NoAnswerError(
                 ErrorCode.SOLVER_FAILED,
                 f"the conic solver stopped with {raw.status} after {raw.iterations} iterations and residuals "
                 f"{primal:.1e}, {dual:.1e}; check masses, sizes and friction for values far apart",
             )
         return Solution(Outcome.SOLVED, x, z, float(raw.obj_val), float(raw.obj_val_dual))
+
+    def _free_descent(self, q: Array) -> Array | None:
+        """(n,) a direction that no row and no curvature notices, along which q x falls; None when there is none.
+
+        Without curvature such a line (a cylinder that may roll) is easily missed by an interior-point method.
+        """
+        if self._curvature is not None or self._A.shape[0] * self._A.shape[1] > LARGEST_SVD:
+            return None
+        _, values, rows = np.linalg.svd(self._A.toarray())
+        rank = int((values > 1e-10 * values.max(initial=1.0)).sum())
+        descent = -rows[rank:].T @ (rows[rank:] @ q)
+        return descent if _norm(descent) > 1e-8 * _norm(q) else None
 
     def _residuals(self, raw: "clarabel.DefaultSolution", x: Array, z: Array, q: Array) -> tuple[float, float, bool]:
         """What is left of the rows and of the gradient, and whether an answer is accepted, whatever it is called."""

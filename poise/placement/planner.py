@@ -1,0 +1,245 @@
+"""Where to put an object so that it stays: contact places first, pose second (thesis Algorithm 5), any time."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.assembly.analysis import Analysis
+from poise.assembly.geometry import Pose, unit
+from poise.assembly.scene import Assembly, RigidObject
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.placement.features import Features
+from poise.placement.judging import Merit, check_criterion, judge
+from poise.placement.matching import poses_on_one, poses_on_two, same_plane
+from poise.placement.refinement import refine
+from poise.placement.supports import Supports, find_supports
+from poise.placement.uncertainty import Uncertainty
+from poise.placement.validation import Test, Validator
+
+ON = ("any", "objects", "fixed")
+PLACES = 400
+TRIES = 4
+"""Pairs of features tried on each pair of places."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What is wanted.
+
+    Args:
+        attempts: poses tested at the most.
+        deadline: s for the whole plan; None: only `attempts` ends it.
+        candidates: placements to find before the best is taken; the deadline may end it with fewer.
+        criterion: least, median (robustness), volume or compactness.
+        on: what may carry the object: any, objects (not the fixed supports), fixed.
+        guide: limit or uniform, see `find_supports`.
+        uncertainty: what the placement has to survive.
+        tests: further conditions by name.
+        refining: move a placement that was found as long as its merit grows.
+    """
+
+    attempts: int = 500
+    deadline: float | None = None
+    candidates: int = 1
+    criterion: str = "least"
+    on: str = "any"
+    guide: str = "limit"
+    uncertainty: Uncertainty | None = None
+    tests: Sequence[tuple[str, Test]] = ()
+    refining: bool = False
+
+    def __post_init__(self) -> None:
+        check_criterion(self.criterion)
+        if self.on not in ON:
+            raise InputError(ErrorCode.BAD_INPUT, f"on {self.on!r}: choose one of {', '.join(ON)}")
+        if self.attempts < 1 or self.candidates < 1:
+            raise InputError(ErrorCode.BAD_INPUT, "attempts and candidates start at 1")
+        if self.deadline is not None and not (np.isfinite(self.deadline) and self.deadline > 0):
+            raise InputError(ErrorCode.BAD_INPUT, f"deadline {self.deadline} s: give a positive time")
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where the object stays.
+
+    Args:
+        item: the object at its pose.
+        analysis: of the assembly with it.
+        merit: of that assembly.
+        iterations: poses that were tested.
+        seconds: of planning.
+        rejected: how many poses each test turned away.
+    """
+
+    item: RigidObject
+    analysis: Analysis
+    merit: Merit
+    iterations: int
+    seconds: float
+    rejected: dict[str, int]
+
+    @property
+    def pose(self) -> Pose:
+        """Of the object frame, in the assembly's frame."""
+        return self.item.pose
+
+
+@dataclass(frozen=True, eq=False)
+class Progress:
+    """Told after every pose: how many were tested, and the best placement so far."""
+
+    iteration: int
+    best: RigidObject | None
+    merit: Merit | None
+
+
+class CancelledError(PoiseError):
+    """The caller gave up; nothing was changed."""
+
+
+def plan_placement(
+    assembly: Assembly | Analysis,
+    item: RigidObject,
+    options: Options = Options(),
+    seed: int = 0,
+    progress: Callable[[Progress], bool] | None = None,
+) -> Placement:
+    """Find a pose of an object that keeps the assembly, with it, standing.
+
+    Args:
+        assembly: what is there; it has to stand.
+        item: the object to place; its pose is ignored, its id must be new.
+        options: what is wanted.
+        seed: same seed, same answer (unless a deadline cuts it short).
+        progress: called after every pose; returning False cancels.
+
+    Raises:
+        InputError: BAD_INPUT, OBJECT_INVALID, INTERPENETRATION, FLOATING.
+        NoAnswerError: UNSTABLE when the assembly does not stand as it is; NO_PLACEMENT with how many poses each test
+            turned away (data `rejected`), DEADLINE when the time was over before the first pose.
+        CancelledError: CANCELLED.
+    """
+    start = time.monotonic()
+    if item.fixed or item.id in [other.id for other in _objects(assembly)]:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
+        )
+    analysis = Analysis.of(assembly)
+    analysis.require_stable()
+    rng = np.random.default_rng(seed)
+    features = Features.of(item.shape, item.com)
+    size = float(np.linalg.norm(np.ptp(item.shape.polyhedron.vertices, axis=0)))
+    supports = find_supports(analysis, options.on, options.guide, PLACES, size, rng)
+    validator = Validator(analysis, item, options.tests, options.uncertainty)
+    search = _Search(supports, features, validator, options, size, start, progress)
+    found = search.run(rng)
+    if found is None:
+        raise _nothing(search, item)
+    best, there, _ = found
+    if options.refining:
+        best, there = refine(validator, best, there, options.criterion, lambda: search.late)
+    return Placement(
+        there, best, judge(best, model="default"), search.iteration, time.monotonic() - start, dict(validator.rejected)
+    )
+
+
+class _Search:
+    """The loop of Algorithm 5, and what it knows so far."""
+
+    def __init__(
+        self,
+        supports: Supports,
+        features: Features,
+        validator: Validator,
+        options: Options,
+        size: float,
+        start: float,
+        progress: Callable[[Progress], bool] | None,
+    ) -> None:
+        self._supports, self._features, self._validator = supports, features, validator
+        self._options, self._size, self._start, self._progress = options, size, start, progress
+        self.iteration = 0
+        self._up = -unit(validator.analysis.assembly.gravity)
+
+    @property
+    def late(self) -> bool:
+        limit = self._options.deadline
+        return limit is not None and time.monotonic() - self._start >= limit
+
+    def run(self, rng: np.random.Generator) -> tuple[Analysis, RigidObject, Merit | None] | None:
+        """The best of the first `candidates` placements found; None when there is none."""
+        best: tuple[Analysis, RigidObject, Merit | None] | None = None
+        found = 0
+        while self.iteration < self._options.attempts and not self.late:
+            for pose in self._poses(rng):
+                self.iteration += 1
+                accepted = self._validator.accept(pose)
+                if accepted is None:
+                    self._supports.distrust(pose.apply(self._features.com) - self._size / 2 * self._up, self._size / 4)
+                else:
+                    best = self._better(best, *accepted)
+                    found += 1
+                self._tell(best)
+                if found >= self._options.candidates or self.iteration >= self._options.attempts or self.late:
+                    break
+            if found >= self._options.candidates:
+                break
+        return best
+
+    def _better(
+        self, best: tuple[Analysis, RigidObject, Merit | None] | None, analysis: Analysis, item: RigidObject
+    ) -> tuple[Analysis, RigidObject, Merit | None]:
+        if self._options.candidates == 1:
+            return analysis, item, None
+        merit = judge(analysis, self._options.criterion == "median")
+        if best is None or best[2] is None or merit.better_than(best[2], self._options.criterion):
+            return analysis, item, merit
+        return best
+
+    def _tell(self, best: tuple[Analysis, RigidObject, Merit | None] | None) -> None:
+        if self._progress is None:
+            return
+        item, merit = (None, None) if best is None else best[1:]
+        if not self._progress(Progress(self.iteration, item, merit)):
+            raise CancelledError(
+                ErrorCode.CANCELLED, f"placing {self._validator.item.id} was cancelled; nothing was changed"
+            )
+
+    def _poses(self, rng: np.random.Generator) -> Iterator[Pose]:
+        """Poses for one draw of places: on two of them, over three that lie on one plane, and on one alone."""
+        numbers = self._supports.draw(rng, 3)
+        a, b, c = (self._supports.contact(int(number)) for number in numbers)
+        middle = None
+        if same_plane(a, b) and same_plane(a, c) and rng.random() < 0.5:
+            middle = (a.point + b.point + c.point) / 3
+        if np.linalg.norm(a.point - b.point) < 2 * self._size:
+            yield from poses_on_two(a, b, self._features, rng, TRIES if not same_plane(a, b) else 1, middle)
+        faces = self._features.faces
+        steady = [face for face in faces if face.steady] or list(faces)
+        yield from poses_on_one(a, steady[int(rng.integers(len(steady)))], self._features.com, self._yaw(rng))
+
+    def _yaw(self, rng: np.random.Generator) -> np.ndarray:
+        """Along the axes as often as anyhow: what is placed square leaves room for the next."""
+        square = rng.integers(4) * np.pi / 2
+        return np.array([square if rng.random() < 0.5 else rng.uniform(0, 2 * np.pi)])
+
+
+def _objects(assembly: Assembly | Analysis) -> tuple[RigidObject, ...]:
+    return assembly.assembly.objects if isinstance(assembly, Analysis) else assembly.objects
+
+
+def _nothing(search: _Search, item: RigidObject) -> NoAnswerError:
+    rejected = dict(search._validator.rejected.most_common())
+    if not search.iteration:
+        return NoAnswerError(
+            ErrorCode.DEADLINE, f"no time was left to try a single pose of {item.id}; give a longer deadline"
+        )
+    why = ", ".join(f"{count} {name}" for name, count in rejected.items())
+    return NoAnswerError(
+        ErrorCode.NO_PLACEMENT,
+        f"no place found for {item.id} in {search.iteration} poses ({why}); make room, or allow more attempts",
+        rejected=rejected,
+        iterations=search.iteration,
+    )

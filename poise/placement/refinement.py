@@ -1,0 +1,70 @@
+"""Move a placement that was found, step by step, as long as it gets better."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from poise.assembly.analysis import Analysis
+from poise.assembly.geometry import Array, Pose, unit
+from poise.assembly.scene import RigidObject
+from poise.errors import NoAnswerError
+from poise.placement.judging import Merit, judge
+from poise.placement.matching import rotation_about
+from poise.placement.validation import Validator
+
+FIRST_STEP = 0.15
+"""Of the object's size; and in radians for turns."""
+SMALLEST_STEP = 0.01
+
+
+def refine(
+    validator: Validator, analysis: Analysis, item: RigidObject, criterion: str, late: Callable[[], bool]
+) -> tuple[Analysis, RigidObject]:
+    """Slide and turn the object on its support while its merit grows; a pattern search with shrinking steps.
+
+    Args:
+        validator: of the assembly without the object.
+        analysis: of the assembly with it.
+        item: at the placement found.
+        criterion: see `Merit.better_than`.
+        late: whether time is up.
+    """
+    size = float(np.linalg.norm(np.ptp(item.vertices, axis=0)))
+    up = -unit(analysis.assembly.gravity)
+    x = unit(np.cross(up, np.eye(3)[int(np.abs(up).argmin())]))
+    moves = [sign * axis for axis in (x, np.cross(up, x)) for sign in (1.0, -1.0)]
+    best = judge(analysis, criterion == "median")
+    step = FIRST_STEP
+    while step >= SMALLEST_STEP and not late():
+        better = None
+        for move in (*moves, None):
+            candidate = _try(validator, item, move, step, size, up, criterion)
+            if candidate is not None and candidate[2].better_than(best, criterion):
+                better = candidate
+                best = candidate[2]
+            if late():
+                break
+        if better is None:
+            step /= 2
+        else:
+            analysis, item, _ = better
+    return analysis, item
+
+
+def _try(
+    validator: Validator, item: RigidObject, move: Array | None, step: float, size: float, up: Array, criterion: str
+) -> tuple[Analysis, RigidObject, Merit] | None:
+    """The object moved, or (None) turned about the vertical through its centre of mass."""
+    com = item.com_in_world
+    if move is None:
+        turn = rotation_about(up, step)
+        pose = Pose(turn @ item.pose.rotation, turn @ (item.pose.translation - com) + com)
+    else:
+        pose = Pose(item.pose.rotation, item.pose.translation + step * size * move)
+    accepted = validator.accept(pose)
+    if accepted is None:
+        return None
+    try:
+        return (*accepted, judge(accepted[0], criterion == "median"))
+    except NoAnswerError:
+        return None

@@ -1,0 +1,171 @@
+"""Where the scene may carry something: places on its surface, and how likely each is tried (thesis eq. 5.10-5.14)."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.assembly.analysis import Analysis
+from poise.assembly.geometry import Array, unit
+from poise.assembly.maps import robustness_map
+from poise.assembly.scene import RigidObject
+from poise.assembly.surface import SurfacePoints
+from poise.errors import ErrorCode, InputError, PoiseError
+from poise.placement.features import Edge, Features
+from poise.placement.matching import Contact
+
+FACES_UP = 0.02
+"""Least cosine between a carrying surface's normal and up."""
+TOLERANCE = 0.3
+"""Relative; of the robustness map that only guides."""
+GUIDES = ("limit", "uniform")
+FIRST_SHARE = 0.1
+"""Probability of the set of strongest points at the first draw (thesis section 5.6.1)."""
+DECAY = 0.99
+FAILED = 0.6
+"""What is left of a place's weight after a pose on it has failed."""
+
+
+@dataclass(eq=False)
+class Supports:
+    """Places of the scene, with weights that change as they are tried.
+
+    Args:
+        places: (N,) in `Assembly.objects`.
+        points, normals: (N, 3) m and outward unit normals, in the world.
+        robustness: (N,) N, of pushes into the surface; infinite on what is fixed.
+        nearness: (N,) 0..1, eq. 5.13.
+    """
+
+    places: NDArray[np.int64]
+    points: Array
+    normals: Array
+    robustness: Array
+    nearness: Array
+    trust: Array = field(init=False)
+    draws: int = 0
+
+    def __post_init__(self) -> None:
+        self.trust = np.ones(len(self.points))
+        finite = self.robustness[np.isfinite(self.robustness)]
+        top = float(finite.max(initial=1.0))
+        # The cap at which the strongest finite set of points has its share of the probability, before it decays.
+        rest = float(np.minimum(self.robustness, top).sum()) or 1.0
+        self._cap = top * max(1.0, FIRST_SHARE * rest / top)
+
+    @property
+    def weights(self) -> Array:
+        """(N,) probability of each place at the next draw (eq. 5.10, with the cap decayed, and 5.13)."""
+        cap = max(self._cap * DECAY**self.draws, 1e-9)
+        weights = np.minimum(self.robustness, cap) * self.nearness ** (DECAY**self.draws) * self.trust
+        total = weights.sum()
+        return weights / total if total > 0 else np.full(len(weights), 1 / len(weights))
+
+    def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
+        """Numbers of `count` places."""
+        chosen = rng.choice(len(self.points), size=count, p=self.weights)
+        self.draws += 1
+        return np.asarray(chosen)
+
+    def contact(self, number: int) -> Contact:
+        return Contact(self.points[number], self.normals[number])
+
+    def distrust(self, point: Array, reach: float) -> None:
+        """Try places near a failure less often (the mend that thesis section 5.8.2 proposes)."""
+        near = np.linalg.norm(self.points - point, axis=1) < reach
+        self.trust[near] = np.maximum(self.trust[near] * FAILED, 0.02)
+
+
+def find_supports(
+    analysis: Analysis, on: str, guide: str, count: int, scale: float, rng: np.random.Generator
+) -> Supports:
+    """Spread places over the faces that look up, over ridges and peaks, and ask how much each bears.
+
+    Args:
+        analysis: of the assembly; it has to stand.
+        on: objects, fixed, or any: what may carry.
+        guide: limit (robustness map), or uniform (none).
+        count: places to spread.
+        scale: m, of the object to place; nearness falls off over it and the size of the scene.
+        rng: of the spread.
+
+    Raises:
+        InputError: BAD_INPUT for an unknown guide; OBJECT_INVALID when nothing of the kind could carry anything.
+    """
+    if guide not in GUIDES:
+        raise InputError(ErrorCode.BAD_INPUT, f"guide {guide!r}: choose one of {', '.join(GUIDES)}")
+    objects = analysis.assembly.objects
+    up = -unit(analysis.assembly.gravity)
+    chosen = [i for i, item in enumerate(objects) if on == "any" or item.fixed == (on == "fixed")]
+    found = [_places(objects[i], up, max(count // max(len(chosen), 1), 8), rng) for i in chosen]
+    places = np.repeat(np.array(chosen, dtype=np.int64), [len(points) for points, _ in found])
+    if not len(places):
+        raise InputError(ErrorCode.OBJECT_INVALID, f"the scene has no surface that looks up to carry something ({on})")
+    points, normals = (np.concatenate([part[k] for part in found]) for k in (0, 1))
+    robustness = np.ones(len(points)) if guide == "uniform" else _guide(analysis, places, points, normals)
+    middle, reach = _extent(analysis, points, scale)
+    nearness = np.exp(-np.sum((points - middle) ** 2, axis=1) / reach**2)
+    return Supports(places, points, normals, robustness, nearness)
+
+
+def _places(item: RigidObject, up: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Points and normals on one body: faces by area, and every ridge and peak that looks straight up."""
+    polyhedron = item.shape.polyhedron
+    normals = polyhedron.normals @ item.pose.rotation.T
+    vertices = item.vertices
+    triangles = np.flatnonzero((normals @ up > FACES_UP)[polyhedron.facet_of_triangle])
+    points, directions = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    if len(triangles):
+        corners = vertices[polyhedron.triangles[triangles]]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        picked = rng.choice(len(triangles), size=count, p=areas / areas.sum())
+        square = rng.random((count, 2))
+        square = np.where(square.sum(axis=1, keepdims=True) > 1, 1 - square, square)
+        a, b, c = (corners[picked, k] for k in range(3))
+        points.append(a + square[:, :1] * (b - a) + square[:, 1:] * (c - a))
+        directions.append(normals[polyhedron.facet_of_triangle[triangles[picked]]])
+    sharp = _sharp(item, up)
+    points.append(sharp)
+    directions.append(np.tile(up, (len(sharp), 1)))
+    return np.concatenate(points), np.concatenate(directions)
+
+
+def _sharp(item: RigidObject, up: Array) -> Array:
+    """(P, 3) middles of ridges and peaks: a level plate could rest there without touching the faces beside them."""
+    features = Features.of(item.shape, item.com)
+    middles = [np.zeros((0, 3))]
+    for edge in features.edges:
+        turned = Edge(item.pose.apply(edge.start), item.pose.apply(edge.end), edge.normals @ item.pose.rotation.T)
+        if turned.affords(-up):
+            shares = np.linspace(0, 1, 5)[:, None]
+            middles.append(turned.start + shares * (turned.end - turned.start))
+    heights = item.vertices @ up
+    neighbours = item.shape.polyhedron.neighbours
+    scale = float(np.ptp(heights)) or 1.0
+    peaks = [
+        v for v, around in enumerate(neighbours) if len(around) and np.all(heights[around] < heights[v] - 1e-6 * scale)
+    ]
+    middles.append(item.vertices[peaks])
+    return np.concatenate(middles)
+
+
+def _guide(analysis: Analysis, places: NDArray[np.int64], points: Array, normals: Array) -> Array:
+    """(N,) robustness of pushes into the surface; infinite on fixed bodies."""
+    robustness = np.full(len(points), np.inf)
+    movable = np.flatnonzero(np.isin(places, analysis.structure.movable))
+    if len(movable):
+        surface = SurfacePoints(places[movable], points[movable], -normals[movable])
+        try:
+            robustness[movable] = robustness_map(analysis, surface, TOLERANCE, "limit").lower
+        except PoiseError:
+            robustness[movable] = 1.0  # a guide that fails guides nobody
+    return np.asarray(robustness)
+
+
+def _extent(analysis: Analysis, points: Array, scale: float) -> tuple[Array, float]:
+    """Centroid and size, m, of what is already there: of the movable objects, else of the carrying surfaces."""
+    objects = [analysis.assembly.objects[i] for i in analysis.structure.movable]
+    if not objects:
+        return points.mean(axis=0), max(float(np.ptp(points, axis=0).max()), scale)
+    corners = np.concatenate([item.vertices for item in objects])
+    return corners.mean(axis=0), float(np.linalg.norm(np.ptp(corners, axis=0))) / 2 + scale

@@ -1,0 +1,155 @@
+"""Placements stand by an independent count, and what cannot be placed says why."""
+
+import numpy as np
+import pytest
+
+from poise.assembly import Analysis, Assembly, assess, read_object, read_scene
+from poise.assembly.pushes import Push
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.placement import CancelledError, Options, Uncertainty, judge, plan_placement
+from poise.placement.features import Features
+from poise.placement.matching import Contact, poses_on_one, poses_on_two
+
+FLOOR = {"id": "floor", "fixed": True, "box": [4, 4, 0.1], "pose": [0, 0, -0.05, 0, 0, 0, 1]}
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def box(name: str, size: list[float], position: list[float], **more: object) -> dict[str, object]:
+    return {"id": name, "box": size, "pose": [*position, 0, 0, 0, 1], "mass": 2.0, **more}
+
+
+def scene(*objects: dict[str, object]) -> Assembly:
+    return read_scene({"objects": [FLOOR, *objects], "friction": 0.5})
+
+
+CANYON = (box("left", [0.3, 0.4, 0.3], [-0.2, 0, 0.15]), box("right", [0.3, 0.4, 0.3], [0.2, 0, 0.15]))
+CUBE = {"id": "cube", "box": [0.2, 0.2, 0.2], "mass": 3.0}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_placement_stands_and_its_least_robustness_is_that_of_its_weakest_corner(seed):
+    found = plan_placement(scene(*CANYON), read_object(CUBE), Options(on="objects"), seed)
+    assert Analysis.of(found.analysis.assembly).stability().margin > 0
+    corners = [
+        Push(item.id, item.pose.apply(corner), -item.pose.rotation @ normal)
+        for item in found.analysis.assembly.objects
+        if not item.fixed
+        for facet, normal in enumerate(item.shape.polyhedron.normals)
+        for corner in item.shape.polyhedron.vertices[item.shape.polyhedron.facet_vertices[facet]]
+    ]
+    results = assess(found.analysis.assembly, corners).results
+    assert found.merit.least == pytest.approx(min(result.robustness for result in results), rel=0.03)
+
+
+def test_same_seed_same_answer():
+    first, second = (plan_placement(scene(*CANYON), read_object(CUBE), seed=3) for _ in range(2))
+    assert np.array_equal(first.pose.vector, second.pose.vector)
+
+
+def test_a_face_lies_on_each_of_two_slopes():
+    """A V of two planes at right angles takes the edge of a box: both faces flat, the edge in the valley."""
+    slopes = [np.array([np.sin(a), 0, np.cos(a)]) for a in (np.pi / 4, -np.pi / 4)]
+    contacts = [Contact(np.array([-0.1 * n[0], 0.02 * n[0], 0.1 * abs(n[0])]), n) for n in slopes]
+    features = Features.of(read_object(CUBE).shape, None)
+    rng = np.random.default_rng(0)
+    poses = [pose for _ in range(40) for pose in poses_on_two(*contacts, features, rng, 4)]
+    flat = 0
+    for pose in poses:
+        corners = pose.apply(read_object(CUBE).shape.polyhedron.vertices)
+        heights = [(corners - contact.point) @ contact.normal for contact in contacts]
+        flat += all(np.sum(np.abs(height) < 1e-9) == 4 and height.min() > -1e-9 for height in heights)
+    assert flat > len(poses) / 3
+
+
+def test_the_centre_of_mass_comes_over_the_place():
+    features = Features.of(read_object({**CUBE, "com": [0.03, -0.02, 0.01]}).shape, np.array([0.03, -0.02, 0.01]))
+    place = Contact(np.array([0.4, 0.5, 0.6]), UP)
+    for face in features.faces:
+        (pose,) = poses_on_one(place, face, features.com, np.array([0.7]))
+        assert pose.apply(features.com)[:2] == pytest.approx([0.4, 0.5])
+        assert (pose.apply(read_object(CUBE).shape.polyhedron.vertices)[:, 2]).min() == pytest.approx(0.6)
+
+
+def test_a_robust_placement_keeps_its_distance_from_the_edge():
+    tower = box("tower", [0.2, 0.2, 0.4], [0, 0, 0.2])
+    item = read_object({**CUBE, "box": [0.1, 0.1, 0.1]})
+    for seed in range(5):
+        options = Options(on="objects", uncertainty=Uncertainty(position=0.02, angle=0.01))
+        com = plan_placement(scene(tower), item, options, seed).item.com_in_world
+        # Leaning by 0.01 rad moves the weight by 0.01 times its height over the support.
+        assert np.abs(com[:2]).max() <= 0.1 - (0.02 + 0.01 * 0.05) + 1e-6
+
+
+def test_a_can_is_not_left_where_it_may_roll():
+    can = read_object({"id": "can", "cylinder": [0.04, 0.1], "mass": 0.3})
+    for seed in range(5):
+        found = plan_placement(scene(*CANYON), can, Options(on="objects"), seed)
+        assert abs(found.pose.rotation[2, 2]) == pytest.approx(1.0)
+        assert found.merit.least > 0
+
+
+def test_more_candidates_are_no_worse():
+    least = [
+        plan_placement(scene(*CANYON), read_object(CUBE), Options(candidates=k, on="objects"), 1).merit.least
+        for k in (1, 8)
+    ]
+    assert least[1] >= least[0] * 0.99
+
+
+def test_refining_does_not_make_it_worse():
+    plain, refined = (
+        plan_placement(scene(*CANYON), read_object(CUBE), Options(on="objects", refining=refining), 2)
+        for refining in (False, True)
+    )
+    assert judge(refined.analysis).least >= judge(plain.analysis).least * (1 - 1e-6)
+
+
+def test_what_balances_nowhere_says_why():
+    """A centre of mass outside the object can be over no contact on a level plate smaller than its lever."""
+    pedestal = {"id": "pedestal", "fixed": True, "box": [0.1, 0.1, 0.5], "pose": [0, 0, 0.25, 0, 0, 0, 1]}
+    item = read_object({**CUBE, "com": [1.0, 1.1, 1.2]})
+    with pytest.raises(NoAnswerError) as error:
+        plan_placement(read_scene({"objects": [pedestal]}), item, Options(attempts=30))
+    assert error.value.code is ErrorCode.NO_PLACEMENT
+    assert sum(error.value.data["rejected"].values()) == error.value.data["iterations"] == 30
+
+
+def test_an_unstable_scene_is_refused():
+    leaning = box("leaning", [0.1, 0.1, 0.1], [0, 0, 0.15])
+    ledge = box("ledge", [0.1, 0.1, 0.1], [0.08, 0, 0.05], fixed=True)
+    with pytest.raises(NoAnswerError) as error:
+        plan_placement(scene(ledge, leaning), read_object(CUBE))
+    assert error.value.code is ErrorCode.UNSTABLE
+
+
+@pytest.mark.parametrize(
+    "options", [{"criterion": "best"}, {"on": "nothing"}, {"attempts": 0}, {"deadline": float("nan")}]
+)
+def test_wishes_are_checked(options):
+    with pytest.raises(InputError) as error:
+        Options(**options)
+    assert error.value.code is ErrorCode.BAD_INPUT
+
+
+def test_an_id_of_the_scene_is_refused():
+    with pytest.raises(InputError, match="left"):
+        plan_placement(scene(*CANYON), read_object({**CUBE, "id": "left"}))
+
+
+def test_cancelling_ends_at_the_next_pose():
+    told = []
+    with pytest.raises(CancelledError) as error:
+        plan_placement(
+            scene(*CANYON),
+            read_object(CUBE),
+            Options(candidates=50),
+            progress=lambda p: told.append(p) or len(told) < 3,
+        )
+    assert error.value.code is ErrorCode.CANCELLED
+    assert len(told) == 3
+
+
+def test_a_deadline_before_the_first_pose_is_said():
+    with pytest.raises(NoAnswerError) as error:
+        plan_placement(scene(*CANYON), read_object(CUBE), Options(deadline=1e-9))
+    assert error.value.code is ErrorCode.DEADLINE
