@@ -17,6 +17,7 @@ NODES = {
     "fake_robot": "poise.fake_robots.fake_robot_node:main",
     "ft_driver": "poise.nodes.ft_driver:main",
     "inertial_estimator": "poise.nodes.inertial_estimator:main",
+    "mismatch_diagnoser": "poise.nodes.mismatch_diagnoser:main",
     "robustness_server": "poise.nodes.robustness_server:main",
 }
 # Interface packages that pip has to build: ours, and one that PyPI does not have.

@@ -20,6 +20,7 @@ NODES: dict[str, list[str]] = {
     "robustness_server": [],
     "acceleration_limits": [],
     "fake_robot": ["-p", "mode:=arm"],
+    "mismatch_diagnoser": [],
 }
 WAYS = ("Ctrl-C", "Ctrl-C twice", "SIGTERM", "kill -9 and restart")
 PATIENCE = 15.0  # s before a node that does not end counts as hanging

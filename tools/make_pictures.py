@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import matplotlib
+from mismatch_pictures import mismatch_pictures
 
 from poise.assembly import Analysis, acceleration_limits, assess, load_scene, robustness_map
 from poise.commands.assembly import read_pushes
@@ -106,6 +107,11 @@ def main() -> None:
         )
         save_screenshot("report", page, 1200, 1350, LIGHT)
         save_screenshot("report_dark", page, 1200, 1350, DARK)
+    mismatch_pictures(
+        lambda name, page: save_screenshot(name, page, 1200, 1500, LIGHT),
+        command="poise mismatch run.mcap --model model.yaml --report out",
+        now=RECORDED,
+    )
 
 
 if __name__ == "__main__":

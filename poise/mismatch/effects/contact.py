@@ -13,6 +13,8 @@ from poise.mismatch.world import World
 POINT = ("x", "y", "z")
 KNOTS = 7
 REACH = 0.5
+ENOUGH = 100
+"""Samples outside a touch from which the rest of the recording is known."""
 AROUND = 0.3
 """s before and after a burst that take part in the search for its window, at the least."""
 SHORTEST = 0.05
@@ -51,14 +53,15 @@ class Contact(Effect):
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         """Bursts of the residual; in each, the point from torque = p x force, then the window that fits best."""
         for begin, end in bursts(world, residual):
+            straight = _straight(world, residual, begin, end)
             inside = (world.seconds >= begin) & (world.seconds <= end)
-            force, torque = residual[inside, :3], residual[inside, 3:]
+            force, torque = straight[inside, :3], straight[inside, 3:]
             lever = np.stack([cross(unit, force) for unit in np.eye(3)], axis=2)
             normal = np.einsum("nci,ncj->ij", lever, lever)
             normal += (0.02 * np.trace(normal) + 1e-9) / 3 * np.eye(3)
             point = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
             place = dict(zip(POINT, np.clip(point, -0.9 * REACH, 0.9 * REACH).tolist(), strict=True))
-            start, stop = self._window(world, residual, (begin - world.period, end + world.period))
+            start, stop = self._window(world, straight, (begin - world.period, end + world.period))
             yield {"start": start, "length": float(np.clip(stop - start, SHORTEST, world.duration / 3)), **place}
 
     @staticmethod
@@ -122,6 +125,20 @@ class Contact(Effect):
         """(3,) the force at the knot where it is greatest, world axes."""
         forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(KNOTS)])
         return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])
+
+
+def _straight(world: World, residual: Array, begin: float, end: float) -> Array:
+    """(N, 6) the residual without what a touch made of the calibration: seen outside its window, where it is alone.
+
+    A calibration that was fitted in spite of the touch is bent by it, all along the recording.
+    """
+    outside = (world.seconds < begin) | (world.seconds > end)
+    if outside.sum() < ENOUGH:
+        return residual
+    states = (np.ones((len(world), 1)), world.seconds[:, None], world.gravity, world.specific, world.prediction)
+    basis = np.hstack(states)
+    basis /= np.maximum(np.abs(basis).max(axis=0), 1e-9)
+    return np.asarray(residual - basis @ np.linalg.lstsq(basis[outside], residual[outside], rcond=1e-9)[0])
 
 
 def _hats(seconds: Array, start: float, length: float) -> Array:

@@ -1,0 +1,231 @@
+"""Node: holds a running robot, or bags, against the simulation, and says what physics was left out."""
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from poise.errors import ErrorCode, InputError, PoiseError
+from poise.files import write_whole
+from poise.mismatch.diagnosis import Diagnosis, diagnose
+from poise.mismatch.joining import joined
+from poise.mismatch.live import Window, effects_called, examine
+from poise.mismatch.model import NominalModel, dump_model, load_model
+from poise.mismatch.reading import read_world
+from poise.nodes.jobs import Jobs, leave
+from poise.nodes.mismatch_message import no_report_message, report_message
+from poise.nodes.parameters import WORDS, Parameter, declare_parameters
+from poise.nodes.runtime import guarded, run
+from poise.recording import open_recording
+from poise.recording.decoding import rotation_from_quaternion
+from poise_msgs.msg import MismatchReport
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+DEEP = QoSProfile(depth=2000)
+LOOK_PERIOD = 0.25
+"""s between looks whether the next window is due."""
+FULL = 0.95
+"""Share of the window that has to have come."""
+GIL_SLICE = 5e-4
+"""s that the thread of the diagnosis may hold the interpreter while a message waits; Python's own 5 ms is too long."""
+
+PARAMETERS = (
+    Parameter("model", "", "model.yaml: payload, tolerances, noise; empty: the payload is identified from each window"),
+    Parameter("bags", WORDS, "bags to diagnose instead of topics, once; of several the last is held out"),
+    Parameter("window", 35.0, "s of messages that are examined together", (8.0, 600.0)),
+    Parameter("period", 10.0, "s from the start of one examination to the next, at the least", (0.1, 3600.0)),
+    Parameter("share", 0.4, "of a core that examinations may take on average", (0.01, 1.0)),
+    Parameter("effects", WORDS, "effects to look for; empty: the whole library"),
+    Parameter("keep", "", "folder in which windows with a mismatch are kept as bags; empty: nowhere"),
+    Parameter("save", "", "model.yaml to write, with what was found added, after each finding; empty: none"),
+)
+
+
+class MismatchDiagnoser(Node):
+    """Subscribes to wrench, joint_states, odom, robot_description; publishes mismatch_report (latched), diagnostics.
+
+    Examinations belong to the thread of the jobs, one at a time; the executor only takes in and hands out.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("mismatch_diagnoser")
+        values = declare_parameters(self, PARAMETERS)
+        sys.setswitchinterval(GIL_SLICE)
+        self._model = load_model(Path(values["model"])) if values["model"] else NominalModel()
+        self._library = effects_called(values["effects"])
+        self._period, self._share = values["period"], values["share"]
+        self._keep = Path(values["keep"]) if values["keep"] else None
+        self._save = Path(values["save"]) if values["save"] else None
+        self._window = Window(values["window"])
+        self._full: float = values["window"]
+        self._busy, self._due, self._seen = False, 0.0, 0
+        self._count, self._spent = 0, 0.0
+        self._last: MismatchReport | None = None
+        self._reports = self.create_publisher(MismatchReport, "mismatch_report", LATCHED)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._jobs = Jobs(self, 1)
+        self.create_timer(1.0, guarded(self, self._diagnose))
+        if values["bags"]:
+            bags = [Path(bag) for bag in values["bags"]]
+            self._start(lambda: self._examine_bags(bags))
+        else:
+            self._listen()
+
+    def _listen(self) -> None:
+        for kind, topic, callback, qos in (
+            (WrenchStamped, "wrench", self._on_wrench, DEEP),
+            (JointState, "joint_states", self._on_joint_state, DEEP),
+            (Odometry, "odom", self._on_odometry, DEEP),
+            (String, "robot_description", self._on_description, LATCHED),
+        ):
+            self.create_subscription(kind, topic, guarded(self, callback), qos)
+        self.create_service(Trigger, "reset_window", self._on_reset)
+        self.create_timer(LOOK_PERIOD, guarded(self, self._look))
+
+    def destroy_node(self) -> None:
+        """End the thread before the node goes."""
+        if hasattr(self, "_jobs"):
+            self._jobs.close()
+        super().destroy_node()
+
+    # -- on the executor -------------------------------------------------------------------------------------------
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        force, torque = message.wrench.force, message.wrench.torque
+        wrench = (force.x, force.y, force.z, torque.x, torque.y, torque.z)
+        self._window.add_wrench(_ns(message.header.stamp), message.header.frame_id, wrench)
+
+    def _on_joint_state(self, message: JointState) -> None:
+        stamp = _ns(message.header.stamp)
+        self._window.add_joint_state(stamp, message.name, message.position, message.velocity, message.effort)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        turn, place = message.pose.pose.orientation, message.pose.pose.position
+        rotation = rotation_from_quaternion(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0]
+        frames = (message.header.frame_id, message.child_frame_id)
+        self._window.add_odometry(_ns(message.header.stamp), frames, rotation, (place.x, place.y, place.z))
+
+    def _on_description(self, message: String) -> None:
+        self._window.description = message.data
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = True, f"forgot {self._window.seconds:.1f} s"
+        self._window.clear()
+        return response
+
+    def _look(self) -> None:
+        """Begin an examination when the window has what it takes and there is something new in it."""
+        window = self._window
+        full = not window.lacks and window.seconds > FULL * self._full
+        if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
+            return
+        self._seen = window.newest
+        streams, description = window.streams(), window.description
+        self._start(lambda: self._examine_window(streams, description))
+
+    def _start(self, work: Any) -> None:
+        self._busy = self._jobs.do(work)
+
+    def _diagnose(self) -> None:
+        status = DiagnosticStatus(name=self.get_fully_qualified_name().lstrip("/"), hardware_id=self._window.frame_id)
+        status.level, status.message = self._status()
+        values = {
+            "window_seconds": f"{self._window.seconds:.1f}",
+            "examinations": str(self._count),
+            "seconds_of_the_last": f"{self._spent:.2f}",
+            "late_messages": str(self._window.late),
+            "wrenches_of_other_frames": str(self._window.foreign),
+        }
+        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def _status(self) -> tuple[bytes, str]:
+        report = self._last
+        if report is None:
+            return DiagnosticStatus.OK, "examining" if self._busy else self._window.lacks or "filling the window"
+        if report.error.code:
+            return DiagnosticStatus.WARN, report.error.message
+        sentences = [*(effect.sentence for effect in report.effects), report.unknown_sentence]
+        said = " ".join(sentence for sentence in sentences if sentence)
+        return (DiagnosticStatus.WARN, said) if said else (DiagnosticStatus.OK, "recording and simulation agree")
+
+    # -- in the thread of the jobs ---------------------------------------------------------------------------------
+
+    def _examine_window(self, streams: dict[str, Any], description: str) -> None:
+        newest, frame = int(streams["wrench"].stamps[-1]), streams["wrench"].frame_id
+
+        def work() -> MismatchReport:
+            made = examine(streams, description, self._model, self._library, self._keep)
+            self._save_model(made.found)
+            return report_message(made.found, made.start, newest, frame)
+
+        self._report(work, newest, frame)
+
+    def _examine_bags(self, bags: list[Path]) -> None:
+        def work() -> MismatchReport:
+            first = read_world(open_recording(bags[0]), self._model)
+            readings = [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
+            world, last = joined([reading.world for reading in readings])
+            found = diagnose(world, first.model, last if last.any() else None, self._library)
+            self._save_model(found)
+            newest = world.start + round(float(world.seconds[-1]) * 1e9)
+            return report_message(found, world.start, newest, first.model.sensor_frame or "")
+
+        self._report(work, 0, "")
+
+    def _report(self, work: Any, newest: int, frame: str) -> None:
+        """Publish what comes of the work, and rest for as long as its share of a core asks for."""
+        begin, used = time.monotonic(), time.thread_time()
+        try:
+            message = work()
+        except PoiseError as error:
+            self.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=10.0)
+            message = no_report_message(error, newest, frame)
+        except Exception as error:
+            self.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=10.0)
+            fault = PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {error!r}; please report it")
+            message = no_report_message(fault, newest, frame)
+        finally:
+            self._spent = time.monotonic() - begin
+            self._due = begin + max(self._period, (time.thread_time() - used) / self._share)
+            self._count += 1
+            self._busy = False
+        self._last = message
+        self._reports.publish(message)
+        self.get_logger().info(f"examined in {self._spent:.1f} s: {self._status()[1]}")
+
+    def _save_model(self, found: Diagnosis) -> None:
+        if self._save is None or not found.findings:
+            return
+        try:
+            write_whole(self._save, dump_model(found.augmented).encode())
+        except InputError as error:
+            self.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=10.0)
+
+
+def _ns(stamp: Any) -> int:
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    try:
+        run(MismatchDiagnoser, args)
+    except SystemExit as end:
+        leave(end.code)
+
+
+if __name__ == "__main__":
+    main()
