@@ -134,7 +134,9 @@ class MismatchDiagnoser(Node):
         self._start(lambda: self._examine_window(streams, description))
 
     def _start(self, work: Any) -> None:
-        self._busy = self._jobs.do(work)
+        self._busy = True  # before the thread can say that it is done
+        if not self._jobs.do(work):
+            self._busy = False
 
     def _diagnose(self) -> None:
         status = DiagnosticStatus(name=self.get_fully_qualified_name().lstrip("/"), hardware_id=self._window.frame_id)
