@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
@@ -205,6 +206,8 @@ class MismatchDiagnoser(Node):
             self._count += 1
             self._busy = False
         self._last = message
+        if not rclpy.ok():  # the node is on its way out
+            return
         self._reports.publish(message)
         self.get_logger().info(f"examined in {self._spent:.1f} s: {self._status()[1]}")
 
