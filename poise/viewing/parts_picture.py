@@ -28,7 +28,7 @@ def draw_parts(objects: Sequence[tuple[str, Segmentation]], suffix: str = ".png"
         raise InputError(ErrorCode.UNSUPPORTED, f"a picture is written as {', '.join(FORMATS)}, not {suffix!r}")
     columns = min(COLUMNS, len(objects))
     rows = -(-len(objects) // columns)
-    figure = Figure(figsize=(4.0 * columns, 3.4 * rows), dpi=110, layout="constrained")
+    figure = Figure(figsize=(4.0 * columns, 3.4 * rows), dpi=64, layout="constrained")
     FigureCanvasAgg(figure)
     for number, (name, found) in enumerate(objects):
         axes = figure.add_subplot(rows, columns, number + 1)
