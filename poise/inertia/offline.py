@@ -19,7 +19,7 @@ from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem
 from poise.inertia.rejection import RejectionLog
-from poise.inertia.samples import RecordedSamples
+from poise.inertia.samples import LEAST_NOISE, RecordedSamples
 from poise.inertia.tracks import USED
 from poise.recording.alignment import interpolate, interpolate_rotations
 from poise.robot import SensorMotion
@@ -95,8 +95,9 @@ def weigh(
 
 def _fits_worse(estimate: InertialEstimate, plain: Solution) -> bool:
     """The shape keeps the estimate from following the wrench, where nothing but a rigid body would follow it."""
-    ratios = estimate.residual_force / plain.residual_force, estimate.residual_torque / plain.residual_torque
-    return estimate.n_samples >= ENOUGH and max(ratios) > MISFIT
+    force = estimate.residual_force / max(plain.residual_force, LEAST_NOISE.force)
+    torque = estimate.residual_torque / max(plain.residual_torque, LEAST_NOISE.torque)
+    return estimate.n_samples >= ENOUGH and max(force, torque) > MISFIT
 
 
 _NO_SUCH_SHAPE = Finding(
