@@ -46,7 +46,9 @@ def simulate(
         Path | None,
         typer.Option("--urdf", help="For a trajectory: URDF, or fr3, xarm7, ridgeback_ur10.", show_default=False),
     ] = None,
-    noise: Annotated[bool, typer.Option("--noise", help="Add the model's white noise to the wrench.")] = False,
+    noise: Annotated[
+        bool, typer.Option("--noise", help="Add the model's noise to the wrench, 0.1 N m to efforts.")
+    ] = False,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Of the noise.")] = 0,
     json_target: Annotated[
         str | None,

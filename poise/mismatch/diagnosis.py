@@ -189,7 +189,10 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
         findings=tuple(_findings(final, state, best)),
         unknown=_unknown(final, best, rest),
         rest=rest,
-        where=locate(final.world, left_over(final, nominal), final.noise, channels),
+        # With the best model's calibration: fitted without what was found it would be bent by it, all along.
+        where=locate(
+            final.world, final.measured - final.predicted(final.world) - best.calibrated, final.noise, channels
+        ),
         last=held,
         proof=held_out(replace(final, judged=None), best, held),
     )

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 NOISE = (0.1, 0.005)
 """N and N m: where a model states no noise, an FT-300's (thesis table 3.2, moderate)."""
+EFFORT_NOISE = 0.1
+"""N m, of motor currents (as `fake_robot` has it)."""
 ROUNDED = 1000
 """ns that a stamp may be off after it was seconds for a while."""
 
@@ -54,7 +56,7 @@ def run_recorded(
         nominal: the recording as read.
         joints: its joint states; where it holds efforts, they are replaced by the simulated ones.
         model: with its effects; events happen again.
-        rng: adds the model's white noise to the wrench; None: none.
+        rng: adds the model's white noise to the wrench, and that of currents to efforts; None: none.
     """
     world = with_components(nominal, model.effects, events=True)
     told = None
@@ -65,7 +67,8 @@ def run_recorded(
         effort = np.full((len(rows), len(joints.names)), np.nan)
         effort[:, [joints.names.index(name) for name in world.effort.names]] = world.effort.prediction[first]
         told = replace(joints.select(rows), effort=effort)
-    return Run(nominal, world, _wrench(world, model, rng), told)
+    wrench = _wrench(world, model, rng)
+    return Run(nominal, world, wrench, told if told is None else _noisy(told, rng))
 
 
 def run_planned(
@@ -106,7 +109,14 @@ def run_planned(
     stamps = np.round(sampled * 1e9).astype(np.int64)
     stream = JointStream(stamps, robot.joint_names, joints.position, joints.velocity, told)
     settled = replace(model, sensor_frame=robot.sensor_frame)
-    return Run(nominal, world, _wrench(world, settled, rng), stream)
+    wrench = _wrench(world, settled, rng)
+    return Run(nominal, world, wrench, _noisy(stream, rng))
+
+
+def _noisy(joints: JointStream, rng: np.random.Generator | None) -> JointStream:
+    if rng is None:
+        return joints
+    return replace(joints, effort=joints.effort + rng.normal(size=joints.effort.shape) * EFFORT_NOISE)
 
 
 def _wrench(world: World, model: NominalModel, rng: np.random.Generator | None) -> WrenchStream:
