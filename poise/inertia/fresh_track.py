@@ -16,7 +16,7 @@ KNOTS = 0.1
 """s between knots: resolves ordinary work of an arm."""
 
 LAG = 50_000_000
-"""ns that answers stay behind the newest pose; half as far behind, accelerations are three times as uncertain."""
+"""ns that answers stay behind the newest pose; nearer to it, accelerations are far more uncertain."""
 
 
 class FreshTrack:
