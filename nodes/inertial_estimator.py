@@ -14,6 +14,7 @@ from tf2_msgs.msg import TFMessage
 
 from poise.errors import PoiseError
 from poise.inertia.live import LiveEstimator
+from poise.inertia.object_shape import CLOUD_ACCURACY
 from poise.inertia.parts import Parts
 from poise.inertia.status import status_of
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
@@ -103,7 +104,7 @@ class InertialEstimator(Node):
         return parts_of_message(message).in_frame(*self.live.hand.pose(message.header.frame_id, self.live.sensor_frame))
 
     def _on_shape(self, message: SegmentedObject) -> None:
-        self.live.hold(self.parts_of(message))
+        self.live.hold(self.parts_of(message), CLOUD_ACCURACY)
         self.get_logger().info(f"the payload is {message.id or 'an object'} of {len(message.parts)} parts")
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

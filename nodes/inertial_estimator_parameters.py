@@ -1,15 +1,17 @@
 """The parameters of inertial_estimator: what they mean, their ranges, and the options that they make."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from poise.errors import ErrorCode, InputError
 from poise.inertia.live import SOURCES, LiveOptions
+from poise.inertia.object_shape import load_object
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.tracks import PairingSettings
 from poise.inertia.weighers import METHODS
 from poise.nodes.parameters import Parameter
-from poise.nodes.payload_shape import parts_of_file
 
 SETTINGS = ("max_gap", "rest_gap", "rest_window", "rest_turning", "rest_speed", "block", "margin")
 NOISE = ("force", "torque", "linear_acceleration", "angular_acceleration")
@@ -30,7 +32,9 @@ PARAMETERS = (
     Parameter("window", 10.0, "s of samples, for rtls, geo, pmd and hps", (0.1, 600.0)),
     Parameter("publish_rate", 10.0, "Hz of inertial_estimate while samples come, at the most", (0.1, 100.0)),
     Parameter("continuous", True, "poise alone: begin anew when the payload has changed, and say so"),
-    Parameter("object", "", "mesh of what is held (STL, OBJ, PLY; path or package://); empty: not known"),
+    Parameter(
+        "object", "", "path of a mesh or cloud of what is held, as for poise identify --object; empty: not known"
+    ),
     Parameter("object_scale", 1.0, "m per unit of that file", (1e-9, 1e9)),
     Parameter("object_pose", [0.0] * 6 + [1.0], "of that file in the sensor frame: x y z m, quaternion x y z w"),
     Parameter("noise_force", 0.1, "N, one sigma of a sample", (1e-6, 1e3)),
@@ -53,7 +57,20 @@ PARAMETERS = (
 
 
 def live_options(values: dict[str, Any]) -> LiveOptions:
-    """What the parameters ask for."""
+    """What the parameters ask for.
+
+    Raises:
+        InputError: what `load_object` raises, BAD_INPUT when the object has no pose.
+    """
+    shape = {}
+    if values["object"]:
+        pose = values["object_pose"]
+        if len(pose) != 7:
+            raise InputError(
+                ErrorCode.BAD_INPUT, f"parameter object_pose is {pose}: give x y z and a quaternion x y z w"
+            )
+        given = load_object(Path(values["object"]), values["object_scale"]).placed(pose[:3], pose[3:])
+        shape = {"parts": given.parts, "accuracy": given.accuracy}
     return LiveOptions(
         sensor_frame=values["sensor_frame"],
         base_frame=values["base_frame"],
@@ -63,9 +80,7 @@ def live_options(values: dict[str, Any]) -> LiveOptions:
         noise=NoiseLevels(**{name: values[f"noise_{name}"] for name in (*NOISE, *BIAS)}),
         window=values["window"],
         continuous=values["continuous"],
-        parts=parts_of_file(values["object"], values["object_scale"], values["object_pose"])
-        if values["object"]
-        else None,
         saturation=(values["max_force"] or np.inf, values["max_torque"] or np.inf),
+        **shape,
         settings=PairingSettings(**{name: values[name] for name in SETTINGS}),
     )

@@ -1,32 +1,12 @@
-"""The shape of what is held: from a file, or from poise_msgs/SegmentedObject, to parts."""
-
-from pathlib import Path
+"""The shape of what is held: poise_msgs/SegmentedObject to parts."""
 
 import numpy as np
 
-from poise.assembly.mesh_files import load_mesh
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
 from poise.inertia.parameters import symmetric
 from poise.inertia.parts import Parts
-from poise.recording.decoding import rotation_from_quaternion
 from poise_msgs.msg import Part, SegmentedObject
-
-
-def parts_of_file(path: str, scale: float, pose: list[float]) -> Parts:
-    """Of a mesh file, scaled to m, at a pose (x y z m, quaternion x y z w) in the sensor frame.
-
-    Raises:
-        InputError: FILE_UNREADABLE, UNSUPPORTED, MESH_INVALID, NOT_FINITE; BAD_INPUT when the pose is none.
-    """
-    values = np.array(pose, dtype=np.float64)
-    if values.shape != (7,) or not np.isfinite(values).all() or abs(np.linalg.norm(values[3:]) - 1) > 1e-3:
-        raise InputError(
-            ErrorCode.BAD_INPUT, f"parameter object_pose is {pose}: give x y z in m and a unit quaternion x y z w"
-        )
-    mesh = load_mesh(path, Path(), scale)
-    parts = Parts.from_surface(mesh.vertices, mesh.triangles)
-    return parts.in_frame(rotation_from_quaternion(values[None, 3:])[0], values[:3])
 
 
 def parts_of_message(message: SegmentedObject) -> Parts:

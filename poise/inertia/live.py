@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.inertia.bayes import SHAPE_ACCURACY
 from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
 from poise.inertia.hand_frames import HandFrames
@@ -41,7 +42,7 @@ class LiveOptions:
         gravity: m/s2.
         method: see `OnlineEstimator`.
         parts: of the payload, in the sensor frame; None when its shape is not known.
-        noise: see `OnlineEstimator`.
+        accuracy, noise: see `OnlineEstimator`.
         window: s, the same.
         continuous: the same.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
@@ -54,6 +55,7 @@ class LiveOptions:
     gravity: float = STANDARD_GRAVITY
     method: str = AUTO
     parts: Parts | None = None
+    accuracy: float = SHAPE_ACCURACY
     noise: NoiseLevels = field(default_factory=NoiseLevels)
     window: float = WINDOW
     continuous: bool = False
@@ -80,8 +82,8 @@ class LiveEstimator:
         self.joints: JointSource | None = None
         self.estimator: OnlineEstimator | None = None
         """None until it is clear where the motion comes from."""
-        self.parts = options.parts
-        """Of the payload, in the sensor frame."""
+        self.parts, self.accuracy = options.parts, options.accuracy
+        """Of the payload, in the sensor frame; and the relative error of its lengths."""
         self.hand = HandFrames()
         """Frames that the shape of the payload may be given in."""
         self.problem: InputError | None = None
@@ -191,12 +193,12 @@ class LiveEstimator:
         if self.estimator is not None:
             self.estimator.reset(parts)
 
-    def hold(self, parts: Parts) -> None:
+    def hold(self, parts: Parts, accuracy: float = SHAPE_ACCURACY) -> None:
         """Say of what shape the payload is, in the sensor frame; or the next one, see `OnlineEstimator.hold`."""
         if self.estimator is None:
-            self.parts = parts
+            self.parts, self.accuracy = parts, accuracy
         else:
-            self.estimator.hold(parts)
+            self.estimator.hold(parts, accuracy)
 
     @property
     def changes(self) -> list[PayloadChange]:
@@ -290,6 +292,7 @@ class LiveEstimator:
             gravity=self.options.gravity,
             method=self.options.method,
             parts=self.parts,
+            accuracy=self.accuracy,
             noise=self.options.noise,
             window=self.options.window,
             continuous=self.options.continuous,

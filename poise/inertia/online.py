@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.inertia.bayes import SHAPE_ACCURACY
 from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
 from poise.inertia.methods import OWN_METHOD
@@ -41,6 +42,7 @@ class OnlineEstimator:
         gravity: m/s2.
         method: see `METHODS`; `auto` does `static` and `ols`, and answers with what suits the motion.
         parts: of the payload, in the sensor frame; None when its shape is not known.
+        accuracy: relative error of lengths in the shape.
         noise: of samples, and how large a bias to expect; for methods that are told.
         window: s of samples, for methods that are not recursive.
         continuous: `poise` alone: begin anew when the payload has changed, see `changes`.
@@ -61,6 +63,7 @@ class OnlineEstimator:
         gravity: float = STANDARD_GRAVITY,
         method: str = AUTO,
         parts: Parts | None = None,
+        accuracy: float = SHAPE_ACCURACY,
         noise: NoiseLevels | None = None,
         window: float = WINDOW,
         continuous: bool = False,
@@ -92,7 +95,7 @@ class OnlineEstimator:
         self._watch: Run | None = None
         self._coming: Parts | None = None
         self._continuous = continuous and method == OWN_METHOD
-        self._told = Prior(parts, noise or NoiseLevels(), np.array([0.0, 0.0, -gravity]), window)
+        self._told = Prior(parts, accuracy, noise or NoiseLevels(), np.array([0.0, 0.0, -gravity]), window)
         self._window: Weighing | None = None
         self._begin(method, self._told)
 
@@ -100,11 +103,12 @@ class OnlineEstimator:
         """Forget all samples: a new payload, of this shape where it is known."""
         self._begin(self._running.method, replace(self._told, parts=parts))
 
-    def hold(self, parts: Parts) -> None:
-        """Say of what shape the payload is, in the sensor frame.
+    def hold(self, parts: Parts, accuracy: float = SHAPE_ACCURACY) -> None:
+        """Say of what shape the payload is, in the sensor frame, and to what relative error of lengths.
 
         What is held already is weighed anew; when nothing is held, the shape is that of the next payload.
         """
+        self._told = replace(self._told, accuracy=accuracy)
         if isinstance(self._watching, Continuous) and self._watching.is_empty:
             self._coming = parts
         else:
@@ -258,7 +262,7 @@ class OnlineEstimator:
         if self._coming is not None and new[-1].mass_after > new[-1].mass_before:
             watch.hold(self._coming)
             self._coming = None
-        self._running = self._weighing(self._running.method, watch.prior)
+        self._running = self._weighing(self._running.method, replace(watch.prior, accuracy=self._told.accuracy))
 
     def _notice_jump(self) -> None:
         if self.source.jumps != self._source_jumps:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.bayes import PoiseEstimator
+from poise.inertia.bayes import SHAPE_ACCURACY, PoiseEstimator
 from poise.inertia.change import ContinuousEstimator, PayloadChange
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import Solution, solve
@@ -40,6 +40,7 @@ class Prior:
 
     Args:
         parts: of the object, in the sensor frame; None when nothing is known of its shape.
+        accuracy: relative error of lengths in that shape.
         noise: of samples, and how large a bias to expect.
         gravity: (3,) m/s2 in the world.
         window: s of samples, for methods that work on a window.
@@ -48,6 +49,7 @@ class Prior:
     """
 
     parts: Parts | None = None
+    accuracy: float = SHAPE_ACCURACY
     noise: NoiseLevels = field(default_factory=NoiseLevels)
     gravity: Array = field(default_factory=lambda: np.array(GRAVITY_IN_WORLD))
     window: float = 10.0
@@ -106,7 +108,7 @@ class Recursive:
     """`poise`: sums that hardly grow."""
 
     def __init__(self, prior: Prior) -> None:
-        self._estimator = PoiseEstimator(prior.parts, prior.noise, gravity=prior.gravity)
+        self._estimator = PoiseEstimator(prior.parts, prior.noise, gravity=prior.gravity, shape_accuracy=prior.accuracy)
         self._tare = prior.tare
         self._n_samples = 0
 
@@ -128,7 +130,9 @@ class Continuous:
 
     def __init__(self, prior: Prior) -> None:
         self._told = prior
-        self._estimator = ContinuousEstimator(prior.parts, prior.noise, gravity=prior.gravity)
+        self._estimator = ContinuousEstimator(
+            prior.parts, prior.noise, gravity=prior.gravity, shape_accuracy=prior.accuracy
+        )
         self._parts = prior.parts
         self._n_samples = self._n_changes = 0
 
