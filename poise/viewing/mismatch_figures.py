@@ -15,12 +15,21 @@ Array = NDArray[np.float64]
 
 WIDE = 1110
 """Points: the width of a page."""
+WHOLE = 0.9
+"""Share of a recording from which a window is not shaded: it is all."""
 TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
 
 
 def marked(examination: Examination) -> tuple[Window, ...]:
     """The windows worth a mark: none where nothing was found."""
     return examination.where if examination.findings or examination.unknown else ()
+
+
+def _shaded(examination: Examination, left: Residuals) -> Array:
+    """(K, 2) s: windows, but for those that are nearly all of the recording."""
+    whole = WHOLE * float(left.seconds[-1] - left.seconds[0])
+    spans = [(window.start, window.end) for window in marked(examination) if window.end - window.start < whole]
+    return np.array(spans).reshape(-1, 2)
 
 
 def timeline_panel(examination: Examination, key: str) -> Panel:
@@ -47,7 +56,7 @@ def timeline_panel(examination: Examination, key: str) -> Panel:
         axes.yaxis.set_major_formatter("{x:g}")
         axes.minorticks_off()
         axes.set_xlim(left.seconds[0], left.seconds[-1])
-        shade(axes, np.array([(w.start, w.end) for w in marked(examination)]).reshape(-1, 2))
+        shade(axes, _shaded(examination, left))
         _mark_held(axes, left)
         _name_effects(axes, bars, left)
 
@@ -107,7 +116,7 @@ def residual_panels(examination: Examination, key: str) -> list[Panel]:
             line(axes, left.seconds, before, "measured", "Before", 1.6)
             line(axes, left.seconds, after, "accent", "After", 0.9)
             axes.set_xlim(left.seconds[0], left.seconds[-1])
-            shade(axes, np.array([(w.start, w.end) for w in marked(examination)]).reshape(-1, 2))
+            shade(axes, _shaded(examination, left))
 
         panels.append(Panel(f"{key}-{channel}", alt, draw))
     return panels

@@ -150,8 +150,8 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
         said.append(
             Finding(
                 "good" if proof.augmented < MUCH else "warn",
-                f"Held-out error {proof.nominal:.2f} times the noise without, {proof.augmented:.2f} with what was "
-                f"found ({proof.as_given:.2f} before calibration errors within the tolerances are fitted).",
+                f"Held-out error, times the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} with the nominal "
+                f"model calibrated on the rest, {proof.augmented:.2f} with what was found.",
             )
         )
     for finding in found.findings:
