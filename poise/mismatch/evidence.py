@@ -14,6 +14,9 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-11
+"""Relative, of sums over all samples."""
+
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -71,7 +74,10 @@ class Frame:
         """What further columns (m, R) can add."""
         factor, half, _ = self._solved
         across = solve_triangular(factor, self.columns @ extra.T, lower=True)
-        return Beside(extra @ extra.T - across.T @ across, extra @ self.target - across.T @ half)
+        whole = extra @ extra.T
+        # What the frame has already cancels, but for the rounding of large numbers: that much is not known.
+        left = whole - across.T @ across + ROUNDING * np.diag(np.diag(whole))
+        return Beside(left, extra @ self.target - across.T @ half)
 
     def extended(self, extra: Array, precision: Array, mean: Array) -> "Frame":
         """With further columns that are fitted under every hypothesis from now on."""
