@@ -1,10 +1,12 @@
 """`poise excite`: a motion that weighs a payload, as a trajectory file and a picture."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
+from rich.console import Console
 from rich.progress import Progress
 
 from poise.assembly.mesh_files import load_mesh
@@ -27,51 +29,64 @@ from poise.robot import RobotModel
 from poise.robot.motion import Array
 from poise.simulation import home
 
+RobotArgument = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="A URDF file, or fr3, xarm7 or ridgeback_ur10.", show_default=False)
+]
+StartOption = Annotated[
+    str | None,
+    typer.Option("--start", metavar="Q1,Q2,..", help="Joint positions, rad (default: mid-range).", show_default=False),
+]
+RadiusOption = Annotated[
+    float, typer.Option("--radius", help="m: the object is nowhere farther from the tool centre point.")
+]
+ObjectMeshOption = Annotated[
+    Path | None,
+    typer.Option("--object", metavar="MESH", help="Its shape in the sensor's axes, m, instead.", show_default=False),
+]
+StopAndGoOption = Annotated[bool, typer.Option("--stop-and-go", help="Rest in a few poses instead: the safest.")]
+DurationOption = Annotated[float, typer.Option("--duration", help="s of the optimal motion.")]
+PosesOption = Annotated[int, typer.Option("--poses", help="To rest in.")]
+DwellOption = Annotated[float, typer.Option("--dwell", help="s at rest in each.")]
+SpeedOption = Annotated[
+    float, typer.Option("--speed", help="m/s that neither the tool centre point nor the object exceeds.")
+]
+AccelerationOption = Annotated[float, typer.Option("--acceleration", help="rad/s2 of each joint.")]
+RoomOption = Annotated[float, typer.Option("--room", help="m that the tool centre point may go from its start.")]
+MassOption = Annotated[float, typer.Option("--mass", help="kg, a guess at the payload.")]
+SensorFrameOption = Annotated[str, typer.Option("--sensor-frame", help="Frame of the wrench.")]
+TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the tool centre point; empty: the sensor's.")]
+SeedOption = Annotated[int, typer.Option("--seed", help="The same one gives the same motion.", min=0)]
+OutOption = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="Write the trajectory (YAML).", show_default=False)
+]
+PictureOption = Annotated[
+    Path | None, typer.Option("--picture", metavar="FILE", help="Draw it (PNG or SVG).", show_default=False)
+]
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write what is known of it; - for stdout.", show_default=False),
+]
+
 
 def excite(
-    robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A URDF file, or fr3, xarm7 or ridgeback_ur10.", show_default=False)
-    ],
-    start: Annotated[
-        str | None,
-        typer.Option(
-            "--start", metavar="Q1,Q2,..", help="Joint positions, rad (default: mid-range).", show_default=False
-        ),
-    ] = None,
-    radius: Annotated[
-        float, typer.Option("--radius", help="m: the object is nowhere farther from the tool centre point.")
-    ] = 0.15,
-    object_mesh: Annotated[
-        Path | None,
-        typer.Option(
-            "--object", metavar="MESH", help="Its shape in the sensor's axes, m, instead.", show_default=False
-        ),
-    ] = None,
-    stop_and_go: Annotated[
-        bool, typer.Option("--stop-and-go", help="Rest in a few poses instead: the safest.")
-    ] = False,
-    duration: Annotated[float, typer.Option("--duration", help="s of the optimal motion.")] = 1.5,
-    poses: Annotated[int, typer.Option("--poses", help="To rest in.")] = 5,
-    dwell: Annotated[float, typer.Option("--dwell", help="s at rest in each.")] = 0.75,
-    speed: Annotated[
-        float, typer.Option("--speed", help="m/s that neither the tool centre point nor the object exceeds.")
-    ] = COLLABORATIVE_SPEED,
-    acceleration: Annotated[float, typer.Option("--acceleration", help="rad/s2 of each joint.")] = 10.0,
-    room: Annotated[float, typer.Option("--room", help="m that the tool centre point may go from its start.")] = 0.15,
-    mass: Annotated[float, typer.Option("--mass", help="kg, a guess at the payload.")] = 1.0,
-    sensor_frame: Annotated[str, typer.Option("--sensor-frame", help="Frame of the wrench.")] = "ft_sensor",
-    tcp: Annotated[str, typer.Option("--tcp", help="Frame of the tool centre point; empty: the sensor's.")] = "tcp",
-    seed: Annotated[int, typer.Option("--seed", help="The same one gives the same motion.", min=0)] = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Write the trajectory (YAML).", show_default=False)
-    ] = None,
-    picture: Annotated[
-        Path | None, typer.Option("--picture", metavar="FILE", help="Draw it (PNG or SVG).", show_default=False)
-    ] = None,
-    json_target: Annotated[
-        str | None,
-        typer.Option("--json", metavar="FILE", help="Write what is known of it; - for stdout.", show_default=False),
-    ] = None,
+    robot: RobotArgument,
+    start: StartOption = None,
+    radius: RadiusOption = 0.15,
+    object_mesh: ObjectMeshOption = None,
+    stop_and_go: StopAndGoOption = False,
+    duration: DurationOption = 1.5,
+    poses: PosesOption = 5,
+    dwell: DwellOption = 0.75,
+    speed: SpeedOption = COLLABORATIVE_SPEED,
+    acceleration: AccelerationOption = 10.0,
+    room: RoomOption = 0.15,
+    mass: MassOption = 1.0,
+    sensor_frame: SensorFrameOption = "ft_sensor",
+    tcp: TcpOption = "tcp",
+    seed: SeedOption = 0,
+    out: OutOption = None,
+    picture: PictureOption = None,
+    json_target: JsonOption = None,
 ) -> None:
     """Plan the motion that tells most about what a robot holds, and that keeps everything slow.
 
@@ -88,24 +103,20 @@ def excite(
     limits = MotionLimits(speed=speed, acceleration=acceleration, room=room)
     options = ExcitationOptions(duration=duration, poses=poses, dwell=dwell, mass=mass, seed=seed)
     people = console(json_target)
+    begin = home(model) if start is None else _numbers(start)
+    planner = plan_stop_and_go if stop_and_go else plan_excitation
     with Progress(console=people, transient=True) as bar:
-        job = bar.add_task("planning", total=1.0)
-        plan = (plan_stop_and_go if stop_and_go else plan_excitation)(
-            model,
-            home(model) if start is None else _numbers(start),
-            guard,
-            limits,
-            options,
-            parts=parts,
-            progress=lambda share: bar.update(job, completed=share),
-        )
+        tell = partial(bar.update, bar.add_task("planning", total=1.0))
+        plan = planner(model, begin, guard, limits, options, parts=parts, progress=lambda share: tell(completed=share))
     kind = "stop_and_go" if stop_and_go else "excitation"
-    written = []
-    if out is not None:
-        written.append(write_plan(out, plan, f"{kind} of {robot}: poise excite, seed {seed}, at most {speed:g} m/s"))
-    if picture is not None:
-        written.append(draw(picture, model, plan, guard, speed))
+    remark = f"{kind} of {robot}: poise excite, seed {seed}, at most {speed:g} m/s"
+    written = [] if out is None else [write_plan(out, plan, remark)]
+    written += [] if picture is None else [draw(picture, model, plan, guard, speed)]
     write_json(json_target, {"robot": robot, "kind": kind, "speed_limit": speed, **as_json(plan)})
+    _say(people, plan, speed, written)
+
+
+def _say(people: Console, plan: ExcitationPlan, speed: float, written: list[Path]) -> None:
     for line in sentences(plan, speed):
         people.print(line, soft_wrap=True)
     for path in written:

@@ -87,6 +87,12 @@ JsonOption = Annotated[
 ]
 
 
+ReportOption = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
+]
+
+
 def identify(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
     object_file: ObjectOption = None,
@@ -100,10 +106,7 @@ def identify(
     wrench_topic: WrenchTopicOption = "wrench",
     max_force: MaxForceOption = np.inf,
     max_torque: MaxTorqueOption = np.inf,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
-    ] = None,
+    report: ReportOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Weigh what a force-torque sensor carries: mass, centre of mass, inertia, each with its uncertainty.

@@ -17,39 +17,53 @@ from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty,
 MOST_BYTES = 1_000_000
 
 
+SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
+SpecOption = Annotated[
+    str,
+    typer.Option(
+        "--object",
+        metavar="SPEC",
+        help="The object to place, as an entry of a scene file without a pose: a YAML or JSON file, or the text.",
+        show_default=False,
+    ),
+]
+SeedOption = Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)]
+AttemptsOption = Annotated[int, typer.Option("--attempts", help="Poses to test at the most.", min=1)]
+DeadlineOption = Annotated[
+    float | None, typer.Option("--deadline", help="s; the best found by then is taken.", show_default=False)
+]
+CandidatesOption = Annotated[
+    int, typer.Option("--candidates", help="Placements to find before the best is taken.", min=1)
+]
+CriterionOption = Annotated[str, typer.Option("--criterion", help=f"What is best: {', '.join(CRITERIA)}.")]
+OnOption = Annotated[str, typer.Option("--on", help="What may carry it: any, objects or fixed.")]
+RobustOption = Annotated[
+    bool, typer.Option("--robust", help="It has to stay in spite of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
+]
+RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as it gets better.")]
+OutputOption = Annotated[
+    Path | None,
+    typer.Option("--save", metavar="FILE", help="Write the scene with the object in it.", show_default=False),
+]
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
+]
+
+
 def place(
-    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)],
-    spec: Annotated[
-        str,
-        typer.Option(
-            "--object",
-            metavar="SPEC",
-            help="The object to place, as an entry of a scene file without a pose: a YAML or JSON file, or the text.",
-            show_default=False,
-        ),
-    ],
-    seed: Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)] = 0,
-    attempts: Annotated[int, typer.Option("--attempts", help="Poses to test at the most.", min=1)] = 500,
-    deadline: Annotated[
-        float | None, typer.Option("--deadline", help="s; the best found by then is taken.", show_default=False)
-    ] = None,
-    candidates: Annotated[
-        int, typer.Option("--candidates", help="Placements to find before the best is taken.", min=1)
-    ] = 1,
-    criterion: Annotated[str, typer.Option("--criterion", help=f"What is best: {', '.join(CRITERIA)}.")] = "least",
-    on: Annotated[str, typer.Option("--on", help="What may carry it: any, objects or fixed.")] = "any",
-    robust: Annotated[
-        bool, typer.Option("--robust", help="It has to stay in spite of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
-    ] = False,
-    refining: Annotated[bool, typer.Option("--refine", help="Then move it as long as it gets better.")] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("--save", metavar="FILE", help="Write the scene with the object in it.", show_default=False),
-    ] = None,
-    json_target: Annotated[
-        str | None,
-        typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-    ] = None,
+    scene: SceneArgument,
+    spec: SpecOption,
+    seed: SeedOption = 0,
+    attempts: AttemptsOption = 500,
+    deadline: DeadlineOption = None,
+    candidates: CandidatesOption = 1,
+    criterion: CriterionOption = "least",
+    on: OnOption = "any",
+    robust: RobustOption = False,
+    refining: RefiningOption = False,
+    output: OutputOption = None,
+    json_target: JsonOption = None,
 ) -> None:
     """Where does this object stay?
 
