@@ -3,12 +3,15 @@
     python benchmarks/live_estimator.py           # what docs/estimator.md claims, some minutes
     python benchmarks/live_estimator.py --quick   # a slice of it
 
-Measures the core, as the node runs it every 50 ms at 1 kHz; receiving messages comes on top. Exits with 1 when a goal
-is missed. Writes out/benchmarks/live_estimator.json.
+Changes are looked for by the core, as the node runs it every 50 ms at 1 kHz. The node itself is weighed on a fake robot
+with a wrench at 1 kHz and joint states at 125 Hz, messages included. Exits with 1 when a goal is missed. Writes
+out/benchmarks/live_estimator.json.
 """
 
 import argparse
 import json
+import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -32,6 +35,8 @@ from poise.inertia.sources import JointSource  # noqa: E402
 
 NOISE = NoiseLevels(0.1, 0.005, 0.02, 0.05)
 PERIOD = 0.05
+WARM_UP = 15.0
+"""s for the node to start, and to have some samples."""
 UPDATE_GOAL, SHARE_GOAL, TOLD_GOAL = 40e-6, 0.5, 0.5
 
 
@@ -67,6 +72,35 @@ def live(measured: Work) -> tuple[list[float], float]:
         online.update()
         told += [float(begin + PERIOD)] * (len(online.changes) - len(told))
     return told, (time.process_time() - began) / seconds
+
+
+def node_share(seconds: float) -> float:
+    """Share of a core that the whole node takes, while it weighs, watches and publishes."""
+    arm = {"mode": "arm", "trajectory": "fourier", "duration": seconds + WARM_UP, "sensor": "moderate"}
+    arm |= {"sensor_rate": 1000.0, "payload.mass": 0.8, "wait_for_subscribers": "[wrench, joint_states]"}
+    parameters = [word for name, value in arm.items() for word in ("-p", f"{name}:={value}")]
+    environment = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", **os.environ}
+
+    def start(module: str, *arguments: str) -> subprocess.Popen[bytes]:
+        return subprocess.Popen([sys.executable, "-m", module, "--ros-args", *arguments], env=environment)
+
+    node = start("poise.nodes.inertial_estimator")
+    robot = start("poise.fake_robots.fake_robot_node", *parameters)
+    try:
+        time.sleep(WARM_UP)
+        before, began = cpu_seconds(node.pid), time.monotonic()
+        time.sleep(seconds)
+        return (cpu_seconds(node.pid) - before) / (time.monotonic() - began)
+    finally:
+        for process in (robot, node):
+            process.terminate()
+            process.wait(20.0)
+
+
+def cpu_seconds(pid: int) -> float:
+    """User and system time of a process so far."""
+    times = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def judged(told: list[float], changes: np.ndarray) -> tuple[list[float], int]:
@@ -116,6 +150,7 @@ def main() -> int:
         study("pick and place, pushes and drift", seeds, seconds, nuisance=Nuisance(pushes=6, drift=0.2)),
         study("nothing changes, pushes and drift", seeds, seconds, every=0, nuisance=Nuisance(pushes=6, drift=0.2)),
     ]
+    share = node_share(seconds / 3)
     table = Table(title="The estimator on a running robot")
     for column in ("what", "measured", "goal"):
         table.add_column(column)
@@ -124,7 +159,8 @@ def main() -> int:
         f"{np.median(times) * 1e6:.1f} ({times.mean() * 1e6:.1f}) us",
         f"{UPDATE_GOAL * 1e6:.0f} us",
     )
-    met = bool(np.median(times) <= UPDATE_GOAL)
+    table.add_row("the node at 1 kHz, messages included", f"{share:.0%} of a core", f"{SHARE_GOAL:.0%}")
+    met = bool(np.median(times) <= UPDATE_GOAL) and share < SHARE_GOAL
     for found in studies:
         delays = np.array(found["delays"] or [np.nan])
         in_time = int(np.sum(delays <= TOLD_GOAL))
@@ -136,7 +172,10 @@ def main() -> int:
         )
         met &= in_time == found["changes"] and found["false"] == 0 and found["share"] < SHARE_GOAL
     Console().print(table)
-    text = json.dumps({"update_seconds": [float(np.median(times)), float(times.mean())], "studies": studies}, indent=1)
+    text = json.dumps(
+        {"update_seconds": [float(np.median(times)), float(times.mean())], "studies": studies, "node_share": share},
+        indent=1,
+    )
     write_whole(options.output, text.encode())
     return 0 if met else 1
 
