@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from poise.inertia.parameters import InertialParameters, about_com_jacobian
 from poise.inertia.regressor import regressor
@@ -31,7 +32,7 @@ class Group:
     """A group of calibration errors.
 
     Args:
-        name: payload, bias, drift, gain, rotation, joints, clock, or blur (no tolerance: see `BLUR`).
+        name: payload, bias, drift, gain, rotation, joints, clock, or blur (no tolerance: see `BLURS`).
         columns: (N, 6, k) response to one tolerance of each.
         sigma: (k,) prior, in units of the tolerance.
     """
@@ -41,8 +42,9 @@ class Group:
     sigma: Array
 
 
-BLUR = 0.01
-"""s: where jerk jumps, splines ring at about their knots' distance; blurring by this much is no physics."""
+BLURS = (0.02, 0.05, 0.12)
+"""s: what of the prediction is faster than these may be noise of the encoders, differentiated twice. To take some of it
+back, without delay, is no physics; without this a part that swings would win by filtering the noise out."""
 
 TORQUE_CONSTANT = 0.01
 """Relative tolerance of the motors' torque constants."""
@@ -56,7 +58,8 @@ def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
     late = -np.gradient(wrench, world.seconds, axis=0)[:, :, None]
-    blur = -np.gradient(late, world.seconds, axis=0) * BLUR**2
+    widths = [width / world.period for width in BLURS]
+    calm = [gaussian_filter1d(world.nominal, width, axis=0, mode="nearest") - world.nominal for width in widths]
     groups = [
         ("payload", payload_columns(world, tolerance)),
         ("bias", np.broadcast_to(np.diag(bias), (len(world), 6, 6))),
@@ -65,7 +68,7 @@ def calibration(world: World, tolerance: Tolerance) -> tuple[Group, ...]:
         ("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         ("joints", joint_columns(world) * tolerance.joint_offset),
         ("clock", late * tolerance.clock_offset),
-        ("blur", blur),
+        ("blur", np.stack(calm, axis=2)),
     ]
     return tuple(Group(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
 
