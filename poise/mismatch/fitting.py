@@ -122,7 +122,9 @@ def glance(problem: Problem, frame: Frame, world: World, effect: Effect, start: 
     moving = any(not p.linear for p in parameters)
     typical = np.array([p.scale for p in parameters if p.linear])
     shown = float(np.sqrt(np.max(at.information * typical**2))) if len(typical) else np.inf
-    return Candidate(effect, at.values, gain, at.drop, 0.5 * (at.drop - free) if moving else gain, shown)
+    # Without linear parameters a starting point says nothing: all is in the slopes there.
+    hope = np.inf if not len(typical) else 0.5 * (at.drop - free) if moving else gain
+    return Candidate(effect, at.values, gain, at.drop, hope, shown)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,9 @@ from poise.mismatch.part_wrench import shaking, shaking_columns
 from poise.mismatch.starts import bursts, smoothed
 from poise.mismatch.world import World
 
-KNOTS = 10
+KNOTS = 24
+CHAINED = 2.5
+"""s between bursts of one motion: a base that sways stands still for a moment at every turn."""
 MARGIN = 0.15
 """s that a window may be wider than what stands out of the noise."""
 
@@ -44,7 +46,8 @@ class BaseMotion(Effect):
         """Bursts of the level acceleration that the residual force would mean."""
         level = shaking(world, residual)[:, :2]
         calm = np.stack([smoothed(world, part, 0.1) for part in level.T], axis=1)
-        for begin, end in bursts(world, calm, count=2):
+        found = list(bursts(world, calm, count=8))
+        for begin, end in sorted({_chained(found, found[0]), found[0]}) if found else ():
             length = min(end - begin + 2 * MARGIN, 0.98 * max(world.duration, 1.0))
             yield {"start": begin - MARGIN, "length": max(length, 0.2)}
 
@@ -84,3 +87,13 @@ class BaseMotion(Effect):
         size = np.abs(x)
         inner, outer = -2.0 * x + 1.5 * x * size, -np.sign(x) * (2.0 - np.minimum(size, 2.0)) ** 2 / 2.0
         return rows, np.where(size < 1.0, inner, outer) / interval
+
+
+def _chained(spans: list[tuple[float, float]], seed: tuple[float, float]) -> tuple[float, float]:
+    """From the first to the last of the spans that follow one another closely, the seed among them."""
+    begin, end = seed
+    for _ in spans:
+        for a, b in spans:
+            if a < end + CHAINED and b > begin - CHAINED:
+                begin, end = min(begin, a), max(end, b)
+    return begin, end

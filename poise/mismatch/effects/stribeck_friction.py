@@ -25,7 +25,7 @@ class StribeckFriction(Effect):
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         joints, sizes = numbers(world), torque_sizes(world)
         rates = per(world, efforts(world).velocity) if world.effort is not None else sizes
-        made = [Parameter("velocity", "rad/s", low=0.008, high=0.6, linear=False, log=True)]
+        made = [Parameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True)]
         made += [Parameter(f"torque_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
         made += [Parameter(f"stiction_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
         made += [Parameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(joints, rates, strict=True)]

@@ -1,0 +1,135 @@
+"""`poise mismatch` on recordings that are not as they should be: a number and a sentence, never a traceback."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cases import Case, make_case
+
+from poise.cli import run
+from poise.inertia import InertialParameters
+from poise.mismatch.model import NominalModel, dump_model
+from poise.recording import JointStream, WrenchStream, write_recording
+from poise.robot.model import find_urdf
+from poise.robot.urdf import read_urdf
+
+SHORT = 12.0
+BAD_INPUT = 2
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    return make_case(5, duration=SHORT)
+
+
+@pytest.fixture
+def robot() -> str:
+    return read_urdf(find_urdf("ridgeback_ur10"))
+
+
+def written(
+    folder: Path, robot: str, joints: JointStream | None, wrench: WrenchStream, model: NominalModel
+) -> list[str]:
+    """A bag and its model, as arguments of the command."""
+    bag, nominal = folder / "run.mcap", folder / "model.yaml"
+    streams = {"wrench": wrench} if joints is None else {"wrench": wrench, "joint_states": joints}
+    write_recording(bag, streams, robot_description=robot)  # type: ignore[arg-type]
+    nominal.write_text(dump_model(model))
+    return ["mismatch", str(bag), "--model", str(nominal)]
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line of a command that ends with bad input."""
+    assert run(arguments) == BAD_INPUT
+    lines = [line for line in capsys.readouterr().err.splitlines() if "warning" not in line]
+    assert len(lines) == 1
+    return lines[0]
+
+
+def test_without_joint_states_it_says_what_to_record(
+    tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "joint_states" in refused(written(tmp_path, robot, None, case.wrench, case.model), capsys)
+
+
+def test_torque_in_newton_millimetres_is_named(
+    tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = replace(case.wrench, wrench_in_sensor=case.wrench.wrench_in_sensor * np.repeat([1.0, 1000.0], 3))
+    assert "N mm" in refused(written(tmp_path, robot, case.joints, wrong, case.model), capsys)
+
+
+def test_the_opposite_sign_is_named(tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = replace(case.wrench, wrench_in_sensor=-case.wrench.wrench_in_sensor)
+    assert "opposite sign" in refused(written(tmp_path, robot, case.joints, wrong, case.model), capsys)
+
+
+def test_another_robots_description_is_bad_input(
+    tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = '<robot name="other"><link name="base"/><link name="ft_sensor"/><joint name="a" type="revolute">'
+    other += '<parent link="base"/><child link="ft_sensor"/><axis xyz="0 0 1"/>'
+    other += '<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>'
+    assert "a" in refused(written(tmp_path, other, case.joints, case.wrench, case.model), capsys)
+
+
+def test_gaps_and_bursts_of_nan_are_left_out_and_said(
+    tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = case.wrench.wrench_in_sensor.copy()
+    values[400:450] = np.nan
+    seconds = (case.joints.stamps - case.joints.stamps[0]) * 1e-9
+    joints = case.joints.select((seconds < 7.0) | (seconds > 7.5))
+    answer = tmp_path / "answer.json"
+    arguments = written(tmp_path, robot, joints, replace(case.wrench, wrench_in_sensor=values), case.model)
+    assert run([*arguments, "--json", str(answer)]) == 0
+    said = json.loads(answer.read_text())
+    assert any("not finite" in note for note in said["notes"])
+    assert any("no joint motion" in note for note in said["notes"])
+    assert said["verdict"] == "none"
+
+
+def test_a_payload_that_is_not_stated_is_identified_from_the_recording(tmp_path: Path, case: Case, robot: str) -> None:
+    answer, saved = tmp_path / "answer.json", tmp_path / "saved.yaml"
+    arguments = written(tmp_path, robot, case.joints, case.wrench, replace(case.model, phi=None))
+    assert run([*arguments, "--json", str(answer), "--save", str(saved)]) == 0
+    said = json.loads(answer.read_text())
+    assert said["verdict"] == "none"
+    assert "payload_parameters" in said["untestable"]
+
+
+def test_without_motion_it_says_what_cannot_be_tested_and_what_motion_would(
+    tmp_path: Path, case: Case, robot: str
+) -> None:
+    count, held = len(case.joints.stamps), case.joints.position[:1]
+    joints = replace(case.joints, position=np.repeat(held, count, axis=0), velocity=np.zeros((count, held.shape[1])))
+    rng = np.random.default_rng(0)
+    body = InertialParameters.from_phi(case.exact.phi)
+    still = case.exact.gravity[0] * body.mass
+    wrench = np.concatenate([still, np.cross(body.com, still)]) + rng.normal(size=(len(case.wrench.stamps), 6)) * (
+        np.repeat([0.1, 0.005], 3)
+    )
+    answer = tmp_path / "answer.json"
+    arguments = written(tmp_path, robot, joints, replace(case.wrench, wrench_in_sensor=wrench), case.model)
+    assert run([*arguments, "--json", str(answer)]) == 0
+    said = json.loads(answer.read_text())
+    assert {"air_drag", "flywheel", "joint_offset"} <= set(said["untestable"])
+    assert all(said["untestable"].values())
+
+
+def test_the_fields_of_an_answer(tmp_path: Path, robot: str) -> None:
+    case = make_case(6, (("sensor_bias", 1.0),), duration=20.0)
+    answer = tmp_path / "answer.json"
+    assert run([*written(tmp_path, robot, case.joints, case.wrench, case.model), "--json", str(answer)]) == 0
+    said = json.loads(answer.read_text())
+    assert {"verdict", "effects", "where", "unknown", "fit", "seconds"} <= set(said)
+    assert set(said["fit"]) >= {"noise_floor", "holdout"}
+    assert {"nominal", "augmented"} <= set(said["fit"]["holdout"])
+    (effect,) = said["effects"]
+    assert set(effect) >= {
+        *("name", "probability", "parameters", "windows", "sentence", "rivals", "indistinguishable_from"),
+    }
+    assert set(effect["parameters"]["force_x"]) == {"value", "std", "unit"}
+    assert all({"start", "end", "channels", "band_hz", "depends_on", "share"} <= set(w) for w in said["where"])
