@@ -64,7 +64,7 @@ def test_a_base_that_moves_unnoticed_is_a_base_that_moves():
     effect = effect_named("base_motion")
     values = filled(effect, still, TYPICAL["base_motion"] | {"speed_y_3": -0.2, "speed_y_6": 0.1})
     columns = effect._rates(still, values)
-    speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(10)])
+    speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(columns[1].shape[1])])
     acceleration = np.zeros((len(SECONDS), 2))
     acceleration[columns[0]] = columns[1] @ speed
     velocity = np.vstack([np.zeros(2), np.cumsum((acceleration[1:] + acceleration[:-1]) * 0.0025, axis=0)])
