@@ -10,7 +10,7 @@ from poise.mismatch.part_wrench import shaking, shaking_columns
 from poise.mismatch.starts import bursts, smoothed
 from poise.mismatch.world import World
 
-KNOTS = 24
+KNOTS = 10
 CHAINED = 2.5
 """s between bursts of one motion: a base that sways stands still for a moment at every turn."""
 MARGIN = 0.15
