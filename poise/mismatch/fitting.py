@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 from poise.mismatch.damping import Damping
 from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.evidence import Beside, Frame, flat_width, laplace_evidence
+from poise.mismatch.linearised import SCALES, STEP, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.problem import Part, Problem
 from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
 
-SCALES = (1 / 3, 1.0, 3.0)
-STEP = 1e-4
-"""Of the unit interval, for derivatives by differences."""
 MOST_STEPS = 12
 HOPE = 5.0
 """How much more a step may bring than the linear model promises."""
@@ -160,7 +158,7 @@ def _slopes(problem: Problem, world: World, effect: Effect, at: _Point, moving: 
     if not moving:
         return np.zeros((0, len(at.response)))
     here = effect.simulate(world, at.values)
-    return problem.whiten(np.stack([_slope(effect, world, at.values, p, here) for p in moving], axis=2))
+    return problem.whiten(np.stack([slope_of(effect, world, at.values, p, here) for p in moving], axis=2))
 
 
 def _stepped(
@@ -252,7 +250,7 @@ class Ground:
 
 def ground(problem: Problem, parts: Sequence[Part]) -> Ground:
     """The ground about some parts at their values."""
-    about = _about(problem, tuple(parts), None)
+    about = linearised(problem, tuple(parts), None)
     precision, mean = about.priors(1.0)
     calibrated = problem.calibrated(problem.groups(about.whole, parts), about.calibration.coefficients())
     return Ground(
@@ -270,88 +268,18 @@ def fit(problem: Problem, parts: Sequence[Part], steps: int = 12) -> Fit:
         parts: effects with values to start from; none: the nominal model with its calibration errors.
         steps: at the most.
     """
-    current = _about(problem, tuple(parts), None)
+    current = linearised(problem, tuple(parts), None)
     for _ in range(2 if parts else 0):
         settled = _settled(problem, current, steps)
         if current.square - settled.square < NEARLY:
             current = settled
             break
         # The calibration's own response changes a little with what the sensor is said to feel.
-        current = _about(problem, settled.parts, None)
+        current = linearised(problem, settled.parts, None)
     return _finished(problem, current)
 
 
-@dataclass(frozen=True, eq=False)
-class _About:
-    """A hypothesis linearised at its values; the columns count from there."""
-
-    parts: tuple[Part, ...]
-    worlds: list[World]
-    whole: World
-    calibration: Frame
-    columns: Array
-    square: float
-
-    def parameters(self) -> list[tuple[int, Parameter]]:
-        """(part, parameter) of the columns."""
-        return [
-            (i, p)
-            for i, (part, world) in enumerate(zip(self.parts, self.worlds, strict=True))
-            for p in part.effect.parameters(world)
-            if p.linear or not (p.choice or p.resolution)
-        ]
-
-    def priors(self, scale: float) -> tuple[Array, Array]:
-        """Precision and mean of the columns' coefficients, which count from the present values."""
-        own = self.parameters()
-        precision = np.array([(scale * p.scale) ** -2.0 if p.linear else 0.0 for _, p in own])
-        mean = np.array([-self.parts[i].values[p.name] if p.linear else 0.0 for i, p in own])
-        return precision, mean
-
-
-def _about(problem: Problem, parts: tuple[Part, ...], calibration: Frame | None, slopes: bool = True) -> _About:
-    """Linearise; a calibration frame that is given is kept, with the residual of these parts as its target."""
-    worlds, whole = problem.compose(parts)
-    if calibration is None:
-        calibration = problem.frame(parts, whole)
-    else:
-        target = problem.whiten(problem.measured - problem.predicted(whole))
-        calibration = calibration.aimed(target)
-    columns = _columns(problem, parts, worlds) if slopes else np.zeros((0, len(calibration.target)))
-    about = _About(parts, worlds, whole, calibration, columns, 0.0)
-    precision, mean = about.priors(SCALES[-1])
-    return replace(about, square=calibration.square + float(precision @ mean**2))
-
-
-def _columns(problem: Problem, parts: tuple[Part, ...], worlds: list[World]) -> Array:
-    """(k, R) whitened response to each parameter of each part."""
-    columns = []
-    for part, world in zip(parts, worlds, strict=True):
-        own = part.effect.parameters(world)
-        if any(p.linear for p in own):
-            columns += list(np.moveaxis(part.effect.columns(world, part.values), 2, 0))
-        moving = [p for p in own if not (p.linear or p.choice or p.resolution)]
-        here = part.effect.simulate(world, part.values)
-        bent = [_slope(part.effect, world, part.values, p, here) for p in moving]
-        # In the order of the parameters, linear and not.
-        straight, count = columns[len(columns) - sum(p.linear for p in own) :], sum(p.linear for p in own)
-        columns = columns[: len(columns) - count]
-        queue = {True: iter(straight), False: iter(bent)}
-        columns += [next(queue[p.linear]) for p in own if p.linear or p in moving]
-    if not columns:
-        return np.zeros((0, problem.whiten(problem.measured).size))
-    return problem.whiten(np.stack(columns, axis=2))
-
-
-def _slope(effect: Effect, world: World, values: Values, p: Parameter, here: Array) -> Array:
-    """(N, C) derivative of the response by the place of a parameter in its prior."""
-    place = p.to_unit(values[p.name])
-    ahead = place + STEP if place + STEP <= 1.0 else place - STEP
-    there = effect.simulate(world, {**values, p.name: p.from_unit(ahead)})
-    return np.asarray((there - here) / (ahead - place))
-
-
-def _settled(problem: Problem, at: _About, steps: int) -> _About:
+def _settled(problem: Problem, at: Linearised, steps: int) -> Linearised:
     """Levenberg-Marquardt steps in all parameters, the calibration's columns held."""
     damping = Damping()
     for _ in range(steps):
@@ -360,11 +288,11 @@ def _settled(problem: Problem, at: _About, steps: int) -> _About:
             return at
         if at.square - moved.square < SETTLED:
             return replace(moved, columns=at.columns)
-        at = replace(moved, columns=_columns(problem, moved.parts, moved.worlds))
+        at = replace(moved, columns=columns_of(problem, moved.parts, moved.worlds))
     return at
 
 
-def _all_stepped(problem: Problem, at: _About, damping: Damping) -> _About | None:
+def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearised | None:
     precision, mean = at.priors(SCALES[-1])
     own = at.parameters()
     beside = at.calibration.beside(at.columns)
@@ -377,14 +305,14 @@ def _all_stepped(problem: Problem, at: _About, damping: Damping) -> _About | Non
             old = values[i][p.name]
             values[i][p.name] = old + float(s) if p.linear else _shifted(p, old, float(s))
         parts = tuple(Part(part.effect, new) for part, new in zip(at.parts, values, strict=True))
-        moved = _about(problem, parts, at.calibration, slopes=False)
+        moved = linearised(problem, parts, at.calibration, slopes=False)
         if moved.square < at.square:
             damping.eased(strength)
             return moved
     return None
 
 
-def _finished(problem: Problem, at: _About) -> Fit:
+def _finished(problem: Problem, at: Linearised) -> Fit:
     own = at.parameters()
     linear = np.array([p.linear for _, p in own], dtype=bool)
     calibration = at.calibration.beside(at.columns)
@@ -408,7 +336,7 @@ def _finished(problem: Problem, at: _About) -> Fit:
     return Fit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole))
 
 
-def _covariances(at: _About, whole: Frame) -> tuple[Array, ...]:
+def _covariances(at: Linearised, whole: Frame) -> tuple[Array, ...]:
     """Of each part's parameters; what was not fitted has its resolution."""
     size = len(at.calibration.columns)
     covariance = whole.covariance()[size:, size:]
