@@ -16,7 +16,7 @@ demo: ## weigh a real payload: the committed recording through live nodes, and a
 	@$(BIN)/python tools/demo.py
 
 test: lint ## everything CI checks: formatting, types, tests
-	@$(BIN)/pytest
+	@$(BIN)/pytest -n 2
 
 lint: ## ruff and mypy alone
 	@tools/set_up.sh viewer,test
