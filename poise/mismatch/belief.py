@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from poise.mismatch.search import Search
 
 TEMPERATURE = 2.0
-"""log evidences are divided by this before they become probabilities: models are never quite right (fitted on the
-development seeds of benchmarks/concealed alone)."""
+"""log evidences are divided by this before they become probabilities: models are never quite right. Chosen by hand;
+docs/concealed.md says how far the probabilities are from being calibrated."""
 PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
 MOST_SURE = 0.995
