@@ -91,6 +91,24 @@ def plane_axes(normals: Array) -> Array:
     return np.stack([u, v], axis=-2)
 
 
+def rotation_about(axis: Array, angle: float) -> Array:
+    """(3, 3) rotation about a unit axis (3,) (Rodrigues; thesis eq. 5.17)."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+
+
+def rotation_between(start: Array, end: Array) -> Array:
+    """The least rotation (3, 3) that turns a unit vector into another."""
+    cosine = float(start @ end)
+    if cosine < -1 + 1e-12:
+        return rotation_about(plane_axes(start)[0], np.pi)
+    cross = np.cross(start, end)
+    x, y, z = cross
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
+
+
 def wrench_of_force(force: Array, point: Array) -> Array:
     """(..., 6) force, and its moment about the origin, of forces (..., 3) at points (..., 3)."""
     force, point = np.broadcast_arrays(force, point)

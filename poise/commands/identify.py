@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from poise.commands.output import console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
 from poise.inertia.identification import METHODS, Identification
 from poise.inertia.identification import identify as identify_recording
@@ -254,13 +254,7 @@ def write_report(folder: Path, bag: Path, answer: Identification) -> list[Path]:
     from poise.viewing.rerun_scene import write_identification_recording
 
     written = [write_identification_report(folder, answer, title=f"Payload of {bag.name}", source=str(bag))]
-    try:
-        written.append(write_identification_recording(folder / "identification.rrd", answer))
-    except InputError as error:
-        if error.code is not ErrorCode.UNSUPPORTED:
-            raise
-        warn(error.message)
-    return written
+    return add_scene(written, lambda: write_identification_recording(folder / "identification.rrd", answer))
 
 
 def print_answer(people: Console, bag: Path, answer: Identification) -> None:

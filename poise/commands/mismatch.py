@@ -8,8 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from poise.commands.output import console, refuse_folder, warn, write_json
-from poise.errors import ErrorCode, InputError
+from poise.commands.output import add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
 from poise.mismatch.diagnosis import Diagnosis, Finding, Quantity, diagnose
 from poise.mismatch.joining import joined
@@ -98,13 +97,7 @@ def write_report(folder: Path, bags: list[Path], readings: list[Reading], found:
     notes = [note for reading in readings for note in reading.notes]
     title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
     written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]
-    try:
-        written.append(write_mismatch_scene(folder / "mismatch.rrd", found))
-    except InputError as error:
-        if error.code is not ErrorCode.UNSUPPORTED:
-            raise
-        warn(error.message)
-    return written
+    return add_scene(written, lambda: write_mismatch_scene(folder / "mismatch.rrd", found))
 
 
 def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:

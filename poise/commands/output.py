@@ -93,3 +93,18 @@ def refuse_folder(target: str | None, option: str) -> None:
 def number_for_json(value: float) -> float | str:
     """JSON has no infinity: the contract writes it as a word."""
     return float(value) if math.isfinite(value) else "inf" if value > 0 else "-inf"
+
+
+def add_scene(written: list[Path], write: Callable[[], Path]) -> list[Path]:
+    """What was written, with a Rerun scene where rerun is installed; otherwise a warning says that it is not.
+
+    Raises:
+        InputError: FILE_UNWRITABLE.
+    """
+    try:
+        return [*written, write()]
+    except InputError as error:
+        if error.code is not ErrorCode.UNSUPPORTED:
+            raise
+        warn(error.message)
+        return written

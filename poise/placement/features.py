@@ -74,6 +74,18 @@ class Features:
     edges: tuple[Edge, ...]
     com: Array
 
+    @cached_property
+    def angles(self) -> Array:
+        """(F, F) rad between the normals of the faces."""
+        normals = np.array([face.normal for face in self.faces])
+        return np.asarray(np.arccos(np.clip(normals @ normals.T, -1, 1)))
+
+    @cached_property
+    def odds(self) -> Array:
+        """(F,) probability of choosing each face: steady faces more often, large ones more often."""
+        weights = np.array([face.area * (4.0 if face.steady else 1.0) for face in self.faces])
+        return np.asarray(weights / weights.sum())
+
     @classmethod
     def of(cls, shape: Shape, com: Array | None) -> "Features":
         """Faces of the object and of its hull (feet, rims), the steady and large ones first, and its convex edges.
@@ -88,7 +100,7 @@ class Features:
         hull = _hull(polyhedron)
         faces += _faces(hull, middle, steady=True)
         faces.sort(key=lambda face: (not face.steady, -face.area))
-        return cls(tuple(faces), tuple(_edges(polyhedron)), middle)
+        return cls(tuple(faces), tuple(convex_edges(polyhedron)), middle)
 
 
 def _hull(polyhedron: Polyhedron) -> Polyhedron:
@@ -117,7 +129,7 @@ def _faces(polyhedron: Polyhedron, com: Array, steady: bool) -> list[Face]:
     return faces
 
 
-def _edges(polyhedron: Polyhedron) -> list[Edge]:
+def convex_edges(polyhedron: Polyhedron) -> list[Edge]:
     """The convex edges: those of which a plane can touch the line without cutting the faces beside it."""
     edges = []
     for ends, (first, second) in zip(polyhedron.edges, polyhedron.edge_facets, strict=True):

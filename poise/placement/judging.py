@@ -7,6 +7,7 @@ from scipy.spatial import ConvexHull
 
 from poise.assembly.analysis import Analysis
 from poise.assembly.assess import assess
+from poise.assembly.geometry import plane_axes, unit
 from poise.assembly.maps import robustness_map
 from poise.assembly.pushes import Push
 from poise.assembly.surface import SurfacePoints
@@ -103,10 +104,8 @@ def check_criterion(criterion: str) -> None:
 
 def _box_volume(corners: np.ndarray, gravity: np.ndarray) -> float:
     """m3 of the smallest upright box around points (N, 3): the least rectangle has a side on an edge of the hull."""
-    up = -gravity / np.linalg.norm(gravity)
-    axis = np.eye(3)[int(np.abs(up).argmin())]
-    x = np.cross(up, axis) / np.linalg.norm(np.cross(up, axis))
-    plane = corners @ np.stack([x, np.cross(up, x)]).T
+    up = -unit(gravity)
+    plane = corners @ plane_axes(up).T
     hull = plane[ConvexHull(plane).vertices]
     sides = np.roll(hull, -1, axis=0) - hull
     angles = np.unique(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 6))

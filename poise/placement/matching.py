@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.assembly.geometry import Array, Pose, plane_axes, unit
+from poise.assembly.geometry import Array, Pose, rotation_about, rotation_between, unit
 from poise.placement.features import Face, Features
 
 ANGLE = np.radians(1.0)
@@ -73,9 +73,7 @@ def poses_on_two(
 
 def _face_face(a: Contact, b: Contact, features: Features, rng: np.random.Generator, middle: Array) -> Iterator[Pose]:
     angle = np.arccos(np.clip(a.normal @ b.normal, -1, 1))
-    normals = np.array([face.normal for face in features.faces])
-    between = np.arccos(np.clip(normals @ normals.T, -1, 1))
-    pairs = np.argwhere(np.abs(between - angle) < ANGLE)
+    pairs = np.argwhere(np.abs(features.angles - angle) < ANGLE)
     if not len(pairs) or angle < ANGLE or angle > np.pi - ANGLE:
         return
     i, j = pairs[rng.integers(len(pairs))]
@@ -108,9 +106,7 @@ def _edge_edge(a: Contact, b: Contact, features: Features, rng: np.random.Genera
 
 
 def _pick_face(features: Features, rng: np.random.Generator) -> Face:
-    """Steady faces more often, large ones more often."""
-    weights = np.array([face.area * (4.0 if face.steady else 1.0) for face in features.faces])
-    return features.faces[int(rng.choice(len(weights), p=weights / weights.sum()))]
+    return features.faces[int(rng.choice(len(features.faces), p=features.odds))]
 
 
 def same_plane(a: Contact, b: Contact) -> bool:
@@ -127,24 +123,6 @@ def _on_planes(rotation: Array, pairs: list[tuple[Contact, Array]], middle: Arra
     over = middle - rotation @ com
     gap = distances - normals @ over
     return Pose(rotation, over + np.linalg.lstsq(normals, gap, rcond=1e-9)[0])
-
-
-def rotation_about(axis: Array, angle: float) -> Array:
-    """(3, 3) rotation about a unit axis (3,) (Rodrigues; thesis eq. 5.17)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
-
-
-def rotation_between(start: Array, end: Array) -> Array:
-    """The least rotation (3, 3) that turns a unit vector into another."""
-    cosine = float(start @ end)
-    if cosine < -1 + 1e-12:
-        return rotation_about(plane_axes(start)[0], np.pi)
-    cross = np.cross(start, end)
-    x, y, z = cross
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
 
 
 def rotation_of_pairs(first: Array, second: Array, to_first: Array, to_second: Array) -> Array:

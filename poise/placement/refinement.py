@@ -5,11 +5,10 @@ from collections.abc import Callable
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, Pose, unit
+from poise.assembly.geometry import Array, Pose, plane_axes, rotation_about, unit
 from poise.assembly.scene import RigidObject
 from poise.errors import NoAnswerError
 from poise.placement.judging import Merit, judge
-from poise.placement.matching import rotation_about
 from poise.placement.validation import Validator
 
 FIRST_STEP = 0.15
@@ -31,8 +30,7 @@ def refine(
     """
     size = float(np.linalg.norm(np.ptp(item.vertices, axis=0)))
     up = -unit(analysis.assembly.gravity)
-    x = unit(np.cross(up, np.eye(3)[int(np.abs(up).argmin())]))
-    moves = [sign * axis for axis in (x, np.cross(up, x)) for sign in (1.0, -1.0)]
+    moves = [sign * axis for axis in plane_axes(up) for sign in (1.0, -1.0)]
     best = judge(analysis, criterion == "median")
     step = FIRST_STEP
     while step >= SMALLEST_STEP and not late():

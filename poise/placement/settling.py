@@ -1,12 +1,13 @@
 """Let an object that almost stands sink, quasi-statically, to where it does."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from poise.assembly.analysis import Analysis, Mechanism
-from poise.assembly.geometry import Array, Pose
+from poise.assembly.geometry import Array, Pose, rotation_about
 from poise.assembly.scene import RigidObject
 from poise.errors import InputError
-from poise.placement.matching import rotation_about
 
 MOST_STEPS = 25
 FIRST_STEP = 0.05
@@ -67,13 +68,8 @@ def _moved(analysis: Analysis, item: RigidObject, twist: Array, length: float) -
     angle = float(np.linalg.norm(turning))
     turn = rotation_about(turning / angle, angle) if angle > 1e-12 else np.eye(3)
     pose = Pose(turn @ item.pose.rotation, turn @ (item.pose.translation - com) + com + velocity)
-    there = placed(item, pose)
+    there = replace(item, pose=pose)
     try:
         return analysis.with_object(there), there
     except InputError:
         return None
-
-
-def placed(item: RigidObject, pose: Pose) -> RigidObject:
-    """The object at another pose."""
-    return RigidObject(item.id, item.shape, pose, item.fixed, item.mass, item.com, item.inertia, item.covariance)

@@ -11,7 +11,7 @@ from poise.assembly.maps import robustness_map
 from poise.assembly.scene import RigidObject
 from poise.assembly.surface import SurfacePoints
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.placement.features import Edge, Features
+from poise.placement.features import Edge, convex_edges
 from poise.placement.matching import Contact
 
 FACES_UP = 0.02
@@ -132,9 +132,8 @@ def _places(item: RigidObject, up: Array, count: int, rng: np.random.Generator) 
 
 def _sharp(item: RigidObject, up: Array) -> Array:
     """(P, 3) middles of ridges and peaks: a level plate could rest there without touching the faces beside them."""
-    features = Features.of(item.shape, item.com)
     middles = [np.zeros((0, 3))]
-    for edge in features.edges:
+    for edge in convex_edges(item.shape.polyhedron):
         turned = Edge(item.pose.apply(edge.start), item.pose.apply(edge.end), edge.normals @ item.pose.rotation.T)
         if turned.affords(-up):
             shares = np.linspace(0, 1, 5)[:, None]

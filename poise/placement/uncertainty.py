@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, unit
+from poise.assembly.geometry import Array, plane_axes, rotation_about, unit
 from poise.assembly.scene import RigidObject
-from poise.placement.matching import rotation_about
 
 DIRECTIONS = 8
 
@@ -37,7 +36,7 @@ def stands_anyway(analysis: Analysis, item: RigidObject, uncertainty: Uncertaint
     object, the errors of eight directions are asked one by one.
     """
     up = -unit(analysis.assembly.gravity)
-    first = unit(np.cross(up, [1.0, 0, 0] if abs(up[0]) < 0.9 else [0, 1.0, 0]))
+    first = plane_axes(up)[0]
     for number in range(DIRECTIONS):
         away = rotation_about(up, 2 * np.pi * number / DIRECTIONS) @ first
         mass = item.mass * (1 + uncertainty.mass * (1 if number % 2 else -1))

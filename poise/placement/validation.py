@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from poise.assembly.analysis import Analysis
 from poise.assembly.geometry import Array, Pose, unit
 from poise.assembly.scene import RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.placement.settling import placed, settle
+from poise.placement.settling import settle
 from poise.placement.uncertainty import Uncertainty, stands_anyway
 
 Test = Callable[[Analysis, RigidObject], bool]
@@ -46,7 +46,7 @@ class Validator:
 
     def accept(self, pose: Pose) -> tuple[Analysis, RigidObject] | None:
         """The assembly with the object at this pose, or near it where it settled; None when a test turns it away."""
-        there = placed(self.item, pose)
+        there = replace(self.item, pose=pose)
         try:
             analysis = self.analysis.with_object(there)
         except InputError as error:
