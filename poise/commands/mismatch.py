@@ -1,5 +1,6 @@
 """`poise mismatch`: what physics a recording shows that the simulation lacks."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -128,6 +129,7 @@ def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
             "whiteness": rest.whiteness,
         },
+        "calibration": [asdict(small) for each in found.examinations for small in each.small],
         "untestable": found.untestable,
         "notes": [note for reading in readings for note in reading.notes],
         "seconds": found.seconds,
@@ -171,6 +173,10 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         f"the tolerances, {proof.augmented:.2f} with what was found.",
         soft_wrap=True,
     )
+    clock = next((small for each in found.examinations for small in each.small if small.group == "clock_offset"), None)
+    if clock is not None:
+        value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
+        people.print(f"Inside its tolerance: the wrench's clock is {value} ± {sigma} ms late against the motion's.")
     if found.untestable:
         people.print(f"Not tested here: {escape(', '.join(sorted(found.untestable)))}.", soft_wrap=True)
 

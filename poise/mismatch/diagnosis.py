@@ -19,6 +19,7 @@ from poise.mismatch.problem import Part, Problem, effort_problem, wrench_problem
 from poise.mismatch.search import WARM, Search, left_over, names, search
 from poise.mismatch.unknown import Dependence, Shape, shape, spoken
 from poise.mismatch.where import Window, locate
+from poise.mismatch.within import Small, within
 from poise.mismatch.wording import channel_names
 from poise.mismatch.world import World
 
@@ -74,6 +75,7 @@ class Examination:
         unknown: or None.
         rest: what the best model leaves.
         where: windows in which the nominal model is off.
+        small: the calibration errors as fitted, inside their tolerances.
         last: (N,) the held-out samples.
         proof: errors on them.
     """
@@ -86,6 +88,7 @@ class Examination:
     unknown: Unknown | None
     rest: Leftover
     where: tuple[Window, ...]
+    small: tuple[Small, ...]
     last: NDArray[np.bool_]
     proof: HeldOut
 
@@ -193,6 +196,7 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
         where=locate(
             final.world, final.measured - final.predicted(final.world) - best.calibrated, final.noise, channels
         ),
+        small=within(final, best),
         last=held,
         proof=held_out(replace(final, judged=None), best, held),
     )
@@ -259,6 +263,13 @@ def _unknown(problem: Problem, best: Fit, rest: Leftover) -> Unknown | None:
             tuple(depends),
             first.effect.sentence(problem.world, first.values),
             shape(first.effect, problem.world, first.values),
+        )
+    if rest.louder:
+        return Unknown(
+            tuple(depends),
+            "Something that is not in the library is left: what changes from sample to sample is louder where the "
+            "robot moves fast than where it is slow, which a sensor's noise is not.",
+            None,
         )
     what = " and ".join(spoken(state) for state in depends) or "nothing that was recorded"
     sentence = (

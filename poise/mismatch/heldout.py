@@ -86,4 +86,5 @@ def _happens_in(problem: Problem, part: Part, held: Array) -> bool:
     if part.effect.transfers or not len(held):
         return False
     world = problem.compose([part])[0][0]
-    return any(begin > held[0] - 0.5 for begin, _ in part.effect.windows(world, part.values))
+    windows = part.effect.windows(world, part.values)
+    return bool(windows) and min(begin for begin, _ in windows) > held[0] - 0.5

@@ -28,12 +28,14 @@ class Leftover:
     Args:
         excess: energy of the residual over that of the noise, less one.
         structured: it is more than noise may be.
+        louder: its fast part grows with the speed.
         depends_on: states that it goes with, the best first.
         whiteness: largest autocorrelation of the whitened residual at one to twenty samples, any channel.
     """
 
     excess: float
     structured: bool
+    louder: bool
     depends_on: tuple[str, ...]
     whiteness: float
 
@@ -48,7 +50,7 @@ def leftover(problem: Problem, residual: Array, whitened: Array) -> Leftover:
     loud = _louder_when_fast(problem, residual)
     structured = excess > MATERIAL or loud
     depends = _depends(problem, seconds, residual, scaled, loud) if structured else ()
-    return Leftover(excess, structured, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1)))
+    return Leftover(excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1)))
 
 
 def _depends(problem: Problem, seconds: Array, residual: Array, scaled: Array, loud: bool) -> tuple[str, ...]:

@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.identification import find_kinematics, recorded_gravity
+from poise.inertia.imu import find_imu
 from poise.mismatch.dynamics import at_times
+from poise.mismatch.felt_vibration import LOWEST, slow_part
 from poise.mismatch.kinematics import Motion, base_joints, effort_track, world_from_motion
 from poise.mismatch.load import load_wrench
 from poise.mismatch.model import NominalModel
@@ -26,6 +28,8 @@ Array = NDArray[np.float64]
 
 MAX_RATE = 250.0
 """Hz; a faster wrench is averaged down to about this."""
+BESIDE = 0.1
+"""s by which an accelerometer may begin later than the wrench, or end earlier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +63,7 @@ def read_world(recording: Recording, model: NominalModel) -> Reading:
 
     def build(phi: Array) -> tuple[World, list[str]]:
         if robot is None or joints is None:
-            return _from_tf(recording, frame, wrench, phi, gravity), []
+            return _from_tf(recording, frame, wrench, phi, gravity)
         carried = phi + robot.load_in_sensor if model.tool_in_wrench else phi
         return world_from_streams(robot, joints, odom, wrench, carried, gravity)
 
@@ -239,8 +243,10 @@ def _at(base: BaseMotion | None, known: NDArray[np.bool_]) -> BaseMotion | None:
     return None if base is None else BaseMotion(*(value[known] for value in vars(base).values()))
 
 
-def _from_tf(recording: Recording, frame: str, wrench: WrenchStream, phi: Array, gravity: float) -> World:
-    """A world from the sensor's poses alone: no joints, and accelerations as far as the poses tell them."""
+def _from_tf(
+    recording: Recording, frame: str, wrench: WrenchStream, phi: Array, gravity: float
+) -> tuple[World, list[str]]:
+    """A world from the sensor's poses alone: no joints, and accelerations as far as poses or an accelerometer tell."""
     kinematics = find_kinematics(recording, frame)
     kinematics.feed(None, None)
     newest = kinematics.source.newest
@@ -260,9 +266,13 @@ def _from_tf(recording: Recording, frame: str, wrench: WrenchStream, phi: Array,
     down = np.array([0.0, 0.0, -gravity]) @ rotation
     linear = carried(motion.linear_acceleration_in_sensor)
     omega, alpha = carried(motion.angular_velocity_in_sensor), carried(motion.angular_acceleration_in_sensor)
+    felt, notes = _felt(recording, frame, start, seconds, down), []
+    if felt is not None and not kinematics.has_positions:
+        linear = slow_part(seconds, felt)
+        notes.append(f"tf has no positions: what is slower than {LOWEST:.0f} Hz of the imu is taken for the motion")
     poses = kinematics.source.poses(int(motion.stamps[0]), int(motion.stamps[-1]))
     place = at_times(_seconds(poses.stamps, start), poses.translation, seconds)
-    return World(
+    world = World(
         start=start,
         seconds=seconds,
         wrench=wrench.wrench_in_sensor[known],
@@ -275,4 +285,21 @@ def _from_tf(recording: Recording, frame: str, wrench: WrenchStream, phi: Array,
         rotation_world_sensor=rotation,
         position_in_world=place,
         velocity_in_world=np.gradient(place, seconds, axis=0),
+        accelerometer=felt,
     )
+    return world, notes
+
+
+def _felt(recording: Recording, frame: str, start: int, seconds: Array, down: Array) -> Array | None:
+    """(N, 3) acceleration of the sensor by an accelerometer that rides on it, without its offset; None without one."""
+    imu = find_imu(recording, frame)
+    if imu is None:
+        return None
+    stamps = _seconds(imu.stamps, start)
+    if len(stamps) < 10 or stamps[0] > seconds[0] + BESIDE or stamps[-1] < seconds[-1] - BESIDE:
+        return None
+    # A wrench sample is an average over about its period: so is what it is held against.
+    period = float(np.median(np.diff(seconds)))
+    parts = [at_times(stamps, imu.specific, seconds + shift * period) for shift in (-1 / 3, 0.0, 1 / 3)]
+    felt = down - np.mean(parts, axis=0)
+    return np.asarray(felt - felt.mean(axis=0))

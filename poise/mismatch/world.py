@@ -94,6 +94,8 @@ class World:
         joints: None when the motion came from tf.
         base: None when the base rests.
         effort: None when joint efforts were not recorded.
+        accelerometer: (N, 3) m/s2 that one on the sensor felt of its acceleration, gravity and offset taken out; its
+            clock is its own. None without one.
     """
 
     start: int
@@ -111,6 +113,7 @@ class World:
     joints: JointTrack | None = None
     base: BaseTrack | None = None
     effort: EffortTrack | None = None
+    accelerometer: Array | None = None
 
     def __len__(self) -> int:
         return len(self.seconds)

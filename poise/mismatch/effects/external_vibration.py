@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.mismatch import felt_vibration as felt
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
 from poise.mismatch.part_wrench import shaking, shaking_columns
 from poise.mismatch.world import World
@@ -22,7 +23,10 @@ FEWEST_WAVES = 6.0
 
 
 class ExternalVibration(Effect):
-    """The base accelerates as A sin(2 pi f t) + B cos(2 pi f t) in its own axes, from `start` for `length`."""
+    """The base accelerates as A sin(2 pi f t) + B cos(2 pi f t) in its own axes, from `start` for `length`.
+
+    Where an accelerometer rides on the sensor, a is what it felt instead: its clock and a gain are fitted.
+    """
 
     name = "external_vibration"
     layer = "event"
@@ -36,6 +40,8 @@ class ExternalVibration(Effect):
     transfers = False
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
+        if world.accelerometer is not None:
+            return felt.parameters(world)
         first, last = float(world.seconds[0]), float(world.seconds[-1])
         when = (
             Parameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=0.05),
@@ -47,6 +53,9 @@ class ExternalVibration(Effect):
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         """A line that stands out of the spectra of some stretches in a row; then its phase says when it begins."""
+        if world.accelerometer is not None:
+            yield from felt.starts(world, residual)
+            return
         shake = shaking(world, residual)
         for frequency, begin, end in self._lines(world, shake):
             near = frequency + np.linspace(-0.6, 0.6, 61) / STRETCH
@@ -59,6 +68,8 @@ class ExternalVibration(Effect):
             yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, LOWEST)}
 
     def columns(self, world: World, nonlinear: Values) -> Array:
+        if world.accelerometer is not None:
+            return felt.columns(world, nonlinear)
         start, length = nonlinear["start"], nonlinear["length"]
         since = world.seconds - start
         ramp = min(RAMP, length / 4)
@@ -70,17 +81,21 @@ class ExternalVibration(Effect):
         return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(len(world), 6, 6))
 
     def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        del world
+        if world.accelerometer is not None:
+            return felt.windows(world, values)
         return ((values["start"], values["start"] + values["length"]),)
 
     def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        del world
+        if world.accelerometer is not None:
+            return felt.derived(world, values)
         ellipse = np.array([[values[f"{phase}_{axis}"] for axis in "xyz"] for phase in PHASES])
         _, size, axes = np.linalg.svd(ellipse)
         parts = {f"direction_{axis}": (float(value), "") for axis, value in zip("xyz", axes[0], strict=True)}
         return {"amplitude": (float(size[0]), "m/s2"), **parts}
 
     def sentence(self, world: World, values: Values) -> str:
+        if world.accelerometer is not None:
+            return felt.sentence(world, values)
         ((start, end),) = self.windows(world, values)
         return (
             f"From {start:.1f} s to {end:.1f} s the base shook at {values['frequency']:.1f} Hz with "

@@ -1,0 +1,106 @@
+"""`poise mismatch` on the committed recordings of a real arm, held against other measurements of the same things."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cases import make_case
+from numpy.typing import NDArray
+
+from poise.inertia import identify
+from poise.mismatch import felt_vibration
+from poise.mismatch.diagnosis import Diagnosis, Finding, diagnose
+from poise.mismatch.effects import effect_named
+from poise.mismatch.effects.external_vibration import ExternalVibration
+from poise.mismatch.load import load_wrench
+from poise.mismatch.model import parse_model
+from poise.mismatch.reading import read_world
+from poise.recording import open_recording
+
+BAGS = Path(__file__).parents[2] / "bags"
+STATIC = {"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}}
+
+
+def diagnosed(name: str) -> Diagnosis:
+    reading = read_world(open_recording(BAGS / name), parse_model(STATIC))
+    return diagnose(reading.world, reading.model)
+
+
+@pytest.fixture(scope="module")
+def free() -> Diagnosis:
+    return diagnosed("kuka_free_motion.mcap")
+
+
+@pytest.fixture(scope="module")
+def shaken() -> Diagnosis:
+    return diagnosed("kuka_vibration.mcap")
+
+
+def found(answer: Diagnosis, name: str) -> Finding:
+    return next(finding for finding in answer.findings if finding.effect.name == name)
+
+
+@pytest.mark.parametrize("run", ["free", "shaken"])
+def test_bias_and_vibration_are_named_and_nothing_else(run: str, request: pytest.FixtureRequest) -> None:
+    answer: Diagnosis = request.getfixturevalue(run)
+    assert {finding.effect.name for finding in answer.findings} == {"sensor_bias", "external_vibration"}
+    proof = answer.main.proof
+    assert proof.augmented < proof.nominal < proof.as_given
+
+
+@pytest.mark.parametrize("run", ["free", "shaken"])
+def test_the_bias_is_that_of_the_static_poses(run: str, request: pytest.FixtureRequest) -> None:
+    bias = identify(open_recording(BAGS / "kuka_static_poses.mcap")).estimate.bias
+    parameters = found(request.getfixturevalue(run), "sensor_bias").parameters
+    force = np.array([parameters[f"force_{axis}"].value for axis in "xyz"])
+    # The sensor was warm and zeroed anew between the two: its bias is the same to 5 %.
+    assert np.linalg.norm(force - bias[:3]) < 0.05 * np.linalg.norm(bias[:3])
+
+
+def test_the_arm_shakes_at_forty_hertz_and_the_accelerometers_clock_is_late(free: Diagnosis, shaken: Diagnosis) -> None:
+    for answer in (free, shaken):
+        parameters = found(answer, "external_vibration").parameters
+        assert parameters["frequency"].value == pytest.approx(40.0, abs=0.5)
+        # `poise identify`, which knows nothing of effects, finds 6.4 ms.
+        assert parameters["accelerometer_late"].value == pytest.approx(6.4e-3, abs=1e-3)
+
+
+def test_only_the_shaken_run_has_blows(free: Diagnosis, shaken: Diagnosis) -> None:
+    assert felt_vibration.blows_in(free.main.problem.world) == []
+    blows = felt_vibration.blows_in(shaken.main.problem.world)
+    # Where the raw accelerometer jumps by more than 5 m/s2 from one sample to the next.
+    imu = open_recording(BAGS / "kuka_vibration.mcap").imu()
+    start = shaken.main.problem.world.start
+    jumps = np.linalg.norm(np.diff(imu.linear_acceleration, axis=0), axis=1) > 5.0
+    moments = (imu.stamps[1:][jumps] - start) * 1e-9
+    assert len(blows) == 4
+    assert all(np.abs(moments - blow).min() < 0.1 for blow in blows)
+
+
+def test_the_clock_of_the_wrench_is_known_though_it_is_no_finding(shaken: Diagnosis) -> None:
+    (clock,) = [small for small in shaken.main.small if small.group == "clock_offset"]
+    assert abs(clock.value) < clock.tolerance
+    assert 0 < clock.std < clock.tolerance / 2
+
+
+def test_a_felt_vibration_is_the_payload_carried_along_by_it() -> None:
+    """Thesis eq. 2.97 with the shaking in the acceleration; the accelerometer's clock late by three samples."""
+    world = make_case(3, duration=10.0).world()
+
+    def shaken_at(seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+        at = seconds[:, None]
+        return np.asarray(np.sin(2 * np.pi * 10.0 * at + np.arange(3)) * np.exp(-(((at - 5.0) / 2.0) ** 2)))
+
+    shaking = shaken_at(world.seconds)
+    world = replace(world, accelerometer=world.linear_acceleration + shaken_at(world.seconds - 0.03))
+    values = {"start": 0.0, "length": 10.0, "frequency": 10.0, "accelerometer_late": 0.03, "smoothing": 2e-4}
+    columns = ExternalVibration().columns(world, values)[:, :, 0]
+    moved = load_wrench(world.phi, world.specific - shaking, world.angular_velocity, world.angular_acceleration)
+    inner = slice(100, -100)
+    assert np.abs(columns - (moved - world.nominal))[inner].max() < 0.02 * np.abs(columns).max()
+    effect = effect_named("external_vibration")
+    assert effect is not None
+    (start,) = effect.starts(world, moved - world.nominal)
+    assert start["accelerometer_late"] == pytest.approx(0.03, abs=2e-3)
+    assert start["frequency"] == pytest.approx(10.0, abs=0.2)
