@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
@@ -53,6 +53,7 @@ class InertialEstimator(Node):
             (WrenchStamped, "wrench", self._on_wrench, wrench_qos),
             (JointState, "joint_states", self._on_joint_state, QoSProfile(depth=2000)),
             (String, "robot_description", self._on_description, LATCHED),
+            (Imu, "imu", self._on_imu, QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)),
             (TFMessage, "tf", self._on_tf, QoSProfile(depth=2000)),
             (TFMessage, "tf_static", self._on_tf_static, LATCHED),
             (SegmentedObject, "segmented_object", self._on_shape, LATCHED),
@@ -72,6 +73,10 @@ class InertialEstimator(Node):
     def _on_joint_state(self, message: JointState) -> None:
         stamp, now = _ns(message.header.stamp), time.monotonic()
         self.live.add_joint_state(stamp, message.name, message.position, message.velocity, now)
+
+    def _on_imu(self, message: Imu) -> None:
+        felt = message.linear_acceleration
+        self.live.add_imu(_ns(message.header.stamp), message.header.frame_id, (felt.x, felt.y, felt.z))
 
     def _on_description(self, message: String) -> None:
         self.live.set_robot_description(message.data, time.monotonic())

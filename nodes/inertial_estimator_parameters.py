@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.live import SOURCES, LiveOptions
+from poise.inertia.live import IMUS, SOURCES, LiveOptions
 from poise.inertia.object_shape import load_object
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.tracks import PairingSettings
@@ -21,6 +21,13 @@ PARAMETERS = (
     Parameter("sensor_frame", "", "frame of the wrench; empty: what its first message says"),
     Parameter("base_frame", "", "gravity-aligned frame in tf; empty: the topmost"),
     Parameter("motion_source", "auto", "joint_states, tf, or auto: the former when a robot_description comes", SOURCES),
+    Parameter(
+        "imu",
+        "auto",
+        "linear acceleration from an IMU that tf_static joins to the sensor: never; always, as on a base that drives;"
+        " auto: where tf has attitudes only",
+        IMUS,
+    ),
     Parameter("gravity", 9.80665, "m/s2", (0.1, 100.0)),
     Parameter(
         "method",
@@ -75,6 +82,7 @@ def live_options(values: dict[str, Any]) -> LiveOptions:
         sensor_frame=values["sensor_frame"],
         base_frame=values["base_frame"],
         motion_source=values["motion_source"],
+        imu=values["imu"],
         gravity=values["gravity"],
         method=values["method"],
         noise=NoiseLevels(**{name: values[f"noise_{name}"] for name in (*NOISE, *BIAS)}),

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.averaging import ModelAverage
 from poise.inertia.blocks import BLOCK, Blocks
-from poise.inertia.delay import LagGrid
+from poise.inertia.delay import LAG_STEP, LagGrid
 from poise.inertia.findings import (
     RejectedInterval,
     not_shown,
@@ -93,6 +93,7 @@ class PoiseEstimator:
         gravity: (3,) m/s2 in the world.
         limits: (6,) |wrench| from which the sensor is saturated, N and N m.
         longest_delay: s between the clocks, either way; 0 when they are known to be one.
+        lag_step: s in which the motion hardly changes.
         shape_accuracy: relative error of lengths in the shape.
         block: ns of samples that are kept, or left out, together.
 
@@ -108,6 +109,7 @@ class PoiseEstimator:
         gravity: ArrayLike = GRAVITY_IN_WORLD,
         limits: ArrayLike = np.inf,
         longest_delay: float = LONGEST_DELAY,
+        lag_step: float = LAG_STEP,
         shape_accuracy: float = SHAPE_ACCURACY,
         block: int = BLOCK,
     ) -> None:
@@ -122,7 +124,7 @@ class PoiseEstimator:
                 " is without noise",
             )
         self.shape_accuracy = shape_accuracy
-        self._grid = LagGrid(longest_delay)
+        self._grid = LagGrid(longest_delay, lag_step)
         self._recorder = BlockRecorder(self._grid, limits, block)
         self._search: Search | None = None
         self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes)

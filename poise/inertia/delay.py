@@ -36,17 +36,20 @@ class Delay:
 
 
 class LagGrid:
-    """Delays at which samples are paired: multiples of `LAG_STEP` from -longest to longest, at least five.
+    """Delays at which samples are paired: multiples of a step from -longest to longest, at least five.
 
     Args:
         longest: s; with 0 the delay is known to be none, and there is a single lag.
+        step: s between lags.
     """
 
-    def __init__(self, longest: float) -> None:
-        steps = max(2, round(longest / LAG_STEP)) if longest > 0 else 0
-        self.nanoseconds = np.arange(-steps, steps + 1, dtype=np.int64) * round(LAG_STEP * 1e9)
+    def __init__(self, longest: float, step: float = LAG_STEP) -> None:
+        steps = max(2, round(longest / step)) if longest > 0 else 0
+        self.nanoseconds = np.arange(-steps, steps + 1, dtype=np.int64) * round(step * 1e9)
         self.lags = self.nanoseconds * 1e-9
-        self._fine, self._smooth = _fine_grid(steps)
+        self._step = step
+        fine, self._smooth = _fine_grid(steps)
+        self._fine = fine * step
 
     def __len__(self) -> int:
         return len(self.lags)
@@ -55,7 +58,7 @@ class LagGrid:
         """(..., L) with which quantities at the lags add up to those at delays (...,): parabolas through three lags."""
         if len(self) == 1:
             return np.ones((*np.shape(delays), 1))
-        place = (np.asarray(delays, dtype=np.float64)[..., None] - self.lags[0]) / LAG_STEP
+        place = (np.asarray(delays, dtype=np.float64)[..., None] - self.lags[0]) / self._step
         nearest = np.rint(place).clip(1, len(self) - 2)
         beyond, steps = place - nearest, np.arange(len(self)) - nearest
         at, beside = 1 - beyond**2, beyond * (beyond + steps) / 2
@@ -77,9 +80,9 @@ class LagGrid:
 
 @functools.cache
 def _fine_grid(steps: int) -> tuple[Array, Array]:
-    """(F,) delays, and the (F, L) map from values at the lags to the polynomial through them."""
+    """(F,) delays in steps, and the (F, L) map from values at the lags to the polynomial through them."""
     if steps == 0:
         return np.zeros(1), np.ones((1, 1))
     coarse, fine = np.linspace(-1.0, 1.0, 2 * steps + 1), np.linspace(-1.0, 1.0, FINE_STEPS + 1)
     smooth = np.vander(fine, PROFILE_DEGREE + 1) @ np.linalg.pinv(np.vander(coarse, PROFILE_DEGREE + 1))
-    return fine * steps * LAG_STEP, smooth
+    return fine * steps, smooth

@@ -22,7 +22,7 @@ from poise.inertia.recorded_kinematics import Kinematics, find_kinematics, has_t
 from poise.inertia.recorder import NOT_FINITE
 from poise.inertia.samples import Progress, collect
 from poise.inertia.tracks import USED, PairingSettings
-from poise.inertia.weighers import AUTO, OLS, STATIC, joined, model_matrix
+from poise.inertia.weighers import AUTO, LEAST_SQUARES, OLS, joined, model_matrix
 from poise.inertia.weighing import PairedSamples
 from poise.recording import Recording, WrenchStream
 from poise.robot import STANDARD_GRAVITY, RobotModel
@@ -37,9 +37,6 @@ __all__ = [
     "identify",
     "identify_wrenches",
 ]
-
-LEAST_SQUARES = (AUTO, STATIC, OLS)
-"""Are one with the recursive estimator."""
 
 METHODS = (OWN_METHOD, *LEAST_SQUARES, *(name for name in method_names() if name not in (OWN_METHOD, OLS)))
 """The default first."""

@@ -12,16 +12,20 @@ from poise.inertia.bayes import SHAPE_ACCURACY
 from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
 from poise.inertia.hand_frames import HandFrames
+from poise.inertia.imu_track import LiveImu
 from poise.inertia.online import WINDOW, OnlineEstimator
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.sources import FrameSource, JointSource, MotionSource
 from poise.inertia.tracks import PairingSettings
-from poise.inertia.weighers import AUTO, check_method
+from poise.inertia.weighers import AUTO, LEAST_SQUARES, check_method
 from poise.robot import STANDARD_GRAVITY, RobotModel
 
 JOINTS, FRAMES = "joint_states", "tf"
 SOURCES = (AUTO, JOINTS, FRAMES)
+
+ALWAYS, NEVER = "always", "never"
+IMUS = (AUTO, ALWAYS, NEVER)
 
 GRACE = 1.0
 """s that tf waits, in `auto`, for joint states and a robot description to show up: they are the better source."""
@@ -39,6 +43,8 @@ class LiveOptions:
         sensor_frame: frame of the wrench; empty: what its first message says.
         base_frame: gravity-aligned frame in tf; empty: the topmost.
         motion_source: `joint_states`, `tf`, or `auto`: joint states when they and a robot description come, else tf.
+        imu: `always`, `never`, or `auto`: one that tf_static joins to the sensor tells the linear acceleration where
+            tf has attitudes only. On a base that moves, `always` does what joint states cannot.
         gravity: m/s2.
         method: see `OnlineEstimator`.
         parts: of the payload, in the sensor frame; None when its shape is not known.
@@ -52,6 +58,7 @@ class LiveOptions:
     sensor_frame: str = ""
     base_frame: str = ""
     motion_source: str = AUTO
+    imu: str = AUTO
     gravity: float = STANDARD_GRAVITY
     method: str = AUTO
     parts: Parts | None = None
@@ -72,11 +79,9 @@ class LiveEstimator:
 
     def __init__(self, options: LiveOptions) -> None:
         check_method(options.method)
-        if options.motion_source not in SOURCES:
-            raise InputError(
-                ErrorCode.BAD_INPUT,
-                f"there is no motion source '{options.motion_source}'; choose one of {', '.join(SOURCES)}",
-            )
+        for what, name, choice in (("motion source", options.motion_source, SOURCES), ("imu", options.imu, IMUS)):
+            if name not in choice:
+                raise InputError(ErrorCode.BAD_INPUT, f"there is no {what} '{name}'; choose one of {', '.join(choice)}")
         self.options = options
         self.frames = FrameSource(options.sensor_frame, options.base_frame or None, options.settings.max_gap)
         self.joints: JointSource | None = None
@@ -86,6 +91,8 @@ class LiveEstimator:
         """Of the payload, in the sensor frame; and the relative error of its lengths."""
         self.hand = HandFrames()
         """Frames that the shape of the payload may be given in."""
+        self.imu = LiveImu(self.hand, np.array([0.0, 0.0, -options.gravity]))
+        """What has come of it, used or not."""
         self.problem: InputError | None = None
         """Why the robot description cannot be used."""
         self.foreign_wrenches: Counter[str] = Counter()
@@ -156,7 +163,7 @@ class LiveEstimator:
         Raises:
             InputError: FRAME_UNKNOWN when a frame changes its parent.
         """
-        self.hand.add(parent, child, rotation, translation)
+        self.hand.add(parent, child, rotation, translation, fixed=fixed)
         if self.options.motion_source == JOINTS or self._uses(self.joints):
             return
         turn, shift = np.asarray(rotation)[None], np.asarray(translation)[None]
@@ -164,6 +171,11 @@ class LiveEstimator:
         if used and not fixed and self.frames.newest is not None:
             self._has_moved(now)
             self._frames_since = now if self._frames_since is None else self._frames_since
+
+    def add_imu(self, stamp: int, frame_id: str, acceleration: ArrayLike) -> None:
+        """Take the linear acceleration (3,) m/s2 of an IMU, in its own axes, gravity's reaction included."""
+        if self.options.imu != NEVER:
+            self.imu.add(stamp, frame_id, acceleration)
 
     # -- what comes out --------------------------------------------------------------------------------------
 
@@ -178,9 +190,12 @@ class LiveEstimator:
             patient = self.options.motion_source == AUTO
             if now - self._frames_since >= (GRACE if patient else 0.0):
                 self._choose(self.frames)
+        if self.estimator is None or self.estimator.imu is None:
+            self.imu.keep_last(EARLY_SPAN)
         if self.estimator is None:
             self.frames.keep_last(EARLY_SPAN)
             return
+        self._take_imu()
         quiet = now - max(self.heard.values(), default=now) > QUIET
         if not self._flushed:
             self.estimator.update(flush=quiet)
@@ -273,6 +288,16 @@ class LiveEstimator:
         while self.early_joints:
             self.add_joint_state(*self.early_joints.popleft(), now)
 
+    def _take_imu(self) -> None:
+        """Once it is known how it is mounted, and wanted."""
+        estimator = self.estimator
+        if estimator is None or estimator.imu is not None:
+            return
+        lacking = estimator.source is self.frames and not self.frames.has_positions
+        lacking &= self.options.method not in LEAST_SQUARES  # which say what poses alone show
+        if (lacking or self.options.imu == ALWAYS) and self.imu.rides_on(self.sensor_frame):
+            estimator.take_imu(self.imu)
+
     def _uses(self, source: MotionSource | None) -> bool:
         return source is not None and self.estimator is not None and self.estimator.source is source
 
@@ -281,6 +306,7 @@ class LiveEstimator:
             self.estimator = self._estimator_for(source)
         else:
             self.estimator.change_source(source)
+        self._take_imu()
         for stamp, wrench in self._early:
             self.estimator.add_wrench(stamp, wrench)
         self._early.clear()

@@ -10,6 +10,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.bayes import SHAPE_ACCURACY
 from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
+from poise.inertia.imu_track import LAG_STEP, LONGEST_DELAY, LiveImu
 from poise.inertia.methods import OWN_METHOD
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
@@ -91,6 +92,8 @@ class OnlineEstimator:
         self._max_intervals = max_intervals
         self._source_jumps = source.jumps
         self._newest: int | None = None
+        self.imu: LiveImu | None = None
+        """That tells the linear acceleration; None: the source does."""
         self._tracks = SharedTracks(source, self._settings)
         self._watch: Run | None = None
         self._coming: Parts | None = None
@@ -127,6 +130,13 @@ class OnlineEstimator:
         """Take the motion from elsewhere from now on; what was learnt and what waits stays."""
         self.source, self._source_jumps = source, source.jumps
         self._renew_tracks()
+
+    def take_imu(self, imu: LiveImu) -> None:
+        """Believe an IMU on the sensor about the linear acceleration; what was learnt without it is forgotten."""
+        self.imu = imu
+        self._told = replace(self._told, longest_delay=LONGEST_DELAY, lag_step=LAG_STEP)
+        self._renew_tracks()
+        self.reset(self._running.prior.parts)
 
     # -- a window of its own ---------------------------------------------------------------------------------
 
@@ -182,6 +192,11 @@ class OnlineEstimator:
     def n_samples(self) -> int:
         """Samples used, by the method that used most."""
         return self._running.busiest.weigher.n_samples
+
+    @property
+    def motion_words(self) -> str:
+        """For people: where the motion comes from."""
+        return self.source.words if self.imu is None else f"{self.source.words}; {self.imu.words}"
 
     @property
     def rejected(self) -> Mapping[str, int]:
@@ -248,7 +263,7 @@ class OnlineEstimator:
         return Weighing(method, self._tracks.of, prior, self._max_intervals)
 
     def _renew_tracks(self) -> None:
-        self._tracks = SharedTracks(self.source, self._settings)
+        self._tracks = SharedTracks(self.source, self._settings, self.imu)
         for run in self._runs:
             run.track = self._tracks.of(run.name)
 
@@ -272,6 +287,8 @@ class OnlineEstimator:
     def _start_over(self) -> None:
         """Time has jumped: what waits for its partner waits in vain."""
         self.clock_jumps += 1
+        if self.imu is not None:
+            self.imu.clear()
         self._newest = None
         for run in self._runs:
             run.drop_waiting(OUT_OF_ORDER)

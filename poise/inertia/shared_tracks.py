@@ -7,6 +7,7 @@ import numpy as np
 
 from poise.inertia.buffer import Stamps
 from poise.inertia.fresh_track import FreshTrack
+from poise.inertia.imu_track import ImuTrack, LiveImu
 from poise.inertia.sources import MotionSource
 from poise.inertia.tracks import USED, MotionTrack, PairingSettings, Reasons, RestTrack, Track
 from poise.inertia.weighers import OLS, STATIC, WATCH
@@ -19,10 +20,11 @@ class SharedTracks:
     Args:
         source: of the kinematics.
         settings: how wrenches and motion are brought together.
+        imu: knows the linear acceleration; None: the source does.
     """
 
-    def __init__(self, source: MotionSource, settings: PairingSettings) -> None:
-        self._source, self._settings = source, settings
+    def __init__(self, source: MotionSource, settings: PairingSettings, imu: LiveImu | None = None) -> None:
+        self._source, self._settings, self._imu = source, settings, imu
         self._made: list[Track] = []
 
     def of(self, method: str) -> Track:
@@ -51,18 +53,21 @@ class SharedTracks:
         return track
 
     @cached_property
-    def _moving(self) -> MotionTrack:
-        self._made.append(track := MotionTrack(self._source, self._settings))
-        return track
+    def _moving(self) -> Track:
+        return self._kept(MotionTrack(self._source, self._settings))
 
     @cached_property
-    def _fresh(self) -> FreshTrack:
-        self._made.append(track := FreshTrack(self._source, self._settings))
-        return track
+    def _fresh(self) -> Track:
+        return self._kept(FreshTrack(self._source, self._settings))
 
     @cached_property
     def _either(self) -> "EitherTrack":
         return EitherTrack(self._moving, self._still)
+
+    def _kept(self, track: Track) -> Track:
+        track = track if self._imu is None else ImuTrack(track, self._imu)
+        self._made.append(track)
+        return track
 
 
 class EitherTrack:
@@ -72,7 +77,7 @@ class EitherTrack:
     by whoever made them.
     """
 
-    def __init__(self, moving: MotionTrack, still: RestTrack) -> None:
+    def __init__(self, moving: Track, still: RestTrack) -> None:
         self._moving, self._still = moving, still
 
     @property

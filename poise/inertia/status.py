@@ -90,7 +90,7 @@ def _clocks(live: LiveEstimator) -> str:
 def _values(live: LiveEstimator, now: float) -> dict[str, str]:
     values = {
         "sensor_frame": live.sensor_frame,
-        "motion": live.estimator.source.words if live.estimator else "not chosen yet",
+        "motion": live.estimator.motion_words if live.estimator else "not chosen yet",
         "samples_used": str(live.n_samples),
         "wrenches_of_other_frames": str(live.foreign_wrenches.total()),
         "joint_states_of_others": str(live.joints.foreign if live.joints else 0),

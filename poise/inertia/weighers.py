@@ -3,13 +3,14 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.bayes import SHAPE_ACCURACY, PoiseEstimator
+from poise.inertia.bayes import LONGEST_DELAY, SHAPE_ACCURACY, PoiseEstimator
 from poise.inertia.change import ContinuousEstimator, PayloadChange
+from poise.inertia.delay import LAG_STEP
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import Solution, solve
 from poise.inertia.methods import OWN_METHOD, method, method_names
@@ -21,6 +22,8 @@ from poise.robot import SensorMotion
 from poise.robot.motion import GRAVITY_IN_WORLD
 
 STATIC, OLS, AUTO = "static", "ols", "auto"
+LEAST_SQUARES = (AUTO, STATIC, OLS)
+"""Say what poses and joints show, live and of a recording alike; an IMU is not asked."""
 METHODS = (AUTO, STATIC, OLS, *(name for name in method_names() if name != OLS))
 """`auto` chooses between `static` and `ols`; all but these and `poise` work on a window."""
 
@@ -46,6 +49,7 @@ class Prior:
         window: s of samples, for methods that work on a window.
         tare: (6,) what the sensor is known to read with nothing on it; `noise` says how well. N and N m.
         since: ns; earlier samples belong to another payload. None: they do not.
+        longest_delay, lag_step: s, see `PoiseEstimator`.
     """
 
     parts: Parts | None = None
@@ -55,6 +59,14 @@ class Prior:
     window: float = 10.0
     tare: Array = field(default_factory=lambda: np.zeros(6))
     since: int | None = None
+    longest_delay: float = LONGEST_DELAY
+    lag_step: float = LAG_STEP
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Of a `PoiseEstimator`."""
+        names = {"gravity": self.gravity, "shape_accuracy": self.accuracy}
+        return names | {"longest_delay": self.longest_delay, "lag_step": self.lag_step}
 
 
 class Weigher(Protocol):
@@ -108,7 +120,7 @@ class Recursive:
     """`poise`: sums that hardly grow."""
 
     def __init__(self, prior: Prior) -> None:
-        self._estimator = PoiseEstimator(prior.parts, prior.noise, gravity=prior.gravity, shape_accuracy=prior.accuracy)
+        self._estimator = PoiseEstimator(prior.parts, prior.noise, **prior.options)
         self._tare = prior.tare
         self._n_samples = 0
 
@@ -130,9 +142,7 @@ class Continuous:
 
     def __init__(self, prior: Prior) -> None:
         self._told = prior
-        self._estimator = ContinuousEstimator(
-            prior.parts, prior.noise, gravity=prior.gravity, shape_accuracy=prior.accuracy
-        )
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **prior.options)
         self._parts = prior.parts
         self._n_samples = self._n_changes = 0
 
