@@ -17,6 +17,7 @@ from rich.table import Table
 NODES: dict[str, list[str]] = {
     "ft_driver": ["-p", "device:=rdt", "-p", "address:=127.0.0.1"],
     "inertial_estimator": [],
+    "placement_planner": [],
     "robustness_server": [],
     "acceleration_limits": [],
     "fake_robot": ["-p", "mode:=arm"],

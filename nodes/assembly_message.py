@@ -26,6 +26,7 @@ from poise.assembly import (
     read_object,
 )
 from poise.errors import ErrorCode, InputError
+from poise.shape.meshes import check_mesh
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject
 from poise_msgs.msg import FrictionPair as FrictionPairMessage
@@ -62,7 +63,7 @@ def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assem
 
 def objects_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> tuple[RigidObject, ...]:
     """The objects of a message; raises as `assembly_of`."""
-    return tuple(_object(item, folders) for item in message.objects)
+    return tuple(object_of(item, folders) for item in message.objects)
 
 
 def pairs_of(message: AssemblyMessage) -> tuple[FrictionPair, ...]:
@@ -73,8 +74,8 @@ def pairs_of(message: AssemblyMessage) -> tuple[FrictionPair, ...]:
     )
 
 
-def _object(message: AssemblyObject, folders: Sequence[Path]) -> RigidObject:
-    """One object, through the door of scene files: the same checks, the same words."""
+def object_of(message: AssemblyObject, folders: Sequence[Path] = ()) -> RigidObject:
+    """One object, through the door of scene files: the same checks, the same words; raises as `assembly_of`."""
     inertia, place = message.inertia, message.pose
     content: dict[str, Any] = {
         "id": message.id,
@@ -116,25 +117,11 @@ def _shape(message: AssemblyObject, folders: Sequence[Path]) -> dict[str, Any]:
     if message.shape == AssemblyObject.SHAPE_MESH:
         vertices = np.array([_xyz(vertex) for vertex in message.mesh.vertices]).reshape(-1, 3)
         triangles = np.array([face.vertex_indices for face in message.mesh.triangles], dtype=np.int64).reshape(-1, 3)
-        return {"mesh": _checked_mesh(vertices, triangles, where)}
+        mesh = check_mesh(vertices, triangles, name=where)
+        return {"mesh": Mesh(mesh.vertices, mesh.triangles, notes=mesh.notes)}
     if message.shape == AssemblyObject.SHAPE_URI:
         return {"mesh": _allowed(message.mesh_uri, folders, where), "scale": message.mesh_scale}
     raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: shape {message.shape} is none of primitive, mesh, URI")
-
-
-def _checked_mesh(vertices: Any, triangles: Any, where: str) -> Mesh:
-    if len(triangles) < 4 or triangles.max(initial=0) >= len(vertices):
-        raise InputError(
-            ErrorCode.MESH_INVALID,
-            f"{where}: a mesh of {len(triangles)} triangles and {len(vertices)} vertices; expected at least 4 "
-            "triangles, of vertices that there are",
-        )
-    if not np.isfinite(vertices).all():
-        raise InputError(ErrorCode.NOT_FINITE, f"{where}: a vertex of its mesh is not finite")
-    try:
-        return Mesh(vertices, triangles)
-    except InputError as error:
-        raise InputError(error.code, f"{where}: {error.message}", **error.data) from error
 
 
 def _allowed(uri: str, folders: Sequence[Path], where: str) -> str:

@@ -23,7 +23,8 @@ def analysis_after(before: Analysis | None, assembly: Assembly) -> Analysis:
         for item in assembly.objects
         if item.id not in known or not same_object(item, before.assembly.objects[known[item.id]])
     ]
-    if len(gone) + len(changed) == len(assembly.objects):
+    stays = any(item.fixed for item in before.assembly.objects if item.id not in gone)
+    if len(gone) + len(changed) == len(assembly.objects) or not stays:
         return Analysis.of(assembly)
     analysis = before
     for name in gone:

@@ -18,4 +18,4 @@ def load_mesh(source: str, folder: Path = Path(), scale: float = 1.0) -> Mesh:
         InputError: as `poise.shape.meshes.read_mesh`, naming the file.
     """
     mesh = read_mesh(source, folder, scale)
-    return Mesh(mesh.vertices, mesh.triangles, source=source, scale=scale)
+    return Mesh(mesh.vertices, mesh.triangles, source=source, scale=scale, notes=mesh.notes)

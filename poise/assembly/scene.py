@@ -127,6 +127,11 @@ class Assembly:
                 if name not in ids:
                     raise InputError(ErrorCode.OBJECT_UNKNOWN, f"{where}: there is no object {name}", object=name)
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was mended in the meshes, one sentence each, naming the object."""
+        return tuple(f"object {item.id}: {note}" for item in self.objects for note in getattr(item.shape, "notes", ()))
+
     @cached_property
     def index(self) -> Mapping[str, int]:
         """The place of each id in `objects`."""

@@ -145,6 +145,8 @@ class Cylinder:
 class Mesh:
     """A closed triangle mesh. `source` and `scale` say where it came from, for writing the scene again.
 
+    `notes`: what was mended on the way in, one sentence each.
+
     Raises:
         InputError: MESH_INVALID when it is not closed or encloses no volume.
     """
@@ -153,6 +155,7 @@ class Mesh:
     triangles: Indices
     source: str = ""
     scale: float = 1.0
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         name = self.source or "mesh"

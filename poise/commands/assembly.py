@@ -16,7 +16,6 @@ from poise.assembly import (
     RobustnessMap,
     acceleration_limits,
     assess,
-    load_scene,
     plan_disassembly,
     robustness_map,
 )
@@ -30,6 +29,7 @@ from poise.commands.assembly_pictures import (
 )
 from poise.commands.output import console, number_for_json, refuse_folder, warn, write_json
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
+from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
@@ -69,7 +69,7 @@ def robustness(
     refuse_folders(json_target, picture, rerun)
     if surface and queries is not None:
         raise InputError(ErrorCode.BAD_INPUT, "--queries and --map ask different questions; give one of them")
-    analysis = Analysis.of(load_scene(scene))
+    analysis = open_scene(scene)
     if surface:
         found_map = robustness_map(analysis, points, tolerance, model, deadline)
         target = json_target or f"{scene.stem}_map.json"
@@ -106,7 +106,7 @@ def msa(
     """
     refuse_folders(json_target, picture, rerun)
     wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
-    analysis = Analysis.of(load_scene(scene))
+    analysis = open_scene(scene)
     start = time.perf_counter()
     found = acceleration_limits(analysis, wanted, deadline)
     seconds = time.perf_counter() - start
@@ -149,7 +149,7 @@ def disassemble(
     Example:  poise disassemble scene.yaml
     """
     refuse_folder(json_target, "--json")
-    analysis = Analysis.of(load_scene(scene))
+    analysis = open_scene(scene)
     found = plan_disassembly(analysis, target, deadline)
     margins = [number_for_json(value) for value in found.margins]
     content = {"order": found.order, "safe": found.safe, "margins": margins, "complete": found.complete}

@@ -9,8 +9,9 @@ import yaml
 from rich.progress import Progress as Bar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from poise.assembly import Analysis, RigidObject, load_scene, read_object, write_scene
+from poise.assembly import RigidObject, read_object, write_scene
 from poise.commands.output import console, refuse_folder, write_json
+from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
 
@@ -74,7 +75,7 @@ def place(
     """
     refuse_folder(json_target, "--json")
     item = _read_spec(spec)
-    analysis = Analysis.of(load_scene(scene))
+    analysis = open_scene(scene)
     options = Options(
         attempts, deadline, candidates, criterion, on, uncertainty=Uncertainty() if robust else None, refining=refining
     )

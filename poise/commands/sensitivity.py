@@ -9,11 +9,12 @@ import typer
 from rich.markup import escape
 from rich.progress import Progress
 
-from poise.assembly import Analysis, MotionProbability, Push, Sensitivity, load_scene, motion_probability
+from poise.assembly import MotionProbability, Push, Sensitivity, motion_probability
 from poise.assembly import sensitivity as sensitivity_of
 from poise.commands.assembly import DeadlineOption, JsonOption, SceneArgument
 from poise.commands.output import console, number_for_json, refuse_folder, write_json
 from poise.commands.questions import read_pushes
+from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError
 
 
@@ -43,7 +44,7 @@ def sensitivity(
     Example:  poise sensitivity scene.yaml --queries pushes.json --force 3 --friction-deviation 0.05
     """
     refuse_folder(json_target, "--json")
-    analysis = Analysis.of(load_scene(scene))
+    analysis = open_scene(scene)
     pushes = read_pushes(queries)
     single = [push for push in pushes if isinstance(push, Push)]
     if len(single) < len(pushes):

@@ -115,3 +115,10 @@ def test_an_analysis_starts_from_what_another_assembly_has_in_common():
     with pytest.raises(InputError) as raised:
         analysis_after(before, scenes.stack(4).without("c1"))
     assert raised.value.code == ErrorCode.FLOATING
+
+
+def test_another_assembly_on_another_floor_is_taken_over():
+    """Nothing fixed is common to both: what is new cannot be built upon the old."""
+    cube = box("cube", (1, 1, 1), (0, 0, 0.5))
+    before, after = (Assembly((fixed_box(name, (4, 4, 1), (0, 0, -0.5)), cube)) for name in ("a", "b"))
+    assert analysis_after(Analysis.of(before), after).assembly.index == {"b": 0, "cube": 1}

@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 import pytest
+from action_caller import Caller
 from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -25,42 +25,9 @@ NODE |= {"noise_linear_acceleration": 0.01, "noise_angular_acceleration": 0.05}
 STOP_AND_GO, EXCITATION = IdentifyPayload.Goal.MOTION_STOP_AND_GO, IdentifyPayload.Goal.MOTION_EXCITATION
 
 
-class Caller:
-    """Sends goals, and keeps what comes back."""
-
-    def __init__(self, graph) -> None:
-        self._graph = graph
-        self._client = ActionClient(graph.node, IdentifyPayload, "identify_payload")
-        self.feedback: list[IdentifyPayload.Feedback] = []
-
-    def ready(self) -> "Caller":
-        self._graph.wait_for(self._client.server_is_ready, 60.0, "the action")
-        return self
-
-    def send(self, **fields):
-        """The handle of an accepted goal."""
-        goal = IdentifyPayload.Goal(**fields)
-        future = self._client.send_goal_async(goal, feedback_callback=lambda said: self.feedback.append(said.feedback))
-        self._graph.wait_for(future.done, what="acceptance")
-        assert future.result().accepted
-        return future.result()
-
-    def result(self, handle, timeout: float = 60.0):
-        future = handle.get_result_async()
-        self._graph.wait_for(future.done, timeout, "the result")
-        return future.result()
-
-    def phase(self, name: str) -> None:
-        """Wait for it."""
-        self._graph.wait_for(lambda: any(one.phase == name for one in self.feedback), 40.0, f"phase {name}")
-
-    def close(self) -> None:
-        self._client.destroy()
-
-
 @pytest.fixture
 def caller(graph):
-    caller = Caller(graph)
+    caller = Caller(graph, IdentifyPayload, "identify_payload")
     yield caller
     caller.close()
 
@@ -74,6 +41,10 @@ def start_both(start_node, graph, caller, arm=ARM, node=NODE):
     estimates = graph.node.count_publishers("inertial_estimate")
     graph.wait_for(lambda: estimates, what="the estimator")
     return robot, states
+
+
+def wait_for_phase(graph, caller, name):
+    graph.wait_for(lambda: any(one.phase == name for one in caller.feedback), 40.0, f"phase {name}")
 
 
 def wait_until_known(graph, caller):
@@ -149,9 +120,8 @@ def test_a_cancelled_goal_leaves_the_arm_at_rest_and_a_second_one_is_busy(start_
     second = caller.result(caller.send(motion=EXCITATION))
     assert second.status == GoalStatus.STATUS_ABORTED
     assert second.result.error.code == ErrorCode.BUSY
-    caller.phase(phase)
-    future = handle.cancel_goal_async()
-    graph.wait_for(future.done, what="the cancel response")
+    wait_for_phase(graph, caller, phase)
+    caller.cancel(handle)
     done = caller.result(handle, 5.0)
     assert done.status == GoalStatus.STATUS_CANCELED
     assert done.result.error.code == ErrorCode.CANCELLED
@@ -188,7 +158,7 @@ def test_a_sensor_that_falls_silent_stops_the_arm(start_node, graph, caller) -> 
     wait_until_known(graph, caller)
     commands = graph.collect("joint_trajectory", JointTrajectory)
     handle = caller.send(motion=STOP_AND_GO)
-    caller.phase("moving")
+    wait_for_phase(graph, caller, "moving")
     with contextlib.suppress(ProcessLookupError):
         robot.process.kill()
     done = caller.result(handle, 10.0)

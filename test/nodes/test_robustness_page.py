@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from poise.nodes import acceleration_limits, robustness_server
+from poise.nodes import acceleration_limits, placement_planner, robustness_server
 from poise.nodes.parameters import WORDS
 
 pytestmark = pytest.mark.ros
@@ -28,7 +28,9 @@ def test_the_client_on_the_page_is_answered(start_node, graph, node_environment)
     assert done.stdout == "parcel, can would move at 6.87 N (at least 6.87 N)\n"
 
 
-@pytest.mark.parametrize("node", [robustness_server, acceleration_limits], ids=lambda node: node.__name__[12:])
+@pytest.mark.parametrize(
+    "node", [robustness_server, acceleration_limits, placement_planner], ids=lambda node: node.__name__[12:]
+)
 def test_the_parameter_file_holds_every_default(node):
     name = node.__name__.rpartition(".")[2]
     content = yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())

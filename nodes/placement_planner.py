@@ -1,0 +1,260 @@
+"""Node: the action `place_object`, where an object stays in the assembly that stands."""
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.action.server import ServerGoalHandle
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+from poise.assembly import Analysis, load_scene
+from poise.assembly.changes import analysis_after
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
+from poise.nodes.jobs import GRACE, Jobs, leave
+from poise.nodes.parameters import WORDS, Parameter, declare_parameters
+from poise.nodes.runtime import guarded, run, to_message
+from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
+from poise.placement.planner import ON
+from poise_msgs.action import PlaceObject as Action
+from poise_msgs.msg import Assembly as AssemblyMessage
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TICK = 0.02
+"""s between looks at a running goal: what a cancel may wait for an answer."""
+FEEDBACK_PERIOD = 0.1
+"""s between two feedbacks."""
+
+PARAMETERS = (
+    Parameter("scene", "", "scene file to begin with; empty: what comes on the topic assembly"),
+    Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
+    Parameter("deadline", 5.0, "s for a goal that gives none", (0.001, 3600.0)),
+    Parameter("attempts", 500, "poses to test at the most", (1, 1_000_000)),
+    Parameter("candidates", 10, "placements to find before the best is taken", (1, 10_000)),
+    Parameter("criterion", "least", "what is best", CRITERIA),
+    Parameter("support", "any", "what may carry the object", ON),
+    Parameter("robust", False, "it has to stay in spite of 2 mm, 2 degrees, 20 % of friction and 10 % of its mass"),
+    Parameter("refine", False, "then move it as long as it gets better"),
+    Parameter(
+        "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
+    ),
+)
+
+
+class Task:
+    """One goal: what the thread that plans and the executor tell each other.
+
+    Args:
+        goal: its handle.
+        assembly: what it is about.
+        due: when it is answered, whatever the planner is at; on the monotonic clock, s.
+    """
+
+    def __init__(self, goal: ServerGoalHandle, assembly: AssemblyMessage, due: float) -> None:
+        self.goal, self.assembly, self.due = goal, assembly, due
+        self.accepted = time.monotonic()
+        self.progress = Progress(0, None, None)
+        self.abandoned = self.begun = self.done = False
+        self.error: PoiseError | None = None
+
+    def tell(self, progress: Progress) -> bool:
+        """Called by the planner; False ends it."""
+        self.progress = progress
+        return not self.abandoned
+
+    def best(self) -> tuple[PoseStamped, float]:
+        """The best pose so far, without a frame when there is none, and its robustness, N; NaN while unknown."""
+        message, best, merit = PoseStamped(), self.progress.best, self.progress.merit
+        if best is not None:
+            message.pose, message.header.frame_id = pose_message(best.pose), self.assembly.header.frame_id
+        return message, math.nan if merit is None else float(merit.least)
+
+
+class PlacementPlanner(Node):
+    """Serves `place_object` (poise_msgs/PlaceObject), one goal at a time; subscribes to assembly (latched).
+
+    Planning belongs to the thread of the jobs; a timer answers the caller, in time also when the thread is not done.
+    The assembly is never changed: who puts the object there calls set_assembly.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("placement_planner")
+        self._values = values = declare_parameters(self, PARAMETERS)
+        self._options = Options(
+            values["attempts"],
+            candidates=values["candidates"],
+            criterion=values["criterion"],
+            on=values["support"],
+            uncertainty=Uncertainty() if values["robust"] else None,
+            refining=values["refine"],
+        )
+        self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
+        self._heard: AssemblyMessage | None = None
+        if values["scene"]:
+            self._heard = assembly_message(load_scene(values["scene"]), values["frame_id"])
+        self._known: tuple[AssemblyMessage, Analysis] | None = None
+        self._task: Task | None = None
+        self._told = 0.0
+        self._jobs = Jobs(self, 1)
+        self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
+        self.create_timer(TICK, guarded(self, self._tick))
+        self._server = ActionServer(
+            self,
+            Action,
+            "place_object",
+            self._conclude_busy,  # every goal is given its own callback when it ends
+            handle_accepted_callback=guarded(self, self._accept),
+            cancel_callback=lambda _: CancelResponse.ACCEPT,
+        )
+
+    def destroy_node(self) -> None:
+        """End the thread before the node goes."""
+        if hasattr(self, "_jobs"):
+            if self._task is not None:
+                self._task.abandoned = True
+            self._jobs.close()
+        super().destroy_node()
+
+    # -- in the executor -------------------------------------------------------------------------------------------
+
+    def _on_assembly(self, message: AssemblyMessage) -> None:
+        self._heard = message
+
+    def _accept(self, goal: ServerGoalHandle) -> None:
+        if self._task is not None:
+            goal.execute(self._conclude_busy)
+            return
+        try:
+            self._task = self._begin(goal)
+        except Exception as failure:  # whatever it is, the caller must not wait for ever
+            error = _coded(failure)
+            goal.execute(lambda handle: _result(handle, error))
+            return
+        self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
+
+    def _begin(self, goal: ServerGoalHandle) -> Task:
+        """What the goal asks for.
+
+        Raises:
+            InputError: when it makes no sense, or there is no assembly.
+        """
+        request = goal.request
+        seconds = request.deadline or self._values["deadline"]
+        if not 0 < seconds < math.inf:
+            raise InputError(ErrorCode.BAD_INPUT, f"goal: deadline {request.deadline} s; give 0 for the node's")
+        if request.execute:
+            raise InputError(ErrorCode.UNSUPPORTED, "goal: execute needs a robot, and this node only plans; clear it")
+        message = request.assembly[0] if request.assembly else self._heard
+        if message is None:
+            raise InputError(
+                ErrorCode.EMPTY, "no assembly has come on the topic assembly; publish it, or send it along"
+            )
+        return Task(goal, message, time.monotonic() + seconds)
+
+    def _tick(self) -> None:
+        """Answer the goal when there is something to say, and let it know how far it is."""
+        task = self._task
+        if task is None:
+            return
+        now = time.monotonic()
+        if task.done:
+            self._end(task, task.error)
+        elif task.goal.is_cancel_requested:
+            name = task.goal.request.object.id
+            self._end(task, PoiseError(ErrorCode.CANCELLED, f"placing {name} was cancelled; nothing was changed"))
+        elif now > task.due + GRACE:
+            best = "the best so far comes along" if task.progress.best is not None else "nothing was found by then"
+            self._end(task, NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed, and {best}; allow more time"))
+        elif now > self._told + FEEDBACK_PERIOD:
+            self._told = now
+            task.goal.publish_feedback(_feedback(task))
+
+    def _end(self, task: Task, error: PoiseError | None) -> None:
+        task.abandoned = True
+        self._task = None
+        task.goal.execute(lambda goal: _result(goal, error, task))
+
+    def _conclude_busy(self, goal: ServerGoalHandle) -> Action.Result:
+        busy = NoAnswerError(ErrorCode.BUSY, "another object is being placed: cancel it, or wait for its end")
+        return _result(goal, busy)
+
+    # -- in the thread of the jobs ---------------------------------------------------------------------------------
+
+    def _plan(self) -> None:
+        """The task of the moment, unless it has been begun."""
+        task = self._task
+        if task is None or task.begun:
+            return
+        task.begun = True
+        try:
+            found = self._placement(task)
+            task.progress = Progress(found.iterations, found.item, found.merit)
+        except Exception as failure:
+            task.error = _coded(failure)
+        task.done = True
+
+    def _placement(self, task: Task) -> Placement:
+        request = task.goal.request
+        request.object.pose = PoseMessage()  # ignored
+        item = object_of(request.object, self._folders)
+        analysis = self._analysis(task.assembly)
+        left = task.due - time.monotonic()
+        if left <= 0:
+            raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before the first pose; allow more time")
+        return plan_placement(analysis, item, replace(self._options, deadline=left), request.seed, task.tell)
+
+    def _analysis(self, message: AssemblyMessage) -> Analysis:
+        """Of the assembly in a message; what is the same as the last time is not worked out again."""
+        if self._known is None or self._known[0] is not message:
+            before = None if self._known is None else self._known[1]
+            assembly = assembly_of(message, self._folders)
+            for note in assembly.notes:
+                self.get_logger().warning(note)
+            self._known = message, analysis_after(before, assembly)
+        return self._known[1]
+
+
+def _coded(failure: Exception) -> PoiseError:
+    if isinstance(failure, PoiseError):
+        return failure
+    return PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {failure!r}; please report it")
+
+
+def _feedback(task: Task) -> Action.Feedback:
+    pose, robustness = task.best()
+    return Action.Feedback(
+        stage="planning", iteration=task.progress.iteration, best_pose=pose, best_robustness=robustness
+    )
+
+
+def _result(goal: ServerGoalHandle, error: PoiseError | None, task: Task | None = None) -> Action.Result:
+    """What a goal gets in the end; sets its status, too."""
+    result = Action.Result(robustness=math.nan)
+    if task is not None:
+        result.seconds, result.iterations = time.monotonic() - task.accepted, task.progress.iteration
+        result.pose, result.robustness = task.best()
+    result.error = to_message(error)
+    if error is None:
+        goal.succeed()
+    elif goal.is_cancel_requested:
+        goal.canceled()
+    else:
+        goal.abort()
+    return result
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    try:
+        run(PlacementPlanner, args)
+    except SystemExit as end:
+        leave(end.code)
+
+
+if __name__ == "__main__":
+    main()

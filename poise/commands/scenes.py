@@ -1,0 +1,18 @@
+"""How commands open a scene file: made ready for questions, what was mended in its meshes told."""
+
+from pathlib import Path
+
+from poise.assembly import Analysis, load_scene
+from poise.commands.output import warn
+
+
+def open_scene(path: Path) -> Analysis:
+    """The analysis of the scene in a file.
+
+    Raises:
+        InputError: as `load_scene`; INTERPENETRATION, FLOATING.
+    """
+    assembly = load_scene(path)
+    for note in assembly.notes:
+        warn(note)
+    return Analysis.of(assembly)

@@ -1,0 +1,201 @@
+"""placement_planner in a real graph: its answers are the core's, and every goal that goes wrong has a code."""
+
+import math
+
+import numpy as np
+import pytest
+from action_caller import Caller
+from action_msgs.msg import GoalStatus
+from assembly_calls import CUBE, FLOOR, FRAME, LATCHED, box, message, wall
+from geometry_msgs.msg import Point
+from shape_msgs.msg import MeshTriangle
+
+from poise.assembly import Analysis, Assembly, Pose, write_scene
+from poise.errors import ErrorCode
+from poise.nodes.assembly_message import assembly_message, assembly_of, mesh_message, object_of
+from poise.placement import Options, plan_placement
+from poise_msgs.action import PlaceObject
+from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.msg import AssemblyObject
+
+pytestmark = pytest.mark.ros
+ENDLESS = {"candidates": 10_000, "attempts": 1_000_000}
+
+
+def wanted(*size: float, **changes) -> AssemblyObject:
+    """A box to place."""
+    item = message(box("parcel", size or (0.2, 0.2, 0.2), (0, 0, 0))).objects[1]
+    for name, value in changes.items():
+        setattr(item, name, value)
+    return item
+
+
+@pytest.fixture
+def caller(graph):
+    caller = Caller(graph, PlaceObject, "place_object")
+    yield caller
+    caller.close()
+
+
+def vector(stamped):
+    place, turn = stamped.pose.position, stamped.pose.orientation
+    return [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+
+
+def test_the_answer_is_that_of_the_core_and_the_assembly_stays_as_it_was(start_node, graph, caller):
+    assemblies = graph.collect("assembly", AssemblyMessage, LATCHED)
+    start_node("placement_planner", {"candidates": 3, "support": "objects"})
+    caller.ready()
+    there, item = message(CUBE), wanted()
+    goal = {"assembly": [there], "object": item, "seed": 5, "deadline": 50.0}
+    done = caller.result(caller.send(**goal))
+    assert (done.status, done.result.error.message) == (GoalStatus.STATUS_SUCCEEDED, "")
+    core = plan_placement(assembly_of(there), object_of(item), Options(candidates=3, on="objects"), 5)
+    assert vector(done.result.pose) == core.pose.vector.tolist()
+    assert done.result.pose.header.frame_id == FRAME
+    assert (done.result.robustness, done.result.iterations) == (core.merit.least, core.iterations)
+    stands = assembly_of(there).with_object(object_of(wanted(pose=done.result.pose.pose)))
+    assert Analysis.of(stands).stability().margin > 0
+    assert vector(caller.result(caller.send(**goal)).result.pose) == core.pose.vector.tolist()
+    assert assemblies == []
+
+
+def test_an_assembly_on_the_topic_is_built_upon(start_node, graph, caller, tmp_path):
+    write_scene(Assembly((FLOOR, CUBE)), tmp_path / "scene.yaml")
+    start_node("placement_planner", {"scene": str(tmp_path / "scene.yaml"), "frame_id": "hall", "support": "objects"})
+    caller.ready()
+    first = caller.result(caller.send(object=wanted())).result
+    assert (first.error.code, first.pose.header.frame_id) == (ErrorCode.OK, "hall")
+    assert first.pose.pose.position.z == pytest.approx(1.1)
+    publisher = graph.node.create_publisher(AssemblyMessage, "assembly", LATCHED)
+    publisher.publish(message(box("shelf", (1, 1, 0.1), (5, 0, 0.05))))
+
+    def heard():
+        result = caller.result(caller.send(object=wanted())).result
+        return result.pose.header.frame_id == FRAME and result
+
+    result = graph.wait_for(heard, 40.0, "the assembly to be heard")
+    assert abs(result.pose.pose.position.x - 5) < 0.6
+
+
+def test_feedback_tells_the_best_so_far_and_a_second_goal_is_busy_until_the_first_is_cancelled(
+    start_node, graph, caller
+):
+    start_node("placement_planner", ENDLESS)
+    caller.ready()
+    goal = {"assembly": [message(CUBE)], "object": wanted(), "deadline": 600.0}
+    first = caller.send(**goal)
+    graph.wait_for(lambda: len(caller.feedback) > 3 and caller.feedback[-1].best_robustness > 0, what="a placement")
+    second = caller.result(caller.send(**goal))
+    assert (second.status, second.result.error.code) == (GoalStatus.STATUS_ABORTED, ErrorCode.BUSY)
+    caller.cancel(first)
+    done = caller.result(first)
+    assert (done.status, done.result.error.code) == (GoalStatus.STATUS_CANCELED, ErrorCode.CANCELLED)
+    told = [one.iteration for one in caller.feedback]
+    assert told == sorted(told)
+    best = [one.best_robustness for one in caller.feedback if not math.isnan(one.best_robustness)]
+    assert best == sorted(best)
+    assert {one.stage for one in caller.feedback} == {"planning"}
+    assert caller.result(caller.send(**goal | {"deadline": 0.5})).result.error.code == ErrorCode.OK
+
+
+def test_cancelling_is_answered_also_while_the_assembly_is_read(start_node, graph, caller):
+    """The analysis of two hundred bricks takes seconds in which nothing can be asked of it."""
+    start_node("placement_planner", ENDLESS)
+    caller.ready()
+    for _ in range(3):
+        handle = caller.send(assembly=[wall(10, 20)], object=wanted(), deadline=600.0)
+        caller.cancel(handle)
+        done = caller.result(handle)
+        assert (done.status, done.result.error.code) == (GoalStatus.STATUS_CANCELED, ErrorCode.CANCELLED)
+        assert done.result.iterations == 0
+
+
+def test_a_deadline_gives_the_best_by_then_or_says_that_there_was_no_time(start_node, graph, caller):
+    start_node("placement_planner", ENDLESS)
+    caller.ready()
+    result = caller.result(caller.send(assembly=[message(CUBE)], object=wanted(), deadline=1.0)).result
+    assert result.error.code in (ErrorCode.OK, ErrorCode.DEADLINE)
+    assert result.pose.header.frame_id == FRAME
+    result = caller.result(caller.send(assembly=[message(CUBE)], object=wanted(), deadline=1e-6)).result
+    assert (result.error.code, result.iterations) == (ErrorCode.DEADLINE, 0)
+    assert math.isnan(result.robustness)
+
+
+def test_no_place_says_which_test_turned_away_how_many(start_node, graph, caller):
+    """A centre of mass far outside, and a cube thirty times as wide as all there is to stand on."""
+    start_node("placement_planner", {"attempts": 30, "robust": True})
+    caller.ready()
+    pedestal = assembly_message(Assembly((box("pedestal", (0.1, 0.1, 0.5), (0, 0, 0.25), fixed=True),)), FRAME)
+    odd = wanted()
+    odd.inertia.com.x, odd.inertia.com.y, odd.inertia.com.z = 1.0, 1.1, 1.2
+    for item, why in ((odd, "30 touches nothing"), (wanted(3.0, 3.0, 3.0), "stands, but not robustly")):
+        done = caller.result(caller.send(assembly=[pedestal], object=item, deadline=50.0))
+        assert done.result.error.code == ErrorCode.NO_PLACEMENT, done.result.error.message
+        assert done.result.iterations == 30
+        assert why in done.result.error.message
+
+
+def meshed(triangles: int, flat: bool = False) -> AssemblyObject:
+    """The parcel as a mesh of its first triangles, or pressed flat."""
+    cube = message(box("parcel", (0.2, 0.2, 0.2), (0, 0, 0)))
+    shape = assembly_of(cube).objects[1].shape.polyhedron
+    item = wanted(shape=AssemblyObject.SHAPE_MESH)
+    vertices = shape.vertices * ([1, 1, 0] if flat else [1, 1, 1])
+    item.mesh.vertices = [Point(x=x, y=y, z=z) for x, y, z in vertices.tolist()]
+    item.mesh.triangles = [MeshTriangle(vertex_indices=t) for t in shape.triangles[:triangles].astype(np.uint32)]
+    return item
+
+
+def test_every_bad_goal_has_its_code_and_a_sentence(start_node, graph, caller):
+    start_node("placement_planner")
+    caller.ready()
+    good, nothing = message(CUBE), wanted()
+    nothing.inertia.m = 0.0
+    leaning = message(CUBE, box("brick", (1, 0.2, 0.2), (0.6, 0, 1.1)))
+    cases = [
+        ({}, ErrorCode.EMPTY, "assembly"),
+        ({"assembly": [leaning]}, ErrorCode.UNSTABLE, "brick"),
+        ({"assembly": [message(box("cube", (1, 1, 1), (0, 0, 0.4)))]}, ErrorCode.INTERPENETRATION, "cube"),
+        ({"assembly": [message(box("cube", (1, 1, 1), (0, 0, 3)))]}, ErrorCode.FLOATING, "cube"),
+        ({"assembly": [good], "object": wanted(id="cube")}, ErrorCode.BAD_INPUT, "cube"),
+        ({"assembly": [good], "object": wanted(fixed=True)}, ErrorCode.BAD_INPUT, "parcel"),
+        ({"assembly": [good], "object": AssemblyObject()}, ErrorCode.OBJECT_INVALID, ""),
+        ({"assembly": [good], "object": nothing}, ErrorCode.OBJECT_INVALID, "mass"),
+        ({"assembly": [good], "object": meshed(5)}, ErrorCode.MESH_INVALID, "parcel"),
+        ({"assembly": [good], "object": meshed(12, flat=True)}, ErrorCode.MESH_INVALID, "parcel"),
+        ({"assembly": [good], "deadline": -1.0}, ErrorCode.BAD_INPUT, "deadline"),
+        ({"assembly": [good], "deadline": math.nan}, ErrorCode.BAD_INPUT, "deadline"),
+        ({"assembly": [good], "execute": True}, ErrorCode.UNSUPPORTED, "execute"),
+    ]
+    for fields, code, word in cases:
+        done = caller.result(caller.send(**{"object": wanted()} | fields))
+        assert (done.status, ErrorCode(done.result.error.code)) == (GoalStatus.STATUS_ABORTED, code), fields
+        assert word in done.result.error.message
+        assert done.result.pose.header.frame_id == ""
+    assert caller.result(caller.send(assembly=[good], object=wanted())).result.error.code == ErrorCode.OK
+
+
+def test_a_mesh_in_a_message_is_mended_and_what_was_done_is_said(start_node, graph, caller):
+    """A cube with one of its twelve triangles twice, sent as part of the assembly."""
+    node = start_node("placement_planner", {"support": "objects"})
+    caller.ready()
+    there = message(CUBE)
+    cube = assembly_of(there).objects[1].shape.polyhedron
+    there.objects[1].shape = AssemblyObject.SHAPE_MESH
+    there.objects[1].mesh = mesh_message(cube)
+    there.objects[1].mesh.triangles.append(there.objects[1].mesh.triangles[0])
+    done = caller.result(caller.send(assembly=[there], object=wanted(), deadline=50.0))
+    assert done.result.error.message == ""
+    assert "object cube: " in node.output
+    pose = Pose.from_vector(vector(done.result.pose))
+    assert pose.translation[2] == pytest.approx(1.1)
+
+
+def test_ctrl_c_in_the_midst_of_a_plan_ends_the_node(start_node, graph, caller):
+    node = start_node("placement_planner", ENDLESS)
+    caller.ready()
+    caller.send(assembly=[wall(5, 10)], object=wanted(), deadline=600.0)
+    graph.wait_for(lambda: caller.feedback, what="the plan to begin")
+    assert node.stop() == 0
+    assert "Traceback" not in node.output
