@@ -85,7 +85,7 @@ def test_feedback_tells_the_best_so_far_and_a_second_goal_is_busy_until_the_firs
     caller.ready()
     goal = {"assembly": [message(CUBE)], "object": wanted(), "deadline": 600.0}
     first = caller.send(**goal)
-    graph.wait_for(lambda: len(caller.feedback) > 3 and caller.feedback[-1].best_robustness > 0, what="a placement")
+    graph.wait_for(lambda: len(caller.feedback) > 3 and caller.feedback[-1].best_robustness > 0, 60.0, "a placement")
     second = caller.result(caller.send(**goal))
     assert (second.status, second.result.error.code) == (GoalStatus.STATUS_ABORTED, ErrorCode.BUSY)
     caller.cancel(first)
@@ -96,7 +96,8 @@ def test_feedback_tells_the_best_so_far_and_a_second_goal_is_busy_until_the_firs
     best = [one.best_robustness for one in caller.feedback if not math.isnan(one.best_robustness)]
     assert best == sorted(best)
     assert {one.stage for one in caller.feedback} == {"planning"}
-    assert caller.result(caller.send(**goal | {"deadline": 0.5})).result.error.code == ErrorCode.OK
+    third = caller.result(caller.send(**goal | {"deadline": 0.5})).result.error.code
+    assert third in (ErrorCode.OK, ErrorCode.DEADLINE)
 
 
 def test_cancelling_is_answered_also_while_the_assembly_is_read(start_node, graph, caller):
@@ -114,7 +115,7 @@ def test_cancelling_is_answered_also_while_the_assembly_is_read(start_node, grap
 def test_a_deadline_gives_the_best_by_then_or_says_that_there_was_no_time(start_node, graph, caller):
     start_node("placement_planner", ENDLESS)
     caller.ready()
-    result = caller.result(caller.send(assembly=[message(CUBE)], object=wanted(), deadline=1.0)).result
+    result = caller.result(caller.send(assembly=[message(CUBE)], object=wanted(), deadline=5.0)).result
     assert result.error.code in (ErrorCode.OK, ErrorCode.DEADLINE)
     assert result.pose.header.frame_id == FRAME
     result = caller.result(caller.send(assembly=[message(CUBE)], object=wanted(), deadline=1e-6)).result
