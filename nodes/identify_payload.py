@@ -100,6 +100,7 @@ class IdentifyPayload:
         self._goal: ServerGoalHandle | None = None
         self._session: Session | None = None
         self._ticks = 0
+        self._told: Phase | None = None
         self._joints: Any = None
         self._timer: Any = None
         self._server = ActionServer(
@@ -123,7 +124,7 @@ class IdentifyPayload:
             error = failure if isinstance(failure, PoiseError) else PoiseError(ErrorCode.INTERNAL, repr(failure))
             goal.execute(lambda handle: self._conclude(handle, error, None))
             return
-        self._goal, self._session, self._ticks = goal, session, 0
+        self._goal, self._session, self._ticks, self._told = goal, session, 0, None
         self._joints = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, self._on_joint_state), 100
         )
@@ -237,7 +238,8 @@ class IdentifyPayload:
         self._ticks += 1
         if session.phase is Phase.DONE:
             self._end()
-        elif self._ticks % FEEDBACK_TICKS == 0:
+        elif session.phase is not self._told or self._ticks % FEEDBACK_TICKS == 0:
+            self._told = session.phase
             goal.publish_feedback(self._feedback(session))
 
     def _feedback(self, session: Session) -> Action.Feedback:

@@ -27,7 +27,11 @@ BAG = Path(__file__).parents[2] / "bags" / "kuka_at_rest.mcap"
 def program(module: str, *arguments: str) -> Iterator[str]:
     """Run a module as a program until Ctrl-C; give the line in which it says where it is."""
     command = [sys.executable, "-m", f"poise.fake_robots.{module}", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    heeding = signal.signal(signal.SIGINT, signal.default_int_handler)  # a test run in the background inherits deafness
+    try:
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    finally:
+        signal.signal(signal.SIGINT, heeding)
     assert process.stdout is not None
     try:
         yield process.stdout.readline()

@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile
 
 from poise.nodes.runtime import EventsExecutor
 
-TIMEOUT = 20.0
+TIMEOUT = 60.0
 """How long a wait may last, s: far above what is expected, so that only what never comes fails."""
 
 
