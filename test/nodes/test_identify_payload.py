@@ -110,7 +110,8 @@ def test_a_simulated_payload_is_weighed_by_moving_slowly(start_node, graph, call
     phases = [one.phase for one in caller.feedback]
     assert list(dict.fromkeys(phases))[-3:] == ["planning", "moving", "settling"]
     shares = [one.progress for one in caller.feedback]
-    assert shares[-1] > 0.9
+    assert shares == sorted(shares)
+    assert shares[-1] >= np.float32(0.9)  # settling begins here
 
 
 @pytest.mark.parametrize("phase", ["planning", "moving"])
