@@ -17,6 +17,7 @@ LINKS = ("nodes", "fake_robots")
 LEVELS = (
     {"cli", "commands"},
     {"viewing"},
+    {"manipulation"},
     {"placement", "mismatch", "excitation"},
     {"simulation"},
     {"assembly", "inertia"},

@@ -20,7 +20,7 @@ def penetration_depth(first: PlacedBody, second: PlacedBody) -> float:
     bodies = first, second
     if all(body.polyhedron.convex for body in bodies):
         request, result = coal.CollisionRequest(), coal.CollisionResult()
-        shapes = [_convex(cast(Hashable, body.item.shape)) for body in bodies]
+        shapes = [convex_geometry(cast(Hashable, body.item.shape)) for body in bodies]
         places = [coal.Transform3s(body.item.pose.rotation, body.item.pose.translation) for body in bodies]
         if not coal.collide(shapes[0], places[0], shapes[1], places[1], request, result):
             return 0.0
@@ -29,7 +29,8 @@ def penetration_depth(first: PlacedBody, second: PlacedBody) -> float:
 
 
 @lru_cache(maxsize=256)
-def _convex(shape: Hashable) -> "coal.ShapeBase":
+def convex_geometry(shape: Hashable) -> "coal.ShapeBase":
+    """What coal asks about, of a convex shape."""
     if isinstance(shape, Box):
         return coal.Box(*shape.size)
     if isinstance(shape, Cylinder):

@@ -1,0 +1,87 @@
+"""From where an object is brought to its place: the way on which a touch does least harm (the lesson of 5.8.2)."""
+
+import coal
+import numpy as np
+
+from poise.assembly.analysis import Analysis
+from poise.assembly.assess import assess
+from poise.assembly.geometry import Array, Pose, plane_axes, rotation_about, unit
+from poise.assembly.pushes import Push
+from poise.assembly.scene import RigidObject
+from poise.errors import PoiseError
+from poise.manipulation.bodies import geometry_of
+
+NEAR = 0.02
+"""m from an object that moves within which another one may be touched by mistake."""
+ASIDE = 0.003
+"""m above its place, where the object touches nothing yet."""
+TILTS = np.radians([20.0, 40.0])
+AZIMUTHS = 8
+ENOUGH = 50.0
+"""N that no careful arm exceeds: ways on which more is borne are equally good."""
+
+
+def approach_directions(before: Analysis, after: Analysis, item: RigidObject) -> list[tuple[Array, float]]:
+    """Directions (3,) in which an object can come to its place, the most forgiving first.
+
+    What the object or the hand would drag along when it touches a neighbour is a push on that neighbour in the
+    direction of the motion, at the nearest point. Robustness to it is asked of the assembly as it is before.
+
+    Args:
+        before: the assembly without the object.
+        after: with it.
+        item: the object at its place.
+
+    Returns:
+        Unit vectors along which the object moves last, and the least robustness, N, of what is near to a push along
+        each; infinite when nothing movable is near.
+    """
+    up = -unit(np.asarray(before.assembly.gravity))
+    away = _normals_from_supports(after, item)
+    found = []
+    for direction in _candidates(up):
+        if np.all(away @ -direction > -1e-3):
+            found.append((direction, _least(before, item, direction)))
+    # Equally good ones stay in the order of the candidates: straight down first.
+    return sorted(found, key=lambda one: -min(one[1], ENOUGH))
+
+
+def _candidates(up: Array) -> list[Array]:
+    side = plane_axes(up)[0]
+    turned = [rotation_about(up, 2 * np.pi * k / AZIMUTHS) @ side for k in range(AZIMUTHS)]
+    return [-up, *(-np.cos(tilt) * up + np.sin(tilt) * across for tilt in TILTS for across in turned)]
+
+
+def _normals_from_supports(analysis: Analysis, item: RigidObject) -> Array:
+    """(N, 3) normals of the contacts of an object, towards it."""
+    place = analysis.assembly.place_of(item.id)
+    normals = [
+        i.normal if i.second == place else -i.normal
+        for i in analysis.structure.interfaces
+        if place in (i.first, i.second)
+    ]
+    return np.array(normals).reshape(-1, 3)
+
+
+def _least(before: Analysis, item: RigidObject, direction: Array) -> float:
+    aside = Pose(item.pose.rotation, item.pose.translation - ASIDE * direction)
+    pushes = []
+    for other in before.assembly.objects:
+        if not other.fixed and (point := _nearest(item, aside, other)) is not None:
+            pushes.append(Push(other.id, point, direction))
+    if not pushes:
+        return float("inf")
+    try:
+        return min(float(result.lower) for result in assess(before, pushes, "limit").results)
+    except PoiseError:  # a direction about which nothing is known recommends itself to nobody
+        return 0.0
+
+
+def _nearest(item: RigidObject, pose: Pose, other: RigidObject) -> Array | None:
+    """The point (3,) of another object that is nearest, when it is near."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    first = coal.Transform3s(pose.rotation, pose.translation)
+    second = coal.Transform3s(other.pose.rotation, other.pose.translation)
+    shapes = geometry_of(item.shape), geometry_of(other.shape)
+    distance = coal.distance(shapes[0], first, shapes[1], second, request, result)
+    return np.array(result.getNearestPoint2()) if 0 < distance < NEAR else None

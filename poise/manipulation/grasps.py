@@ -1,0 +1,81 @@
+"""Antipodal grasps: two opposite faces that fit between the fingers, in many places and from many sides."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pinocchio as pin
+import shapely
+
+from poise.assembly.geometry import Array, plane_axes
+from poise.assembly.shapes import Polyhedron, Shape
+from poise.manipulation.hand import Grasp, Hand
+
+FACETS = 64
+"""The largest facets are looked at."""
+OPPOSITE = np.cos(np.radians(4.0))
+PLACES, SPACING, RIM = 6, 0.012, 0.004
+"""Places tried on each pair of faces, at least so far apart and from the rim, m."""
+LEAST_AREA = 2e-5
+"""m2 that have to lie opposite each other."""
+SIDES = 8
+"""Directions from which each place is approached."""
+BEYOND = 0.004
+"""m that the finger tips reach beyond the place that is grasped."""
+
+
+def antipodal_grasps(shape: Shape, hand: Hand) -> tuple[Grasp, ...]:
+    """All grasps of a shape by flat opposite faces; whether there is room for the hand is not asked."""
+    polyhedron = shape.polyhedron
+    areas = [shapely.area(_outline(polyhedron, facet, facet)) for facet in range(len(polyhedron.normals))]
+    largest = np.argsort(areas, kind="stable")[::-1][:FACETS]
+    grasps: list[Grasp] = []
+    for number, i in enumerate(largest.tolist()):
+        for j in largest[number + 1 :].tolist():
+            grasps.extend(_grasps_of_pair(polyhedron, i, j, hand))
+    return tuple(grasps)
+
+
+def _outline(polyhedron: Polyhedron, facet: int, plane: int) -> shapely.Geometry:
+    """A facet, as seen along the normal of another."""
+    origin = polyhedron.vertices[polyhedron.facet_vertices[plane][0]]
+    return polyhedron.polygon(facet, polyhedron.vertices, origin, plane_axes(polyhedron.normals[plane]))
+
+
+def _grasps_of_pair(polyhedron: Polyhedron, i: int, j: int, hand: Hand) -> Iterator[Grasp]:
+    normal = polyhedron.normals[i]
+    if normal @ polyhedron.normals[j] > -OPPOSITE:
+        return
+    origin, other = (polyhedron.vertices[polyhedron.facet_vertices[k][0]] for k in (i, j))
+    width = float((origin - other) @ normal)
+    if not 0 < width <= hand.widest:
+        return
+    axes = plane_axes(normal)
+    both = shapely.intersection(_outline(polyhedron, i, i), _outline(polyhedron, j, i))
+    for spot in _spots(both):
+        middle = origin + spot @ axes - normal * width / 2
+        for angle in 2 * np.pi * np.arange(SIDES) / SIDES:
+            approach = np.cos(angle) * axes[0] + np.sin(angle) * axes[1]
+            rotation = np.stack([np.cross(normal, approach), normal, approach], axis=1)
+            yield Grasp(pin.SE3(rotation, middle + BEYOND * approach), width)
+
+
+def _spots(region: shapely.Geometry) -> Array:
+    """(N, 2) places in a region: a grid away from its rim, or a row where it is narrow."""
+    if region.area < LEAST_AREA:
+        return np.zeros((0, 2))
+    inner = region.buffer(-RIM)
+    if not inner.is_empty:
+        low, high = np.reshape(inner.bounds, (2, 2))
+        step = max(SPACING, float(np.sqrt(inner.area / PLACES)))
+        lines = [np.arange(a, b + 1e-9, step) + (b - a) % step / 2 for a, b in zip(low, high, strict=True)]
+        grid = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+        grid = grid[shapely.contains_xy(inner, grid[:, 0], grid[:, 1])]
+        if len(grid):
+            return np.asarray(grid)
+    corners = np.array(region.minimum_rotated_rectangle.exterior.coords)[:4]
+    sides = np.roll(corners, -1, axis=0) - corners
+    long = int(np.linalg.norm(sides[:2], axis=1).argmax())
+    middle = corners.mean(axis=0)
+    rim = min(RIM / max(float(np.linalg.norm(sides[long])), 1e-12), 0.5)
+    row = middle + np.linspace(rim - 0.5, 0.5 - rim, PLACES)[:, None] * sides[long]
+    return np.asarray(row[shapely.contains_xy(region, row[:, 0], row[:, 1])])
