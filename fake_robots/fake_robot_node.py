@@ -1,6 +1,9 @@
 """The node `fake_robot`: replays bags onto topics, or moves a simulated arm, at the recorded or the real rate."""
 
+import functools
+import math
 import sys
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -30,6 +33,9 @@ from poise.nodes.runtime import guarded, run
 ACKNOWLEDGED = Duration(seconds=2)
 """How long the end waits for subscribers to confirm the last messages."""
 
+MUTUAL = 0.5
+"""s for which subscribers have been seen before the first message: they may see their publisher later than it them."""
+
 
 class FakeRobot(Node):
     """Hardware that is not there.
@@ -58,6 +64,7 @@ class FakeRobot(Node):
         self._outlets = {topic: self._publisher(topic, info) for topic, info in topics.items()}
         self._end = self.create_publisher(Empty, "replay_done", _qos(TopicInfo("", latched=True, depth=1)))
         awaited = self._awaited(values["wait_for_subscribers"])
+        self._heard_since = math.inf
         self._player = Player(
             self._messages,
             self._publish,
@@ -65,7 +72,7 @@ class FakeRobot(Node):
             loop=values["loop"],
             playing=values["playing"],
             stay=values["stay"],
-            ready=lambda: all(outlet.get_subscription_count() > 0 for outlet in awaited),
+            ready=functools.partial(self._are_heard, awaited),
             ready_timeout=values["wait_timeout"],
             finished=self._say_done,
         )
@@ -83,6 +90,15 @@ class FakeRobot(Node):
         super().destroy_node()
 
     # -- in the player's thread -------------------------------------------------------------------------------
+
+    def _are_heard(self, awaited: list[Any]) -> bool:
+        """All have had a subscriber for a while."""
+        now = time.monotonic()
+        if not all(outlet.get_subscription_count() > 0 for outlet in awaited):
+            self._heard_since = math.inf
+            return False
+        self._heard_since = min(self._heard_since, now)
+        return not awaited or now - self._heard_since >= MUTUAL
 
     def _messages(self) -> Any:
         messages = self._source.messages()
