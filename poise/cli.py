@@ -16,6 +16,7 @@ from poise.commands.excite import excite
 from poise.commands.identify import identify
 from poise.commands.mismatch import mismatch
 from poise.commands.place import place
+from poise.commands.scan import scan
 from poise.commands.segment import segment
 from poise.commands.sensitivity import sensitivity
 from poise.commands.simulate import simulate
@@ -36,6 +37,7 @@ app = typer.Typer(
 app.command()(identify)
 app.command()(evaluate)
 app.command()(excite)
+app.command()(scan)
 app.command()(segment)
 app.command()(robustness)
 app.command()(msa)

@@ -20,7 +20,7 @@ LEVELS = (
     {"manipulation"},
     {"placement", "mismatch", "excitation"},
     {"simulation"},
-    {"assembly", "inertia"},
+    {"assembly", "inertia", "scanning"},
     {"shape", "robot", "recording", "force_torque"},
     {"errors", "files", "__init__"},
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-NOT_ROS = {"numpy", "poise", "pymodbus", "serial", "yaml"}
+NOT_ROS = {"numpy", "poise", "pymodbus", "scipy", "serial", "yaml"}
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 
 

@@ -195,10 +195,12 @@ def convert(folder: Path, output: Path) -> None:
 
 def write_manifest(path: Path, entries: list[dict[str, object]]) -> None:
     """Write the manifest, whole or not at all."""
-    head = "# The recordings in this folder, made by tools/convert_kuka_recording.py. Rates in Hz, gravity in m/s2.\n"
+    head = "# The recordings in this folder, as made by the tools of tools/. Rates in Hz, gravity in m/s2.\n"
     draft = path.with_name(f".{path.name}.tmp")
     try:
-        draft.write_text(head + yaml.safe_dump({"bags": entries}, sort_keys=False, width=110))
+        before = yaml.safe_load(path.read_text())["bags"] if path.exists() else []
+        others = [entry for entry in before if entry["file"] not in {ours["file"] for ours in entries}]
+        draft.write_text(head + yaml.safe_dump({"bags": [*entries, *others]}, sort_keys=False, width=110))
         draft.replace(path)
     except OSError as error:
         draft.unlink(missing_ok=True)

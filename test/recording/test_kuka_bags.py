@@ -16,6 +16,7 @@ from poise.recording import open_recording, resample
 ROOT = Path(__file__).parents[2]
 BAGS = ROOT / "bags"
 MANIFEST = yaml.safe_load((BAGS / "manifest.yaml").read_text())["bags"]
+KUKA = [entry for entry in MANIFEST if entry["file"].startswith("kuka")]
 CSV_FOLDER = os.environ.get("POISE_KUKA_CSV")  # the published files; tests that need them are skipped without
 G = 9.82085
 
@@ -32,7 +33,7 @@ def test_the_manifest_lists_every_bag_and_no_other():
     assert {entry["file"] for entry in MANIFEST} == {path.name for path in BAGS.glob("*.mcap")}
 
 
-@pytest.mark.parametrize("entry", MANIFEST, ids=lambda entry: entry["file"])
+@pytest.mark.parametrize("entry", KUKA, ids=lambda entry: entry["file"])
 def test_a_bag_is_what_the_manifest_says(entry):
     path = BAGS / entry["file"]
     assert hashlib.sha256(path.read_bytes()).hexdigest() == entry["sha256"]
@@ -83,7 +84,7 @@ def test_no_static_pose_moves_during_its_dwell():
     np.testing.assert_array_equal(np.diff(poses.stamps)[::2], 800_000_000)
 
 
-@pytest.mark.parametrize("entry", MANIFEST, ids=lambda entry: entry["file"])
+@pytest.mark.parametrize("entry", KUKA, ids=lambda entry: entry["file"])
 def test_orientations_are_rotations_and_say_nothing_of_position(entry):
     if "tf" not in entry["topics"]:
         pytest.skip("no orientation was recorded at rest")
@@ -177,7 +178,7 @@ def test_what_is_wrong_with_the_files_is_said(converter, csv_folder, tmp_path_fa
 def test_the_committed_bags_come_from_the_published_files(converter, tmp_path):
     converter.convert(Path(CSV_FOLDER), tmp_path)
     made = yaml.safe_load((tmp_path / "manifest.yaml").read_text())["bags"]
-    for ours, committed in zip(made, MANIFEST, strict=True):
+    for ours, committed in zip(made, KUKA, strict=True):
         name = committed["file"]
         one, other = open_recording(tmp_path / name, strict=True), open_recording(BAGS / name, strict=True)
         # message by message: another version of zstd may compress to other bytes

@@ -1,0 +1,155 @@
+"""A recorded sweep that never was: an arm with a depth camera on its hand circles a scene, written to a bag."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from poise.fake_robots.depth_noise import D435, StereoNoise, measured
+from poise.fake_robots.rasteriser import Array, Scene, render
+from poise.recording import JointStream, PoseStream, RecordingWriter
+from poise.recording.encoding import encode_stream, encode_text, typestore
+from poise.robot import RobotModel, frame_poses
+from poise.robot.model import find_urdf
+from poise.scanning.camera import Camera
+from poise.scanning.frames import Frame, View, depth_in_metres
+from poise.scanning.poses import Transform
+from poise.scanning.sweep import Ring, plan_sweep
+from poise.simulation import WaypointTrajectory
+
+OPTICAL = "camera_color_optical_frame"
+HAND_EYE = Transform(
+    "link_eef", OPTICAL, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.075, 0.0, 0.02])
+)
+"""On the xArm7's flange, beside the gripper and looking along it."""
+VGA = Camera(640, 480, 615.0, 615.0, 319.5, 239.5)
+"""A D435's colour camera; depth is aligned to it."""
+TOPICS = {
+    "depth": "camera/aligned_depth_to_color/image_raw",
+    "info": "camera/aligned_depth_to_color/camera_info",
+    "colour": "camera/color/image_raw",
+}
+JOINT_RATE = 50.0
+FRAME_PERIOD = 0.24
+"""s; the thesis took 127 images in about 30 s."""
+
+
+@dataclass(frozen=True, eq=False)
+class FakeSweep:
+    """What is scanned, and with what.
+
+    Args:
+        scene: of bodies on a table.
+        point: (3,) m that the camera looks at.
+        camera, noise: of the images.
+        frames: how many.
+        ring: the camera's way.
+        seed: of the noise.
+    """
+
+    scene: Scene
+    point: tuple[float, float, float] = (0.45, 0.0, 0.02)
+    camera: Camera = VGA
+    noise: StereoNoise = D435
+    frames: int = 127
+    ring: Ring = field(default_factory=lambda: Ring(distance=0.3, low=0.45, high=1.2, sways=3))
+    seed: int = 0
+
+
+def laid_down(vertices: Array, triangles: NDArray[np.int64], at: tuple[float, float], yaw: float) -> Array:
+    """(V, 3) m: a closed mesh on the face of its hull on which it lies lowest, which is stable, on a table at z = 0."""
+    corners = vertices[triangles]
+    volumes = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+    centre = (volumes[:, None] * corners.sum(axis=1)).sum(axis=0) / (4 * volumes.sum())
+    faces = ConvexHull(vertices).equations
+    down = faces[np.argmin(-(faces[:, :3] @ centre + faces[:, 3])), :3]
+    along = np.linalg.eigh(np.cov(vertices.T))[1][:, 2]
+    x = along - (along @ down) * down
+    x /= np.linalg.norm(x)
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    placed = vertices @ (turn @ np.stack([x, np.cross(-down, x), -down])).T
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    return np.asarray(placed - [*(low + high)[:2] / 2, low[2]] + [*at, 0.0])
+
+
+def fake_views(sweep: FakeSweep, rotation: Array, translation: Array) -> Iterator[tuple[View, NDArray[np.uint16]]]:
+    """Render what the camera sees from each pose, with the depth as it is reported (mm)."""
+    rng = np.random.default_rng(sweep.seed)
+    for number, (turn, place) in enumerate(zip(rotation, translation, strict=True)):
+        seen = render(sweep.scene, sweep.camera, turn, place)
+        steps = measured(seen, sweep.camera.fx, sweep.noise, rng)
+        depth = depth_in_metres(steps, "16UC1", unit=sweep.noise.step)
+        frame = Frame(round(number * FRAME_PERIOD * 1e9), OPTICAL, sweep.camera, depth, seen.colours)
+        yield View(frame, turn, place), steps
+
+
+def arm_sweep(
+    sweep: FakeSweep, model: RobotModel, joint_noise: float, rng: np.random.Generator
+) -> tuple[Array, Array, JointStream]:
+    """The camera's true poses at the frames, (V, 3, 3) and (V, 3) m, and what the encoders say all the way."""
+    point = np.array(sweep.point)
+    start = np.array([0.0, -0.3, 0.0, 1.0, 0.0, 1.3, 0.0])
+    hand_eye = HAND_EYE.rotation, HAND_EYE.translation
+    path = plan_sweep(model, HAND_EYE.parent, hand_eye, point, sweep.ring.places(point, sweep.frames), start)
+    times = FRAME_PERIOD * np.arange(sweep.frames)
+    moving = WaypointTrajectory(times, path, np.gradient(path, times, axis=0))
+    rotation, translation = frame_poses(model, path, HAND_EYE.parent)
+    seconds = np.arange(0.0, times[-1] + 1.5 / JOINT_RATE, 1 / JOINT_RATE)
+    position = moving.at(seconds).position
+    position = position + rng.normal(scale=joint_noise, size=position.shape)
+    unknown = np.full_like(position, np.nan)
+    states = JointStream(np.round(seconds * 1e9).astype(np.int64), model.joint_names, position, unknown, unknown)
+    return rotation @ HAND_EYE.rotation, rotation @ HAND_EYE.translation + translation, states
+
+
+def write_sweep(path: Path, sweep: FakeSweep, metadata: dict[str, dict[str, str]], joint_noise: float = 2e-5) -> None:
+    """Sweep with an xArm7 and write the bag: images, camera info, joint states, robot description, tf_static."""
+    model = RobotModel.from_file("xarm7", HAND_EYE.parent)
+    description = find_urdf("xarm7").read_text(encoding="utf-8")
+    rotation, translation, states = arm_sweep(sweep, model, joint_noise, np.random.default_rng([sweep.seed, 1]))
+    mounted = PoseStream(np.array([0]), HAND_EYE.rotation[None], HAND_EYE.translation[None], HAND_EYE.parent, OPTICAL)
+    messages = [(0, "robot_description", encode_text(description))]
+    messages += [(stamp, "tf_static", data) for stamp, data in encode_stream("tf_static", mounted)]
+    messages += [(stamp, "joint_states", data) for stamp, data in encode_stream("joint_states", states)]
+    for view, steps in fake_views(sweep, rotation, translation):
+        stamp = view.frame.stamp
+        messages.append((stamp, TOPICS["info"], _info(stamp, sweep.camera)))
+        messages.append((stamp, TOPICS["depth"], _image(stamp, steps, "16UC1")))
+        messages.append((stamp, TOPICS["colour"], _image(stamp, view.frame.colours, "rgb8")))
+    kinds = {"robot_description": "std_msgs/msg/String", "tf_static": "tf2_msgs/msg/TFMessage"}
+    kinds |= {"joint_states": "sensor_msgs/msg/JointState", TOPICS["info"]: "sensor_msgs/msg/CameraInfo"}
+    kinds |= {TOPICS[name]: "sensor_msgs/msg/Image" for name in ("depth", "colour")}
+    with RecordingWriter(path, metadata=metadata) as writer:
+        for topic, kind in kinds.items():
+            writer.add_topic(topic, kind)
+        for stamp, topic, data in sorted(messages, key=lambda message: message[0]):
+            writer.write(topic, stamp, data)
+
+
+def _header(stamp: int) -> Any:
+    make: Any = typestore().types
+    seconds, rest = divmod(stamp, 10**9)
+    return make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), OPTICAL)
+
+
+def _image(stamp: int, pixels: NDArray[Any], encoding: str) -> bytes:
+    height, width = pixels.shape[:2]
+    data = np.frombuffer(np.ascontiguousarray(pixels).tobytes(), np.uint8)
+    kind = "sensor_msgs/msg/Image"
+    message = typestore().types[kind](_header(stamp), height, width, encoding, 0, len(data) // height, data)
+    return bytes(typestore().serialize_cdr(message, kind))
+
+
+def _info(stamp: int, camera: Camera) -> bytes:
+    kind = "sensor_msgs/msg/CameraInfo"
+    k = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1])
+    p = np.array([camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0])
+    whole = typestore().types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    message = typestore().types[kind](
+        _header(stamp), camera.height, camera.width, "plumb_bob", np.zeros(5), k, np.eye(3).ravel(), p, 0, 0, whole
+    )
+    return bytes(typestore().serialize_cdr(message, kind))

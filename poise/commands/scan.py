@@ -1,0 +1,179 @@
+"""`poise scan`: the cloud of one object, and its parts, from a recorded sweep of a camera on a hand."""
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from poise.commands.output import console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.segment import write_picture
+from poise.errors import ErrorCode, InputError
+from poise.files import write_whole
+from poise.recording import open_recording
+from poise.robot.model import find_urdf
+from poise.robot.urdf import read_urdf
+from poise.scanning import Scan, ScanOptions, Sweep, SweepOptions, Transform, read_sweep
+from poise.scanning import scan as scan_views
+from poise.scanning.cloud_files import scan_ply
+from poise.scanning.reading import MOST_FRAMES
+from poise.shape.segmentation import Segmentation, segment
+from poise.shape.surface_files import labelled_ply, surface_ply
+
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file or a rosbag2 folder.")]
+CloudOption = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="PLY", help="Write the cloud: colours, normals, what was seen.", show_default=False),
+]
+PartsOption = Annotated[
+    Path | None,
+    typer.Option("--parts", metavar="PLY", help="Write the points with their parts as colours.", show_default=False),
+]
+SurfaceOption = Annotated[
+    Path | None,
+    typer.Option("--surface", metavar="PLY", help="Write the closed surface with its parts.", show_default=False),
+]
+PictureOption = Annotated[
+    Path | None, typer.Option("--picture", metavar="PNG", help="Draw the parts.", show_default=False)
+]
+NearOption = Annotated[
+    str | None,
+    typer.Option(
+        "--near",
+        metavar="'X Y Z'",
+        help="m in the robot's base: of several objects, the one nearest to it (the grasp). Without: nearest to where"
+        " the camera looks.",
+        show_default=False,
+    ),
+]
+HandEyeOption = Annotated[
+    str | None,
+    typer.Option(
+        "--hand-eye",
+        metavar="'LINK X Y Z QX QY QZ QW'",
+        help="The camera's optical frame in a link of the robot, m and a quaternion. Without: robot_description or"
+        " tf_static have it.",
+        show_default=False,
+    ),
+]
+UrdfOption = Annotated[
+    str | None,
+    typer.Option("--urdf", metavar="FILE", help="The robot. Without: the bag's robot_description.", show_default=False),
+]
+FramesOption = Annotated[int, typer.Option("--frames", min=1, max=2000, help="The most frames that are used.")]
+VoxelOption = Annotated[float, typer.Option("--voxel", min=2e-4, max=0.05, help="m, spacing of the points.")]
+UnitOption = Annotated[float, typer.Option("--depth-unit", min=1e-6, max=1.0, help="m, of integer depth.")]
+DelayOption = Annotated[float, typer.Option("--delay", help="s that the images' stamps are late.")]
+TopicOption = Annotated[
+    str, typer.Option("--depth-topic", help="Depth image or PointCloud2. Without: found.", show_default=False)
+]
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
+]
+
+
+def scan(
+    bag: BagArgument,
+    out: CloudOption = None,
+    parts: PartsOption = None,
+    surface: SurfaceOption = None,
+    picture: PictureOption = None,
+    near: NearOption = None,
+    hand_eye: HandEyeOption = None,
+    urdf: UrdfOption = None,
+    frames: FramesOption = MOST_FRAMES,
+    voxel: VoxelOption = 1.5e-3,
+    depth_unit: UnitOption = 1e-3,
+    delay: DelayOption = 0.0,
+    depth_topic: TopicOption = "",
+    json_target: JsonOption = None,
+) -> None:
+    """What does an object on a table look like from all sides, and which parts is it made of?
+
+    The bag holds aligned depth and colour images with camera_info (or a PointCloud2), joint_states, robot_description
+    and, for the camera on the hand, tf_static. The cloud is in the frame of the robot's base.
+
+    Example:  poise scan bags/hammer_sweep.mcap --out hammer.ply --parts parts.ply --picture hammer.png
+    """
+    targets = {"--out": out, "--parts": parts, "--surface": surface, "--picture": picture, "--json": json_target}
+    for option, target in targets.items():
+        refuse_folder(None if target is None else str(target), option)
+    people = console(json_target)
+    description = None if urdf is None else read_urdf(find_urdf(urdf))
+    where = SweepOptions(depth_topic, "", "", description, _hand_eye(hand_eye), frames, depth_unit, delay)
+    how = ScanOptions(voxel=voxel, near=None if near is None else _numbers(near, 3, "--near"))
+    sweep, found, cut, seconds = _work(bag, where, how)
+    write_json(json_target, as_json(bag, sweep, found, cut, seconds))
+    written = [
+        *([] if out is None else [write_whole(out, scan_ply(found))]),
+        *([] if parts is None else [write_whole(parts, labelled_ply(found.points, cut.labels))]),
+        *([] if surface is None else [write_whole(surface, surface_ply(cut))]),
+        *([] if picture is None else [write_picture(picture, cut, bag.stem)]),
+    ]
+    volume, spread = cut.solid.volume * 1e6, cut.solid.volume_std * 1e6
+    people.print(
+        f"{len(sweep.views)} views, {found.seen.sum()} points seen and {(~found.seen).sum()} completed in"
+        f" {seconds[0]:.2f} s; {cut.n_parts} parts, {volume:.4g} ± {spread:.2g} cm3 in {seconds[1]:.2f} s"
+    )
+    for path in written:
+        people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def _work(bag: Path, where: SweepOptions, how: ScanOptions) -> tuple[Sweep, Scan, Segmentation, tuple[float, float]]:
+    """Bag to parts, with a warning for every note; s for the cloud and for the parts."""
+    recording = open_recording(bag)
+    for loss in recording.losses:
+        warn(loss.sentence)
+    with progress_bar("reading the frames") as reach:
+        sweep = read_sweep(recording, where, reach)
+    with progress_bar("joining the views") as reach:
+        start = time.perf_counter()
+        found = scan_views(sweep.views, how, reach)
+        middle = time.perf_counter()
+        cut = segment(found.points, found.colours)
+        seconds = middle - start, time.perf_counter() - middle
+    for note in (*sweep.notes, *found.notes, *cut.notes):
+        warn(note)
+    return sweep, found, cut, seconds
+
+
+def as_json(path: Path, sweep: Sweep, found: Scan, cut: Segmentation, seconds: tuple[float, float]) -> dict[str, Any]:
+    """What was found; m and m3, in the frame of the robot's base."""
+    return {
+        "frame": sweep.base,
+        "n_views": found.n_views,
+        "n_objects": found.n_objects,
+        "n_points": len(found.points),
+        "seen": found.seen,
+        "labels": cut.labels,
+        "n_parts": cut.n_parts,
+        "volume": cut.solid.volume,
+        "volume_std": cut.solid.volume_std,
+        "part_volumes": cut.volumes,
+        "part_centroids": cut.centroids,
+        "table": {"normal": found.plane.normal, "offset": found.plane.offset, "thickness": found.plane.thickness},
+        "poses_moved": found.moved,
+        "scan_seconds": seconds[0],
+        "seconds": sum(seconds),
+        "bag": str(path),
+        "notes": [*sweep.notes, *found.notes, *cut.notes],
+    }
+
+
+def _hand_eye(text: str | None) -> Transform | None:
+    if text is None:
+        return None
+    link, _, rest = text.strip().partition(" ")
+    return Transform.from_pose(link, "camera", _numbers(rest, 7, "--hand-eye"))
+
+
+def _numbers(text: str, count: int, option: str) -> Any:
+    try:
+        values = tuple(float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        values = ()
+    if len(values) != count:
+        raise InputError(ErrorCode.BAD_INPUT, f"{option} '{text}': give {count} numbers, in quotes")
+    return values

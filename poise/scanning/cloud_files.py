@@ -1,0 +1,23 @@
+"""A scanned object as a PLY file: points, colours, normals, and which of them were seen."""
+
+import numpy as np
+
+from poise.scanning.scan import Scan
+
+ATTRIBUTES = (
+    *(("double", axis) for axis in "xyz"), *(("float", f"n{axis}") for axis in "xyz"),
+    *(("uchar", name) for name in ("red", "green", "blue", "seen")),
+)  # fmt: skip
+TYPES = {"double": "<f8", "float": "<f4", "uchar": "u1"}
+
+
+def scan_ply(found: Scan) -> bytes:
+    """Binary PLY, m in the robot's base; `seen` is 0 where a point was completed."""
+    rows = np.zeros(len(found.points), [(name, TYPES[kind]) for kind, name in ATTRIBUTES])
+    shades = np.full_like(found.points, 0.7) if found.colours is None else found.colours
+    columns = [*found.points.T, *found.normals.T, *np.round(255 * np.clip(shades, 0, 1)).T, found.seen]
+    for (_, name), column in zip(ATTRIBUTES, columns, strict=True):
+        rows[name] = column
+    lines = ["ply", "format binary_little_endian 1.0", "comment metres, in the robot's base frame"]
+    lines += [f"element vertex {len(rows)}", *(f"property {kind} {name}" for kind, name in ATTRIBUTES)]
+    return "\n".join([*lines, "end_header", ""]).encode() + rows.tobytes()

@@ -1,0 +1,133 @@
+"""The side of an object that no camera sees: what is hidden over the table counts as object, down to the table.
+
+The thesis (section 3.2.4) projects the cloud onto the table, which makes a flat bottom. Here only what the views leave
+hidden is filled: the space under what was seen, without what some view looks through (Kutulakos and Seitz 2000), so
+that the gap under a shaft stays open as far as it was seen into.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from poise.scanning.camera import Array
+from poise.scanning.frames import View
+from poise.scanning.fusion import Surface
+from poise.scanning.looking import each, look
+from poise.scanning.support import CELL, Footprint
+
+VIEWS = 32
+"""That are asked whether they look through."""
+FREE_VIEWS = 3
+MARGIN = 0.002
+"""m behind which a view has to see something else, for a place to be free."""
+NEAR, ALIKE = 2.5, 0.3
+VERY_NEAR, OPPOSITE = 1.3, -0.5
+"""Cells from a seen point, and cosine between normals, within which a hidden face is that of the seen surface."""
+UNDERSIDE = -0.7
+"""Normal's z below which a face looks at the table."""
+MOST_CELLS = 1_500_000
+SIDES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+
+
+@dataclass(frozen=True, eq=False)
+class Completed:
+    """What was not seen.
+
+    Args:
+        points: (M, 3) m in the world, on the hidden surface.
+        normals: (M, 3) out of the object.
+        hidden: share of the object's surface that they make up.
+        hidden_sides: the same of the surface without its underside.
+        unknown: m2 of the table, inside and beside the object, of which nothing is known at all: glass, or shadow.
+        footprint: m2 that the object covers.
+    """
+
+    points: Array
+    normals: Array
+    hidden: float
+    hidden_sides: float
+    unknown: float
+    footprint: float
+
+
+def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell: float) -> Completed:
+    """The hidden surface between what was seen and the table.
+
+    Args:
+        surface: what was seen.
+        views: that saw it.
+        footprint: where it stands.
+        cell: m, spacing of the new points.
+    """
+    axes, plane = footprint.plane.axes, footprint.plane
+    placed: Array = plane.placed(surface.points).astype(np.float64)
+    cell = max(cell, float((np.ptp(placed, axis=0).prod() / MOST_CELLS) ** (1 / 3)))  # something large: coarser
+    low = np.append(placed[:, :2].min(axis=0) - 2 * cell, 0.0)
+    shape = np.ceil((placed.max(axis=0) - low) / cell).astype(int) + np.array([3, 3, 1])
+    column = np.floor((placed - low) / cell).astype(int)
+    top = np.full(shape[:2], -1)
+    np.maximum.at(top, (column[:, 0], column[:, 1]), column[:, 2])
+    covered = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(top >= 0, 3), iterations=2))[3:-3, 3:-3]
+    roof = np.where(top >= 0, top, ndimage.grey_dilation(top, 5))
+    solid = covered[..., None] & (np.arange(shape[2]) <= roof[..., None])
+    solid = _carved(solid, views, axes, plane.offset, low, cell)
+    solid[column[:, 0], column[:, 1], column[:, 2]] = True  # what was seen is there
+    points, normals = _faces(solid, low, cell)
+    points[points[:, 2] < 0.5 * cell, 2] = 0.0
+    hidden = ~_seen_already(points, normals, placed, surface.normals @ axes.T, cell)
+    sides = normals[:, 2] > UNDERSIDE
+    shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
+    points, normals = points[hidden], normals[hidden]
+    in_world = (points + np.array([0, 0, plane.offset])) @ axes
+    covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
+    return Completed(in_world, normals @ axes, *shares, _unknown(footprint), covers)
+
+
+def _carved(
+    solid: NDArray[np.bool_], views: Sequence[View], axes: Array, offset: float, low: Array, cell: float
+) -> NDArray[np.bool_]:
+    """Without the cells that views look through; the lowest ones, which the table is too near to, as those above."""
+    index = np.argwhere(solid)
+    centres = low + cell * (index + 0.5)
+    testable = centres[:, 2] > MARGIN
+    asked = (centres[testable] + np.array([0, 0, offset])) @ axes
+    chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, VIEWS).round().astype(int))]
+    through = np.sum(each(chosen, lambda view: look(view, asked).beyond > MARGIN), axis=0)
+    free = np.zeros(len(index), bool)
+    free[testable] = through >= min(FREE_VIEWS, len(views))
+    carved = solid.copy()
+    carved[tuple(index[free].T)] = False
+    first = min(int(np.ceil(MARGIN / cell - 0.5)) + 1, solid.shape[2] - 1)
+    open_above = solid[..., first] & ~carved[..., first]
+    carved[..., :first] &= ~open_above[..., None]
+    return carved
+
+
+def _faces(solid: NDArray[np.bool_], low: Array, cell: float) -> tuple[Array, Array]:
+    """Middles (F, 3) m and normals (F, 3) of the cells' sides that face outwards."""
+    padded = np.pad(solid, 1)
+    points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for side in SIDES:
+        outside = ~np.roll(padded, -side, axis=(0, 1, 2))
+        index = np.argwhere(padded & outside) - 1
+        points.append(low + cell * (index + 0.5 + 0.5 * side))
+        normals.append(np.tile(side, (len(index), 1)))
+    return np.concatenate(points), np.concatenate(normals).astype(np.float64)
+
+
+def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> NDArray[np.bool_]:
+    """Which faces lie along a surface that was seen."""
+    distance, near = cKDTree(seen).query(points, k=6, distance_upper_bound=NEAR * cell)
+    there = np.isfinite(distance)
+    alike = np.einsum("fi,fki->fk", normals, seen_normals[np.where(there, near, 0)])
+    return np.asarray(np.any(there & ((alike > ALIKE) | ((distance < VERY_NEAR * cell) & (alike > OPPOSITE))), axis=1))
+
+
+def _unknown(footprint: Footprint) -> float:
+    """m2 around and inside the footprint of which no view says anything."""
+    around = ndimage.binary_dilation(footprint.cells, iterations=2)
+    return float(np.count_nonzero(around & ~footprint.known)) * CELL**2

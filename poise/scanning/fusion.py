@@ -1,0 +1,230 @@
+"""Many views into one cloud: cropped early, gathered in voxels, then each point brought to where all views see it.
+
+Voxels alone leave a shell as thick as the noise. So every point is looked up again in every view: what others look
+through is no surface (flying pixels go), and what remains moves along its normal by the mean of what the views measure
+before or behind it, which is the average of a truncated signed distance (Curless and Levoy 1996) where it matters.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from poise.errors import ErrorCode, InputError
+from poise.scanning.camera import Array, Single, rotated
+from poise.scanning.frames import View
+from poise.scanning.looking import WORKERS, each, look
+from poise.scanning.support import Footprint
+
+COARSE, COARSE_PIXELS = 8, 600_000
+"""Pixels between those of the first look, at the most, and how many it takes of all views together."""
+JUMP = 0.006
+"""m between neighbouring pixels from which on they are of different surfaces."""
+BAND = 0.004
+"""m before and behind a point within which a measurement is of it."""
+SLANT = 0.35
+"""Cosine between normal and ray below which a measurement says little about the surface's place."""
+NEIGHBOURS = 14
+FEWEST_VIEWS = 3
+THROUGH = 0.5
+"""Share of the views of a point that may look through it."""
+AGREED = 0.6
+"""Share of the object's pixels that views have to agree on: 0.99 did with right poses, 0.75 with some 5 mm off."""
+MOST_STEP = 0.003
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Points on what was seen.
+
+    Args:
+        points: (N, 3) m in the world.
+        colours: (N, 3) 0..1, or None.
+        normals: (N, 3) out of the object.
+        weights: (N,) pixels that each point was made of.
+    """
+
+    points: Array
+    colours: Array | None
+    normals: Array
+    weights: Array
+
+    def select(self, kept: NDArray[np.generic]) -> "Surface":
+        colours = None if self.colours is None else self.colours[kept]
+        return Surface(self.points[kept], colours, self.normals[kept], self.weights[kept])
+
+
+def coarse_points(views: Sequence[View], farthest: float) -> Array:
+    """(N, 3) m in the world: some pixels of every view, up to `farthest` m from the camera."""
+    pixels = sum(view.frame.depth.size for view in views)
+    step = int(np.clip(np.sqrt(pixels / COARSE_PIXELS), 1, COARSE))
+
+    def of_view(view: View) -> Single:
+        depth = view.frame.depth[step // 2 :: step, step // 2 :: step]
+        rays = view.frame.camera.rays[:, step // 2 :: step, step // 2 :: step]
+        known = (depth > 0) & (depth < farthest)
+        return _in_world(view, rays[:, known], depth[known])
+
+    return np.concatenate([np.zeros((0, 3), np.float32), *each(views, of_view)]).astype(np.float64)
+
+
+def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
+    """One cloud of an object, from views whose poses are right.
+
+    Args:
+        views: which see it.
+        footprint: where it stands.
+        voxel: m, spacing of the points.
+
+    Raises:
+        InputError: SCAN_INCOMPLETE when too little of it is left.
+    """
+    gathered = _gather(views, footprint, voxel)
+    surface = _averaged(gathered, views, footprint)
+    if len(surface.points) < 50:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"scan: only {len(surface.points)} points of the object are seen alike by {FEWEST_VIEWS} views or more;"
+            " check that depth and poses fit (hand-eye transform, clocks of camera and joints), or take more views",
+        )
+    return surface
+
+
+def _gather(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
+    """What the views show of the object, averaged in voxels; normals are not known yet."""
+    parts = each(views, lambda view: _object_pixels(view, footprint, voxel))
+    points = np.concatenate([part[0] for part in parts])
+    coloured = all(part[1] is not None for part in parts)
+    if not len(points):
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE, "scan: no view shows the object's surface with depth; bring the camera nearer"
+        )
+    low = points.min(axis=0)
+    cell = ((points - low) / np.float32(voxel)).astype(np.int64)
+    size = cell.max(axis=0) + 1
+    key = (cell[:, 0] * size[1] + cell[:, 1]) * size[2] + cell[:, 2]
+    order = np.argsort(key)  # quicksort is fine: sums do not depend on who comes first by more than rounding
+    key = key[order]
+    start = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
+    count = np.diff(np.append(start, len(key))).astype(np.float64)
+    mean = np.add.reduceat((points - low)[order].astype(np.float64), start) / count[:, None] + low
+    colours = None
+    if coloured:
+        shades = np.concatenate([part[1] for part in parts])[order]
+        colours = np.add.reduceat(shades.astype(np.float64), start) / (255 * count[:, None])
+    return Surface(mean, colours, np.zeros_like(mean), count)
+
+
+def _object_pixels(view: View, footprint: Footprint, voxel: float) -> tuple[Single, NDArray[np.uint8] | None]:
+    """(N, 3) m of the pixels that show the object and no edge, and their colours."""
+    camera, colours, plane = view.frame.camera, view.frame.colours, footprint.plane
+    left, right, top, bottom, distance = _window(view, footprint)
+    if right - left < 3 or bottom - top < 3:
+        return np.zeros((0, 3), np.float32), None if colours is None else np.zeros((0, 3), np.uint8)
+    step = max(int(voxel * camera.fx / distance), 1)
+    depth = view.frame.depth[top:bottom, left:right]
+    height, width = depth.shape
+    middle = depth[1:-1:step, 1:-1:step]
+    x, y = camera.rays[:, top + 1 : bottom - 1 : step, left + 1 : right - 1 : step]
+    # Most pixels show the table: heights over it first, places only for the rest.
+    down = (view.rotation_world_camera.T @ plane.normal).astype(np.float32)
+    start = np.float32(plane.normal @ view.translation_world_camera - plane.offset)
+    over = middle * (down[0] * x + down[1] * y + down[2]) + start
+    whole = (middle > 0) & (over > footprint.floor) & (over < footprint.top + 2 * BAND)
+    for across, along in ((0, 1), (2, 1), (1, 0), (1, 2)):  # an edge is where a neighbour is far away, or unknown
+        neighbour = depth[along : height - 2 + along : step, across : width - 2 + across : step]
+        whole &= np.abs(neighbour - middle) < JUMP
+    row, column = np.nonzero(whole)
+    points = _in_world(view, np.stack([x[row, column], y[row, column]]), middle[row, column])
+    placed = plane.placed(points)
+    kept = footprint.holds(placed[:, 0], placed[:, 1])
+    if colours is not None:
+        colours = colours[top + 1 + step * row[kept], left + 1 + step * column[kept]]
+    return points[kept], colours
+
+
+def _window(view: View, footprint: Footprint) -> tuple[int, int, int, int, float]:
+    """Left, right, top, bottom pixel around a footprint, and how far it is, m."""
+    camera = view.frame.camera
+    box = view.in_camera(footprint.corners)
+    distance = float(np.clip(np.median(box[:, 2]), 0.05, 5.0))
+    if box[:, 2].max() < 1e-2:  # behind the camera
+        return 0, 0, 0, 0, distance
+    if box[:, 2].min() < 1e-2:
+        return 0, camera.width, 0, camera.height, distance
+    u, v = camera.project(box)
+    left, right = (int(np.clip(value, 0, camera.width)) for value in (u.min(), u.max() + 1))
+    top, bottom = (int(np.clip(value, 0, camera.height)) for value in (v.min(), v.max() + 1))
+    return left, right, top, bottom, distance
+
+
+def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> Surface:
+    """Points that views agree on, each where they see it on average."""
+    seen = each(views, lambda view: _first_look(view, surface.points))
+    agree, through = (np.sum([part[i] for part in seen], axis=0) for i in (0, 1))
+    toward = np.sum([part[2] for part in seen], axis=0)
+    kept = (agree >= min(FEWEST_VIEWS, len(views))) & (through <= THROUGH * (agree + through))
+    agreed = float(surface.weights[kept].sum() / surface.weights.sum())
+    if agreed < AGREED:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"scan: the views agree on {agreed:.0%} of what they show of the object only: the hand-eye transform is not"
+            " this camera's, the clocks of camera and joint_states differ, or the object moved",
+            agreed=agreed,
+        )
+    surface, toward = surface.select(kept), toward[kept]
+    if len(surface.points) <= NEIGHBOURS:
+        return surface
+    surface = replace(surface, normals=normals_of(surface.points, toward))
+    looked = each(views, lambda view: _second_look(view, surface))
+    weight = np.sum([part[0] for part in looked], axis=0)
+    step = np.sum([part[1] for part in looked], axis=0) / np.maximum(weight, 1e-9)
+    moved = surface.points + np.clip(step, -MOST_STEP, MOST_STEP)[:, None] * surface.normals
+    surface = replace(surface, points=moved).select((weight > 0) & (footprint.plane.heights(moved) > footprint.floor))
+    return _merged(surface)
+
+
+def _first_look(view: View, points: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Single]:
+    looked = look(view, points)
+    agree = np.abs(looked.beyond) < BAND
+    through = looked.beyond > BAND
+    length = np.sqrt(np.einsum("ni,ni->n", looked.rays, looked.rays))
+    return agree, through, np.where(agree, -1 / length, 0)[:, None] * looked.rays
+
+
+def _second_look(view: View, surface: Surface) -> tuple[Array, Array]:
+    """Weights, and weighted distances (m) along the normals, of what a view measures around each point."""
+    looked = look(view, surface.points)
+    along = np.einsum("ni,ni->n", looked.rays, surface.normals.astype(np.float32))
+    length = np.sqrt(np.einsum("ni,ni->n", looked.rays, looked.rays))
+    facing = -along / length
+    weight = np.where((np.abs(looked.beyond) < BAND) & (facing > SLANT), facing, 0)
+    return weight, weight * np.nan_to_num(looked.beyond) * along
+
+
+def normals_of(points: Array, toward: Array) -> Array:
+    """(N, 3) of least variance among neighbours, on the side of `toward` (N, 3)."""
+    tree = cKDTree(points)
+    near = points[tree.query(points, k=NEIGHBOURS, workers=WORKERS)[1]]
+    near = near - near.mean(axis=1, keepdims=True)
+    normals = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))[1][:, :, 0]
+    return np.asarray(normals * np.where(np.einsum("ni,ni->n", normals, toward) < 0, -1.0, 1.0)[:, None])
+
+
+def _merged(surface: Surface) -> Surface:
+    """Without points that came to lie on others: of each close pair the lighter one goes."""
+    tree = cKDTree(surface.points)
+    spacing = float(np.median(tree.query(surface.points, k=2)[0][:, 1]))
+    pairs = tree.query_pairs(0.7 * spacing, output_type="ndarray")
+    lighter = np.where(surface.weights[pairs[:, 0]] < surface.weights[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
+    kept = np.ones(len(surface.points), bool)
+    kept[lighter] = False
+    return surface.select(kept)
+
+
+def _in_world(view: View, rays: Single, depth: Single) -> Single:
+    """(N, 3) m of rays (2, N) and depths (N,)."""
+    points = rotated(np.stack([rays[0] * depth, rays[1] * depth, depth], axis=1), view.rotation_world_camera)
+    return np.asarray(points + view.translation_world_camera.astype(np.float32))

@@ -1,0 +1,231 @@
+"""From views to the cloud of one object: seen, completed down to the table, and what is not trusted about it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.scanning.camera import Array
+from poise.scanning.completion import Completed, complete
+from poise.scanning.frames import View
+from poise.scanning.fusion import coarse_points, fuse
+from poise.scanning.registration import MISFIT, refined, table_misfit
+from poise.scanning.support import Footprint, Plane, find_plane, objects_on
+
+LEAST_DEPTH = 0.05
+"""Share of the pixels that have to have depth, in the middle one of the frames."""
+UNKNOWN_ERROR, UNKNOWN_NOTE, UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
+"""Shares of the footprint, and m2, of which nothing is known."""
+SIDES_ERROR, SIDES_NOTE = 0.35, 0.12
+"""Shares of the surface, without its underside, that no view saw."""
+THICK = 2e-3
+Cancelled = Callable[[], bool]
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """How to scan.
+
+    Args:
+        voxel: m, spacing of the seen points.
+        cell: m, spacing of the completed points.
+        farthest: m from the camera up to which it is looked at.
+        near: (3,) m in the world: of several objects, the one nearest to it (the grasp); None: nearest to where the
+            camera looks.
+        up: (3,) against gravity, in the world.
+        refine: poses by ICP: when the views disagree, always, or never.
+        complete: fill what is hidden over the table.
+        seed: of the search for the table.
+    """
+
+    voxel: float = 1.5e-3
+    cell: float = 2e-3
+    farthest: float = 1.2
+    near: tuple[float, float, float] | None = None
+    up: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    refine: Literal["auto", "always", "never"] = "auto"
+    complete: bool = True
+    seed: int = 0
+
+
+DEFAULT = ScanOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The surface of one object.
+
+    Args:
+        points: (N, 3) m in the world.
+        colours: (N, 3) 0..1, or None; a completed point has that of the nearest seen one.
+        normals: (N, 3) out of the object.
+        seen: (N,) False where completed.
+        plane: what it stands on.
+        n_objects: that stood there.
+        n_views: that were used.
+        moved: m, the most that a pose was moved at the object.
+        notes: what to read it with, one sentence each.
+    """
+
+    points: Array
+    colours: Array | None
+    normals: Array
+    seen: NDArray[np.bool_]
+    plane: Plane
+    n_objects: int
+    n_views: int
+    moved: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def foot(self) -> Array:
+        """(3,) m: the middle of its bounding box, on the table; the origin of its frame, whose axes are the world's."""
+        middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+        return np.asarray(middle - (self.plane.normal @ middle - self.plane.offset) * self.plane.normal)
+
+
+def scan(
+    views: Sequence[View],
+    options: ScanOptions = DEFAULT,
+    progress: Progress = lambda share: None,
+    cancelled: Cancelled = lambda: False,
+) -> Scan:
+    """Scan the object that the views show.
+
+    Raises:
+        InputError: EMPTY without views or object, SCAN_INCOMPLETE when there is no table, when the views show too
+            little of the object or disagree, BAD_INPUT for depth in another unit.
+        NoAnswerError: CANCELLED.
+    """
+
+    def reach(share: float) -> None:
+        progress(share)
+        if cancelled():
+            raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
+
+    _check_depth(views, options)
+    reach(0.0)
+    plane, footprint, n_objects, notes = _look(views, options)
+    reach(0.2)
+    moved = 0.0
+    if _wants_refinement(views, plane, options):
+        views, shifts = refined(views, footprint, options.voxel)
+        moved = float(shifts.max())
+        typical = 1e3 * float(np.median(shifts))
+        notes.append(f"poses were refined: by {typical:.1f} mm (median), {1e3 * moved:.1f} mm at most")
+        reach(0.4)
+        plane, footprint, n_objects, notes[:-1] = _look(views, options)
+    if plane.thickness > THICK:
+        notes.append(
+            f"the table is seen {1e3 * plane.thickness:.1f} mm thick: the hand-eye transform does not fit, or the"
+            " clocks of camera and joint_states"
+        )
+    surface = fuse(views, footprint, options.voxel)
+    reach(0.8)
+    hidden = complete(surface, views, footprint, options.cell) if options.complete else None
+    if hidden is not None:
+        notes += _judge(hidden)
+    reach(1.0)
+    points, normals, colours = surface.points, surface.normals, surface.colours
+    if hidden is not None:
+        points, normals = np.concatenate([points, hidden.points]), np.concatenate([normals, hidden.normals])
+        if colours is not None:
+            nearest = cKDTree(surface.points).query(hidden.points)[1]
+            colours = np.concatenate([colours, colours[nearest]])
+    seen = np.arange(len(points)) < len(surface.points)
+    return Scan(points, colours, normals, seen, plane, n_objects, len(views), moved, tuple(notes))
+
+
+def _wants_refinement(views: Sequence[View], plane: Plane, options: ScanOptions) -> bool:
+    if options.refine != "auto":
+        return options.refine == "always"
+    return not all(view.sure for view in views) or table_misfit(views, plane) > MISFIT
+
+
+def _check_depth(views: Sequence[View], options: ScanOptions) -> None:
+    """Say what is wrong with depth that cannot be used at all."""
+    if not views:
+        raise InputError(ErrorCode.EMPTY, "scan: there is no view; record depth, camera_info and joint_states together")
+    shares = [float(np.mean(view.frame.depth > 0)) for view in views]
+    if np.median(shares) < LEAST_DEPTH:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"scan: only {np.median(shares):.0%} of the pixels have depth (in the middle one of {len(views)} views); a"
+            " D435 sees nothing nearer than 0.17 m, nor glass and mirrors: move the camera back, or choose the topic",
+        )
+    depths = [view.frame.depth[view.frame.depth > 0] for view in views[:: max(len(views) // 8, 1)]]
+    typical = float(np.median(np.concatenate(depths)))
+    if typical > 2 * options.farthest:
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"scan: depth is typically {typical:.2g} m, and only what is within {options.farthest:g} m is looked at; if"
+            " the depth has another unit than millimetres, give it (depth_unit), else bring the camera nearer",
+        )
+
+
+def _look(views: Sequence[View], options: ScanOptions) -> tuple[Plane, Footprint, int, list[str]]:
+    """The table, the object's place on it, how many stand there, and what to say about that."""
+    points = coarse_points(views, options.farthest)
+    up = np.array(options.up) / np.linalg.norm(options.up)
+    plane = find_plane(points, up, np.random.default_rng(options.seed))
+    footprints, middles = objects_on(points, plane)
+    wanted = _regard(views, plane) if options.near is None else np.array(options.near)
+    apart = np.linalg.norm((middles - wanted) @ plane.axes[:2].T, axis=1)
+    chosen = int(np.argmin(apart))
+    if len(footprints) == 1:
+        return plane, footprints[0], 1, []
+    places = "; ".join(f"({', '.join(f'{value:.3f}' for value in middle)})" for middle in middles)
+    why = "where the camera looks" if options.near is None else "the point that was given"
+    note = (
+        f"{len(footprints)} objects stand on the table, at {places} m: the one at"
+        f" ({', '.join(f'{value:.3f}' for value in middles[chosen])}) was taken, nearest to {why}; choose by a point"
+    )
+    return plane, footprints[chosen], len(footprints), [note]
+
+
+def _regard(views: Sequence[View], plane: Plane) -> Array:
+    """(3,) m: the point of the table that the optical axes meet, in the middle."""
+    eyes = np.array([view.translation_world_camera for view in views])
+    axes = np.array([view.rotation_world_camera[:, 2] for view in views])
+    falls = axes @ plane.normal
+    meets = falls < -0.05
+    if not meets.any():
+        return np.asarray(eyes.mean(axis=0))
+    reach = (plane.offset - eyes[meets] @ plane.normal) / falls[meets]
+    return np.asarray(np.median(eyes[meets] + reach[:, None] * axes[meets], axis=0))
+
+
+def _judge(hidden: Completed) -> list[str]:
+    """Sentences about what was not seen.
+
+    Raises:
+        InputError: SCAN_INCOMPLETE when that is too much.
+    """
+    unknown = hidden.unknown / hidden.footprint
+    if hidden.unknown > UNKNOWN_LEAST and unknown > UNKNOWN_ERROR:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"scan: of {1e4 * hidden.unknown:.1f} cm2 in and beside the object ({unknown:.0%} of its footprint) no view"
+            " gives any depth: it is glass, shiny or black (powder it, or cover it with tape), or lies in a shadow"
+            " (look from the other sides too)",
+            unknown=hidden.unknown,
+        )
+    notes = []
+    if hidden.unknown > UNKNOWN_LEAST and unknown > UNKNOWN_NOTE:
+        notes.append(f"{1e4 * hidden.unknown:.1f} cm2 in and beside the object gave no depth in any view")
+    if hidden.hidden_sides > SIDES_ERROR:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE,
+            f"scan: {hidden.hidden_sides:.0%} of the object's sides were not seen; sweep the camera all around it, and"
+            " lower",
+            sides=hidden.hidden_sides,
+        )
+    notes.append(f"{hidden.hidden:.0%} of the surface was not seen and completed down to the table")
+    if hidden.hidden_sides > SIDES_NOTE:
+        notes.append(f"{hidden.hidden_sides:.0%} of its sides are guessed: sweep the camera all around it, and lower")
+    return notes

@@ -1,0 +1,207 @@
+"""The table an object lies on: found with gravity's help, and what stands on it told apart."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from poise.errors import ErrorCode, InputError
+from poise.scanning.camera import Array, rotated
+
+Mask = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+TILT = np.deg2rad(12.0)
+"""A table leans no more than this against gravity."""
+NEAR = 0.006
+"""m from a plane within which points count for it, before its noise is known."""
+LEAST_SHARE = 0.15
+"""Of the points, that have to lie in the support plane."""
+THICKEST = 0.003
+"""m, one sigma: more is no plane, but a slice of something."""
+SAMPLE, TRIES = 6000, 400
+FITTED = 100_000
+CELL = 0.003
+"""m, of the height map."""
+LOWEST = 0.0008
+"""m: what rises less over the table is the table."""
+TALLEST = 0.6
+LEAST_AREA = 6e-5
+"""m2: what is smaller is no object."""
+JOIN = 2
+"""Cells between two pieces of one object that may be empty."""
+MEND = (
+    "put the object on a table that the camera sees around it, and check that the base frame's z is up and that the"
+    " hand-eye transform is the camera's"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """normal . x = offset, m; the normal points up.
+
+    Args:
+        thickness: m, one sigma of the points about it: noise of depth, and how well the poses agree.
+    """
+
+    normal: Array
+    offset: float
+    thickness: float
+
+    def heights(self, points: NDArray[np.floating]) -> NDArray[np.floating]:
+        """(N,) m of points (N, 3) above it."""
+        return self.placed(points)[:, 2]
+
+    def placed(self, points: NDArray[np.floating]) -> NDArray[np.floating]:
+        """(N, 3) m along the plane's axes, the last one the height above it."""
+        return rotated(points, self.axes) - np.array([0, 0, self.offset], points.dtype)
+
+    @property
+    def axes(self) -> Array:
+        """(3, 3) rows: two directions along the plane, and its normal; level ones are the world's own x and y."""
+        x = np.array([1.0, 0.0, 0.0]) - self.normal[0] * self.normal
+        x /= np.linalg.norm(x)
+        return np.stack([x, np.cross(self.normal, x), self.normal])
+
+
+def find_plane(points: Array, up: Array, rng: np.random.Generator) -> Plane:
+    """The largest plane that is about level (RANSAC, Fischler and Bolles 1981, with gravity as a prior).
+
+    Args:
+        points: (N, 3) m.
+        up: (3,) unit vector against gravity.
+        rng: draws the samples.
+
+    Raises:
+        InputError: SCAN_INCOMPLETE when there is none.
+    """
+    few = points[rng.choice(len(points), min(SAMPLE, len(points)), replace=False)] if len(points) else points
+    if len(few) < 100:
+        raise InputError(
+            ErrorCode.SCAN_INCOMPLETE, f"scan: only {len(few)} points have depth, no support plane shows; {MEND}"
+        )
+    corners = few[rng.integers(len(few), size=(TRIES, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    corners, normals = corners[length > 1e-6], normals[length > 1e-6] / length[length > 1e-6, None]
+    normals *= np.where(normals @ up < 0, -1.0, 1.0)[:, None]
+    apart = np.abs(few @ normals.T - np.einsum("ti,ti->t", normals, corners[:, 0]))
+    shares = np.mean(apart < NEAR, axis=0)
+    level = normals @ up > np.cos(TILT)
+    best = int(np.argmax(np.where(level, shares, -1.0))) if level.any() else -1
+    if best < 0 or shares[best] < LEAST_SHARE:
+        other = int(np.argmax(shares))
+        lean = np.rad2deg(np.arccos(np.clip(normals[other] @ up, -1, 1)))
+        found = f"the largest plane leans by {lean:.0f} deg" if shares[other] > LEAST_SHARE else "there is no plane"
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {found}; {MEND}")
+    plane = _fitted(points, normals[best], float(normals[best] @ corners[best, 0]))
+    if plane.thickness > THICKEST:
+        thick = f"what is about level is {1e3 * plane.thickness:.0f} mm thick"
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {thick}; {MEND}")
+    return plane
+
+
+def _fitted(points: Array, normal: Array, offset: float) -> Plane:
+    """Least squares on what is near the plane, three times over."""
+    points = points[:: max(len(points) // FITTED, 1)]
+    near = NEAR
+    for _ in range(3):
+        inside = points[np.abs(Plane(normal, offset, near).heights(points)) < near]
+        middle = inside.mean(axis=0)
+        axes = np.linalg.eigh(np.cov((inside - middle).T))[1]
+        normal = axes[:, 0] if axes[:, 0] @ normal > 0 else -axes[:, 0]
+        offset = float(normal @ middle)
+        spread = 1.4826 * float(np.median(np.abs(Plane(normal, offset, near).heights(inside))))
+        near = float(np.clip(3 * spread, 1.5e-3, NEAR))
+    return Plane(normal, offset, spread)
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Cells of the plane, seen from above, that belong to one object.
+
+    Args:
+        plane: it stands on.
+        low: (2,) m of the first cell's corner along the plane's axes.
+        cells: (X, Y) the object's.
+        known: (X, Y) cells in which anything was seen.
+        top: m, of the highest point.
+        floor: m above the plane below which points are the table's.
+    """
+
+    plane: Plane
+    low: Array
+    cells: Mask
+    known: Mask
+    top: float
+    floor: float
+
+    def holds(self, along: NDArray[np.floating], across: NDArray[np.floating], margin: int = 0) -> Mask:
+        """Which points, at (N,) m along the plane's axes, are over the object."""
+        cells = ndimage.binary_dilation(self.cells, iterations=margin) if margin else self.cells
+        x = np.floor((along - self.low[0]) / CELL).astype(np.int32)
+        y = np.floor((across - self.low[1]) / CELL).astype(np.int32)
+        inside = (x >= 0) & (y >= 0) & (x < cells.shape[0]) & (y < cells.shape[1])
+        return np.asarray(inside & cells[np.where(inside, x, 0), np.where(inside, y, 0)])
+
+    @property
+    def corners(self) -> Array:
+        """(8, 3) m in the world, of a box around it with two cells to spare."""
+        rows, columns = (np.flatnonzero(self.cells.any(axis=axis)) for axis in (1, 0))
+        x = self.low[0] + CELL * np.array([rows[0] - 2, rows[-1] + 3])
+        y = self.low[1] + CELL * np.array([columns[0] - 2, columns[-1] + 3])
+        z = self.plane.offset + np.array([-0.003, self.top + 0.006])
+        box = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1).reshape(-1, 3)
+        return box @ self.plane.axes
+
+
+def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
+    """What rises over the plane, each thing by itself, the largest first, and (K, 3) m of their middles.
+
+    Raises:
+        InputError: EMPTY when nothing does.
+    """
+    placed = plane.placed(points)
+    flat, heights = placed[:, :2].astype(np.float64), placed[:, 2].astype(np.float64)
+    over = (heights > -0.03) & (heights < TALLEST)
+    flat, heights = flat[over], heights[over]
+    low = np.quantile(flat, 0.001, axis=0) - CELL
+    high = np.minimum(np.quantile(flat, 0.999, axis=0) + CELL, low + 4.0)
+    shape = np.ceil((high - low) / CELL).astype(int)
+    cell = np.floor((flat - low) / CELL).astype(np.int64)
+    inside = np.all((cell >= 0) & (cell < shape), axis=1)
+    number, heights = (cell[:, 0] * shape[1] + cell[:, 1])[inside], heights[inside]
+    count = np.bincount(number, minlength=int(shape.prod()))
+    mean = np.bincount(number, heights, minlength=len(count)) / np.maximum(count, 1)
+    level = mean[(count > 2) & (np.abs(mean) < NEAR)]
+    spread = 1.4826 * float(np.median(np.abs(level))) if len(level) else plane.thickness
+    floor = max(LOWEST, 3 * spread)
+    known = (count > 0).reshape(shape)
+    raised = ((count > 1) & (mean > floor)).reshape(shape)
+    return _things(plane, low, raised, known, (number, heights), floor)
+
+
+def _things(
+    plane: Plane, low: Array, raised: Mask, known: Mask, seen: tuple[Indices, Array], floor: float
+) -> tuple[list[Footprint], Array]:
+    """Footprints of the pieces of a height map."""
+    raised = ndimage.binary_opening(raised, np.ones((2, 2)))
+    labels, _ = ndimage.label(ndimage.binary_dilation(raised, iterations=JOIN), np.ones((3, 3)))
+    areas = np.bincount(labels[raised], minlength=labels.max() + 1) * CELL**2
+    order = [piece for piece in np.argsort(-areas[1:], kind="stable") + 1 if areas[piece] >= LEAST_AREA]
+    if not order:
+        raise InputError(
+            ErrorCode.EMPTY,
+            f"scan: nothing rises more than {1e3 * floor:.1f} mm over the support plane that was found; aim the camera"
+            " at the object and the table around it, or, if it is black, shiny or of glass, powder it",
+        )
+    number, heights = seen
+    footprints, middles = [], []
+    for piece in order:
+        cells = labels == piece
+        over = cells.ravel()[number] & (heights > floor)
+        footprints.append(Footprint(plane, low, cells, known, float(np.quantile(heights[over], 0.998)), floor))
+        middle = low + CELL * (np.argwhere(cells & raised).mean(axis=0) + 0.5)
+        middles.append(plane.axes.T @ np.array([*middle, plane.offset + footprints[-1].top / 2]))
+    return footprints, np.array(middles)
