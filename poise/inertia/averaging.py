@@ -99,6 +99,12 @@ class ModelAverage:
         self._scale = float(np.exp(self._guess[0]))
         self._starts = starts
         self._states = starts[hypotheses.bias_case]
+        # What the parts' densities have in common: their covariance is likeness = root root^T, times their variance.
+        self._root = np.eye(model.n_states)
+        if model.likeness is not None:
+            self._root[: model.n_parts, : model.n_parts] = np.linalg.cholesky(model.likeness)
+        self._likeness = self._root @ self._root.T
+        self._unrooted = np.linalg.inv(self._root[: model.n_parts, : model.n_parts]).T
         self.consider()
 
     @property
@@ -236,13 +242,13 @@ class ModelAverage:
         offset = self._guess - states
         free = np.ones(offset.shape, dtype=bool)
         for _ in range(2):
-            prior = self._prior(jacobian, variances * free, free)
+            prior = self._prior(jacobian, variances, free)
             mean = phi + _apply(jacobian, offset)
             gradient = linear - _apply(square, mean)
             change = _solve(_IDENTITY[:10, :10] + prior @ square, _apply(prior, gradient)[..., None])[..., 0]
             # The prior of the state, moved by what the samples pull at phi: C^-1 times the change is that pull.
             pull = _apply(jacobian.swapaxes(1, 2), gradient - _apply(square, change)) * free
-            step = offset + pull * variances
+            step = offset + pull @ self._likeness * variances * free
             step[:, :n_parts] += ANY_MASS * pull[:, :n_parts].sum(axis=1, keepdims=True) * free[:, :n_parts]
             lost = step[:, :n_parts] < -LARGEST_FALL
             if not lost.any():
@@ -267,9 +273,11 @@ class ModelAverage:
 
     def _prior(self, jacobian: Array, variances: Array, free: "NDArray[np.bool_] | None" = None) -> Array:
         """(H, 10, 10) covariance of phi, when the total mass of the free parts may be anything."""
-        parts = jacobian[:, :, : self.model.n_parts]
-        mass = (parts if free is None else parts * free[:, None, : self.model.n_parts]).sum(axis=2)
-        spread = (jacobian * variances[:, None]) @ jacobian.swapaxes(1, 2)
+        if free is not None:
+            jacobian = jacobian * free[:, None]
+        mass = jacobian[:, :, : self.model.n_parts].sum(axis=2)
+        rooted = jacobian @ self._root
+        spread = (rooted * variances[:, None]) @ rooted.swapaxes(1, 2)
         return np.asarray(spread + ANY_MASS * mass[:, :, None] * mass[:, None, :])
 
     def _narrowed(self, states: Array, information: Array) -> Array:
@@ -277,7 +285,7 @@ class ModelAverage:
         n_parts, variances = self.model.n_parts, self.hypotheses.state_variances[self._left]
         jacobian = self._linearised(states)[1]
         mass = np.sqrt(ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
-        root = np.concatenate([jacobian * np.sqrt(variances)[:, None], mass], axis=2)
+        root = np.concatenate([jacobian @ self._root * np.sqrt(variances)[:, None], mass], axis=2)
         back = root.swapaxes(1, 2)
         seen = back @ information @ root
         try:
@@ -290,11 +298,13 @@ class ModelAverage:
     def _penalty(self, states: Array, variances: Array) -> Array:
         """(H,) minus the log of the prior: densities about a common one, that about the guess, deformations."""
         n_parts = self.model.n_parts
-        densities, deformations = (states - self._guess)[:, :n_parts], states[:, n_parts:]
-        common = densities.mean(axis=1)
+        densities, deformations = (states - self._guess)[:, :n_parts] @ self._unrooted, states[:, n_parts:]
+        ones = self._unrooted.sum(axis=0)  # what all densities have in common, when the rest has nothing in common
+        number = float(ones @ ones)
+        common = densities @ ones / number
         spread = variances[:, :n_parts].mean(axis=1)
-        apart = np.sum((densities - common[:, None]) ** 2, axis=1) / np.maximum(spread, _TINY)
-        together = n_parts * common**2 / (spread + n_parts * ANY_MASS)
+        apart = np.sum((densities - common[:, None] * ones) ** 2, axis=1) / np.maximum(spread, _TINY)
+        together = number * common**2 / (spread + number * ANY_MASS)
         return np.asarray((apart + together + np.sum(deformations**2 / variances[:, n_parts:], axis=1)) / 2)
 
     def _to_sensor(self) -> Array:

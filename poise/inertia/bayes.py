@@ -127,7 +127,7 @@ class PoiseEstimator:
         self._grid = LagGrid(longest_delay, lag_step)
         self._recorder = BlockRecorder(self._grid, limits, block)
         self._search: Search | None = None
-        self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes)
+        self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes, parts.likeness)
 
     def add(
         self,

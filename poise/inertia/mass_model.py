@@ -50,6 +50,7 @@ class MassModel:
         to_sensor: (10, 10) takes phi from the normalised to the sensor frame.
         radii: (3,) m, of gyration along the axes of the normalised frame.
         halvings: of large deformations, see `_deformation`.
+        likeness: (K, K) correlation of the log masses beforehand, positive definite; None: nothing in common.
     """
 
     unit_moments: Array
@@ -57,9 +58,10 @@ class MassModel:
     to_sensor: Array
     radii: Array
     halvings: int = 0
+    likeness: Array | None = None
 
     @classmethod
-    def of_parts(cls, unit_phi: Array, volumes: Array) -> "MassModel":
+    def of_parts(cls, unit_phi: Array, volumes: Array, likeness: Array | None = None) -> "MassModel":
         """From parts in the sensor frame, see `poise.inertia.parts.Parts`."""
         shares = volumes / volumes.sum()
         moments = (_MOMENTS @ unit_phi).T.reshape(-1, 4, 4)
@@ -68,7 +70,8 @@ class MassModel:
         squares, axes = np.linalg.eigh(whole[:3, :3] - np.outer(centroid, centroid))
         radii = np.sqrt(squares)
         inverse = np.linalg.inv(frame := _frame(axes * radii, centroid))
-        return cls(inverse @ moments @ inverse.T, shares, _PHI @ np.kron(frame, frame) @ _MOMENTS, radii)
+        to_sensor = _PHI @ np.kron(frame, frame) @ _MOMENTS
+        return cls(inverse @ moments @ inverse.T, shares, to_sensor, radii, likeness=likeness)
 
     @classmethod
     def of_blob(cls, centre: Array, radius: float) -> "MassModel":

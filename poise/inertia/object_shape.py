@@ -13,15 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.parameters import Array
-from poise.inertia.parts import Parts, cells_of, surface_moments
+from poise.inertia.parts import Parts, cells_of, likeness_of_colours, surface_moments
 from poise.inertia.pmd import spread
 from poise.shape.clouds import read_cloud
-from poise.shape.segmentation import segment
-
-MESHES = (".stl", ".obj")
-"""Are always surfaces; a PLY file may be a cloud."""
-
-MAX_BYTES = 200_000_000
+from poise.shape.meshes import FORMATS, read_triangles
+from poise.shape.segmentation import Segmentation, segment
 
 SAMPLED = 6000
 """Points on a surface that is not closed."""
@@ -75,53 +71,44 @@ class ObjectShape:
 def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
     """Read a mesh (STL, OBJ, PLY) or a cloud (PLY, XYZ, CSV, NPY, PCD), in m after scaling, in the file's own frame.
 
-    Bodies of a mesh are taken for parts, and a cloud is segmented. What has one part is cut into `PIECES`.
+    Bodies of a mesh are taken for parts; a mesh of one body and a cloud are segmented. What has one part is cut into
+    `PIECES`.
 
     Raises:
-        InputError: FILE_UNREADABLE, UNSUPPORTED, FILE_CORRUPT, NOT_FINITE, OBJECT_INVALID (flat, or not of the size of
-            something held), or as `read_cloud`; naming the file and the mend.
+        InputError: what `read_triangles` and `read_cloud` raise, FILE_CORRUPT for a mesh without triangles,
+            OBJECT_INVALID (flat, or not of the size of something held); naming the file and the mend.
     """
-    if not (np.isfinite(scale) and scale > 0):
-        raise InputError(ErrorCode.BAD_INPUT, f"object scale {scale}: it must be positive")
-    mesh = _read_mesh(path) if path.suffix.lower() in (*MESHES, ".ply") else None
+    mesh = _read_mesh(path, scale) if path.suffix.lower() in FORMATS else None
     try:
         if mesh is None:
             cloud = read_cloud(path, scale)
             return _of_cloud(cloud.points, cloud.colours)
-        mesh.vertices = mesh.vertices * scale
-        _check_size(path, mesh)
-        return _of_mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+        _check_size(path, mesh[0])
+        return _of_mesh(*mesh)
     except (QhullError, np.linalg.LinAlgError) as error:
         raise InputError(
             ErrorCode.OBJECT_INVALID, f"{path}: its points lie in a plane or on a line; give a solid shape"
         ) from error
 
 
-def _read_mesh(path: Path) -> trimesh.Trimesh | None:
-    """The surface in a file; None for a PLY file without faces."""
+def _read_mesh(path: Path, scale: float) -> tuple[Array, NDArray[np.int64]] | None:
+    """The surface in a file, as it is; None for a PLY file without faces."""
+    cloud = path.suffix.lower() == ".ply"
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(ErrorCode.OBJECT_INVALID, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
-        loaded = trimesh.load(path, process=False, skip_materials=True)
-        if isinstance(loaded, trimesh.Scene):
-            loaded = loaded.to_geometry()
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
-    except Exception as error:  # loaders raise whatever a broken file provokes
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: cannot be read as a shape: {error}") from error
-    if not isinstance(loaded, trimesh.Trimesh) or not len(loaded.faces):
-        if path.suffix.lower() == ".ply":
+        vertices, triangles = read_triangles(path.absolute(), scale=scale)
+    except InputError as error:
+        if cloud and error.code is ErrorCode.UNSUPPORTED:
             return None
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: holds no triangles")
-    return loaded
+        raise
+    if len(triangles):
+        return vertices, triangles
+    if cloud:
+        return None
+    raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: holds no triangles")
 
 
-def _check_size(path: Path, mesh: trimesh.Trimesh) -> None:
-    if not np.isfinite(mesh.vertices).all():
-        raise InputError(ErrorCode.NOT_FINITE, f"{path}: a vertex is not finite; clean the mesh")
-    size = float(np.ptp(mesh.vertices, axis=0).max())
+def _check_size(path: Path, vertices: Array) -> None:
+    size = float(np.ptp(vertices, axis=0).max())
     if not SMALLEST < size < LARGEST:
         raise InputError(
             ErrorCode.OBJECT_INVALID,
@@ -157,30 +144,50 @@ def _bodies(mesh: trimesh.Trimesh) -> NDArray[np.int32]:
 def _of_bodies(mesh: trimesh.Trimesh, bodies: list[trimesh.Trimesh]) -> ObjectShape:
     """Closed surfaces: parts when there are several, none of them inside out, which would be a cavity."""
     if len(bodies) == 1 or len({np.sign(body.volume) for body in bodies}) > 1:
-        whole = bodies[0] if len(bodies) == 1 else mesh
-        return ObjectShape(_cut(whole), UNCUT_ACCURACY, f"closed surface, cut into {PIECES} pieces")
+        return _cut(bodies[0] if len(bodies) == 1 else mesh)
     moments = [np.sign(body.volume) * surface_moments(body.vertices[body.faces]) for body in bodies]
     parts = Parts.from_moments(moments, np.arange(len(bodies)), mesh.vertices)
     return ObjectShape(parts, MESH_ACCURACY, f"{len(bodies)} closed surfaces, taken for the parts")
 
 
-def _cut(body: trimesh.Trimesh) -> Parts:
-    """A closed surface in pieces of about one size."""
+def _cut(body: trimesh.Trimesh) -> ObjectShape:
+    """A closed surface: where points on it are cut, or in pieces of about one size when they are not."""
     body = body.copy()
     if body.volume < 0:
         body.invert()
-    corners = np.asarray(body.vertices[body.faces])
-    centres, _ = cells_of(corners, (abs(body.volume) / CELLS) ** (1 / 3))
-    seeds = spread(centres, PIECES)
-    return Parts.from_surface(body.vertices, body.faces, seeds, np.arange(len(seeds)), CELLS)
+    points = np.asarray(trimesh.sample.sample_surface(body, SAMPLED, seed=0)[0])
+    labels = _labels(points)
+    words = f"closed surface, segmented into {labels.max() + 1} parts"
+    if labels.max() == 0:
+        corners = np.asarray(body.vertices[body.faces])
+        points = spread(cells_of(corners, (abs(body.volume) / CELLS) ** (1 / 3))[0], PIECES)
+        labels = np.arange(len(points))
+        words = f"closed surface, cut into {PIECES} pieces"
+    parts = Parts.from_surface(body.vertices, body.faces, points, labels, CELLS)
+    return ObjectShape(parts, UNCUT_ACCURACY, words)
+
+
+def _labels(points: Array) -> NDArray[np.int64]:
+    """(N,) parts of points on a surface; one for all where no solid can be made of them."""
+    try:
+        return segment(points).labels
+    except InputError:
+        return np.zeros(len(points), dtype=np.int64)
+
+
+def parts_of_segmentation(found: Segmentation) -> Parts:
+    """All parts that were found, with what their colours say about their densities."""
+    solid = found.solid
+    parts = Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, found.tetrahedron_labels)
+    return parts if found.part_colours is None else replace(parts, likeness=likeness_of_colours(found.part_colours))
 
 
 def _of_cloud(points: Array, colours: Array | None) -> ObjectShape:
     found = segment(points, colours)
-    solid, which = found.solid, found.tetrahedron_labels
-    words = f"{len(points)} points, segmented into {found.n_parts} parts"
-    if found.n_parts == 1:
-        seeds = spread(solid.centroids, PIECES)
-        which = cKDTree(seeds).query(solid.centroids)[1]
-        words = f"{len(points)} points of one part, cut into {PIECES} pieces"
+    if found.n_parts > 1:
+        words = f"{len(points)} points, segmented into {found.n_parts} parts"
+        return ObjectShape(parts_of_segmentation(found), CLOUD_ACCURACY, words)
+    solid = found.solid
+    which = cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
+    words = f"{len(points)} points of one part, cut into {PIECES} pieces"
     return ObjectShape(Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, which), CLOUD_ACCURACY, words)

@@ -1,6 +1,6 @@
 """The parts of an object: their volumes and their inertial parameters at 1 kg, from integrals over the shape."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +11,9 @@ from poise.inertia.parameters import Array, frame_change, phi_of_pseudo_inertia,
 
 # Cells that a shape is cut into before each is given to a part.
 CELLS = 8000
+# Parts whose colours differ by less than this (0..1 in three channels) are likely of one material: correlation of the
+# logarithms of their densities.
+SAME_COLOUR, SAME_DENSITY = 0.15, 0.95
 # Cut into cells, a closed surface keeps its volume within this share; an open one does not.
 VOLUME_TOLERANCE = 0.1
 
@@ -23,6 +26,8 @@ class Parts:
         unit_phi: (10, K) inertial parameters of each part at a mass of 1 kg (thesis eq. 3.24).
         volumes: (K,) m3.
         points: (P, 3) m, whose convex hull is the object's.
+        likeness: (K, K) correlation that the logarithms of the densities are expected to have, positive definite; None:
+            nothing is known.
 
     Raises:
         InputError: TYPE_MISMATCH when shapes do not belong together, NOT_FINITE for NaN or infinity,
@@ -32,10 +37,13 @@ class Parts:
     unit_phi: Array
     volumes: Array
     points: Array
+    likeness: Array | None = None
 
     def __post_init__(self) -> None:
         n_parts = np.shape(self.volumes)[0] if np.ndim(self.volumes) else 0
         shapes = {"unit_phi": (10, n_parts), "volumes": (n_parts,), "points": (np.shape(self.points)[0], 3)}
+        if self.likeness is not None:
+            shapes["likeness"] = (n_parts, n_parts)
         for name, shape in shapes.items():
             value = np.array(getattr(self, name), dtype=np.float64)
             if value.shape != shape:
@@ -75,9 +83,8 @@ class Parts:
     def in_frame(self, rotation_new_old: ArrayLike, translation_new_old: ArrayLike) -> "Parts":
         """The same parts seen from another frame: x_new = rotation_new_old @ x_old + translation_new_old."""
         rotation, translation = np.asarray(rotation_new_old), np.asarray(translation_new_old)
-        return Parts(
-            frame_change(rotation, translation) @ self.unit_phi, self.volumes, self.points @ rotation.T + translation
-        )
+        unit_phi = frame_change(rotation, translation) @ self.unit_phi
+        return replace(self, unit_phi=unit_phi, points=self.points @ rotation.T + translation)
 
     @classmethod
     def from_moments(cls, moments: ArrayLike, labels: ArrayLike, points: ArrayLike) -> "Parts":
@@ -142,6 +149,20 @@ class Parts:
         stretch = _upper_factor(exact) @ np.linalg.inv(_upper_factor(moments.sum(axis=0)))
         nearest = cKDTree(np.asarray(labelled_points)).query(centres)[1]
         return cls.from_moments(stretch @ moments @ stretch.T, np.asarray(labels)[nearest], vertices)
+
+
+def likeness_of_colours(colours: ArrayLike) -> Array | None:
+    """(K, K) correlation of the log densities of parts, from their colours (K, 3) 0..1; see `Parts.likeness`.
+
+    None when all are of one colour: if such an object is of several materials it was painted, and its colour tells
+    nothing about where they are.
+    """
+    shades = np.asarray(colours, dtype=np.float64)
+    apart = np.linalg.norm(shades[:, None] - shades, axis=2)
+    if not np.all(np.isfinite(shades)) or apart.max(initial=0.0) < SAME_COLOUR:
+        return None
+    alike = SAME_DENSITY * np.exp(-((apart / SAME_COLOUR) ** 2) / 2)
+    return np.asarray(alike + (1 - SAME_DENSITY) * np.eye(len(shades)))
 
 
 def tetrahedron_moments(corners: ArrayLike) -> Array:

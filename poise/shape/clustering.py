@@ -3,7 +3,8 @@
 A cluster is known by one representative point. Two neighbouring clusters merge when the dissimilarity of their
 representatives (thesis eq. 3.28: position, colour, normal) is below a threshold that doubles until few are left.
 Unlike the sequential sweep of Lin et al., each round lets every cluster choose its most similar neighbour, so that
-the order of the points changes nothing.
+the order of the points changes nothing. Points on borders are not given away afterwards, as Algorithm 1 does: their
+votes ate whole clusters where colours were noisy, and cost a fifth of the score where they were not.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from poise.shape.solid import Array, Indices
 from poise.shape.surface_graph import folds
 
 MOST_ROUNDS = 80
-BORDER_SWEEPS = 3
+SMOOTHINGS, ALIKE, LEAST_NOISE = 3, 1.5, 1e-3
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def initial_clusters(features: Features, edges: Indices, wanted: int, weights: W
             threshold *= 2
             continue
         labels, representatives = _merge(labels, representatives, joined, features.positions)
-    return _smooth_borders(labels, edges, features, weights)
+    return labels
 
 
 def _best_pairs(pairs: Indices, cost: Array, threshold: float, most: int) -> Indices:
@@ -108,14 +109,18 @@ def _merge(labels: Indices, representatives: Indices, pairs: Indices, positions:
     return labels, order[np.append(True, np.diff(labels[order]) != 0)]
 
 
-def _smooth_borders(labels: Indices, edges: Indices, features: Features, weights: Weights) -> Indices:
-    """Give each point on a border to the neighbouring cluster that it is most similar to (Algorithm 1)."""
+def smooth_colours(colours: Array, edges: Indices) -> Array:
+    """Colours (N, 3) without the camera's noise, averaged over neighbours (E, 2) of much the same colour.
+
+    What is much the same is learnt from the neighbours themselves; colours without noise stay as they are.
+    """
     i, j = np.concatenate([edges, edges[:, ::-1]]).T
-    likeness = np.exp(-features.dissimilarity(i, j, weights))
-    for _ in range(BORDER_SWEEPS):
-        votes = coo_array((likeness, (i, labels[j])), shape=(len(labels), labels.max() + 1)).tocsr()
-        best = np.asarray(votes.argmax(axis=1)).ravel()
-        if np.array_equal(best, labels):
-            break
-        labels = best
-    return np.unique(labels, return_inverse=True)[1]
+    alike = ALIKE * float(np.median(np.linalg.norm(colours[edges[:, 0]] - colours[edges[:, 1]], axis=1)))
+    if alike < LEAST_NOISE:
+        return colours
+    for _ in range(SMOOTHINGS):
+        apart = np.linalg.norm(colours[i] - colours[j], axis=1)
+        weights = coo_array((np.exp(-((apart / alike) ** 2) / 2), (i, j)), shape=(len(colours),) * 2).tocsr()
+        total = 1 + np.asarray(weights.sum(axis=1)).reshape(-1, 1)
+        colours = (weights @ colours + colours) / total
+    return colours

@@ -44,19 +44,21 @@ def read_mesh(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> 
     Raises:
         InputError: FILE_UNREADABLE, UNSUPPORTED for other formats and URIs, and what `parse_mesh` raises.
     """
-    path = resolve(str(source), folder)
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{source}: expected a mesh in {', '.join(FORMATS)}")
-    try:
-        if not path.is_file():
-            raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a mesh in {', '.join(FORMATS)}")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(ErrorCode.MESH_INVALID, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        raise InputError(ErrorCode.FILE_UNREADABLE, f"{source}: {getattr(error, 'strerror', None) or error}") from error
-    return parse_mesh(content, path.suffix, str(source), scale)
+    content, suffix = _content(str(source), folder)
+    return parse_mesh(content, suffix, str(source), scale)
+
+
+def read_triangles(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> tuple[Array, Indices]:
+    """A file's vertices (V, 3) m and triangles (T, 3) as they are: nothing mended, shells kept apart.
+
+    Args:
+        source, folder, scale: as for `read_mesh`.
+
+    Raises:
+        InputError: what `read_mesh` raises, except for surfaces that are not closed; there may be no triangle at all.
+    """
+    content, suffix = _content(str(source), folder)
+    return _checked(*_worker.parse(content, suffix, str(source)), scale, str(source))
 
 
 def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1.0) -> CheckedMesh:
@@ -76,6 +78,22 @@ def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1
     return check_mesh(*_worker.parse(content, suffix.lower(), name), scale, name)
 
 
+def _content(source: str, folder: Path) -> tuple[bytes, str]:
+    """What a file holds, and its ending."""
+    path = resolve(source, folder)
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{source}: expected a mesh in {', '.join(FORMATS)}")
+    try:
+        if not path.is_file():
+            raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a mesh in {', '.join(FORMATS)}")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise InputError(ErrorCode.MESH_INVALID, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
+        return path.read_bytes(), path.suffix.lower()
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
+        raise InputError(ErrorCode.FILE_UNREADABLE, f"{source}: {getattr(error, 'strerror', None) or error}") from error
+
+
 def check_mesh(vertices: ArrayLike, triangles: ArrayLike, scale: float = 1.0, name: str = "mesh") -> CheckedMesh:
     """Check and mend the surface of one object (see `mesh_repair.repair`).
 
@@ -88,24 +106,33 @@ def check_mesh(vertices: ArrayLike, triangles: ArrayLike, scale: float = 1.0, na
         InputError: BAD_INPUT for a scale that is no positive number, NOT_FINITE, and MESH_INVALID for what is no
             closed surface around a volume and cannot be made one.
     """
+    points, corners = _checked(vertices, triangles, scale, name)
+    if len(corners) < 4:
+        raise InputError(ErrorCode.MESH_INVALID, f"{name}: {len(corners)} triangles, expected 4 to {MAX_TRIANGLES}")
+    return CheckedMesh(*repair(points, corners, name))
+
+
+def _checked(vertices: ArrayLike, triangles: ArrayLike, scale: float, name: str) -> tuple[Array, Indices]:
+    """Vertices in m, all finite, and triangles whose vertices exist."""
     if not np.isfinite(scale) or scale <= 0:
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: scale {scale:g} is not a positive number")
     points, corners = np.asarray(vertices, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
     if points.ndim != 2 or corners.ndim != 2 or points.shape[1] != 3 or corners.shape[1] != 3:
         message = f"{name}: shapes {points.shape} and {corners.shape}, expected (V, 3) vertices and (T, 3) triangles"
         raise InputError(ErrorCode.MESH_INVALID, message)
-    if not 4 <= len(corners) <= MAX_TRIANGLES:
+    if len(corners) > MAX_TRIANGLES:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: {len(corners)} triangles, expected 4 to {MAX_TRIANGLES}")
-    if corners.min() < 0 or corners.max() >= len(points):
-        wrong = int(np.flatnonzero(np.any((corners < 0) | (corners >= len(points)), axis=1))[0])
-        message = f"{name}: triangle {wrong} names a vertex that does not exist; there are {len(points)}"
+    wrong = np.flatnonzero(np.any((corners < 0) | (corners >= len(points)), axis=1))
+    if len(wrong):
+        message = f"{name}: triangle {wrong[0]} names a vertex that does not exist; there are {len(points)}"
         raise InputError(ErrorCode.MESH_INVALID, message)
     with np.errstate(over="ignore"):
         points = points * scale
-    if not np.all(np.isfinite(points)):
-        wrong = int(np.flatnonzero(~np.all(np.isfinite(points), axis=1))[0])
-        raise InputError(ErrorCode.NOT_FINITE, f"{name}: vertex {wrong} is not finite; mend the mesh", vertex=wrong)
-    return CheckedMesh(*repair(points, corners, name))
+    wrong = np.flatnonzero(~np.all(np.isfinite(points), axis=1))
+    if len(wrong):
+        message = f"{name}: vertex {wrong[0]} is not finite; mend the mesh"
+        raise InputError(ErrorCode.NOT_FINITE, message, vertex=int(wrong[0]))
+    return points, corners
 
 
 def resolve(source: str, folder: Path = Path()) -> Path:

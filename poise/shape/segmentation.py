@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.shape.carving import carve, spacing_of
-from poise.shape.clustering import Features, Weights, initial_clusters
+from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
 from poise.shape.coverage import check_coverage
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.solid import Array, Indices, Solid
@@ -48,6 +48,7 @@ class Segmentation:
         hierarchy: of all merges; its leaves are the initial clusters.
         leaves: (T,) initial cluster of each tetrahedron.
         steps: merges that were taken.
+        part_colours: (P, 3) 0..1, the median of each part's points; None without colours.
         notes: what to read the answer with, one sentence each.
     """
 
@@ -57,6 +58,7 @@ class Segmentation:
     hierarchy: Hierarchy
     leaves: Indices
     steps: int
+    part_colours: Array | None = None
     notes: tuple[str, ...] = ()
 
     @cached_property
@@ -99,7 +101,7 @@ def segment(points: Array, colours: Array | None = None, options: SegmentationOp
     solid = carve(few, spacing)
     notes = check_coverage(solid)
     graph = surface_graph(solid)
-    features = Features(few / spacing, shades, graph.normals)
+    features = Features(few / spacing, smooth_colours(shades, graph.edges), graph.normals)
     clusters = initial_clusters(features, graph.edges, options.clusters, options.weights)
     tree = cKDTree(few)
     leaves, point_leaves = _leaves(solid, clusters, tree)
@@ -107,7 +109,15 @@ def segment(points: Array, colours: Array | None = None, options: SegmentationOp
     steps = hierarchy.steps_below(options.limit)
     parts = hierarchy.labels(steps)
     nearest = np.arange(len(few)) if len(few) == len(points) else tree.query(points)[1]
-    return Segmentation(solid, parts[point_leaves][nearest], parts[leaves], hierarchy, leaves, steps, notes)
+    part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
+    labels = parts[point_leaves][nearest]
+    return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, part_colours, notes)
+
+
+def _median_colours(colours: Array, labels: Indices, count: int) -> Array:
+    """(count, 3); a part that has no point at the surface gets what most have."""
+    medians = [colours[labels == part] for part in range(count)]
+    return np.array([np.median(own if len(own) else colours, axis=0) for own in medians])
 
 
 def _leaves(solid: Solid, clusters: Indices, tree: cKDTree) -> tuple[Indices, Indices]:
