@@ -1,0 +1,86 @@
+"""A scanned and segmented object as poise_msgs/SegmentedObject, and where its frame is as a transform."""
+
+from array import array
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point, TransformStamped
+from sensor_msgs.msg import PointCloud2, PointField
+from shape_msgs.msg import Mesh, MeshTriangle
+
+from poise.inertia.parameters import InertialParameters
+from poise.inertia.parts import Parts
+from poise.nodes.estimate_message import time_message
+from poise.scanning import Scan
+from poise.shape.part_surfaces import part_surface
+from poise.shape.segmentation import Segmentation
+from poise_msgs.msg import Part, SegmentedObject
+
+FIELDS = (("x", "<f4", 7), ("y", "<f4", 7), ("z", "<f4", 7), ("rgb", "<u4", 7), ("label", "<u4", 6), ("seen", "u1", 2))
+"""Name, type and number of the type in sensor_msgs/PointField; rgb is packed into a float, as RViz wants it."""
+
+
+def segmented_message(
+    name: str, frame: str, stamp: int, scanned: Scan, found: Segmentation, parts: Any, notes: tuple[str, ...]
+) -> SegmentedObject:
+    """Build the message.
+
+    Args:
+        name: of the object.
+        frame: of the object; its origin is `scanned.foot`, its axes are those of the robot's base.
+        stamp: ns.
+        scanned: the cloud, in the base.
+        found: its parts.
+        parts: (T,) part of each tetrahedron that is told; each a union of those of `found`.
+        notes: what to read it with.
+    """
+    message = SegmentedObject(id=name, volume=float(found.solid.volume), volume_std=float(found.solid.volume_std))
+    message.header.stamp, message.header.frame_id = time_message(stamp), frame
+    whole = np.zeros(found.n_parts, dtype=np.int64)
+    whole[found.tetrahedron_labels] = parts
+    message.cloud = _cloud(message.header, scanned, whole[found.labels])
+    shapes = Parts.from_tetrahedra(found.solid.vertices - scanned.foot, found.solid.tetrahedra, parts)
+    for number, (phi, volume) in enumerate(zip(shapes.unit_phi.T, shapes.volumes, strict=True)):
+        vertices, triangles = part_surface(found.solid, parts, number)
+        part = Part(label=number, volume=float(volume), surface=_mesh(vertices - scanned.foot, triangles))
+        part.volume_std = float(found.solid.volume_std * volume / found.solid.volume)
+        unit = InertialParameters.from_phi(phi)
+        inertia = part.unit_inertia
+        inertia.m = 1.0
+        inertia.com.x, inertia.com.y, inertia.com.z = unit.com.tolist()
+        inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz = unit.inertia_vector.tolist()
+        message.parts.append(part)
+    message.notes = list(notes)
+    return message
+
+
+def object_transform(base: str, frame: str, stamp: int, scanned: Scan) -> TransformStamped:
+    """Where the object's frame is."""
+    transform = TransformStamped(child_frame_id=frame)
+    transform.header.stamp, transform.header.frame_id = time_message(stamp), base
+    shift = transform.transform.translation
+    shift.x, shift.y, shift.z = scanned.foot.tolist()
+    return transform
+
+
+def _cloud(header: Any, scanned: Scan, labels: Any) -> PointCloud2:
+    rows = np.zeros(len(scanned.points), [(name, kind) for name, kind, _ in FIELDS])
+    for axis, column in zip("xyz", (scanned.points - scanned.foot).T, strict=True):
+        rows[axis] = column
+    if scanned.colours is not None:
+        red, green, blue = np.round(255 * np.clip(scanned.colours, 0, 1)).astype(np.uint32).T
+        rows["rgb"] = red << 16 | green << 8 | blue
+    rows["label"], rows["seen"] = labels, scanned.seen
+    size = rows.dtype.itemsize
+    cloud = PointCloud2(header=header, height=1, width=len(rows), point_step=size, row_step=size * len(rows))
+    cloud.fields = [
+        PointField(name=name, offset=rows.dtype.fields[name][1], datatype=kind, count=1) for name, _, kind in FIELDS
+    ]
+    cloud.is_dense = True
+    cloud.data = array("B", rows.tobytes())
+    return cloud
+
+
+def _mesh(vertices: Any, triangles: Any) -> Mesh:
+    corners = [Point(x=x, y=y, z=z) for x, y, z in vertices.tolist()]
+    return Mesh(vertices=corners, triangles=[MeshTriangle(vertex_indices=row) for row in triangles.astype(np.uint32)])

@@ -1,0 +1,200 @@
+"""A scan while it is taken: images, joint states and transforms come one by one, in any order; then all at once."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.recording import JointStream
+from poise.recording.images import Image
+from poise.scanning.camera import Camera
+from poise.scanning.frames import Frame
+from poise.scanning.poses import Transform
+from poise.scanning.reading import MOST_FRAMES, TOGETHER, Sweep, SweepOptions, frame_of, place
+from poise.scanning.scan import Cancelled, Progress, Scan, ScanOptions, scan
+
+COLOURS_KEPT = 20
+MOST_STATES = 50_000
+STATIONARY_FRAMES = 8
+"""Of a camera that stands still: more only average its noise."""
+
+
+@dataclass(frozen=True)
+class SessionOptions:
+    """When frames are taken, and when it is enough.
+
+    Args:
+        frames: how many.
+        period: s between frames, at the least.
+        duration: s after which it goes on with what there is.
+        patience: s without a (further) frame after which it does.
+    """
+
+    frames: int = MOST_FRAMES
+    period: float = 0.2
+    duration: float = 60.0
+    patience: float = 5.0
+
+
+class RobotLog:
+    """What is heard of the robot: description, joint states, fixed transforms."""
+
+    def __init__(self) -> None:
+        self.description = ""
+        self.fixed: dict[str, Transform] = {}
+        self._states: deque[tuple[int, dict[str, float]]] = deque(maxlen=MOST_STATES)
+
+    def add_joint_state(self, stamp: int, names: Sequence[str], position: Sequence[float]) -> None:
+        """Take in a joint state; one without positions is left out."""
+        if names and len(names) == len(position):
+            if self._states and stamp < self._states[-1][0] - 10**9:  # a clock that was set back, a bag that began anew
+                self._states.clear()
+            self._states.append((stamp, dict(zip(names, position, strict=True))))
+
+    def copy(self) -> "RobotLog":
+        """As it is now, for another thread."""
+        other = RobotLog()
+        other.description, other.fixed, other._states = self.description, dict(self.fixed), self._states.copy()
+        return other
+
+    @property
+    def newest(self) -> int:
+        """ns of the last joint state; 0 without any."""
+        return self._states[-1][0] if self._states else 0
+
+    def joints(self, names: tuple[str, ...]) -> JointStream:
+        """The states of some joints, in the order of their stamps.
+
+        Raises:
+            InputError: TOPIC_MISSING without any joint states, JOINT_MISSING when none has these joints.
+        """
+        if not self._states:
+            raise InputError(ErrorCode.TOPIC_MISSING, "scan: no joint_states came: start the arm's driver, or remap it")
+        rows = sorted(((s, state) for s, state in self._states if all(n in state for n in names)), key=lambda r: r[0])
+        if not rows:
+            there = ", ".join(self._states[-1][1])
+            raise InputError(ErrorCode.JOINT_MISSING, f"scan: joint_states lack {', '.join(names)}; they have {there}")
+        position = np.array([[state[name] for name in names] for _, state in rows]).reshape(len(rows), len(names))
+        unknown = np.full_like(position, np.nan)
+        return JointStream(np.array([stamp for stamp, _ in rows]), names, position, unknown, unknown)
+
+
+class ScanSession:
+    """Frames of one scan.
+
+    Args:
+        options: when it is enough.
+        unit: m, of integer depth.
+        begin: s on the caller's monotonic clock.
+    """
+
+    def __init__(self, options: SessionOptions, unit: float, begin: float) -> None:
+        self.options, self._unit = options, unit
+        self._begin = self._last = begin
+        self._camera: Camera | None = None
+        self._depths: list[Image] = []
+        self._clouds: list[Frame] = []
+        self._colours: deque[Image] = deque(maxlen=COLOURS_KEPT)
+        self._paired: dict[int, Image] = {}
+        self.problem: InputError | None = None
+        """What was wrong with the last message that could not be used."""
+
+    @property
+    def count(self) -> int:
+        """Frames so far."""
+        return len(self._depths) + len(self._clouds)
+
+    @property
+    def progress(self) -> float:
+        """0..1 of the frames wanted."""
+        return min(self.count / self.options.frames, 1.0)
+
+    @property
+    def newest(self) -> int:
+        """ns of the last frame; 0 without any."""
+        depths, clouds = [image.stamp for image in self._depths], [frame.stamp for frame in self._clouds]
+        return max(depths[-1:] + clouds[-1:], default=0)
+
+    def set_camera(self, camera: Camera) -> None:
+        """Take in the camera info."""
+        self._camera = camera
+
+    def add_depth(self, image: Image, now: float) -> None:
+        """Take in a depth image, unless it comes too soon after the last."""
+        if self._wanted(image.stamp):
+            self._depths.append(image)
+            self._last = now
+            self._pair(image.stamp)
+
+    def add_cloud(self, frame: Frame, now: float) -> None:
+        """Take in a cloud."""
+        if self._wanted(frame.stamp):
+            self._clouds.append(frame)
+            self._last = now
+
+    def add_colour(self, image: Image) -> None:
+        """Take in a colour image; it may come before or after the depth it belongs to."""
+        self._colours.append(image)
+        for depth in self._depths[-COLOURS_KEPT:]:
+            self._pair(depth.stamp)
+
+    def _wanted(self, stamp: int) -> bool:
+        return self.count < self.options.frames and abs(stamp - self.newest) >= (self.options.period - 1e-3) * 1e9
+
+    def _pair(self, stamp: int) -> None:
+        near = min(self._colours, key=lambda image: abs(image.stamp - stamp), default=None)
+        best = self._paired.get(stamp)
+        if near is None or abs(near.stamp - stamp) > TOGETHER * 1e9:
+            return
+        if best is None or abs(near.stamp - stamp) < abs(best.stamp - stamp):
+            self._paired[stamp] = near
+
+    def enough(self, now: float) -> bool:
+        """Whether to go on: all frames are there, time is up, or no more come."""
+        waited = now - self._last > self.options.patience
+        return self.count >= self.options.frames or now - self._begin > self.options.duration or waited
+
+    def sweep(self, robot: RobotLog, options: SweepOptions) -> Sweep:
+        """The views that were taken.
+
+        Raises:
+            InputError: TOPIC_MISSING or ROBOT_DESCRIPTION_MISSING, naming what did not come; as `place`.
+        """
+        if not self.count:
+            raise self.problem or InputError(
+                ErrorCode.TOPIC_MISSING,
+                f"scan: no depth image and no cloud came within {self.options.patience:g} s: start the camera's driver"
+                " with align_depth, or remap its topics",
+            )
+        if self._depths and self._camera is None:
+            raise self.problem or InputError(
+                ErrorCode.TOPIC_MISSING, "scan: depth came, but no camera_info: remap the one of the aligned depth"
+            )
+        if not robot.description:
+            raise InputError(
+                ErrorCode.ROBOT_DESCRIPTION_MISSING, "scan: no robot_description came: start robot_state_publisher"
+            )
+        frames = self._clouds
+        if self._depths and self._camera is not None:
+            frames = [
+                frame_of(depth, self._paired.get(depth.stamp), self._camera, self._unit) for depth in self._depths
+            ]
+        found = place(frames, robot.description, list(robot.fixed.values()), robot.joints, options)
+        if not self.problem:
+            return found
+        return replace(found, notes=(*found.notes, f"some messages could not be used: {self.problem.message}"))
+
+
+def scan_session(
+    session: ScanSession,
+    robot: RobotLog,
+    where: SweepOptions,
+    how: ScanOptions,
+    progress: Progress = lambda share: None,
+    cancelled: Cancelled = lambda: False,
+) -> tuple[Sweep, Scan]:
+    """What came of a session; as `ScanSession.sweep` and `scan`."""
+    sweep = session.sweep(robot, where)
+    return sweep, scan(sweep.views, how, progress, cancelled)

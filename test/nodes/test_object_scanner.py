@@ -1,0 +1,134 @@
+"""object_scanner in a real graph: the committed sweep becomes an object with parts, or it is said why not."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from poise.errors import ErrorCode
+from poise.nodes.payload_shape import parts_of_message
+from poise.scanning.cloud_frames import columns_of
+from poise_msgs.action import ScanObject
+from poise_msgs.msg import SegmentedObject
+
+pytestmark = pytest.mark.ros
+BAG = Path(__file__).parents[2] / "bags" / "hammer_sweep.mcap"
+DEPTH, INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_to_color/camera_info"
+COLOUR = "camera/color/image_raw"
+ROBOT = ["robot_description", "joint_states"]
+REPLAY = {"mode": "replay", "bag": str(BAG), "rate": 2.0, "wait_for_subscribers": [DEPTH, "joint_states"]}
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PATIENCE = 120.0
+"""s: reading, fusing and cutting take their time on a machine that does other things."""
+
+
+class Caller:
+    """Sends goals, and keeps what comes back."""
+
+    def __init__(self, graph) -> None:
+        self._graph = graph
+        self._client = ActionClient(graph.node, ScanObject, "scan_object")
+        self.feedback = []
+
+    def send(self, **fields):
+        """The handle of an accepted goal."""
+        self._graph.wait_for(self._client.server_is_ready, 60.0, "the action")
+        keep = lambda said: self.feedback.append(said.feedback)  # noqa: E731
+        future = self._client.send_goal_async(ScanObject.Goal(**fields), feedback_callback=keep)
+        self._graph.wait_for(future.done, what="acceptance")
+        assert future.result().accepted
+        return future.result()
+
+    def result(self, handle):
+        future = handle.get_result_async()
+        self._graph.wait_for(future.done, PATIENCE, "the result")
+        return future.result()
+
+    def close(self) -> None:
+        self._client.destroy()
+
+
+@pytest.fixture
+def caller(graph):
+    caller = Caller(graph)
+    yield caller
+    caller.close()
+
+
+def test_a_replayed_sweep_becomes_an_object_with_parts(start_node, graph, caller) -> None:
+    objects = graph.collect("segmented_object", SegmentedObject, LATCHED)
+    transforms = graph.collect("tf_static", TFMessage, LATCHED)
+    start_node("object_scanner", {"patience": 20.0})
+    start_node("fake_robot", REPLAY)
+    done = caller.result(caller.send(id="hammer", max_frames=40))
+    assert done.result.error.message == ""
+    assert done.status == GoalStatus.STATUS_SUCCEEDED
+    found = done.result.object
+    assert found.id == found.header.frame_id == "hammer"
+    assert found.volume == pytest.approx(2.08e-4, rel=0.3)
+    assert sum(part.volume for part in found.parts) == pytest.approx(found.volume)
+    assert 2 <= len(found.parts) <= 4
+    assert parts_of_message(found).volumes.sum() == pytest.approx(found.volume)  # what the estimator makes of it
+    columns = columns_of(found.cloud, "cloud")
+    assert columns["label"].max() < len(found.parts)
+    assert 0.5 < columns["seen"].mean() < 1.0
+    assert np.ptp(columns["x"]) > 0.2
+    assert columns["z"].min() == pytest.approx(0.0, abs=0.003)  # the frame stands on the table
+    for part in found.parts:
+        assert len(part.surface.triangles) > 4
+    graph.wait_for(lambda: objects, what="segmented_object")
+    graph.wait_for(
+        lambda: any(t.child_frame_id == "hammer" for message in transforms for t in message.transforms),
+        what="its frame",
+    )
+    (placed,) = [t for message in transforms for t in message.transforms if t.child_frame_id == "hammer"][:1]
+    assert placed.header.frame_id == "base_link"
+    assert placed.transform.translation.x == pytest.approx(0.45, abs=0.01)
+    assert max(said.frames for said in caller.feedback) > 0
+    assert all(0 <= said.progress <= 1 for said in caller.feedback)
+
+
+@pytest.mark.parametrize(
+    ("topics", "code", "word"),
+    [
+        ([*ROBOT, DEPTH, INFO, COLOUR], ErrorCode.FRAME_UNKNOWN, "hand-eye"),
+        ([*ROBOT, "tf_static", DEPTH, COLOUR], ErrorCode.TOPIC_MISSING, "camera_info"),
+    ],
+)
+def test_what_is_missing_is_named(start_node, caller, topics, code, word) -> None:
+    start_node("object_scanner", {"patience": 20.0})
+    start_node("fake_robot", REPLAY | {"topics": topics})
+    done = caller.result(caller.send(max_frames=3))
+    assert done.status == GoalStatus.STATUS_ABORTED
+    assert done.result.error.code == code
+    assert word in done.result.error.message
+
+
+def test_without_a_camera_the_goal_ends_and_says_why(start_node, caller) -> None:
+    start_node("object_scanner", {"patience": 0.5})
+    done = caller.result(caller.send(stationary=True))
+    assert done.result.error.code == ErrorCode.TOPIC_MISSING
+    assert "no depth" in done.result.error.message
+
+
+def test_a_goal_is_cancelled_and_a_second_one_is_refused_meanwhile(start_node, caller, graph) -> None:
+    start_node("object_scanner", {"patience": 500.0, "duration": 500.0})
+    first = caller.send()
+    second = caller.result(caller.send())
+    assert second.result.error.code == ErrorCode.BUSY
+    cancelling = first.cancel_goal_async()
+    graph.wait_for(cancelling.done, what="the cancellation")
+    done = caller.result(first)
+    assert done.status == GoalStatus.STATUS_CANCELED
+    assert done.result.error.code == ErrorCode.CANCELLED
+
+
+@pytest.mark.parametrize("wrong", [{"near": [1.0, 2.0]}, {"hand_eye": [0.0] * 7}])
+def test_parameters_that_make_no_sense_end_the_node(start_node, wrong) -> None:
+    node = start_node("object_scanner", wrong)
+    assert node.wait(60.0) == 2
+    assert "BAD_INPUT" in node.output
