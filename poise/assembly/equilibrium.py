@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import block_diag, csc_array, diags_array, eye_array, hstack, vstack
 
-from poise.assembly.block import BlockGeometry
+from poise.assembly.block import BlockGeometry, Sparse
 from poise.assembly.geometry import Array
 from poise.assembly.solvers import Cones, ConicProgram, Outcome
 from poise.errors import ErrorCode, NoAnswerError
@@ -28,9 +28,28 @@ class Standing:
     twist: Array
 
 
+SMALL = 10_000
+"""Entries of a matrix up to which it is put together dense."""
+
+
 def cone_rows(friction: Array) -> Array:
     """(K, 3) scale of (normal, tangents) that makes a standard cone of |t| <= mu n, and of its dual."""
     return np.stack([np.ones_like(friction), friction, friction], axis=1)
+
+
+def moving_into_cones(geometry: BlockGeometry) -> Sparse:
+    """(3 K, 6 n) how fast twists open and slide the contacts, in the scale of `cone_rows`; dense for small blocks."""
+    scale = cone_rows(geometry.friction).ravel()
+    if geometry.grasp.shape[0] * geometry.grasp.shape[1] > SMALL:
+        return diags_array(scale) @ geometry.grasp.T
+    return scale[:, None] * geometry.grasp.toarray().T
+
+
+def stacked(first: Array, rest: Sparse) -> Sparse:
+    """A dense row (1, n) over a matrix (m, n), sparse: small ones are put together dense, which is much faster."""
+    if isinstance(rest, np.ndarray):
+        return csc_array(np.vstack([first, rest]))
+    return vstack([csc_array(first), rest], format="csc")
 
 
 def stability(geometry: BlockGeometry, load: Array | None = None) -> Standing:
@@ -47,9 +66,8 @@ def stability(geometry: BlockGeometry, load: Array | None = None) -> Standing:
     corners = np.bincount(geometry.interface)[geometry.interface]
     spread = np.zeros((len(corners), 3))
     spread[:, 0] = 1 / corners
-    opening = csc_array((geometry.grasp @ spread.ravel())[None])
-    cone = diags_array(cone_rows(geometry.friction).ravel())
-    matrix = vstack([opening, -(cone @ geometry.grasp.T)], format="csc")
+    opening = (geometry.grasp @ spread.ravel())[None]
+    matrix = stacked(opening, -moving_into_cones(geometry))
     right = np.concatenate([[1.0], np.zeros(3 * len(corners))])
     solution = ConicProgram(matrix, right, Cones(zero=1, second_order=(3,) * len(corners))).solve(-load)
     if solution.outcome is Outcome.INFEASIBLE:  # no motion at all: wedged from all sides

@@ -1,10 +1,9 @@
 """Model `limit`: limit analysis with exact Coulomb cones at the corners of every interface, one small SOCP per load."""
 
 import numpy as np
-from scipy.sparse import csc_array, diags_array, vstack
 
 from poise.assembly.block import BlockGeometry
-from poise.assembly.equilibrium import cone_rows
+from poise.assembly.equilibrium import cone_rows, moving_into_cones, stacked
 from poise.assembly.gauge import Gauge, GaugeProgram
 from poise.assembly.geometry import Array
 from poise.assembly.solvers import TOLERANCE, Cones
@@ -13,9 +12,7 @@ from poise.assembly.solvers import TOLERANCE, Cones
 def limit_program(geometry: BlockGeometry, tolerance: float = TOLERANCE) -> GaugeProgram:
     """The gauge of loads on a block whose contact forces lie in |t| <= mu n at each corner (thesis eq. 4.7, 4.11)."""
     corners = len(geometry.points)
-    cone = diags_array(cone_rows(geometry.friction).ravel())
-    gravity = csc_array(geometry.gravity.reshape(1, -1))
-    matrix = vstack([-gravity, -(cone @ geometry.grasp.T)], format="csc")
+    matrix = stacked(-geometry.gravity.reshape(1, -1), -moving_into_cones(geometry))
     right = np.concatenate([[1.0], np.zeros(3 * corners)])
     cones = Cones(nonnegative=1, second_order=(3,) * corners)
     return GaugeProgram(matrix, right, cones, 6 * geometry.count, tolerance)

@@ -1,11 +1,15 @@
 """`poise place`: where to put an object into a scene so that it stays."""
 
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 import typer
 import yaml
+from rich.console import Console
 from rich.progress import Progress as Bar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -13,18 +17,28 @@ from poise.assembly import RigidObject, read_object, write_scene
 from poise.commands.output import console, refuse_folder, write_json
 from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
+from poise.placement import (
+    CRITERIA,
+    Options,
+    Placement,
+    PlacementSequence,
+    Progress,
+    Uncertainty,
+    plan_sequence,
+)
+from poise.placement.planners import PLANNERS, find_planner
 
 MOST_BYTES = 1_000_000
 
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
-SpecOption = Annotated[
-    str,
+SpecsOption = Annotated[
+    list[str],
     typer.Option(
         "--object",
         metavar="SPEC",
-        help="The object to place, as an entry of a scene file without a pose: a YAML or JSON file, or the text.",
+        help="The object to place, as an entry of a scene file without a pose: a YAML or JSON file, or the text. Again "
+        "for more objects; the order is found.",
         show_default=False,
     ),
 ]
@@ -42,6 +56,8 @@ RobustOption = Annotated[
     bool, typer.Option("--robust", help="It has to stay in spite of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
 ]
 RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as it gets better.")]
+PlannerOption = Annotated[str, typer.Option("--planner", help=f"To compare with: {', '.join(PLANNERS)}.")]
+OrdersOption = Annotated[int, typer.Option("--orders", help="Orders of several objects to look at.", min=1)]
 OutputOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="Write the scene with the object in it.", show_default=False),
@@ -54,19 +70,21 @@ JsonOption = Annotated[
 
 def place(
     scene: SceneArgument,
-    spec: SpecOption,
+    specs: SpecsOption,
     seed: SeedOption = 0,
     attempts: AttemptsOption = 500,
     deadline: DeadlineOption = None,
-    candidates: CandidatesOption = 1,
+    candidates: CandidatesOption = 3,
     criterion: CriterionOption = "least",
     on: OnOption = "any",
     robust: RobustOption = False,
     refining: RefiningOption = False,
+    planner: PlannerOption = "poise",
+    orders: OrdersOption = 1,
     output: OutputOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Where does this object stay?
+    """Where does this object stay? With --object again: where do these, and in which order?
 
     The answer is the pose of the object's frame in the scene, and the least force on the surface of any object that
     moves something afterwards.
@@ -74,50 +92,88 @@ def place(
     Example:  poise place scene.yaml --object '{id: mug, cylinder: [0.04, 0.1], mass: 0.3}' --json answer.json
     """
     refuse_folder(json_target, "--json")
-    item = _read_spec(spec)
+    items = [_read_spec(spec, number) for number, spec in enumerate(specs)]
     analysis = open_scene(scene)
-    options = Options(
-        attempts, deadline, candidates, criterion, on, uncertainty=Uncertainty() if robust else None, refining=refining
-    )
+    uncertainty = Uncertainty() if robust else None
+    options = Options(attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining)
+    find = find_planner(planner)
+    if len(items) > 1 and planner != "poise":
+        raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
     people = console(json_target)
     try:
-        with Bar(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=people) as bar:
-            task = bar.add_task("looking", total=None)
-
-            def tell(progress: Progress) -> bool:
-                found = "" if progress.best is None else ", one that stays is found"
-                bar.update(task, description=f"pose {progress.iteration} of up to {attempts}{found}")
-                return True
-
-            found = plan_placement(analysis, item, options, seed, tell)
+        with _watching(people, attempts) as tell:
+            if len(items) > 1:
+                found: Placement | PlacementSequence = plan_sequence(analysis, items, options, seed, orders, tell)
+            else:
+                found = find(analysis, items[0], options, seed, tell)
     except NoAnswerError as error:
         answer = {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
         write_json(json_target, answer)
         raise
-    write_json(json_target, _content(found))
+    write_json(json_target, _sequence_content(found) if isinstance(found, PlacementSequence) else _content(found))
     if output is not None:
         write_scene(found.analysis.assembly, output)
-    x, y, z, *quaternion = found.pose.vector
-    people.print(f"{item.id} stays at x {x:.4f} y {y:.4f} z {z:.4f} m, quaternion {np.round(quaternion, 4).tolist()}")
+    _say(people, found)
+
+
+@contextmanager
+def _watching(people: Console, attempts: int) -> Iterator[Callable[[Progress], bool]]:
+    """A line that says how far the search is."""
+    with Bar(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=people) as bar:
+        task = bar.add_task("looking", total=None)
+
+        def tell(progress: Progress) -> bool:
+            found = "" if progress.best is None else ", one that stays is found"
+            bar.update(task, description=f"pose {progress.iteration} of up to {attempts}{found}")
+            return True
+
+        yield tell
+
+
+def _say(people: Console, found: Placement | PlacementSequence) -> None:
+    placements = found.placements if isinstance(found, PlacementSequence) else (found,)
+    for number, placement in enumerate(placements):
+        x, y, z, *quaternion = placement.pose.vector
+        turn = f"{number + 1}. " if len(placements) > 1 else ""
+        where = f"x {x:.4f} y {y:.4f} z {z:.4f} m, quaternion {np.round(quaternion, 4).tolist()}"
+        people.print(f"{turn}{placement.item.id} stays at {where}")
     people.print(f"least robustness of the assembly then: {found.merit.least:.3g} N")
-    rejected = ", ".join(f"{count} {why}" for why, count in found.rejected.items())
-    people.print(f"{found.iterations} poses tested{f' ({rejected})' if rejected else ''} in {found.seconds:.2f} s")
+    counts = sum((Counter(placement.rejected) for placement in placements), Counter[str]())
+    rejected = ", ".join(f"{count} {why}" for why, count in counts.most_common())
+    tested = sum(placement.iterations for placement in placements)
+    people.print(f"{tested} poses tested{f' ({rejected})' if rejected else ''} in {found.seconds:.2f} s")
 
 
 def _content(found: Placement) -> dict[str, Any]:
-    least = found.merit.least
+    return _one(found) | {"robustness": _finite(found.merit.least), "volume": found.merit.volume}
+
+
+def _sequence_content(found: PlacementSequence) -> dict[str, Any]:
+    return {
+        "order": list(found.order),
+        "placements": [{"id": one.item.id} | _one(one) for one in found.placements],
+        "robustness": _finite(found.merit.least),
+        "volume": found.merit.volume,
+        "iterations": sum(one.iterations for one in found.placements),
+        "seconds": found.seconds,
+    }
+
+
+def _one(found: Placement) -> dict[str, Any]:
     return {
         "pose": found.pose.vector,
-        "robustness": least if np.isfinite(least) else "inf",
         "iterations": found.iterations,
         "seconds": found.seconds,
-        "volume": found.merit.volume,
         "rejected": found.rejected,
     }
 
 
-def _read_spec(spec: str) -> RigidObject:
-    """An object entry from a file or from the text itself.
+def _finite(robustness: float) -> float | str:
+    return robustness if np.isfinite(robustness) else "inf"
+
+
+def _read_spec(spec: str, number: int = 0) -> RigidObject:
+    """An object entry from a file or from the text itself; nameless ones are numbered.
 
     Raises:
         InputError: FILE_UNREADABLE, FILE_CORRUPT, or what is wrong with the entry.
@@ -137,5 +193,5 @@ def _read_spec(spec: str) -> RigidObject:
     except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(ErrorCode.FILE_CORRUPT, f"--object: not YAML: {' '.join(str(error).split())}") from error
     if isinstance(content, dict):
-        content.setdefault("id", "placed")
+        content.setdefault("id", f"placed_{number + 1}" if number else "placed")
     return read_object(content, folder, "--object")

@@ -1,11 +1,13 @@
 """Where to put the next object so that it stays.
 
 - `plan_placement`: one object, into an assembly that stands. `Options`: what is wanted of the placement.
+- `plan_sequence`: several objects, in an order that it finds.
 - `Uncertainty`: placements that survive errors of pose, mass and friction.
 """
 
 from poise.placement.judging import CRITERIA, Merit, judge
 from poise.placement.planner import CancelledError, Options, Placement, Progress, plan_placement
+from poise.placement.sequence import PlacementSequence, plan_sequence
 from poise.placement.uncertainty import Uncertainty
 
 __all__ = [
@@ -14,8 +16,10 @@ __all__ = [
     "Merit",
     "Options",
     "Placement",
+    "PlacementSequence",
     "Progress",
     "Uncertainty",
     "judge",
     "plan_placement",
+    "plan_sequence",
 ]

@@ -132,12 +132,19 @@ def _faces(polyhedron: Polyhedron, com: Array, steady: bool) -> list[Face]:
 def convex_edges(polyhedron: Polyhedron) -> list[Edge]:
     """The convex edges: those of which a plane can touch the line without cutting the faces beside it."""
     edges = []
-    for ends, (first, second) in zip(polyhedron.edges, polyhedron.edge_facets, strict=True):
-        start, end = polyhedron.vertices[ends]
-        beside = polyhedron.vertices[_opposite(polyhedron, ends, int(second))]
-        if polyhedron.normals[first] @ (beside - start) < 0:
+    for number, (ends, (first, second)) in enumerate(zip(polyhedron.edges, polyhedron.edge_facets, strict=True)):
+        if is_convex(polyhedron, number):
+            start, end = polyhedron.vertices[ends]
             edges.append(Edge(start, end, polyhedron.normals[[first, second]]))
     return edges
+
+
+def is_convex(polyhedron: Polyhedron, edge: int) -> bool:
+    """Whether the faces beside an edge (its number) fall back from it."""
+    first, second = polyhedron.edge_facets[edge]
+    ends = polyhedron.edges[edge]
+    beside = polyhedron.vertices[_opposite(polyhedron, ends, int(second))]
+    return bool(polyhedron.normals[first] @ (beside - polyhedron.vertices[ends[0]]) < 0)
 
 
 def _opposite(polyhedron: Polyhedron, ends: Indices, facet: int) -> int:

@@ -34,9 +34,7 @@ def poses_on_one(contact: Contact, face: Face, com: Array, yaws: Array) -> Itera
         yield _on_planes(rotation, [(contact, face.point)], contact.point, com)
 
 
-def poses_on_two(
-    a: Contact, b: Contact, features: Features, rng: np.random.Generator, tries: int, middle: Array | None = None
-) -> Iterator[Pose]:
+def poses_on_two(a: Contact, b: Contact, features: Features, rng: np.random.Generator, tries: int) -> Iterator[Pose]:
     """Poses that touch both places, with `tries` random pairs of features that can.
 
     Faces on one plane (case A.1), faces that intersect (A.2), a face and an edge (B), and two edges (C).
@@ -46,9 +44,8 @@ def poses_on_two(
         features: of the object.
         rng: chooses.
         tries: pairs of features to try; not each can touch both.
-        middle: (3,) what the centre of mass is put over; None: half way between the places.
     """
-    middle = (a.point + b.point) / 2 if middle is None else middle
+    middle = (a.point + b.point) / 2
     if same_plane(a, b):
         for _ in range(tries):
             face = _pick_face(features, rng)
@@ -114,6 +111,24 @@ def same_plane(a: Contact, b: Contact) -> bool:
     run = b.point - a.point
     length = float(np.linalg.norm(run))
     return bool(a.normal @ b.normal > np.cos(ANGLE) and length > 0 and abs(run @ a.normal) <= 2e-4 + 1e-3 * length)
+
+
+def over_three(a: Contact, b: Contact, c: Contact, up: Array) -> Contact | None:
+    """The plane over three places, above their middle: what a face needs to lie on three peaks, or on one surface.
+
+    None when the places are in line, or when the plane would run into a surface at one of them.
+    """
+    across = np.cross(b.point - a.point, c.point - a.point)
+    size = float(np.linalg.norm(across))
+    if size < 1e-3 * float(np.linalg.norm(b.point - a.point)) * float(np.linalg.norm(c.point - a.point)) or size == 0:
+        return None
+    normal = across / size * np.sign(across @ up)
+    slopes = np.array([contact.normal @ normal for contact in (a, b, c)])
+    flat = np.all(slopes > np.cos(ANGLE))
+    peaks = np.array([contact.normal @ up for contact in (a, b, c)]) > 1 - 1e-9
+    if not (flat or np.all(peaks)) or normal @ up <= 0:
+        return None
+    return Contact((a.point + b.point + c.point) / 3, normal)
 
 
 def _on_planes(rotation: Array, pairs: list[tuple[Contact, Array]], middle: Array, com: Array) -> Pose:

@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
 
 import numpy as np
 
@@ -10,9 +12,10 @@ from poise.assembly.analysis import Analysis
 from poise.assembly.geometry import Pose, unit
 from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.placement.balance import Fit
 from poise.placement.features import Features
-from poise.placement.judging import Merit, check_criterion, judge
-from poise.placement.matching import poses_on_one, poses_on_two, same_plane
+from poise.placement.judging import Merit, check_criterion, estimate, judge
+from poise.placement.matching import Contact, over_three, poses_on_one, poses_on_two, same_plane
 from poise.placement.refinement import refine
 from poise.placement.supports import Supports, find_supports
 from poise.placement.uncertainty import Uncertainty
@@ -20,8 +23,8 @@ from poise.placement.validation import Test, Validator
 
 ON = ("any", "objects", "fixed")
 PLACES = 400
-TRIES = 4
-"""Pairs of features tried on each pair of places."""
+TRIES, TESTED = 24, 3
+"""Pairs of features tried on each pair of places, and poses of each draw that are tested in earnest."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Options:
 
     attempts: int = 500
     deadline: float | None = None
-    candidates: int = 1
+    candidates: int = 3
     criterion: str = "least"
     on: str = "any"
     guide: str = "limit"
@@ -67,7 +70,6 @@ class Placement:
     Args:
         item: the object at its pose.
         analysis: of the assembly with it.
-        merit: of that assembly.
         iterations: poses that were tested.
         seconds: of planning.
         rejected: how many poses each test turned away.
@@ -75,10 +77,18 @@ class Placement:
 
     item: RigidObject
     analysis: Analysis
-    merit: Merit
     iterations: int
     seconds: float
     rejected: dict[str, int]
+
+    @cached_property
+    def merit(self) -> Merit:
+        """Of the assembly with the object, certified; worked out when asked for.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
+        return judge(self.analysis)
 
     @property
     def pose(self) -> Pose:
@@ -140,9 +150,7 @@ def plan_placement(
     best, there, _ = found
     if options.refining:
         best, there = refine(validator, best, there, options.criterion, lambda: search.late)
-    return Placement(
-        there, best, judge(best, model="default"), search.iteration, time.monotonic() - start, dict(validator.rejected)
-    )
+    return Placement(there, best, search.iteration, time.monotonic() - start, dict(validator.rejected))
 
 
 class _Search:
@@ -161,7 +169,10 @@ class _Search:
         self._supports, self._features, self._validator = supports, features, validator
         self._options, self._size, self._start, self._progress = options, size, start, progress
         self.iteration = 0
-        self._up = -unit(validator.analysis.assembly.gravity)
+        assembly, shape = validator.analysis.assembly, validator.item.shape.polyhedron
+        self._up = -unit(assembly.gravity)
+        friction = max([assembly.friction, *(pair.coefficient for pair in assembly.friction_pairs)])
+        self._fit = Fit(shape.vertices, features.com, shape.convex, friction, -self._up)
 
     @property
     def late(self) -> bool:
@@ -175,8 +186,10 @@ class _Search:
         while self.iteration < self._options.attempts and not self.late:
             for pose in self._poses(rng):
                 self.iteration += 1
-                accepted = self._validator.accept(pose)
-                if accepted is None:
+                accepted = None if pose is None else self._validator.accept(pose)
+                if pose is None:
+                    self._validator.rejected["no pose fits the places"] += 1
+                elif accepted is None:
                     self._supports.distrust(pose.apply(self._features.com) - self._size / 2 * self._up, self._size / 4)
                 else:
                     best = self._better(best, *accepted)
@@ -193,7 +206,7 @@ class _Search:
     ) -> tuple[Analysis, RigidObject, Merit | None]:
         if self._options.candidates == 1:
             return analysis, item, None
-        merit = judge(analysis, self._options.criterion == "median")
+        merit = estimate(analysis, self._options.criterion == "median")
         if best is None or best[2] is None or merit.better_than(best[2], self._options.criterion):
             return analysis, item, merit
         return best
@@ -207,18 +220,37 @@ class _Search:
                 ErrorCode.CANCELLED, f"placing {self._validator.item.id} was cancelled; nothing was changed"
             )
 
-    def _poses(self, rng: np.random.Generator) -> Iterator[Pose]:
-        """Poses for one draw of places: on two of them, over three that lie on one plane, and on one alone."""
-        numbers = self._supports.draw(rng, 3)
-        a, b, c = (self._supports.contact(int(number)) for number in numbers)
-        middle = None
-        if same_plane(a, b) and same_plane(a, c) and rng.random() < 0.5:
-            middle = (a.point + b.point + c.point) / 3
-        if np.linalg.norm(a.point - b.point) < 2 * self._size:
-            yield from poses_on_two(a, b, self._features, rng, TRIES if not same_plane(a, b) else 1, middle)
+    def _poses(self, rng: np.random.Generator) -> Iterator[Pose | None]:
+        """Poses for one draw of places that its planes could carry; None when there is none."""
+        fitting = (pose for pose, contacts in self._drawn(rng) if self._fit.allows(pose, contacts))
+        first = next(fitting, None)
+        yield first
+        if first is not None:
+            yield from islice(fitting, TESTED - 1)
+
+    def _drawn(self, rng: np.random.Generator) -> Iterator[tuple[Pose, tuple[Contact, ...]]]:
+        """Poses for one draw of places: over three of them, on two, and on one alone, each with its planes."""
+        numbers = self._supports.draw(rng)
+        a, *others = (self._supports.contact(number) for number in numbers)
+        sharp = bool(self._supports.sharp[numbers[0]])
         faces = self._features.faces
         steady = [face for face in faces if face.steady] or list(faces)
-        yield from poses_on_one(a, steady[int(rng.integers(len(steady)))], self._features.com, self._yaw(rng))
+        face = steady[int(rng.integers(len(steady)))]
+        top = (
+            over_three(a, others[0], others[1], self._up)
+            if len(others) == 2 and (sharp or rng.random() < 0.5)
+            else None
+        )
+        if top is not None:
+            yield from ((pose, (top,)) for pose in poses_on_one(top, face, self._features.com, self._yaw(rng)))
+        if sharp:  # nothing stands on one ridge or peak
+            return
+        if top is None and others:
+            pair = a, others[0]
+            flat = same_plane(*pair)
+            found = poses_on_two(*pair, self._features, rng, 1 if flat else TRIES)
+            yield from ((pose, pair[:1] if flat else pair) for pose in found)
+        yield from ((pose, (a,)) for pose in poses_on_one(a, face, self._features.com, self._yaw(rng)))
 
     def _yaw(self, rng: np.random.Generator) -> np.ndarray:
         """Along the axes as often as anyhow: what is placed square leaves room for the next."""

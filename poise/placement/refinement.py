@@ -8,7 +8,7 @@ from poise.assembly.analysis import Analysis
 from poise.assembly.geometry import Array, Pose, plane_axes, rotation_about, unit
 from poise.assembly.scene import RigidObject
 from poise.errors import NoAnswerError
-from poise.placement.judging import Merit, judge
+from poise.placement.judging import Merit, estimate
 from poise.placement.validation import Validator
 
 FIRST_STEP = 0.15
@@ -31,7 +31,7 @@ def refine(
     size = float(np.linalg.norm(np.ptp(item.vertices, axis=0)))
     up = -unit(analysis.assembly.gravity)
     moves = [sign * axis for axis in plane_axes(up) for sign in (1.0, -1.0)]
-    best = judge(analysis, criterion == "median")
+    best = estimate(analysis, criterion == "median")
     step = FIRST_STEP
     while step >= SMALLEST_STEP and not late():
         better = None
@@ -63,6 +63,6 @@ def _try(
     if accepted is None:
         return None
     try:
-        return (*accepted, judge(accepted[0], criterion == "median"))
+        return (*accepted, estimate(accepted[0], criterion == "median"))
     except NoAnswerError:
         return None

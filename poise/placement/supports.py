@@ -1,5 +1,6 @@
 """Where the scene may carry something: places on its surface, and how likely each is tried (thesis eq. 5.10-5.14)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +12,7 @@ from poise.assembly.maps import robustness_map
 from poise.assembly.scene import RigidObject
 from poise.assembly.surface import SurfacePoints
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.placement.features import Edge, convex_edges
+from poise.placement.features import PARALLEL, is_convex
 from poise.placement.matching import Contact
 
 FACES_UP = 0.02
@@ -24,6 +25,14 @@ FIRST_SHARE = 0.1
 DECAY = 0.99
 FAILED = 0.6
 """What is left of a place's weight after a pose on it has failed."""
+SHARP_SHARE = 0.4
+"""Of the draws, at least, where there are ridges or peaks: they are few, but reach highest."""
+STEEP = 0.1
+"""Weight of slopes on which nothing would stay without another support."""
+REACH = 1.5
+"""Sizes of the object within which the places of one draw lie."""
+ABOVE = 2e-3
+"""m over a place, where nothing else may be."""
 
 
 @dataclass(eq=False)
@@ -35,6 +44,8 @@ class Supports:
         points, normals: (N, 3) m and outward unit normals, in the world.
         robustness: (N,) N, of pushes into the surface; infinite on what is fixed.
         nearness: (N,) 0..1, eq. 5.13.
+        sharp: (N,) on ridges and peaks.
+        reach: m, within which the places of one draw lie.
     """
 
     places: NDArray[np.int64]
@@ -42,6 +53,8 @@ class Supports:
     normals: Array
     robustness: Array
     nearness: Array
+    sharp: NDArray[np.bool_]
+    reach: float
     trust: Array = field(init=False)
     draws: int = 0
 
@@ -58,14 +71,25 @@ class Supports:
         """(N,) probability of each place at the next draw (eq. 5.10, with the cap decayed, and 5.13)."""
         cap = max(self._cap * DECAY**self.draws, 1e-9)
         weights = np.minimum(self.robustness, cap) * self.nearness ** (DECAY**self.draws) * self.trust
+        share = weights[self.sharp].sum() / (weights.sum() or 1.0)
+        if 0 < share < SHARP_SHARE:
+            weights[self.sharp] *= SHARP_SHARE * (1 - share) / (share * (1 - SHARP_SHARE))
         total = weights.sum()
         return weights / total if total > 0 else np.full(len(weights), 1 / len(weights))
 
-    def draw(self, rng: np.random.Generator, count: int) -> NDArray[np.int64]:
-        """Numbers of `count` places."""
-        chosen = rng.choice(len(self.points), size=count, p=self.weights)
+    def draw(self, rng: np.random.Generator) -> list[int]:
+        """Numbers of up to three places near each other; all sharp, or none."""
+        weights = self.weights
         self.draws += 1
-        return np.asarray(chosen)
+        first = int(rng.choice(len(weights), p=weights))
+        near = np.linalg.norm(self.points - self.points[first], axis=1) < self.reach
+        near &= self.sharp == self.sharp[first]
+        near[first] = False
+        others = np.flatnonzero(near & (weights > 0))
+        if len(others) < 2:
+            return [first, *others.tolist()]
+        share = weights[others] / weights[others].sum()
+        return [first, *rng.choice(others, size=2, replace=False, p=share).tolist()]
 
     def contact(self, number: int) -> Contact:
         return Contact(self.points[number], self.normals[number])
@@ -98,18 +122,44 @@ def find_supports(
     up = -unit(analysis.assembly.gravity)
     chosen = [i for i, item in enumerate(objects) if on == "any" or item.fixed == (on == "fixed")]
     found = [_places(objects[i], up, max(count // max(len(chosen), 1), 8), rng) for i in chosen]
-    places = np.repeat(np.array(chosen, dtype=np.int64), [len(points) for points, _ in found])
+    places = np.repeat(np.array(chosen, dtype=np.int64), [len(points) for points, _, _ in found])
     if not len(places):
         raise InputError(ErrorCode.OBJECT_INVALID, f"the scene has no surface that looks up to carry something ({on})")
     points, normals = (np.concatenate([part[k] for part in found]) for k in (0, 1))
+    sharp = np.concatenate([part[2] for part in found])
+    free = _uncovered(objects, places, points, normals)
+    if free.any():
+        places, points, normals, sharp = places[free], points[free], normals[free], sharp[free]
     robustness = np.ones(len(points)) if guide == "uniform" else _guide(analysis, places, points, normals)
     middle, reach = _extent(analysis, points, scale)
     nearness = np.exp(-np.sum((points - middle) ** 2, axis=1) / reach**2)
-    return Supports(places, points, normals, robustness, nearness)
+    supports = Supports(places, points, normals, robustness, nearness, sharp, REACH * scale)
+    supports.trust[normals @ up < 1 / np.hypot(1, analysis.assembly.friction)] = STEEP
+    return supports
 
 
-def _places(item: RigidObject, up: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Points and normals on one body: faces by area, and every ridge and peak that looks straight up."""
+def _uncovered(
+    objects: Sequence[RigidObject], places: NDArray[np.int64], points: Array, normals: Array
+) -> NDArray[np.bool_]:
+    """(N,) whether a place is open: not inside a convex body that lies on it."""
+    over = points + ABOVE * normals
+    free = np.ones(len(points), dtype=bool)
+    for place, item in enumerate(objects):
+        near = (places != place) & np.all(over > item.vertices.min(axis=0), axis=1)
+        near &= np.all(over < item.vertices.max(axis=0), axis=1)
+        rows = np.flatnonzero(near)
+        polyhedron = item.shape.polyhedron
+        if len(rows) and polyhedron.convex:
+            on_facets = polyhedron.vertices[[triangles[0, 0] for triangles in polyhedron.facet_triangles]]
+            heights = item.pose.undo(over[rows]) @ polyhedron.normals.T - np.sum(on_facets * polyhedron.normals, axis=1)
+            free[rows] &= heights.max(axis=1) > 0
+    return free
+
+
+def _places(
+    item: RigidObject, up: Array, count: int, rng: np.random.Generator
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Points and normals on one body, faces by area, every ridge and peak that looks straight up; which are sharp."""
     polyhedron = item.shape.polyhedron
     normals = polyhedron.normals @ item.pose.rotation.T
     vertices = item.vertices
@@ -127,25 +177,29 @@ def _places(item: RigidObject, up: Array, count: int, rng: np.random.Generator) 
     sharp = _sharp(item, up)
     points.append(sharp)
     directions.append(np.tile(up, (len(sharp), 1)))
-    return np.concatenate(points), np.concatenate(directions)
+    count = sum(map(len, points))
+    return np.concatenate(points), np.concatenate(directions), np.arange(count) >= count - len(sharp)
 
 
 def _sharp(item: RigidObject, up: Array) -> Array:
     """(P, 3) middles of ridges and peaks: a level plate could rest there without touching the faces beside them."""
-    middles = [np.zeros((0, 3))]
-    for edge in convex_edges(item.shape.polyhedron):
-        turned = Edge(item.pose.apply(edge.start), item.pose.apply(edge.end), edge.normals @ item.pose.rotation.T)
-        if turned.affords(-up):
-            shares = np.linspace(0, 1, 5)[:, None]
-            middles.append(turned.start + shares * (turned.end - turned.start))
-    heights = item.vertices @ up
-    neighbours = item.shape.polyhedron.neighbours
+    polyhedron, vertices = item.shape.polyhedron, item.vertices
+    heights = vertices @ up
+    ends, beside = polyhedron.edges, (polyhedron.normals @ item.pose.rotation.T)[polyhedron.edge_facets]
+    run = vertices[ends[:, 1]] - vertices[ends[:, 0]]
+    level = np.abs(run @ up) < PARALLEL * np.linalg.norm(run, axis=1)
+    # The faces beside a level ridge fall away on different hands; so they do beside a valley.
+    hands = np.einsum("esk,ek->es", beside, np.cross(run, up))
+    apart = hands.prod(axis=1) < -1e-12 * np.einsum("ij,ij->i", run, run)
+    edges = np.flatnonzero(level & apart & np.all(beside @ up > -PARALLEL, axis=1))
+    ridge = [edge for edge in edges.tolist() if is_convex(polyhedron, edge)]
+    shares = np.linspace(0, 1, 5)[:, None, None]
+    along = (vertices[ends[ridge, 0]] + shares * run[ridge]).reshape(-1, 3)
+    highest = np.full(len(vertices), -np.inf)
+    np.maximum.at(highest, ends.ravel(), heights[ends[:, ::-1]].ravel())
     scale = float(np.ptp(heights)) or 1.0
-    peaks = [
-        v for v, around in enumerate(neighbours) if len(around) and np.all(heights[around] < heights[v] - 1e-6 * scale)
-    ]
-    middles.append(item.vertices[peaks])
-    return np.concatenate(middles)
+    peaks = vertices[np.isfinite(highest) & (highest < heights - 1e-6 * scale)]
+    return np.concatenate([along, peaks])
 
 
 def _guide(analysis: Analysis, places: NDArray[np.int64], points: Array, normals: Array) -> Array:

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, Pose, unit
+from poise.assembly.geometry import Pose
 from poise.assembly.scene import RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.placement.balance import BALANCED, unbalanced
 from poise.placement.settling import settle
 from poise.placement.uncertainty import Uncertainty, stands_anyway
 
@@ -18,6 +19,8 @@ Test = Callable[[Analysis, RigidObject], bool]
 
 LEAST_MARGIN = 1e-3
 """Of the object's weight: a placement on the verge of moving is none."""
+ALMOST = 0.15
+"""Of the object's weight unbalanced: what is more is too far off to sink to where it stands."""
 
 
 @dataclass(eq=False)
@@ -41,7 +44,6 @@ class Validator:
 
     def __post_init__(self) -> None:
         self._size = float(np.linalg.norm(np.ptp(self.item.vertices, axis=0)))
-        self._up = -unit(self.analysis.assembly.gravity)
         self._weight = self.item.mass * float(np.linalg.norm(self.analysis.assembly.gravity))
 
     def accept(self, pose: Pose) -> tuple[Analysis, RigidObject] | None:
@@ -71,24 +73,21 @@ class Validator:
 
     def _standing(self, analysis: Analysis, item: RigidObject) -> tuple[Analysis, RigidObject] | None:
         """As it is where it stands, or settled; None when neither stands safely."""
-        if self._is_safe(analysis):
+        left = unbalanced(analysis, item)
+        if left < BALANCED and self._is_safe(analysis, item):
             return analysis, item
-        settled = settle(analysis, item, self._size) if self.settling and self._nearly(analysis, item) else None
-        return settled if settled is not None and self._is_safe(settled[0]) else None
+        if not self.settling or left > ALMOST:
+            return None
+        settled = settle(analysis, item, self._size)
+        return settled if settled is not None and self._is_safe(*settled) else None
 
-    def _is_safe(self, analysis: Analysis) -> bool:
-        """It stands with something to spare, and nothing may roll or swivel freely."""
-        if analysis.stability().margin < LEAST_MARGIN * self._weight:
+    def _is_safe(self, analysis: Analysis, item: RigidObject) -> bool:
+        """It stands with something to spare, and nothing may roll or swivel freely. The cheap questions come first."""
+        least, place = LEAST_MARGIN * self._weight, analysis.assembly.index[item.id]
+        blocks = sorted(analysis.blocks, key=lambda block: place not in block.geometry.place_of)
+        if any(block.balance.margin * block.geometry.units.weight < least for block in blocks):
             return False
-        held = (block.geometry.grasp.toarray() for block in analysis.blocks)
-        return all(np.linalg.matrix_rank(grasp) == len(grasp) for grasp in held)
-
-    def _nearly(self, analysis: Analysis, item: RigidObject) -> bool:
-        """Whether sinking could help: the object touches something below its centre of mass."""
-        place = analysis.assembly.index[item.id]
-        points: list[Array] = [i.points for i in analysis.structure.interfaces if place in (i.first, i.second)]
-        if not points:
+        held = (block.geometry.grasp.toarray() for block in blocks)
+        if any(np.linalg.matrix_rank(grasp) < len(grasp) for grasp in held):
             return False
-        offset = np.concatenate(points).mean(axis=0) - item.com_in_world
-        across = offset - (offset @ self._up) * self._up
-        return bool(offset @ self._up < 0 and np.linalg.norm(across) < self._size / 4)
+        return analysis.stability().margin >= least

@@ -10,7 +10,6 @@ from poise.assembly.analysis import Analysis
 from poise.assembly.geometry import Array, Pose
 from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, NoAnswerError
-from poise.placement.judging import judge
 from poise.placement.planner import CancelledError, Options, Placement, Progress
 from poise.placement.validation import Validator
 
@@ -27,8 +26,6 @@ def first_that_stays(
     progress: Callable[[Progress], bool] | None,
 ) -> Placement:
     """Try poses until one is a placement, by the same tests as `plan_placement`; nothing is mended.
-
-    The time taken is without the judging, which these planners do not do.
 
     Raises:
         NoAnswerError: UNSTABLE, NO_PLACEMENT.
@@ -50,7 +47,7 @@ def first_that_stays(
             validator.rejected[proposal] += 1
         elif (accepted := validator.accept(proposal)) is not None:
             seconds = time.monotonic() - start
-            return Placement(accepted[1], accepted[0], judge(accepted[0]), attempts, seconds, dict(validator.rejected))
+            return Placement(accepted[1], accepted[0], attempts, seconds, dict(validator.rejected))
         if progress is not None and not progress(Progress(attempts, None, None)):
             raise CancelledError(ErrorCode.CANCELLED, f"placing {item.id} was cancelled; nothing was changed")
     raise NoAnswerError(

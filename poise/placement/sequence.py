@@ -1,0 +1,171 @@
+"""In which order, and where, several objects are put so that the assembly stands after each of them."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from poise.assembly.analysis import Analysis
+from poise.assembly.scene import Assembly, RigidObject
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.placement.judging import Merit, estimate, judge
+from poise.placement.planner import Options, Placement, Progress, plan_placement
+
+TRIED_PER_OBJECT = 8
+"""Plans for single objects in one order, per object, before it is given up."""
+
+
+PLAIN = Options()
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementSequence:
+    """Placements in the order in which they are made; each stands without those that follow.
+
+    Args:
+        placements: one for each object.
+        seconds: of planning.
+    """
+
+    placements: tuple[Placement, ...]
+    seconds: float
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Ids."""
+        return tuple(placement.item.id for placement in self.placements)
+
+    @property
+    def analysis(self) -> Analysis:
+        """Of the assembly with all objects."""
+        return self.placements[-1].analysis
+
+    @cached_property
+    def merit(self) -> Merit:
+        """Of that assembly, certified; worked out when asked for.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
+        return judge(self.analysis)
+
+
+def plan_sequence(
+    assembly: Assembly | Analysis,
+    items: Sequence[RigidObject],
+    options: Options = PLAIN,
+    seed: int = 0,
+    orders: int = 1,
+    progress: Callable[[Progress], bool] | None = None,
+) -> PlacementSequence:
+    """Find an order of objects and a place for each.
+
+    The heaviest comes first (thesis section 5.7). What finds no place waits for the next round; when nothing does, the
+    last placement is taken back and made elsewhere. With more orders, further ones are drawn with odds by mass, as in
+    the thesis, and the best assembly in the end decides.
+
+    Args:
+        assembly: what is there; it has to stand.
+        items: the objects to place, with ids of their own.
+        options: of each placement; a deadline is for all together.
+        seed: same seed, same answer (unless a deadline cuts it short).
+        orders: how many are looked at.
+        progress: see `plan_placement`.
+
+    Raises:
+        InputError: BAD_INPUT for no objects or an id that is given twice; see `plan_placement`.
+        NoAnswerError: NO_PLACEMENT with the most that could be placed (data `placed`, `left`); as `plan_placement`.
+        CancelledError: CANCELLED.
+    """
+    start = time.monotonic()
+    ids = [item.id for item in items]
+    if not items or len(set(ids)) < len(ids):
+        raise InputError(ErrorCode.BAD_INPUT, f"objects to place: {ids}; name at least one, and each once")
+    analysis = Analysis.of(assembly)
+    analysis.require_stable()
+    rng = np.random.default_rng(seed)
+    best: tuple[list[Placement], Merit] | None = None
+    most: list[Placement] = []
+    for number in range(max(orders, 1)):
+        if best is not None and options.deadline is not None and time.monotonic() - start > options.deadline:
+            break
+        search = _Order(options, start, rng, progress, shuffled=number > 0, budget=TRIED_PER_OBJECT * len(items))
+        found = search.place(analysis, list(items))
+        most = max(most, search.most, key=len)
+        if found is not None:
+            merit = estimate(found[-1].analysis, options.criterion == "median")
+            if best is None or merit.better_than(best[1], options.criterion):
+                best = found, merit
+    if best is None:
+        placed = [placement.item.id for placement in most]
+        left = [name for name in ids if name not in placed]
+        raise NoAnswerError(
+            ErrorCode.NO_PLACEMENT,
+            f"no order found: with {', '.join(placed) or 'nothing'} placed there is no place for {', '.join(left)}; "
+            "make room, or allow more attempts",
+            placed=placed,
+            left=left,
+        )
+    return PlacementSequence(tuple(best[0]), time.monotonic() - start)
+
+
+class _Order:
+    """One pass of the search, depth first."""
+
+    def __init__(
+        self,
+        options: Options,
+        start: float,
+        rng: np.random.Generator,
+        progress: Callable[[Progress], bool] | None,
+        shuffled: bool,
+        budget: int,
+    ) -> None:
+        self._options, self._start, self._rng, self._progress = options, start, rng, progress
+        self._shuffled, self._budget = shuffled, budget
+        self.most: list[Placement] = []
+        self._made: list[Placement] = []
+
+    def place(self, analysis: Analysis, items: list[RigidObject]) -> list[Placement] | None:
+        """Placements of all items, or None when there are none within the budget."""
+        if not items:
+            return list(self._made)
+        for item in self._ranked(items):
+            if self._budget <= 0:
+                return None
+            self._budget -= 1
+            try:
+                placement = plan_placement(analysis, item, self._left(), int(self._rng.integers(2**31)), self._progress)
+            except NoAnswerError as error:
+                if error.code is not ErrorCode.NO_PLACEMENT:
+                    raise
+                continue
+            self._made.append(placement)
+            if len(self._made) > len(self.most):
+                self.most = list(self._made)
+            found = self.place(placement.analysis, [other for other in items if other is not item])
+            if found is not None:
+                return found
+            self._made.pop()
+        return None
+
+    def _ranked(self, items: list[RigidObject]) -> list[RigidObject]:
+        """The heaviest first, or drawn with odds by mass."""
+        masses = np.array([item.mass for item in items])
+        if not self._shuffled:
+            return [items[k] for k in np.argsort(-masses, kind="stable")]
+        chosen = self._rng.choice(len(items), size=len(items), replace=False, p=masses / masses.sum())
+        return [items[k] for k in chosen]
+
+    def _left(self) -> Options:
+        """The options with what is left of the deadline."""
+        if self._options.deadline is None:
+            return self._options
+        left = self._options.deadline - (time.monotonic() - self._start)
+        if left <= 0:
+            raise NoAnswerError(
+                ErrorCode.DEADLINE, f"time was over with {len(self._made)} objects placed; give a longer deadline"
+            )
+        return replace(self._options, deadline=left)
