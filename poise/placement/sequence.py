@@ -99,16 +99,19 @@ def plan_sequence(
             if best is None or merit.better_than(best[1], options.criterion):
                 best = found, merit
     if best is None:
-        placed = [placement.item.id for placement in most]
-        left = [name for name in ids if name not in placed]
-        raise NoAnswerError(
-            ErrorCode.NO_PLACEMENT,
-            f"no order found: with {', '.join(placed) or 'nothing'} placed there is no place for {', '.join(left)}; "
-            "make room, or allow more attempts",
-            placed=placed,
-            left=left,
-        )
+        raise _no_order(ids, [placement.item.id for placement in most])
     return PlacementSequence(tuple(best[0]), time.monotonic() - start)
+
+
+def _no_order(ids: list[str], placed: list[str]) -> NoAnswerError:
+    left = [name for name in ids if name not in placed]
+    return NoAnswerError(
+        ErrorCode.NO_PLACEMENT,
+        f"no order found: with {', '.join(placed) or 'nothing'} placed there is no place for {', '.join(left)}; "
+        "make room, or allow more attempts",
+        placed=placed,
+        left=left,
+    )
 
 
 class _Order:
