@@ -9,14 +9,19 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
 from poise.commands.output import add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
 from poise.mismatch.diagnosis import Diagnosis, Finding, Quantity, diagnose
-from poise.mismatch.joining import joined
+from poise.mismatch.joining import joined, spans
 from poise.mismatch.model import NominalModel, dump_model, load_model
 from poise.mismatch.reading import Reading, read_world
 from poise.recording import open_recording
 from poise.viewing.wording import readable, rounded
+
+MISSED = 1.5
+"""Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
+MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
 
 JsonOption = Annotated[
     str | None,
@@ -33,20 +38,35 @@ ModelOption = Annotated[
 ]
 
 
+BagsArgument = Annotated[
+    list[Path],
+    typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
+]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
+]
+SaveOption = Annotated[
+    Path | None,
+    typer.Option("--save", metavar="FILE", help="Write the model with what was found.", show_default=False),
+]
+SeparateOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--separate",
+        metavar="FILE",
+        help="Design the motion that tells apart what this recording cannot, and write it (YAML).",
+        show_default=False,
+    ),
+]
+
+
 def mismatch(
-    bags: Annotated[
-        list[Path],
-        typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
-    ],
+    bags: BagsArgument,
     model: ModelOption = None,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
-    ] = None,
-    save: Annotated[
-        Path | None,
-        typer.Option("--save", metavar="FILE", help="Write the model with what was found.", show_default=False),
-    ] = None,
+    report: ReportOption = None,
+    save: SaveOption = None,
+    separate: SeparateOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Say where a recording and the simulation part, what physics was left out, and prove it on held-out samples.
@@ -65,14 +85,34 @@ def mismatch(
             warn(f"{bag}: {note}")
     world, last = joined([reading.world for reading in readings])
     found = diagnose(world, readings[0].model, last if last.any() else None)
-    written = [] if report is None else write_report(report, bags, readings, found)
+    design = None if separate is None else designed(found, readings[0].robot)
+    remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
+    written = [] if report is None else write_report(report, bags, remarks, found)
+    if separate is not None and design is not None:
+        written.append(write_design(separate, design))
     if save is not None:
         written.append(write_whole(save, dump_model(found.augmented).encode()))
-    write_json(json_target, as_json(found, readings))
+    times = spans([reading.world for reading in readings])
+    recordings = [{"bag": str(bag), "start": a, "end": b} for bag, (a, b) in zip(bags, times, strict=True)]
+    more = {"recordings": recordings, "designed_motion": design_json(design, separate)}
+    write_json(json_target, as_json(found, readings) | more)
     people = console(json_target)
     print_answer(people, found)
+    if separate is not None:
+        people.print(design_sentence(design), soft_wrap=True)
+    print_recordings(people, found, recordings)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[str, Any]]) -> None:
+    """Of several, from when to when each lies, and whether the last differs from the others."""
+    if len(recordings) == 1:
+        return
+    for entry in recordings:
+        people.print(f"From {entry['start']:.1f} s to {entry['end']:.1f} s: {escape(entry['bag'])}", soft_wrap=True)
+    if found.main.proof.augmented > MISSED * max(found.main.proof.floor, 1.0):
+        people.print(MISSED_SENTENCE.format(escape(recordings[-1]["bag"])), soft_wrap=True)
 
 
 def read_all(bags: list[Path], nominal: NominalModel) -> list[Reading]:
@@ -85,7 +125,7 @@ def read_all(bags: list[Path], nominal: NominalModel) -> list[Reading]:
     return [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
 
 
-def write_report(folder: Path, bags: list[Path], readings: list[Reading], found: Diagnosis) -> list[Path]:
+def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagnosis) -> list[Path]:
     """Write the HTML report, and the Rerun scene when rerun is installed.
 
     Raises:
@@ -95,7 +135,6 @@ def write_report(folder: Path, bags: list[Path], readings: list[Reading], found:
     from poise.viewing.mismatch_report import write_mismatch_report
     from poise.viewing.mismatch_scene import write_mismatch_scene
 
-    notes = [note for reading in readings for note in reading.notes]
     title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
     written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]
     return add_scene(written, lambda: write_mismatch_scene(folder / "mismatch.rrd", found))

@@ -13,6 +13,7 @@ from poise.mismatch.components import with_components
 from poise.mismatch.effects.base import Effect, Values
 from poise.mismatch.fitting import Fit, fit
 from poise.mismatch.heldout import HeldOut, held_out, tail
+from poise.mismatch.joining import without
 from poise.mismatch.leftover import Leftover, leftover
 from poise.mismatch.model import Component, NominalModel
 from poise.mismatch.problem import Part, Problem, effort_problem, wrench_problem
@@ -174,8 +175,15 @@ def _at_stamps(world: World, last: NDArray[np.bool_], seconds: Array) -> NDArray
 
 
 def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequence[Effect] | None) -> Examination:
-    seen = problem if last is None else replace(problem, judged=~last)
-    state, best = search(seen, library)
+    seen, looked = problem, problem
+    if last is not None:
+        # The last of several recordings is not so much as looked at before the proof.
+        seen = replace(problem, judged=~last)
+        make = wrench_problem if problem.signal == "wrench" else effort_problem
+        looked = make(without(problem.world, last), problem.model)
+    state, best = search(looked, library)
+    if looked is not seen:
+        best = fit(seen, [_carried(part, seen.world) for part in best.parts], WARM)
     final = seen.with_noise(seen.fitted_noise(left_over(seen, best)))
     best = fit(final, best.parts, WARM)
     nominal = fit(final, ()) if best.parts else best
@@ -200,6 +208,11 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
         last=held,
         proof=held_out(replace(final, judged=None), best, held),
     )
+
+
+def _carried(part: Part, world: World) -> Part:
+    """A part in a longer world, where a free curve over time has more knots."""
+    return replace(part, values={p.name: part.values.get(p.name, 0.0) for p in part.effect.parameters(world)})
 
 
 def _whitened(found: Fit) -> Array:

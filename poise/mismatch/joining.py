@@ -28,8 +28,8 @@ def joined(worlds: Sequence[World]) -> tuple[World, NDArray[np.bool_]]:
         named = {getattr(world, kind).names for world in worlds if getattr(world, kind) is not None}
         if len(named) > 1:
             raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
-    moved, begin = [], 0.0
-    for world in worlds:
+    moved = []
+    for world, (begin, _) in zip(worlds, spans(worlds), strict=True):
         shift = begin - float(world.seconds[0])
         effort = world.effort
         moved.append(
@@ -39,10 +39,36 @@ def joined(worlds: Sequence[World]) -> tuple[World, NDArray[np.bool_]]:
                 effort=None if effort is None else replace(effort, seconds=effort.seconds + shift),
             )
         )
-        begin = float(moved[-1].seconds[-1]) + PAUSE
-    whole = _stacked(moved)
+    whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(worlds)[1:]))
     last = np.arange(len(whole)) >= len(whole) - len(worlds[-1])
     return whole, last
+
+
+def spans(worlds: Sequence[World]) -> list[tuple[float, float]]:
+    """(first, last) s of each recording on the clock of the joined world; of a single one as it is."""
+    if len(worlds) == 1:
+        return [(float(worlds[0].seconds[0]), float(worlds[0].seconds[-1]))]
+    found, begin = [], 0.0
+    for world in worlds:
+        found.append((begin, begin + world.duration))
+        begin += world.duration + PAUSE
+    return found
+
+
+def without(world: World, last: NDArray[np.bool_]) -> World:
+    """The world without its last recording, joint efforts too.
+
+    Args:
+        world: of several recordings.
+        last: (N,) the samples of the last.
+    """
+    kept, effort = world.select(~last), world.effort
+    end = world.begins[-1]
+    if effort is not None:
+        rows = effort.seconds < end
+        arrays = {field.name: getattr(effort, field.name) for field in fields(effort)}
+        effort = replace(effort, **{name: value[rows] for name, value in arrays.items() if name != "names"})
+    return replace(kept, effort=effort, begins=world.begins[:-1])
 
 
 def _stacked(parts: Sequence[Any]) -> Any:

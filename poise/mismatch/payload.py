@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 SCALE = np.array([3.0, *[0.3] * 3, *[0.05] * 6, *[10.0] * 3, *[1.0] * 3])
 """One sigma of weak priors on mass, first moments, inertia and bias: what the motion does not show stays small."""
 LOOSER = 10.0
+FARTHEST = 5.0
+"""m from the sensor at which no payload has its centre of mass."""
 
 
 def identified(world: World) -> Array:
@@ -23,6 +25,7 @@ def identified(world: World) -> Array:
     Raises:
         InputError: BAD_INPUT when its mass comes out negative: the wrench has the opposite sign.
     """
+    _check_units(world)
     matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)
     rows = np.concatenate([matrix, np.tile(np.eye(6), (len(world), 1, 1))], axis=2)
     sigma = np.repeat([0.1, 0.005], 3)
@@ -42,6 +45,27 @@ def identified(world: World) -> Array:
             "what the load exerts on the sensor",
         )
     return np.asarray(answer[:10])
+
+
+def _check_units(world: World) -> None:
+    """Refuse torques that would put the centre of mass far beyond any tool: least squares on each unit by itself."""
+    matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)
+    mass = _slope(matrix[:, :3, :1], world.wrench[:, :3])[0]
+    lever = _slope(matrix[:, 3:, 1:4], world.wrench[:, 3:]) / max(abs(float(mass)), 0.05)
+    if float(np.linalg.norm(lever)) > FARTHEST:
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"the centre of mass would be {float(np.linalg.norm(lever)):.0f} m from the sensor: the torque seems to be "
+            "in N mm; the contract is N m",
+        )
+
+
+def _slope(columns: Array, measured: Array) -> Array:
+    """(k,) least squares of (N, 3) on (N, 3, k), beside a constant."""
+    centred, wanted = columns - columns.mean(axis=0), measured - measured.mean(axis=0)
+    normal = np.einsum("nck,ncl->kl", centred, centred)
+    ridge = (1e-3 * float(np.trace(normal)) + 1e-9) * np.eye(len(normal))
+    return np.asarray(np.linalg.solve(normal + ridge, np.einsum("nck,nc->k", centred, wanted)))
 
 
 def loosened(tolerance: Tolerance) -> Tolerance:

@@ -16,7 +16,7 @@ from poise.mismatch.kinematics import Motion, base_joints, effort_track, world_f
 from poise.mismatch.load import load_wrench
 from poise.mismatch.model import NominalModel
 from poise.mismatch.payload import identified, loosened
-from poise.mismatch.sanity import check_wrench, without_spikes
+from poise.mismatch.sanity import check_positions, check_rates, check_wrench, without_spikes
 from poise.mismatch.smoothing import smooth
 from poise.mismatch.world import EffortTrack, World
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
@@ -148,8 +148,10 @@ def world_from_streams(
         InputError: JOINT_MISSING, TOO_FEW_SAMPLES, EMPTY.
     """
     position, rates = robot.order(joints.names, joints.position, joints.velocity)
+    check_positions(robot, position)
     finite = np.isfinite(position).all(axis=1)
     notes = [] if finite.all() else [f"{int((~finite).sum())} joint states are not finite and were left out"]
+    check_rates(joints, wrench)
     start = int(wrench.stamps[0])
     sampled, seconds = _seconds(joints.stamps[finite], start), _seconds(wrench.stamps, start)
     moved = smooth(sampled, position[finite], seconds, rates[finite])

@@ -5,7 +5,7 @@ a slow residual may be coloured noise under one hypothesis and physics under the
 the present best model with the noise and the calibration linearised there; the promising ones are then fitted in full.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from poise.mismatch.coarse import thinned
 from poise.mismatch.effects import all_effects
-from poise.mismatch.effects.base import Effect
+from poise.mismatch.effects.base import Effect, Values
 from poise.mismatch.fitting import Candidate, Fit, fit, glance, ground, refine
 from poise.mismatch.problem import Part, Problem
 from poise.mismatch.unknown import Dependence, dependences
+from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
 
@@ -230,7 +231,7 @@ def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) 
     for effect in effects:
         # Of states the columns are many, and as good when made at the blocks' middles.
         world = few if isinstance(effect, Dependence) else here.world
-        starts = effect.starts(world, here.residual)
+        starts = _starts(effect, world, here.residual)
         tried = [glance(problem, frame, world, effect, start) for start in starts]
         if tried:
             seen.append(max(tried, key=lambda each: each.drop))
@@ -245,6 +246,16 @@ def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) 
         found.append(replace(done, shown=each.shown))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
+
+
+def _starts(effect: Effect, world: World, residual: Array) -> Iterator[Values]:
+    """Where to begin; events are looked for in every recording by itself."""
+    if effect.transfers or not world.begins:
+        yield from effect.starts(world, residual)
+        return
+    for begin in (-np.inf, *world.begins):
+        rows = world.recording_of(begin)
+        yield from effect.starts(replace(world.select(rows), begins=()), residual[rows])
 
 
 def left_over(problem: Problem, found: Fit) -> Array:

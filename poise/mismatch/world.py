@@ -96,6 +96,7 @@ class World:
         effort: None when joint efforts were not recorded.
         accelerometer: (N, 3) m/s2 that one on the sensor felt of its acceleration, gravity and offset taken out; its
             clock is its own. None without one.
+        begins: s at which further recordings begin, where there are several.
     """
 
     start: int
@@ -114,6 +115,7 @@ class World:
     base: BaseTrack | None = None
     effort: EffortTrack | None = None
     accelerometer: Array | None = None
+    begins: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return len(self.seconds)
@@ -148,6 +150,12 @@ class World:
         """Whether the recording holds "joints", "effort", a "base" that moves, or a "load" that weighs anything."""
         held = {"joints": self.joints, "effort": self.effort, "base": self.base}
         return held[what] is not None if what in held else bool(abs(self.phi[0]) > 1e-3)
+
+    def recording_of(self, time: float) -> NDArray[np.bool_]:
+        """(N,) the samples of the recording that a moment falls into."""
+        edges = np.array([-np.inf, *self.begins, np.inf])
+        place = int(np.clip(np.searchsorted(edges, time, side="right"), 1, len(edges) - 1))
+        return np.asarray((self.seconds >= edges[place - 1]) & (self.seconds < edges[place]))
 
     def with_prediction(self, prediction: Array) -> "World":
         """The same recording under a model that says something else."""

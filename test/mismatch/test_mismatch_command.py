@@ -133,3 +133,49 @@ def test_the_fields_of_an_answer(tmp_path: Path, robot: str) -> None:
     }
     assert set(effect["parameters"]["force_x"]) == {"value", "std", "unit"}
     assert all({"start", "end", "channels", "band_hz", "depends_on", "share"} <= set(w) for w in said["where"])
+
+
+def test_joint_positions_in_degrees_are_named(
+    tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = replace(case.joints, position=np.rad2deg(case.joints.position))
+    assert "degrees" in refused(written(tmp_path, robot, wrong, case.wrench, case.model), capsys)
+
+
+def test_newton_millimetres_are_named_without_a_payload_to_hold_them_against(
+    tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wrong = replace(case.wrench, wrench_in_sensor=case.wrench.wrench_in_sensor * np.repeat([1.0, 1000.0], 3))
+    assert "N mm" in refused(written(tmp_path, robot, case.joints, wrong, replace(case.model, phi=None)), capsys)
+
+
+def test_a_payload_that_is_absent_is_a_finding(tmp_path: Path, case: Case, robot: str) -> None:
+    noise = np.random.default_rng(1).normal(size=case.wrench.wrench_in_sensor.shape) * np.repeat([0.1, 0.005], 3)
+    answer = tmp_path / "answer.json"
+    arguments = written(tmp_path, robot, case.joints, replace(case.wrench, wrench_in_sensor=noise), case.model)
+    assert run([*arguments, "--json", str(answer)]) == 0
+    said = json.loads(answer.read_text())
+    assert [effect["name"] for effect in said["effects"]] == ["payload_parameters"]
+    assert "not there" in said["effects"][0]["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "word"), [("still", "sensor on"), ("torque", "torque alone"), ("short", "at the least")]
+)
+def test_a_recording_that_cannot_be_right_is_refused_in_words(
+    spoilt: str, word: str, tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    values = case.wrench.wrench_in_sensor
+    wrong = {
+        "still": replace(case.wrench, wrench_in_sensor=np.zeros_like(values)),
+        "torque": replace(case.wrench, wrench_in_sensor=values * np.repeat([1.0, -1.0], 3)),
+        "short": case.wrench.select(slice(0, 300)),
+    }[spoilt]
+    assert word in refused(written(tmp_path, robot, case.joints, wrong, case.model), capsys)
+
+
+def test_joint_states_without_accelerations_in_them_are_refused(
+    tmp_path: Path, case: Case, robot: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rare = case.joints.select(slice(None, None, 25))
+    assert "50 Hz" in refused(written(tmp_path, robot, rare, case.wrench, case.model), capsys)

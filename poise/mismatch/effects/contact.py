@@ -85,7 +85,8 @@ class Contact(Effect):
             hats = hats - slow @ (slow.T @ hats)
             normal = hats.T @ hats
             right = hats.T @ force
-            solved = np.linalg.solve(normal + 1e-6 * np.trace(normal) * np.eye(KNOTS), right)
+            ridge = 1e-6 * float(np.trace(normal)) + 1e-12  # a window may lie where there are no samples
+            solved = np.linalg.solve(normal + ridge * np.eye(KNOTS), right)
             return -float(np.sum(solved * right))
 
         tried = [(seen[0] + a * length, seen[1] - b * length) for a in NARROWER for b in NARROWER]

@@ -50,11 +50,12 @@ class MassLeak(Effect):
         yield {"start": start, **dict(zip(PLACE, place.tolist(), strict=True))}
 
     def columns(self, world: World, nonlinear: Values) -> Array:
-        lost = -np.maximum(world.seconds - nonlinear["start"], 0.0)
-        return (point_wrench(world, place_of(nonlinear)) * lost[:, None])[:, :, None]
+        lost = -np.maximum(world.seconds - nonlinear["start"], 0.0) * world.recording_of(nonlinear["start"])
+        return np.asarray((point_wrench(world, place_of(nonlinear)) * lost[:, None])[:, :, None])
 
     def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        return ((max(values["start"], float(world.seconds[0])), float(world.seconds[-1])),)
+        inside = world.seconds[world.recording_of(values["start"])]
+        return ((max(values["start"], float(inside[0])), float(inside[-1])),)
 
     def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
         ((start, end),) = self.windows(world, values)

@@ -43,12 +43,12 @@ class MassStep(Effect):
             yield {"time": time}
 
     def columns(self, world: World, nonlinear: Values) -> Array:
-        after = world.seconds >= nonlinear["time"]
+        after = (world.seconds >= nonlinear["time"]) & world.recording_of(nonlinear["time"])
         matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)[:, :, :4]
         return np.asarray(matrix * after[:, None, None])
 
     def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        return ((values["time"], float(world.seconds[-1])),)
+        return ((values["time"], float(world.seconds[world.recording_of(values["time"])][-1])),)
 
     def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
         del world
