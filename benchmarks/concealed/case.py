@@ -125,7 +125,7 @@ def make_case(plan: Plan, honest: bool = True, quiet: bool = False) -> Case:
         nominal_rms=float(np.sqrt(np.mean(residual**2))),
     )
     loud = any(change.noise != 1.0 for change in every)
-    return Case(recorded, _model(declared, for_scene.random() < 0.5 and not loud), label)
+    return Case(recorded, model_of(declared, for_scene.random() < 0.5 and not loud), label)
 
 
 def usual_motion(names: Sequence[str], rng: np.random.Generator) -> Motion:
@@ -148,7 +148,8 @@ def _effect(change: Change, recorded: Recorded) -> dict[str, Any]:
     return {"name": change.name, "parameters": parameters, "windows": windows}
 
 
-def _model(declared: Payload, with_noise: bool) -> dict[str, Any]:
+def model_of(declared: Payload, with_noise: bool) -> dict[str, Any]:
+    """The content of model.yaml."""
     matrix = declared.inertia
     moments = matrix[[0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     model: dict[str, Any] = {

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from poise.commands.identify_model import say, told, without_effects
 from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
 from poise.inertia.identification import METHODS, Identification
@@ -93,6 +94,17 @@ ReportOption = Annotated[
 ]
 
 
+ModelOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        metavar="FILE",
+        help="model.yaml of poise mismatch --save: the effects in it are taken out of the wrench first.",
+        show_default=False,
+    ),
+]
+
+
 def identify(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
     object_file: ObjectOption = None,
@@ -106,6 +118,7 @@ def identify(
     wrench_topic: WrenchTopicOption = "wrench",
     max_force: MaxForceOption = np.inf,
     max_torque: MaxTorqueOption = np.inf,
+    model: ModelOption = None,
     report: ReportOption = None,
     json_target: JsonOption = None,
 ) -> None:
@@ -121,24 +134,17 @@ def identify(
     refuse_folder(json_target, "--json")
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people = console(json_target)
-    with progress_bar("weighing") as progress:
-        recording, answer = weigh(
-            bag,
-            urdf,
-            method,
-            sensor_frame,
-            gravity,
-            wrench_topic,
-            (max_force, max_torque),
-            progress=progress,
-            **_told(shape, shape_accuracy),
-        )
-    content = as_json(bag, recording, answer) | {"object": None if shape is None else shape.words}
+    known = (sensor_frame, gravity, wrench_topic)
+    with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
+        limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
+        recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
+    content = as_json(bag, recording, answer) | {"object": None if shape is None else shape.words, **told(taken)}
     for warning in content["warnings"]:
         warn(warning)
     written = [] if report is None else write_report(report, bag, answer)
     write_json(json_target, content)
     print_answer(people, bag, answer)
+    say(people, taken)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 

@@ -116,10 +116,14 @@ class _Innovation:
         return np.asarray(state)
 
 
-def white_level(values: Array) -> Array:
+def white_level(values: Array, coarse: bool = True) -> Array:
     """(C,) one sigma of white noise in (N, C), from third differences: blind to what changes slowly.
 
     The median over stretches of 100 samples; bursts and quiet stretches do not matter.
+
+    Args:
+        values: the signal.
+        coarse: it may be rounded to a coarse grid. Where it is not, knocks are told from noise.
     """
     differences = np.diff(values, n=3, axis=0) / np.sqrt(20.0)
     length = 100
@@ -129,6 +133,8 @@ def white_level(values: Array) -> Array:
     # Numbers on a coarse grid make differences of exactly zero: their spread is then the better measure.
     spread = np.array([np.sqrt(np.mean(np.square(part), axis=0)) for part in stretches])
     found = np.median(levels, axis=0)
+    if not coarse:
+        return np.asarray(found)
     return np.asarray(np.where(found > 0.3 * np.median(spread, axis=0), found, np.median(spread, axis=0)))
 
 
@@ -140,6 +146,7 @@ def fit_noise(
     given: tuple[float | None, ...],
     *,
     white: bool = False,
+    coarse: bool = True,
 ) -> Noise:
     """The noise of the most likely kind for a residual that should be nothing else.
 
@@ -149,8 +156,9 @@ def fit_noise(
         groups: channels of one unit.
         given: stated white level of each group, or None; the measured one counts, unless it is less than half of it.
         white: look for no colour.
+        coarse: see `white_level`.
     """
-    level = white_level(residual)
+    level = white_level(residual, coarse)
     for part, stated in zip(groups, given, strict=True):
         level[part] = np.maximum(level[part], 1e-9 if stated is None else 0.5 * stated)
     each = tuple(slice(channel, channel + 1) for channel in range(len(level)))

@@ -208,8 +208,9 @@ def signal_noise(
         measured = track.measured - track.prediction
         groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
         given = (None,) * len(groups)
+    coarse = signal == "wrench"  # gears knock, and motor currents are finely resolved
     if residual is None:
-        return fit_noise(seconds, speed, measured, groups, given, white=True)
+        return fit_noise(seconds, speed, measured, groups, given, white=True, coarse=coarse)
     rows = slice(None) if active is None else active
-    found = fit_noise(seconds[rows], speed[rows], residual[rows], groups, given)
+    found = fit_noise(seconds[rows], speed[rows], residual[rows], groups, given, coarse=coarse)
     return replace(found, seconds=seconds, speed=speed)

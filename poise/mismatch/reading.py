@@ -69,7 +69,10 @@ def read_world(recording: Recording, model: NominalModel) -> Reading:
 
     world, said = build(np.zeros(10) if model.phi is None else model.phi)
     if model.phi is None:
-        model = replace(model, phi=identified(world), tolerance=loosened(model.tolerance), payload_identified=True)
+        tool = robot.load_in_sensor if model.tool_in_wrench and robot is not None else np.zeros(10)
+        model = replace(
+            model, phi=identified(world) - tool, tolerance=loosened(model.tolerance), payload_identified=True
+        )
         world, said = build(model.phi if model.phi is not None else np.zeros(10))
     check_wrench(world, str(recording.path))
     world, spikes = without_spikes(world)
