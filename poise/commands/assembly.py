@@ -11,6 +11,7 @@ from rich.table import Table
 
 from poise.assembly import (
     MODELS,
+    AccelerationLimits,
     Analysis,
     Assessment,
     RobustnessMap,
@@ -27,10 +28,12 @@ from poise.commands.assembly_pictures import (
     draw_pushes,
     refuse_folders,
 )
+from poise.commands.loads import LoadModelOption, LoadOption, LoadPoseOption, least_limits, loaded
 from poise.commands.output import console, number_for_json, refuse_folder, warn, write_json
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
 from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.robot.motion import Array
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
 JsonOption = Annotated[
@@ -95,6 +98,9 @@ def msa(
         str,
         typer.Option("--directions", metavar="FILE_OR_N", help="JSON list of [x, y, z], or how many in the plane."),
     ] = "72",
+    load: LoadOption = None,
+    model: LoadModelOption = None,
+    load_pose: LoadPoseOption = None,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
     picture: PictureOption = None,
@@ -102,28 +108,20 @@ def msa(
 ) -> None:
     """How fast may a base accelerate before something on it slips or topples?
 
+    With --load and --model one object weighs what a diagnosis says, and `cautious_limits` hold for all that it may
+    weigh within two sigmas.
+
     Example:  poise msa scene.yaml --directions 8 --json limits.json --picture limits.png
     """
     refuse_folders(json_target, picture, rerun)
     wanted = int(directions) if directions.isdecimal() else read_vectors(Path(directions))
-    analysis = open_scene(scene)
+    analysis, others = loaded(open_scene(scene), load, model, load_pose)
     start = time.perf_counter()
     found = acceleration_limits(analysis, wanted, deadline)
+    cautious = least_limits(found, others, deadline)
     seconds = time.perf_counter() - start
     tilts = found.tilts(float(np.linalg.norm(analysis.assembly.gravity)))
-    content = {
-        "directions": found.directions,
-        "tilts": tilts,
-        "limits": [number_for_json(value) for value in found.limits],
-        "first_to_move": found.first_to_move,
-        "seconds": seconds,
-        "normals": found.normals,
-        "offsets": found.offsets,
-        "angular_acceleration": number_for_json(found.angular_acceleration),
-        "angular_speed": number_for_json(found.angular_speed),
-        "complete": found.complete,
-    }
-    write_json(json_target, content)
+    write_json(json_target, _limits_json(found, tilts, cautious, seconds))
     people = console(json_target)
     table = Table("direction", "limit m/s2", "tilt rad", "moves first")
     rows = zip(found.directions, found.limits, tilts, found.first_to_move, strict=True)
@@ -133,6 +131,22 @@ def msa(
     people.print(table)
     people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
     draw_limits(analysis, found, picture, rerun, json_target)
+
+
+def _limits_json(found: AccelerationLimits, tilts: Array, cautious: Array, seconds: float) -> dict[str, Any]:
+    return {
+        "directions": found.directions,
+        "tilts": tilts,
+        "limits": [number_for_json(value) for value in found.limits],
+        "cautious_limits": [number_for_json(value) for value in cautious],
+        "first_to_move": found.first_to_move,
+        "seconds": seconds,
+        "normals": found.normals,
+        "offsets": found.offsets,
+        "angular_acceleration": number_for_json(found.angular_acceleration),
+        "angular_speed": number_for_json(found.angular_speed),
+        "complete": found.complete,
+    }
 
 
 def disassemble(
