@@ -15,15 +15,15 @@ from scipy.spatial import cKDTree
 
 from poise.scanning.camera import Array
 from poise.scanning.frames import View
-from poise.scanning.fusion import Surface
+from poise.scanning.fusion import BAND, Surface
 from poise.scanning.looking import each, look
 from poise.scanning.support import CELL, Footprint
 
-VIEWS = 32
+VIEWS = 64
 """That are asked whether they look through."""
-FREE_VIEWS = 3
-MARGIN = 0.002
-"""m behind which a view has to see something else, for a place to be free."""
+FREE_VIEWS = 2
+FREE = 0.0007
+"""m that views have to see behind a place, on average, for it to be free."""
 NEAR, ALIKE = 2.5, 0.3
 VERY_NEAR, OPPOSITE = 1.3, -0.5
 """Cells from a seen point, and cosine between normals, within which a hidden face is that of the seen surface."""
@@ -90,20 +90,21 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
 def _carved(
     solid: NDArray[np.bool_], views: Sequence[View], axes: Array, offset: float, low: Array, cell: float
 ) -> NDArray[np.bool_]:
-    """Without the cells that views look through; the lowest ones, which the table is too near to, as those above."""
+    """Without the cells behind which the views see on average (a truncated signed distance, as in `fusion`)."""
     index = np.argwhere(solid)
-    centres = low + cell * (index + 0.5)
-    testable = centres[:, 2] > MARGIN
-    asked = (centres[testable] + np.array([0, 0, offset])) @ axes
+    asked = (low + cell * (index + 0.5) + np.array([0, 0, offset])) @ axes
     chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, VIEWS).round().astype(int))]
-    through = np.sum(each(chosen, lambda view: look(view, asked).beyond > MARGIN), axis=0)
-    free = np.zeros(len(index), bool)
-    free[testable] = through >= min(FREE_VIEWS, len(views))
+
+    def ask(view: View) -> tuple[NDArray[np.bool_], Array]:
+        beyond = look(view, asked).beyond
+        tells = beyond > -BAND  # deeper is hidden
+        return tells, np.where(tells, np.minimum(beyond, BAND), 0.0)
+
+    told = each(chosen, ask)
+    count, distance = (np.sum([part[i] for part in told], axis=0) for i in (0, 1))
+    free = (count >= min(FREE_VIEWS, len(views))) & (distance > FREE * count)
     carved = solid.copy()
     carved[tuple(index[free].T)] = False
-    first = min(int(np.ceil(MARGIN / cell - 0.5)) + 1, solid.shape[2] - 1)
-    open_above = solid[..., first] & ~carved[..., first]
-    carved[..., :first] &= ~open_above[..., None]
     return carved
 
 

@@ -74,8 +74,7 @@ def read_sweep(
     topics = find_topics(recording, options)
     stamps = stamps_of(recording, topics["depth"])
     chosen = stamps if len(stamps) <= options.frames else stamps[_evenly(len(stamps), options.frames)]
-    frames = _read_cloud if topics["kind"] == CLOUD else _read_images
-    found = frames(recording, topics, chosen, options.unit, progress)
+    found = _read_frames(recording, topics, chosen, options.unit, progress)
     description = recording.robot_description() if options.description is None else options.description
     return place(found, description, fixed_transforms(recording), lambda names: _joints(recording, names), options)
 
@@ -183,38 +182,34 @@ def _nearest_name(infos: Sequence[str], depth: str) -> str:
     return inside[0] if inside else _best(infos, tuple(folder.split("/")))
 
 
-def _read_images(
+def _read_frames(
     recording: Recording,
     topics: dict[str, str],
     chosen: NDArray[np.int64],
     unit: float,
     progress: Callable[[float], None],
 ) -> list[Frame]:
-    wanted = set(chosen.tolist())
-    colours = _colours(recording, topics["colour"], chosen)
-    camera = camera_of(next(messages_of(recording, topics["info"])))
-    frames = []
-    for message in messages_of(recording, topics["depth"]):
-        stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
-        if stamp in wanted:
-            frames.append(frame_of(image_of(message, topics["depth"]), colours.get(stamp), camera, unit))
-            progress(len(frames) / len(chosen))
-    return frames
-
-
-def _read_cloud(
-    recording: Recording,
-    topics: dict[str, str],
-    chosen: NDArray[np.int64],
-    unit: float,
-    progress: Callable[[float], None],
-) -> list[Frame]:
+    """The depth images, or clouds, of some stamps."""
     wanted, frames = set(chosen.tolist()), []
+    camera, colours = None, {}
+    if topics["kind"] == IMAGE:
+        camera = camera_of(next(messages_of(recording, topics["info"])))
+        colours = _colours(recording, topics["colour"], chosen)
     for message in messages_of(recording, topics["depth"]):
-        if int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec) in wanted:
+        stamp = stamp_of(message)
+        if stamp not in wanted:
+            continue
+        if camera is None:
             frames.append(frame_of_cloud(message, topics["depth"]))
-            progress(len(frames) / len(chosen))
+        else:
+            frames.append(frame_of(image_of(message, topics["depth"]), colours.get(stamp), camera, unit))
+        progress(len(frames) / len(chosen))
     return frames
+
+
+def stamp_of(message: Any) -> int:
+    """ns, of any message with a header."""
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
 def camera_of(message: Any) -> Camera:
@@ -257,7 +252,7 @@ def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dic
             wanted.setdefault(nearest, []).append(stamp)
     found = {}
     for message in messages_of(recording, topic):
-        stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+        stamp = stamp_of(message)
         if stamp in wanted:
             image = image_of(message, topic)
             found.update(dict.fromkeys(wanted[stamp], image))

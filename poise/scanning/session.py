@@ -141,7 +141,8 @@ class ScanSession:
             self._pair(depth.stamp)
 
     def _wanted(self, stamp: int) -> bool:
-        return self.count < self.options.frames and abs(stamp - self.newest) >= (self.options.period - 1e-3) * 1e9
+        late = not self.count or abs(stamp - self.newest) >= (self.options.period - 1e-3) * 1e9
+        return late and self.count < self.options.frames
 
     def _pair(self, stamp: int) -> None:
         near = min(self._colours, key=lambda image: abs(image.stamp - stamp), default=None)
