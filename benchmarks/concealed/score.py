@@ -22,7 +22,7 @@ def judge_all(folder: Path, private: Path) -> list[Verdict]:
         ValueError: as `open_seals`.
     """
     return [
-        judge(case, label, _read(folder / ANSWERS / f"{case}.json"))
+        judge(case, label, read_json(folder / ANSWERS / f"{case}.json"))
         for case, label in sorted(open_seals(folder, private).items())
     ]
 
@@ -56,7 +56,7 @@ def main() -> None:
         verdicts = judge_all(arguments.folder, arguments.seals)
     except (OSError, ValueError) as error:
         parser.error(str(error))
-    rows = score(verdicts, _read(arguments.folder / ANSWERS / TIMES) or {})
+    rows = score(verdicts, read_json(arguments.folder / ANSWERS / TIMES) or {})
     console = Console(width=110)
     console.print(rendered(rows))
     if arguments.wrong:
@@ -70,7 +70,8 @@ def main() -> None:
     console.print(f"score.json and confusion.png are in {out}")
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def read_json(path: Path) -> dict[str, Any] | None:
+    """What a file holds; None when there is none."""
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
 
 

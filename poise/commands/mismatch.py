@@ -182,6 +182,7 @@ def _effect(finding: Finding) -> dict[str, Any]:
     return {
         "name": finding.effect.name,
         "probability": finding.belief.probability,
+        "basis": None if finding.belief.basis is None else asdict(finding.belief.basis),
         "parameters": {name: quantity(number) for name, number in finding.parameters.items()},
         "windows": finding.windows,
         "sentence": finding.sentence,

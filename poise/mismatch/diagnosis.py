@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.belief import Belief, beliefs, sureness_of_none
+from poise.mismatch.belief import MOST_SURE, Belief, beliefs, sureness_of_none
 from poise.mismatch.components import with_components
+from poise.mismatch.effects import all_effects
 from poise.mismatch.effects.base import Effect, Values
 from poise.mismatch.fitting import Fit, fit
 from poise.mismatch.heldout import HeldOut, held_out, tail
@@ -187,7 +188,9 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
     final = seen.with_noise(seen.fitted_noise(left_over(seen, best)))
     best = fit(final, best.parts, WARM)
     nominal = fit(final, ()) if best.parts else best
-    rest = leftover(final, left_over(final, best), _whitened(best))
+    shown = _shown(final, library)
+    rest = leftover(final, left_over(final, best), _whitened(best), _rounding(final, shown))
+    unknown = _unknown(final, best, rest)
     held = tail(final) if last is None else last
     channels = (
         channel_names() if problem.world.effort is None or problem.signal == "wrench" else problem.world.effort.names
@@ -197,8 +200,8 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
         nominal=nominal,
         best=best,
         state=state,
-        findings=tuple(_findings(final, state, best)),
-        unknown=_unknown(final, best, rest),
+        findings=(*_findings(final, state, best, beside_unknown=unknown is not None), *shown),
+        unknown=unknown,
         rest=rest,
         # With the best model's calibration: fitted without what was found it would be bent by it, all along.
         where=locate(
@@ -221,8 +224,8 @@ def _whitened(found: Fit) -> Array:
     return np.asarray(frame.target - frame.coefficients() @ frame.columns)
 
 
-def _findings(problem: Problem, state: Search, best: Fit) -> list[Finding]:
-    thought = beliefs(state, names(best)) if best.parts else {}
+def _findings(problem: Problem, state: Search, best: Fit, *, beside_unknown: bool) -> list[Finding]:
+    thought = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
     worlds = problem.compose(best.parts)[0]
     found = [
         Finding(
@@ -238,6 +241,27 @@ def _findings(problem: Problem, state: Search, best: Fit) -> list[Finding]:
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
+
+
+def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[Finding]:
+    """Effects that the readings show by themselves, and that the model does not have already."""
+    known = {component.name for component in problem.model.effects}
+    found = []
+    for effect in all_effects() if library is None else library:
+        values = effect.shown(problem.world) if effect.signal == problem.signal and effect.direct else None
+        if values is not None and effect.name not in known:
+            parameters = effect.parameters(problem.world)
+            covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
+            told = quantities(Part(effect, values), problem.world, covariance)
+            sure, sentence = Belief(MOST_SURE, (), (), None), effect.sentence(problem.world, values)
+            found.append(Finding(effect, values, covariance, sure, told, (), sentence))
+    return found
+
+
+def _rounding(problem: Problem, shown: Sequence[Finding]) -> Array | float:
+    """(C,) one sigma of what rounding adds to the readings; 0 without any."""
+    scatter = [np.ptp(each.effect.simulate(problem.world, each.values), axis=0) / np.sqrt(12.0) for each in shown]
+    return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0
 
 
 def quantities(part: Part, world: World, covariance: Array) -> dict[str, Quantity]:
@@ -268,7 +292,7 @@ def _unknown(problem: Problem, best: Fit, rest: Leftover) -> Unknown | None:
     parts = [part for part in best.parts if isinstance(part.effect, Dependence)]
     if not parts and not rest.structured:
         return None
-    depends = [part.effect.state for part in parts if isinstance(part.effect, Dependence)]
+    depends = list(dict.fromkeys(part.effect.state for part in parts if isinstance(part.effect, Dependence)))
     depends += [state for state in rest.depends_on if state not in depends and not parts]
     first = parts[0] if parts else None
     if first is not None and isinstance(first.effect, Dependence):

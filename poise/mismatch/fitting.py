@@ -216,6 +216,8 @@ def _shifted(p: Parameter, value: float, step: float) -> float:
 def _evidence_gain(frame: Frame, at: _Point, parameters: Sequence[Parameter], slopes: Array) -> float:
     """log evidence won: exact in the linear parameters, Laplace in the others, averaged over the width of priors."""
     linear = [p for p in parameters if p.linear]
+    if any(p.positive and at.values[p.name] < 0.0 for p in linear):
+        return -np.inf
     count = len(linear)
     beside = frame.beside(np.vstack([at.columns, slopes]))
     inner = beside.pick(slice(0, count))
@@ -328,6 +330,8 @@ def _finished(problem: Problem, at: Linearised) -> Fit:
         if p.resolution and not p.linear
     )
     evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale
+    if any(p.positive and at.parts[i].values[p.name] < 0.0 for i, p in own):
+        evidence = -np.inf
     precision, mean = at.priors(SCALES[best])
     whole = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
     response = problem.predicted(at.whole) - problem.predicted(problem.world)

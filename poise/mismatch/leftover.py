@@ -40,15 +40,16 @@ class Leftover:
     whiteness: float
 
 
-def leftover(problem: Problem, residual: Array, whitened: Array) -> Leftover:
-    """Judge a residual (N, C), and the whitened one (R,)."""
+def leftover(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> Leftover:
+    """Judge a residual (N, C), and the whitened one (R,); rounding (C,) of the readings, one sigma, is no structure."""
     rows = problem.active
     scaled = (residual / problem.noise.total)[rows]
     seconds = problem.seconds[rows]
     # A few spikes are no structure: what is beyond five sigmas counts as five.
     excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
     loud = _louder_when_fast(problem, residual)
-    structured = excess > MATERIAL or loud
+    allowed = MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
+    structured = excess > allowed or loud
     depends = _depends(problem, seconds, residual, scaled, loud) if structured else ()
     return Leftover(excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1)))
 

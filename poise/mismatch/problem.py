@@ -1,7 +1,7 @@
 """One signal of one recording, held against the nominal model: what every hypothesis about it starts from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -12,7 +12,7 @@ from poise.mismatch.calibration import Group, calibration, effort_calibration
 from poise.mismatch.effects.base import LAYERS, Effect, Values
 from poise.mismatch.evidence import Frame
 from poise.mismatch.model import NominalModel
-from poise.mismatch.noise import Noise, fit_noise
+from poise.mismatch.noise import Noise, fit_noise, lattice
 from poise.mismatch.world import World
 
 Array = NDArray[np.float64]
@@ -69,6 +69,7 @@ class Problem:
     signal: Literal["wrench", "effort"] = "wrench"
     judged: NDArray[np.bool_] | None = None
     blocks: Blocks | None = None
+    _made: list[tuple[World, tuple[Group, ...]]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def measured(self) -> Array:
@@ -130,8 +131,10 @@ class Problem:
     def groups(self, world: World, parts: Sequence[Part] = ()) -> tuple[Group, ...]:
         """The calibration errors around a world, without those whose tolerance a part exceeds."""
         widened = {part.effect.widens for part in parts} - {""}
-        make = calibration if self.signal == "wrench" else effort_calibration
-        return tuple(group for group in make(world, self.model.tolerance) if group.name not in widened)
+        if not self._made or self._made[0][0] is not world:
+            make = calibration if self.signal == "wrench" else effort_calibration
+            self._made[:] = [(world, make(world, self.model.tolerance))]
+        return tuple(group for group in self._made[0][1] if group.name not in widened)
 
     def frame(self, parts: Sequence[Part] = (), world: World | None = None) -> Frame:
         """Whitened residual of these parts, with the calibration columns around what they say."""
@@ -209,6 +212,12 @@ def signal_noise(
         groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
         given = (None,) * len(groups)
     coarse = signal == "wrench"  # gears knock, and motor currents are finely resolved
+    if signal == "wrench":
+        # What is rounded off is noise as well, even where readings stand still.
+        given = tuple(
+            max(stated or 0.0, 2.0 * lattice(world.wrench[:, part]) / np.sqrt(12.0)) or None
+            for stated, part in zip(given, groups, strict=True)
+        )
     if residual is None:
         return fit_noise(seconds, speed, measured, groups, given, white=True, coarse=coarse)
     rows = slice(None) if active is None else active

@@ -17,7 +17,7 @@ from poise.mismatch.load import load_wrench
 from poise.mismatch.model import NominalModel
 from poise.mismatch.payload import identified, loosened
 from poise.mismatch.sanity import check_positions, check_rates, check_wrench, without_spikes
-from poise.mismatch.smoothing import smooth
+from poise.mismatch.smoothing import smooth, taken
 from poise.mismatch.world import EffortTrack, World
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
 from poise.robot import BaseMotion, RobotModel
@@ -156,7 +156,8 @@ def world_from_streams(
     notes = [] if finite.all() else [f"{int((~finite).sum())} joint states are not finite and were left out"]
     check_rates(joints, wrench)
     start = int(wrench.stamps[0])
-    sampled, seconds = _seconds(joints.stamps[finite], start), _seconds(wrench.stamps, start)
+    sampled = _seconds(joints.stamps[finite], start)
+    seconds = taken(_seconds(wrench.stamps, start), wrench.wrench_in_sensor)[0]
     moved = smooth(sampled, position[finite], seconds, rates[finite])
     base, known = _odometry(odom, start, seconds) if odom is not None else (None, np.ones(len(seconds), dtype=bool))
     known &= moved.known

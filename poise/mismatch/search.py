@@ -33,15 +33,20 @@ VISIBLE = 3.0
 """Sigmas by which an effect of typical size must stand out to be testable."""
 BRIEF, BESIDE = 0.3, 0.2
 """Share of a recording up to which an event's window is left out when more is looked for, and s on its sides."""
-SLACK = 3.0
-"""log evidence that a fit may still win over the first look."""
 MOST_PARTS = 3
 THRESHOLD = 3.0
+"""log evidence from which a hypothesis is looked at closely."""
+WIDER = 1.3
 """log evidence that a tolerance that is exceeded must win over one that is kept."""
 NEW_PHYSICS = 6.0
 """The same for physics that the nominal model lacks altogether."""
-NEXT_THRESHOLD = 8.0
-"""The same for a second and third effect."""
+UNKNOWN = 20.0
+"""The same for a free curve over a state, which may also follow noise that is not quite as the model has it."""
+NEXT_THRESHOLD, NEXT_MORE = 8.0, 5.0
+"""The same for dropping an effect, and what a second and third effect need beyond a first."""
+LOOKALIKE = 0.005
+"""Share of all the evidence won by which an effect must better one that it is confused with: a model is never exact,
+and where much is to be explained, a look-alike with more parameters mends the details."""
 
 
 @dataclass
@@ -107,7 +112,7 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
     state = Search(problem)
     effects = []
     for effect in all_effects() if library is None else library:
-        if effect.signal != problem.signal:
+        if effect.signal != problem.signal or effect.direct:
             continue
         reason = effect.untestable(problem.world) or _identified(problem, effect)
         if not reason:
@@ -120,21 +125,45 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
     state.offer(best)
     for _ in range(MOST_PARTS):
         found = _round(state, best, effects)
+        best = state.fits[names(best)]
         if found is None:
             break
-        best = state.fits[names(best)]
-        if found.log_evidence - best.log_evidence < _needed(found, best):
-            break
-        best = found
+        best = _unfolded(state, found, effects)
     return state, _pruned(state, best)
 
 
-def _needed(found: Fit, best: Fit) -> float:
+def _needed(found: Fit, best: Fit, nominal: float) -> float:
     """log evidence by which a model must be better than one with an effect less."""
     known = {part.effect.name for part in best.parts}
     new = next((part.effect for part in found.parts if part.effect.name not in known), None)
-    first = THRESHOLD if new is not None and new.widens else NEW_PHYSICS
-    return first if not best.parts else first + NEXT_THRESHOLD - THRESHOLD
+    if new is None:
+        return NEW_PHYSICS
+    first = UNKNOWN if isinstance(new, Dependence) else WIDER if new.widens else NEW_PHYSICS
+    if not best.parts:
+        return first
+    won = best.log_evidence - nominal if any(_alike(new, part.effect) for part in best.parts) else 0.0
+    return max(first + NEXT_MORE, NEXT_THRESHOLD) + LOOKALIKE * max(won, 0.0)
+
+
+def _unfolded(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit:
+    """The best model, or one with the simple effects in place of one that is made of them, when nearly as good."""
+    known = {part.effect.name for part in best.parts}
+    for part in best.parts:
+        pieces = [each for each in effects if each.name in part.effect.made_of and each.name not in known]
+        if not pieces:
+            continue
+        rest = [other for other in best.parts if other is not part]
+        made = [Part(each, {p.name: 0.0 for p in each.parameters(state.problem.world)}) for each in pieces]
+        tried = fit(state.under(best), [*rest, *made], STEPS)
+        state.offer(tried)
+        won = best.log_evidence - state.fits[()].log_evidence
+        if tried.log_evidence >= best.log_evidence - LOOKALIKE * max(won, 0.0):
+            return tried
+    return best
+
+
+def _alike(one: Effect, other: Effect) -> bool:
+    return one.name in other.confused_with or other.name in one.confused_with
 
 
 def _identified(problem: Problem, effect: Effect) -> str:
@@ -159,7 +188,7 @@ def _pruned(state: Search, best: Fit) -> Fit:
 
 
 def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
-    """The best model with one more effect, under the noise that suits it."""
+    """The best model with one more effect that earns its place, under the noise that suits it."""
     chosen = screen(state, best, effects)
     if not chosen:
         return None
@@ -173,7 +202,19 @@ def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
     top = [each for each in found if each.log_evidence > found[0].log_evidence - NEAR]
     for each in (*top, best):
         state.offer(fit(quieter, each.parts, WARM))
-    return max((state.fits[names(each)] for each in found), key=lambda each: each.log_evidence)
+    before, nominal = state.fits[names(best)], state.fits[()].log_evidence
+    judged = [state.fits[names(each)] for each in found]
+    good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
+    return _simplest(good, nominal) if good else None
+
+
+def _simplest(found: Sequence[Fit], nominal: float) -> Fit:
+    """The best fit, or one with fewer parameters of an effect that it is confused with and that is nearly as good."""
+    best = max(found, key=lambda each: each.log_evidence)
+    near = best.log_evidence - LOOKALIKE * max(best.log_evidence - nominal, 0.0)
+    own = best.parts[-1].effect
+    alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
+    return min((best, *alike), key=lambda each: each.frame.columns.shape[0])
 
 
 def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Part, ...]]:
@@ -191,9 +232,9 @@ def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Pa
             state.untestable[each.effect.name] = (
                 f"this motion does not show it; this would: {each.effect.separating_motion}"
             )
-    if not found or found[0].gain < THRESHOLD - SLACK:
+    if not found or found[0].gain < 0.0:
         return []
-    least = max(THRESHOLD - SLACK, found[0].gain - max(NEAR, 0.15 * found[0].gain))
+    least = max(0.0, found[0].gain - max(NEAR, 0.15 * found[0].gain))
     chosen = [each for each in _few_unknown(found) if each.gain > least][:PROMISING]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
@@ -239,8 +280,9 @@ def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) 
     found, top = [], 0.0
     for each in sorted(seen, key=lambda each: -each.hope):
         least = max(THRESHOLD, REACH * top)
-        nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(world) if not p.linear}
-        done = each
+        done, nonlinear = each, {}
+        if not isinstance(each.effect, Dependence):
+            nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(world) if not p.linear}
         if nonlinear and each.hope > least:
             done = refine(problem, frame, world, each.effect, nonlinear, LOOK, least)
         found.append(replace(done, shown=each.shown))

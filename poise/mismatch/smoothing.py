@@ -68,12 +68,7 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
     fresh = np.concatenate([[True], np.diff(seconds) > 0])
     seconds, values = seconds[fresh], values[fresh]
     rates = None if rates is None else rates[fresh]
-    even = regular(seconds)
-    jitter = 0.0
-    if even is not None:
-        raw, better = (_roughness(stamps, values) for stamps in (seconds, even))
-        if better < raw:
-            jitter, seconds = float(np.std(seconds - even)), even
+    seconds, jitter = taken(seconds, values)
     out = np.full((3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
     for part in _stretches(seconds):
@@ -83,6 +78,14 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
         noise = np.maximum(noise, blend.noise)
         out[:, inside] = blend(wanted[inside])
     return Smoothed(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+
+
+def taken(seconds: Array, values: Array) -> tuple[Array, float]:
+    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
+    even = regular(seconds)
+    if even is None or _roughness(even, values) >= _roughness(seconds, values):
+        return seconds, 0.0
+    return even, float(np.std(seconds - even))
 
 
 class _Blend:

@@ -23,8 +23,8 @@ CURVE = 8
 """Hat functions over the range of a scalar state."""
 TURNS = 24
 """The same over a joint's angle: what catches or is magnetised repeats itself several times in a turn."""
-TIME_STEP = 4.0
-"""s between the knots of a slow course in time."""
+TIME_STEP, MOMENT = 4.0, 1.0
+"""s between the knots of a slow course in time, and of pushes from outside."""
 PLACES = 10
 """Places along the path around which a force that depends on the place may differ."""
 TYPICAL = 3.0
@@ -58,7 +58,13 @@ def states(world: World, level: Array) -> dict[str, Callable[[], State]]:
         world: the recording.
         level: (6,) white noise of a sample.
     """
-    found: dict[str, Callable[[], State]] = {"time": partial(_of_time, world, level)}
+    found: dict[str, Callable[[], State]] = {
+        "time": partial(_of_time, world, level),
+        "time:pushes": partial(_of_time_and_attitude, world, level),
+        "time:load": partial(_of_time_and_load, world, level),
+    }
+    if float(np.abs(world.angular_velocity).max()) > 0.1:
+        found["time:turning"] = partial(_of_time_and_turning, world, level)
     down = world.gravity / np.linalg.norm(world.gravity, axis=1, keepdims=True)
     if float(np.ptp(down, axis=0).max()) > 0.1:
         found["gravity_direction"] = lambda: State("gravity_direction", down, _each(harmonics(down), level))
@@ -83,9 +89,42 @@ def states(world: World, level: Array) -> dict[str, Callable[[], State]]:
     return found
 
 
+def _course(world: World, step: float) -> Array:
+    return hats(world.seconds, max(int(world.duration / step), 4))
+
+
 def _of_time(world: World, level: Array) -> State:
-    count = max(int(world.duration / TIME_STEP), 4)
-    return State("time", world.seconds[:, None], _each(hats(world.seconds, count), level))
+    return State("time", world.seconds[:, None], _each(_course(world, TIME_STEP), level))
+
+
+def _of_time_and_attitude(world: World, level: Array) -> State:
+    """Forces and torques in world axes, faster than `_of_time`: what comes from outside does not turn with the tool."""
+    course, turn = _course(world, MOMENT), world.rotation_world_sensor.swapaxes(1, 2)
+    half = (turn[:, :, None, :] * course[:, None, :, None]).reshape(len(world), 3, -1)
+    out = np.zeros((len(world), 6, 2 * half.shape[2]))
+    out[:, :3, : half.shape[2]], out[:, 3:, half.shape[2] :] = half * level[0], half * level[3]
+    return State("time", world.seconds[:, None], out)
+
+
+def _of_time_and_load(world: World, level: Array) -> State:
+    """A gain of each channel that changes with time."""
+    course = _course(world, TIME_STEP)
+    felt = world.nominal - world.nominal.mean(axis=0)
+    felt = felt / np.maximum(felt.std(axis=0), 1e-9)
+    columns = _each(course, level).reshape(len(world), 6, 6, -1) * felt[:, :, None, None]
+    return State("time", world.seconds[:, None], columns.reshape(len(world), 6, -1))
+
+
+def _of_time_and_turning(world: World, level: Array) -> State:
+    """Torques that grow with the angular velocity by a factor that changes with time: a rotor that spins up."""
+    course = _course(world, TIME_STEP)
+    rate = world.angular_velocity / max(float(world.angular_velocity.std()), 1e-9)
+    turned = np.stack([cross(rate, np.broadcast_to(axis, rate.shape)) for axis in np.eye(3)], axis=2)
+    out = np.zeros((len(world), 6, 3 * (course.shape[1] + 1)))
+    out[:, 3:, 3:] = (turned[:, :, None, :] * course[:, None, :, None]).reshape(len(world), 3, -1) * level[5]
+    # A changing momentum also pushes back by its rate, whatever turns.
+    out[:, 3:, :3] = np.eye(3) * level[5]
+    return State("time", world.seconds[:, None], out)
 
 
 def _of_joint(name: str, values: Array, level: Array) -> State:
@@ -194,16 +233,17 @@ class Dependence(Effect):
     separating_motion = "vary this state alone, the others held still"
 
     def __init__(self, state: str) -> None:
-        self.state = state
+        self.state = "time" if state.startswith("time") else state
+        self._kind = state
         self.name = f"unknown:{state}"  # type: ignore[misc]
         self._known: list[tuple[Array, State | None]] = []
 
     def at(self, world: World) -> State | None:
         """The state in a recording, the same under every model of it; None when it does not vary there."""
         for seconds, state in self._known:
-            if seconds is world.seconds:
+            if np.array_equal(seconds, world.seconds):
                 return state
-        made = states(world, _level(world)).get(self.state)
+        made = states(world, _level(world)).get(self._kind)
         found = None if made is None else made()
         self._known = [*self._known[-2:], (world.seconds, found)]
         return found

@@ -24,7 +24,7 @@ class AirDrag(Effect):
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         del world
         places = (Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE)
-        return (*places, Parameter("coefficient", "N s2/m2", 1.5))
+        return (*places, Parameter("coefficient", "N s2/m2", 1.5, positive=True))
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         """The point from the torque, with the force of the drag at the payload's centre."""

@@ -3,11 +3,22 @@
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
 from poise.mismatch.joint_friction import column_of, efforts, joint_called, numbers
+from poise.mismatch.noise import white_level
 from poise.mismatch.part_motion import between_stops
 from poise.mismatch.world import World
+
+LOUD = 1.1
+"""Residual in units of white noise from which a joint is looked at."""
+GAPS = tuple(np.geomspace(0.001, 0.08, 16).tolist())
+"""rad."""
+BLURS, REACHES = (15, 5), (0.3, 0.1)
+"""Samples, and log gap around the best so far that is tried."""
+SOFT = (0.003, 0.006, 0.01, 0.02)
+"""s in which a knock settles."""
 
 
 class Backlash(Effect):
@@ -34,29 +45,43 @@ class Backlash(Effect):
             Parameter("joint", "", low=1.0, high=float(max(numbers(world))), linear=False, choice=True),
             Parameter("gap", "rad", low=2e-4, high=0.3, linear=False, log=True),
             Parameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
+            Parameter("own", "", 1.0, positive=True, hidden=True),
+            Parameter("others", "", 1.0, hidden=True),
         )
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """Joint, gap and softness of the knock that fit best."""
-        own = residual / np.maximum(residual.std(axis=0), 1e-12)
-        scale = residual.std(axis=0)
-        scores = []
-        for number in numbers(world):
-            for gap in (0.002, 0.008, 0.03):
-                for settling in (0.004, 0.02):
-                    values = {"joint": float(number), "gap": gap, "settling": settling}
-                    response = self.simulate(world, values) / np.maximum(scale, 1e-12)
-                    left = own - response
-                    scores.append((float(np.sum((left - left.mean(axis=0)) ** 2)), values))
-        for _, values in sorted(scores, key=lambda item: item[0])[:2]:
-            yield values
+        """The joint whose residual is loudest; its gap and the softness of the knock, in an ever less blurred residual.
 
-    def simulate(self, world: World, values: Values) -> Array:
-        track, column = efforts(world), column_of(world, values["joint"])
+        A knock that comes some samples too late explains nothing: only blurred does its gap lead to a better one.
+        """
+        loud = residual.std(axis=0) / np.maximum(white_level(residual), 1e-12)
+        column = int(np.argmax(loud))
+        if loud[column] < LOUD:
+            return
+        joint = float(list(numbers(world))[column])
+
+        def left(gap: float, settling: float, blur: int) -> float:
+            values = {"joint": joint, "gap": gap, "settling": settling}
+            response = self.columns(world, values)[:, column, 0]
+            there, here = (uniform_filter1d(part, blur) for part in (residual[:, column], response))
+            there, here = there - there.mean(), here - here.mean()
+            return -(max(float(there @ here), 0.0) ** 2) / max(float(here @ here), 1e-12)
+
+        gap = min(GAPS, key=lambda each: left(each, SOFT[1], BLURS[0]))
+        for blur, reach in zip(BLURS, REACHES, strict=True):
+            gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), SOFT[1], blur))
+        settling = min(SOFT, key=lambda each: left(float(gap), each, 1))
+        yield {"joint": joint, "gap": float(gap), "settling": settling}
+
+    def columns(self, world: World, nonlinear: Values) -> Array:
+        """What the joint itself feels, and what reaches the others: less of it where these give way."""
+        track, column = efforts(world), column_of(world, nonlinear["joint"])
         inertia = track.by_acceleration[:, :, column]
         push = -track.rigid[:, column] / np.maximum(inertia[:, column], 1e-6)
-        beyond, _, second = between_stops(track.seconds, push, values["gap"], values["settling"])
-        return np.asarray(inertia * second[:, None] + track.by_position[:, :, column] * beyond[:, None])
+        beyond, _, second = between_stops(track.seconds, push, nonlinear["gap"], nonlinear["settling"])
+        whole = inertia * second[:, None] + track.by_position[:, :, column] * beyond[:, None]
+        own = np.arange(whole.shape[1]) == column
+        return np.stack([whole * own, whole * ~own], axis=2)
 
     def sentence(self, world: World, values: Values) -> str:
         return (

@@ -45,6 +45,7 @@ class Parameter:
             `Effect.starts` and never refined.
         resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
             finely `Effect.starts` already knows it. It is not refined then.
+        positive: of a linear parameter: less than nothing of it makes no sense (a mass, a drag); such fits are dropped.
         hidden: kept in the model, not told to people (`Effect.derived` tells what they want to know instead).
     """
 
@@ -58,6 +59,7 @@ class Parameter:
     peaked: bool = False
     choice: bool = False
     resolution: float = 0.0
+    positive: bool = False
     hidden: bool = False
 
     def to_unit(self, value: float) -> float:
@@ -92,6 +94,8 @@ class Effect(ABC):
         order: among effects of one layer, the lower acts first.
         needs: what the recording must hold: of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
+        made_of: names of effects that it is together with more; where the more is nothing, these are the answer.
+        direct: readings show it by themselves (`shown`), whatever the model says: it does not compete with others.
         widens: name of the calibration group (poise.mismatch.calibration) that it is the excess of, or "".
     """
 
@@ -107,6 +111,8 @@ class Effect(ABC):
     transfers: ClassVar[bool] = True
     order: ClassVar[int] = 0
     fast: ClassVar[bool] = False
+    made_of: ClassVar[tuple[str, ...]] = ()
+    direct: ClassVar[bool] = False
     widens: ClassVar[str] = ""
 
     @abstractmethod
@@ -125,6 +131,11 @@ class Effect(ABC):
         """
         del world, residual
         yield {}
+
+    def shown(self, world: World) -> Values | None:
+        """Of a `direct` effect: its values, where the readings show it and it matters beside the noise."""
+        del world
+        return None
 
     def columns(self, world: World, nonlinear: Values) -> Array:
         """(N, 6, k) or (M, J, k): the response to one unit of each linear parameter, in the order of `parameters`.

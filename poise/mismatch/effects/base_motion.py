@@ -10,7 +10,10 @@ from poise.mismatch.part_wrench import shaking, shaking_columns
 from poise.mismatch.starts import bursts, smoothed
 from poise.mismatch.world import World
 
-KNOTS = 10
+FEWEST, MOST = 10, 36
+"""Splines of a speed: a single move needs few, a base that goes on swaying many."""
+FINEST = 0.4
+"""s between the knots of what sways."""
 CHAINED = 2.5
 """s between bursts of one motion: a base that sways stands still for a moment at every turn."""
 MARGIN = 0.15
@@ -38,8 +41,9 @@ class BaseMotion(Effect):
         when = (
             Parameter("start", "s", low=first - 1.0, high=last, linear=False),
             Parameter("length", "s", low=0.1, high=max(world.duration, 1.0), linear=False, log=True),
+            Parameter("splines", "", low=FEWEST, high=MOST, linear=False, choice=True, hidden=True),
         )
-        speeds = (Parameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(KNOTS) for a in "xy")
+        speeds = (Parameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(MOST) for a in "xy")
         return (*when, *speeds)
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
@@ -49,13 +53,14 @@ class BaseMotion(Effect):
         found = list(bursts(world, calm, count=8))
         for begin, end in sorted({_chained(found, found[0]), found[0]}) if found else ():
             length = min(end - begin + 2 * MARGIN, 0.98 * max(world.duration, 1.0))
-            yield {"start": begin - MARGIN, "length": max(length, 0.2)}
+            for splines in sorted({FEWEST, min(max(round(length / FINEST), FEWEST), MOST)}):
+                yield {"start": begin - MARGIN, "length": max(length, 0.2), "splines": float(splines)}
 
     def columns(self, world: World, nonlinear: Values) -> Array:
         rows, rates = self._rates(world, nonlinear)
-        out = np.zeros((len(world), 6, 2 * KNOTS))
+        out = np.zeros((len(world), 6, 2 * MOST))
         level = shaking_columns(world)[rows, :, :2]
-        out[rows] = (rates[:, None, :, None] * level[:, :, None, :]).reshape(len(rows), 6, -1)
+        out[rows, :, : 2 * rates.shape[1]] = (rates[:, None, :, None] * level[:, :, None, :]).reshape(len(rows), 6, -1)
         return out
 
     def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
@@ -63,10 +68,11 @@ class BaseMotion(Effect):
         return ((values["start"], values["start"] + values["length"]),)
 
     def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(KNOTS)])
+        count = int(values["splines"])
+        speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(count)])
         acceleration = self._rates(world, values)[1] @ speed
         peak = float(np.linalg.norm(acceleration, axis=1).max(initial=0.0))
-        shift = float(np.linalg.norm(speed.sum(axis=0))) * values["length"] / (KNOTS + 3)
+        shift = float(np.linalg.norm(speed.sum(axis=0))) * values["length"] / (count + 3)
         return {"peak_acceleration": (peak, "m/s2"), "displacement": (shift, "m")}
 
     def sentence(self, world: World, values: Values) -> str:
@@ -79,11 +85,12 @@ class BaseMotion(Effect):
 
     @staticmethod
     def _rates(world: World, values: Values) -> tuple[NDArray[np.intp], Array]:
-        """Samples within the window, and (n, KNOTS) d B_k / dt there, 1/s; B_k spans four of KNOTS + 3 intervals."""
-        interval = values["length"] / (KNOTS + 3)
+        """Samples within the window, and (n, K) d B_k / dt there, 1/s; B_k spans four of K + 3 intervals."""
+        count = int(values["splines"])
+        interval = values["length"] / (count + 3)
         place = (world.seconds - values["start"]) / interval
-        rows = np.flatnonzero((place > 0.0) & (place < KNOTS + 3))
-        x = place[rows, None] - np.arange(2, KNOTS + 2)
+        rows = np.flatnonzero((place > 0.0) & (place < count + 3))
+        x = place[rows, None] - np.arange(2, count + 2)
         size = np.abs(x)
         inner, outer = -2.0 * x + 1.5 * x * size, -np.sign(x) * (2.0 - np.minimum(size, 2.0)) ** 2 / 2.0
         return rows, np.where(size < 1.0, inner, outer) / interval

@@ -41,7 +41,7 @@ class Cable(Effect):
             *anchors,
             *hooks,
             Parameter("rest_length", "m", low=0.0, high=4.0, linear=False),
-            Parameter("stiffness", "N/m", 30.0),
+            Parameter("stiffness", "N/m", 30.0, positive=True),
             Parameter("damping", "N s/m", 5.0),
         )
 

@@ -17,7 +17,8 @@ STRETCH = 1.28
 """s of a spectrum that is looked at, each begins a quarter after the one before."""
 RAMP = 0.1
 """s in which the shaking comes and goes."""
-
+CLEAR = 0.05
+"""Share of the robot's own acceleration that a line must reach: splines smooth bends of a jerk by up to 4 % of it."""
 FEWEST_WAVES = 6.0
 """Of a vibration; a shorter burst is some other event."""
 
@@ -63,7 +64,7 @@ class ExternalVibration(Effect):
             turns = np.exp(-2j * np.pi * np.outer(near, world.seconds[inside]))
             best = float(near[int(np.argmax((np.abs(turns @ shake[inside]) ** 2).sum(axis=1)))])
             start, stop = self._span(world, shake, best, inside)
-            if (stop - start) * best < FEWEST_WAVES:
+            if (stop - start) * best < FEWEST_WAVES or not self._clear(world, shake, best, (start, stop)):
                 continue
             yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, LOWEST)}
 
@@ -127,6 +128,16 @@ class ExternalVibration(Effect):
             first, last = firsts[begin[line]], firsts[end[line]] + length - 1
             yield float(frequency[line]), float(even[first]), float(even[last])
             excess[:, max(line - 2, 0) : line + 3] = -1.0
+
+    @staticmethod
+    def _clear(world: World, shake: Array, frequency: float, span: tuple[float, float]) -> bool:
+        """Whether a line is more than what differentiated encoders get wrong while the robot moves like this."""
+        inside = (world.seconds >= span[0]) & (world.seconds <= span[1])
+        window = np.hanning(int(inside.sum()) + 2)[1:-1]
+        wave = np.exp(-2j * np.pi * frequency * world.seconds[inside]) * window / window.sum()
+        amplitude = 2.0 * float(np.linalg.norm(wave @ shake[inside]))
+        own = np.sqrt(np.mean(np.sum(world.linear_acceleration[inside] ** 2, axis=1)))
+        return bool(amplitude > CLEAR * own)
 
     @staticmethod
     def _span(world: World, shake: Array, frequency: float, inside: NDArray[np.bool_]) -> tuple[float, float]:

@@ -49,7 +49,7 @@ class FlexibleMode(Effect):
             Parameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
             *(Parameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS),
             *(Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
-            Parameter("mass", "kg", 0.5),
+            Parameter("mass", "kg", 0.5, positive=True),
         )
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:

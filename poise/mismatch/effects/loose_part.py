@@ -1,6 +1,7 @@
 """Loose part: something in the payload slides between two stops and knocks against them."""
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -26,10 +27,14 @@ from poise.mismatch.part_wrench import (
 )
 from poise.mismatch.world import World
 
-BLURS = (5, 2)
+BLURS = (15, 5, 2)
 """Samples."""
 FEWEST = 2
 """Knocks that are needed to begin with them."""
+AXES, HEARD = 80, 40.0
+"""Axes that are tried for a part that is not heard, and the fall of the square from which one is looked at."""
+GAPS, SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
+"""m and s that are tried then."""
 SURE, NEAR, TIMED = 0.02, 0.03, 0.003
 """rad, m and s to which knocks alone show axis, place and moment."""
 
@@ -60,18 +65,22 @@ class LoosePart(Effect):
             Parameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             *(Parameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS),
             *(Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
-            Parameter("mass", "kg", 0.4),
+            Parameter("mass", "kg", 0.4, positive=True),
         )
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """Knocks say where the part slides, along what, and how far; without knocks there is nothing to tell it by."""
+        """Knocks say where the part slides, along what, and how far; so does the torque of where it rests."""
         wanted = residual - residual.mean(axis=0)
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         readings = find_knocks(world.seconds, wanted[:, :3], 1.0 / weight[:3])
+        bent = _bent(world, residual)
+        found = self._from_rest(world, bent, weight)
         if readings and len(readings[0].moments) >= FEWEST:
-            found = [self._from_knocks(world, wanted, knocks) for knocks in readings[:3]]
-            best = min(found, key=lambda values: self._left(world, values, wanted, weight))
-            yield self._sharpened(world, best, wanted, weight)
+            heard = [self._from_knocks(world, wanted, knocks) for knocks in readings[:3]]
+            found.append(min(heard, key=lambda values: self._left(world, values, bent, weight, 1)))
+        sharp = [self._sharpened(world, values, bent, weight) for values in found]
+        if sharp:
+            yield min(sharp, key=lambda values: self._left(world, values, bent, weight, BLURS[-1]))
 
     def columns(self, world: World, nonlinear: Values) -> Array:
         place, axis = place_of(nonlinear), direction(nonlinear)
@@ -118,6 +127,26 @@ class LoosePart(Effect):
         place = np.clip(found[4:], -0.9 * REACH, 0.9 * REACH)
         return _values(gap, knocks.settling, _axis(found), place)
 
+    def _from_rest(self, world: World, wanted: Array, weight: Array) -> list[dict[str, float]]:
+        """The part whose weight at one stop or the other, by turns, explains most of the torque; none when little."""
+        centre = payload_centre(world)
+        push = specific_at(world, centre)
+        still = np.zeros(len(world))
+
+        def explained(axis: Array) -> float:
+            at_stops = (np.sign(push @ axis) / 2.0, still, still)
+            here = (_bent(world, sliding_wrench(world, centre, axis, at_stops)) * weight)[:, 3:]
+            along = float(np.sum(here * wanted[:, 3:] * weight[3:]))
+            return max(along, 0.0) ** 2 / max(float(np.sum(here**2)), 1e-12)
+
+        axis = max(_hemisphere(AXES), key=explained)
+        for reach in (0.2, 0.08, 0.03):
+            axis = max((axis, *_around(axis, reach)), key=explained)
+        if explained(axis) < HEARD:
+            return []
+        tried = [_values(gap, SETTLING, axis, centre) for gap in GAPS]
+        return [min(tried, key=lambda values: self._left(world, values, wanted, weight, BLURS[0]))]
+
     def _sharpened(self, world: World, start: dict[str, float], wanted: Array, weight: Array) -> dict[str, float]:
         """Least squares in ever less blurred residuals: a knock that comes a sample too late explains nothing."""
         moving = [p for p in self.parameters(world) if not p.linear]
@@ -135,7 +164,7 @@ class LoosePart(Effect):
 
     def _unexplained(self, world: World, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> Array:
         """What the best mass leaves, blurred over some samples."""
-        response = self.columns(world, nonlinear)[:, :, 0]
+        response = _bent(world, self.columns(world, nonlinear)[:, :, 0])
         here, there = (
             uniform_filter1d((part - part.mean(axis=0)) * weight, blur, axis=0)[:: max(blur // 2, 1)].ravel()
             for part in (response, wanted)
@@ -144,13 +173,40 @@ class LoosePart(Effect):
         left: Array = there - mass * here
         return left
 
-    def _left(self, world: World, nonlinear: Values, wanted: Array, weight: Array) -> float:
+    def _left(self, world: World, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> float:
         """The square that the best mass leaves."""
-        return float(np.sum(self._unexplained(world, nonlinear, wanted, weight, 1) ** 2))
+        return float(np.mean(self._unexplained(world, nonlinear, wanted, weight, blur) ** 2))
 
 
 def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str, float]:
     return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(PLACE, place.tolist(), strict=True))}
+
+
+def _bent(world: World, values: Array) -> Array:
+    """(N, 6) without what a bias or a shifted centre of mass, fitted besides, would take away."""
+    basis = _basis(world)
+    return np.asarray(values - basis @ (basis.T @ values))
+
+
+@lru_cache(maxsize=2)
+def _basis(world: World) -> Array:
+    return np.asarray(np.linalg.qr(np.hstack([np.ones((len(world), 1)), world.specific]))[0])
+
+
+def _hemisphere(count: int) -> Array:
+    """(count, 3) unit vectors spread evenly over the half with z > 0 (Fibonacci's lattice)."""
+    z = 1.0 - (np.arange(count) + 0.5) / count
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(count)
+    radius = np.sqrt(1.0 - z**2)
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
+
+
+def _around(axis: Array, reach: float) -> Array:
+    """(8, 3) unit vectors at a distance (rad) around one."""
+    across = np.linalg.svd(axis[None])[2][1:]
+    turn = np.arange(8) * np.pi / 4.0
+    moved = axis + reach * (np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1])
+    return np.asarray(moved / np.linalg.norm(moved, axis=1, keepdims=True))
 
 
 def _axis(x: Array) -> Array:

@@ -3,13 +3,15 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.noise import lattice, white_level
 from poise.mismatch.world import World
 
 FINEST = (1e-3, 1e-5)
 """N, N m: finer steps do not matter to anyone."""
+MATERIAL = 0.1
+"""Share of the white noise's power that rounding must be."""
 
 
 class Quantisation(Effect):
@@ -22,6 +24,7 @@ class Quantisation(Effect):
     name = "quantisation"
     layer = "sensor"
     fast = True
+    direct = True
     equation = "w_read = step round(w / step)"
     source = "uniform quantiser; error step / sqrt(12) when it is busy (Widrow and Kollar 2008)"
     excited_by = "anything: every reading is a multiple of the step"
@@ -42,6 +45,14 @@ class Quantisation(Effect):
         if found is not None:
             yield found
 
+    def shown(self, world: World) -> Values | None:
+        found = self.found(world)
+        if found is None:
+            return None
+        level = white_level(world.wrench - world.nominal)
+        rounding = np.repeat([found["force_step"], found["torque_step"]], 3) / np.sqrt(12.0)
+        return found if bool((rounding**2 > MATERIAL * level**2).any()) else None
+
     @staticmethod
     def found(world: World) -> dict[str, float] | None:
         """The steps that the readings are multiples of, or None when neither forces nor torques are on any grid."""
@@ -60,28 +71,3 @@ class Quantisation(Effect):
             f"The readings come in steps of {values['force_step']:.3g} N and {values['torque_step']:.3g} N m: "
             "the nominal sensor has none."
         )
-
-
-def lattice(values: NDArray[np.float64]) -> float:
-    """The step of which all values are whole multiples, 0 when there is none.
-
-    A grid that was rounded once more, to one much finer, still counts; readings at the largest magnitude may be those
-    of a limit and do not. On a grid many readings are equal, which those of a fine converter are not.
-
-    Args:
-        values: any shape; NaN are left out.
-    """
-    flat = values[np.isfinite(values)]
-    size = float(np.abs(flat).max()) if len(flat) else 0.0
-    flat = flat[np.abs(flat) < size * (1.0 - 1e-9)]
-    levels = np.unique(np.round(flat / max(size, 1e-300), 10)) * size
-    if len(levels) < 3 or len(levels) > 0.9 * len(flat):
-        return 0.0
-    gaps = np.diff(levels)
-    finest = float(np.quantile(gaps, 0.1))
-    if finest < 1e-6 * size:
-        return 0.0
-    counts = np.concatenate([[0.0], np.cumsum(np.round(gaps / finest))])
-    step = float(np.polyfit(counts, levels, 1)[0])
-    off = np.abs(levels / step - np.round(levels / step))
-    return step if np.quantile(off, 0.99) < 0.04 else 0.0

@@ -23,13 +23,13 @@ class SensorCreep(Effect):
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         longest = max(2.0 * world.duration, 20.0)
         return (
-            Parameter("time_constant", "s", low=0.4, high=longest, linear=False, log=True),
+            Parameter("time_constant", "s", low=1.0, high=longest, linear=False, log=True),
             Parameter("fraction", "", 0.08),
         )
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:
         del world, residual
-        for time_constant in (1.0, 3.0, 9.0):
+        for time_constant in (1.5, 3.0, 9.0):
             yield {"time_constant": time_constant}
 
     def columns(self, world: World, nonlinear: Values) -> Array:

@@ -36,7 +36,7 @@ class Slosh(Effect):
             Parameter("length", "m", low=0.008, high=0.5, linear=False, log=True),
             Parameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
             *(Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
-            Parameter("mass", "kg", 0.5),
+            Parameter("mass", "kg", 0.5, positive=True),
         )
 
     def starts(self, world: World, residual: Array) -> Iterable[Values]:

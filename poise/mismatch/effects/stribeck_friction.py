@@ -21,6 +21,7 @@ class StribeckFriction(Effect):
     separating_motion = "each joint evenly at 1, 2, 5, 10 and 20 % of its speed: only stiction falls with speed"
     confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
+    made_of = ("coulomb_friction", "viscous_friction")
 
     def parameters(self, world: World) -> tuple[Parameter, ...]:
         joints, sizes = numbers(world), torque_sizes(world)

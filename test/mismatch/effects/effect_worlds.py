@@ -99,7 +99,8 @@ TYPICAL = {
     "quantisation": {"force_step": 1.0, "torque_step": 0.05},
     "clock_skew": {"skew": 0.0015},
     "base_tilt": {"rotation_x": 0.02, "rotation_y": -0.022},
-    "base_motion": {"start": 6.3, "length": 2.1} | {f"speed_x_{k}": 0.3 * np.sin(0.6 * k) for k in range(10)},
+    "base_motion": {"start": 6.3, "length": 2.1, "splines": 10.0}
+    | {f"speed_x_{k}": 0.3 * np.sin(0.6 * k) for k in range(10)},
     "external_vibration": {"start": 4.2, "length": 6.5, "frequency": 17.3, "sine_x": 0.3, "cosine_y": 0.25},
     "mass_leak": {"start": 5.0, "rate": 0.008, **PLACE},
     "air_drag": {"coefficient": 1.5, **PLACE},
@@ -117,7 +118,7 @@ TYPICAL = {
     "load_dependent_friction": {"ratio_2": 0.08, "ratio_3": 0.08},
     "joint_coupling": {"driving": 3.0, "driven": 5.0, "inertia": 0.16, "damping": 0.4},
     "gear_ripple": {"joint": 2.0, "order": 23.7, "sine": 1.2, "cosine": -1.6},
-    "backlash": {"joint": 1.0, "gap": 0.03, "settling": 0.01},
+    "backlash": {"joint": 1.0, "gap": 0.03, "settling": 0.01, "own": 1.0, "others": 1.0},
     "motor_inertia": {f"inertia_{i}": 0.8 if i < 4 else 0.16 for i in range(1, 7)},
 }
 

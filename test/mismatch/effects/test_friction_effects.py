@@ -105,7 +105,7 @@ def test_with_backlash_the_efforts_are_those_of_the_links_true_motion():
     """Inverse dynamics of the motion with the play in it, but for what is of second order in the gap."""
     at = effort_world()
     track = at.effort
-    values = {"joint": 1.0, "gap": 0.01, "settling": 0.03}
+    values = {"joint": 1.0, "gap": 0.01, "settling": 0.03, "own": 1.0, "others": 1.0}
     found = response("backlash", at, **values)
     push = -track.rigid[:, 0] / track.by_acceleration[:, 0, 0]
     play = np.stack(between_stops(track.seconds, push, 0.01, 0.03))
@@ -127,7 +127,7 @@ def test_with_backlash_the_efforts_are_those_of_the_links_true_motion():
 def test_across_the_gap_the_joint_bears_nothing():
     at = effort_world()
     track = at.effort
-    found = response("backlash", at, joint=1.0, gap=0.03, settling=0.01)
+    found = response("backlash", at, joint=1.0, gap=0.03, settling=0.01, own=1.0, others=1.0)
     push = -track.rigid[:, 0] / track.by_acceleration[:, 0, 0]
     beyond, rate, _ = between_stops(track.seconds, push, 0.03, 0.01)
     flies = (np.abs(beyond) < 0.013) & (np.abs(rate) > 0.01)

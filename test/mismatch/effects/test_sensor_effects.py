@@ -9,9 +9,9 @@ from effect_worlds import NOISE, PAYLOAD, filled, world
 from scipy.spatial.transform import Rotation
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.effects.quantisation import lattice
 from poise.mismatch.effects.saturation import plateau
 from poise.mismatch.load import load_wrench
+from poise.mismatch.noise import lattice
 from poise.robot import inertia_of, phi_of
 
 
