@@ -5,6 +5,7 @@
 - `changes/`: what may be wrong, as hooks into engine and sensor chain. `honest`: what is never quite right.
 - `recorder`: samples, noise, clocks, the bag. `plan`: which cases there are. `case`: one of them, whole.
 - `seals`: labels put away. `make`, `run`, `score`: the three commands. `tally`, `table`, `confusion`: the score.
+- `calibrate`: the weights of the stated probabilities.
 - `portrait`: the picture of docs/concealed.md.
 
 See README.md here for the conventions of every effect.
