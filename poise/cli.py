@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from poise.commands.assembly import disassemble, msa, robustness
+from poise.commands.carry import carry
 from poise.commands.evaluate import evaluate
 from poise.commands.excite import excite
 from poise.commands.identify import identify
@@ -44,6 +45,7 @@ app.command()(msa)
 app.command()(disassemble)
 app.command()(sensitivity)
 app.command()(place)
+app.command()(carry)
 app.command()(mismatch)
 app.command()(simulate)
 

@@ -92,7 +92,7 @@ def place(
     Example:  poise place scene.yaml --object '{id: mug, cylinder: [0.04, 0.1], mass: 0.3}' --json answer.json
     """
     refuse_folder(json_target, "--json")
-    items = [_read_spec(spec, number) for number, spec in enumerate(specs)]
+    items = [read_spec(spec, number) for number, spec in enumerate(specs)]
     analysis = open_scene(scene)
     uncertainty = Uncertainty() if robust else None
     options = Options(attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining)
@@ -101,7 +101,7 @@ def place(
         raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
     people = console(json_target)
     try:
-        with _watching(people, attempts) as tell:
+        with watching(people, attempts) as tell:
             if len(items) > 1:
                 found: Placement | PlacementSequence = plan_sequence(analysis, items, options, seed, orders, tell)
             else:
@@ -110,14 +110,14 @@ def place(
         answer = {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
         write_json(json_target, answer)
         raise
-    write_json(json_target, _sequence_content(found) if isinstance(found, PlacementSequence) else _content(found))
+    write_json(json_target, _sequence_content(found) if isinstance(found, PlacementSequence) else content_of(found))
     if output is not None:
         write_scene(found.analysis.assembly, output)
-    _say(people, found)
+    say(people, found)
 
 
 @contextmanager
-def _watching(people: Console, attempts: int) -> Iterator[Callable[[Progress], bool]]:
+def watching(people: Console, attempts: int) -> Iterator[Callable[[Progress], bool]]:
     """A line that says how far the search is."""
     with Bar(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=people) as bar:
         task = bar.add_task("looking", total=None)
@@ -130,7 +130,8 @@ def _watching(people: Console, attempts: int) -> Iterator[Callable[[Progress], b
         yield tell
 
 
-def _say(people: Console, found: Placement | PlacementSequence) -> None:
+def say(people: Console, found: Placement | PlacementSequence) -> None:
+    """The answer for people."""
     placements = found.placements if isinstance(found, PlacementSequence) else (found,)
     for number, placement in enumerate(placements):
         x, y, z, *quaternion = placement.pose.vector
@@ -144,7 +145,8 @@ def _say(people: Console, found: Placement | PlacementSequence) -> None:
     people.print(f"{tested} poses tested{f' ({rejected})' if rejected else ''} in {found.seconds:.2f} s")
 
 
-def _content(found: Placement) -> dict[str, Any]:
+def content_of(found: Placement) -> dict[str, Any]:
+    """The answer for programs."""
     return _one(found) | {"robustness": _finite(found.merit.least), "volume": found.merit.volume}
 
 
@@ -172,8 +174,8 @@ def _finite(robustness: float) -> float | str:
     return robustness if np.isfinite(robustness) else "inf"
 
 
-def _read_spec(spec: str, number: int = 0) -> RigidObject:
-    """An object entry from a file or from the text itself; nameless ones are numbered.
+def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObject:
+    """An object entry from a file or from the text itself; nameless ones are numbered, an entry `needs` has to be there.
 
     Raises:
         InputError: FILE_UNREADABLE, FILE_CORRUPT, or what is wrong with the entry.
@@ -194,4 +196,6 @@ def _read_spec(spec: str, number: int = 0) -> RigidObject:
         raise InputError(ErrorCode.FILE_CORRUPT, f"--object: not YAML: {' '.join(str(error).split())}") from error
     if isinstance(content, dict):
         content.setdefault("id", f"placed_{number + 1}" if number else "placed")
+        if needs is not None and needs not in content:
+            raise InputError(ErrorCode.BAD_INPUT, f"--object: has no {needs}; give it")
     return read_object(content, folder, "--object")

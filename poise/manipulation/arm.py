@@ -130,6 +130,14 @@ class Arm:
             if shape.parentJoint == self.wrist
         ]
 
+    def shapes(self, q: Array, opening: float) -> list[tuple[coal.CollisionGeometry, pin.SE3]]:
+        """The shapes of links and fingers at a configuration, in the scene; for looking at."""
+        tool, data = self.tool(q), self.geometry.createData()
+        pin.updateGeometryPlacements(self.model, self.data, self.geometry, data, q)
+        links = zip(self.geometry.geometryObjects, data.oMg, strict=True)
+        fingers = [(shape, tool * place) for shape, place in self.hand.fingers(opening)]
+        return [*((link.geometry, self.base * place) for link, place in links), *fingers]
+
     @cached_property
     def shoulder(self) -> Array:
         """(3,) m, in the root link: where the second joint is, which the first does not move far."""

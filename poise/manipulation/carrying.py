@@ -9,7 +9,7 @@ from poise.assembly.analysis import Analysis
 from poise.assembly.geometry import Array
 from poise.assembly.scene import RigidObject
 from poise.errors import ErrorCode, NoAnswerError
-from poise.manipulation.cell import Cell
+from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
 from poise.manipulation.hand import Grasp
 from poise.manipulation.reach import Ends, Reach
 from poise.manipulation.rrt import find_way, shortened
@@ -20,6 +20,8 @@ GENTLY = 0.1
 """m/s of the tool on the straight ways."""
 HOLD_SHARE = 0.8
 """Of the acceleration that the grip bears."""
+WIDE = (0.01, 0.01)
+"""m that the robot and what it holds keep from everything on long ways, where there is room."""
 GRASPS = 3
 """Grasps for which a way is looked for before it is given up."""
 
@@ -107,32 +109,27 @@ def _phases(
     rng = np.random.default_rng(seed)
     pick, place, grasp = ends.pick, ends.place, ends.grasp
     at_pick, at_place = reach.open_cell(grasp, reach.item), reach.open_cell(grasp, placed)
-    carrying, opening = reach.carrying_cell(grasp), reach.arm.hand.opening(grasp.width)
-    # Fingers closed, and what is held touching its support.
-    closed, bare, home = (
-        Cell(reach.arm, around, 0.0) for around in ((*reach.around, reach.item), reach.around, (*reach.around, placed))
-    )
+    bare, opening = Cell(reach.arm, reach.around, grasp.width), reach.arm.hand.opening(grasp.width)
+    with_it, with_it_there = (*reach.around, reach.item), (*reach.around, placed)
+    to_it = _way(reach, reach.start, pick.hand_away[-1], (with_it, 0.0, None), rng, deadline)
+    carried = reach.around, grasp.width, (reach.item, grasp)
+    across = _way(reach, pick.object_away[-1], place.object_away[-1], carried, rng, deadline)
+    back = _way(reach, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
+    if to_it is None or across is None or back is None:
+        return None
     held = replace(limits, acceleration=min(limits.acceleration, HOLD_SHARE * ends.hold))
     com = grasp.object_tcp.inverse().act(reach.item.pose.undo(reach.item.com_in_world))
     ways = (
-        ("reach", _between(reach, reach.start, pick.hand_away[-1], closed, rng, deadline), closed, 0.0, False),
+        ("reach", *to_it, 0.0, False),
         ("approach", pick.hand_away[::-1], at_pick, opening, False),
         ("lift", pick.object_away, bare, grasp.width, True),
-        (
-            "carry",
-            _between(reach, pick.object_away[-1], place.object_away[-1], carrying, rng, deadline),
-            carrying,
-            grasp.width,
-            True,
-        ),
+        ("carry", *across, grasp.width, True),
         ("lower", place.object_away[::-1], bare, grasp.width, True),
         ("retreat", place.hand_away, at_place, opening, False),
-        ("return", _between(reach, place.hand_away[-1], reach.start, home, rng, deadline), home, 0.0, False),
+        ("return", *back, 0.0, False),
     )
     phases = []
     for name, way, cell, wide, holding in ways:
-        if way is None:
-            return None
         slow = held if holding else limits
         if name in ("approach", "lift", "lower", "retreat"):
             slow = replace(slow, speed=min(slow.speed, GENTLY))
@@ -141,11 +138,29 @@ def _phases(
     return tuple(phases)
 
 
-def _between(
-    reach: Reach, start: Array, goal: Array, cell: Cell, rng: np.random.Generator, deadline: float
-) -> Array | None:
-    if not (cell.free(start) and cell.free(goal)):
-        return None
+def _way(
+    reach: Reach,
+    start: Array,
+    goal: Array,
+    among: tuple[tuple[RigidObject, ...], float, tuple[RigidObject, Grasp] | None],
+    rng: np.random.Generator,
+    deadline: float,
+) -> tuple[Array, Cell] | None:
+    """A short way from start to goal, and the cell in which it is free: far from everything, or else as near as it may.
+
+    Args:
+        reach: whose arm.
+        start, goal: (J,).
+        among: obstacles, opening of the fingers, and what is held.
+        rng, deadline: see `find_way`.
+    """
     bounds = reach.arm.lower, reach.arm.upper
-    way = find_way(start, goal, cell.free_between, bounds, rng, deadline)
-    return None if way is None else shortened(way, cell.free_between, rng, deadline)
+    for margins in (WIDE, (MARGIN, HELD_MARGIN)):
+        cell = Cell(reach.arm, *among, margins)
+        if cell.free(start) and cell.free(goal):
+            # The wide way may take half of the time that is left.
+            until = (time.monotonic() + deadline) / 2 if margins is WIDE else deadline
+            way = find_way(start, goal, cell.free_between, bounds, rng, until)
+            if way is not None:
+                return shortened(way, cell.free_between, rng, deadline), cell
+    return None

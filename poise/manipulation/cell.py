@@ -13,7 +13,7 @@ from poise.manipulation.hand import Grasp
 
 MARGIN = 0.003
 """m between the robot and anything else."""
-HELD_MARGIN = 0.001
+HELD_MARGIN = 0.005
 """m between what is held and anything else."""
 STEP = 0.05
 """rad between configurations that are looked at on a way."""
@@ -27,6 +27,7 @@ class Cell:
         obstacles: what stands around, at its pose.
         opening: m, of the fingers.
         held: an object and how it is grasped; it may touch the hand.
+        margins: m, of the robot and of what is held from everything else.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class Cell:
         obstacles: Sequence[RigidObject],
         opening: float,
         held: tuple[RigidObject, Grasp] | None = None,
+        margins: tuple[float, float] = (MARGIN, HELD_MARGIN),
     ) -> None:
         self._arm = arm
         self._geometry = arm.geometry.copy()
@@ -47,32 +49,32 @@ class Cell:
             self._add(f"object {item.id}", 0, from_scene * se3_of(item.pose), geometry_of(item.shape))
             for item in obstacles
         ]
-        margins: list[float] = []
+        kept: list[float] = []
         for i, j in arm.self_pairs:
-            self._pair(i, j, 0.0, margins)
+            self._pair(i, j, 0.0, kept)
         for i in robot:
             # The root and the column on it stay where they are, on what they stand on.
             for j in around if self._geometry.geometryObjects[i].parentJoint > 1 else ():
-                self._pair(i, j, MARGIN, margins)
+                self._pair(i, j, margins[0], kept)
         if held is not None:
             item, grasp = held
             place = arm.wrist_tcp * grasp.object_tcp.inverse()
             carried = self._add("held", arm.wrist, place, geometry_of(item.shape))
             for j in around:
-                self._pair(carried, j, HELD_MARGIN, margins)
+                self._pair(carried, j, margins[1], kept)
             for i in robot:
                 if self._geometry.geometryObjects[i].parentJoint < arm.wrist - 1:
-                    self._pair(i, carried, 0.0, margins)
+                    self._pair(i, carried, 0.0, kept)
         self._data = self._geometry.createData()
-        for request, margin in zip(self._data.collisionRequests, margins, strict=True):
+        for request, margin in zip(self._data.collisionRequests, kept, strict=True):
             request.security_margin = margin
 
     def _add(self, name: str, joint: int, place: pin.SE3, shape: object) -> int:
         return int(self._geometry.addGeometryObject(pin.GeometryObject(name, joint, place, shape)))
 
-    def _pair(self, i: int, j: int, margin: float, margins: list[float]) -> None:
+    def _pair(self, i: int, j: int, margin: float, kept: list[float]) -> None:
         self._geometry.addCollisionPair(pin.CollisionPair(i, j))
-        margins.append(margin)
+        kept.append(margin)
 
     def free(self, q: Array) -> bool:
         """Whether nothing touches anything at a configuration (J,)."""

@@ -17,11 +17,12 @@ from poise.manipulation.cell import MARGIN, Cell
 from poise.manipulation.grasps import antipodal_grasps
 from poise.manipulation.hand import Grasp
 from poise.manipulation.inverse import follow, solutions
+from poise.placement.validation import Test
 
 STRAIGHT = 0.08
 """m of the straight ways to and from an object."""
 STRAIGHT_STEP = 0.01
-TOUCHING = 0.005
+TOUCHING = 0.01
 """m from its support over which what is held is not asked whether it touches: it does."""
 FAR = 0.04
 """m from all contacts: far enough."""
@@ -106,7 +107,7 @@ class Reach:
         self._known: dict[bytes, Ends | None] = {}
 
     @property
-    def tests(self) -> tuple[tuple[str, "object"], ...]:
+    def tests(self) -> tuple[tuple[str, Test], ...]:
         """For `Options.tests`: the cheap one first."""
         return (("leaves no room for the hand", self.has_room), ("out of the arm's reach", self.is_reachable))
 
@@ -135,9 +136,9 @@ class Reach:
             pick = self._pick(2 * index + turned, grasp)
             if pick is None:
                 continue
-            found = self._place(grasp, placed, pick, directions)
+            found = next(self._end(grasp, placed, [-way for way, _ in directions], pick.object_away[-1]), None)
             if found is not None:
-                yield Ends(grasp, pick, *found, hold)
+                yield Ends(grasp, pick, found[0], *directions[found[1]], hold)
 
     def _with_room(self, placed: RigidObject, contacts: Array) -> Iterator[tuple[int, bool, Grasp, float]]:
         """Grasps with room for the hand at the place, in order, each both ways round."""
@@ -168,20 +169,11 @@ class Reach:
 
     def _pick(self, key: int, grasp: Grasp) -> End | None:
         if key not in self._picks:
-            self._picks[key] = self._end(grasp, self.item, self._up, self.start)
+            self._picks[key] = next((end for end, _ in self._end(grasp, self.item, [self._up], self.start)), None)
         return self._picks[key]
 
-    def _place(
-        self, grasp: Grasp, placed: RigidObject, pick: End, directions: list[tuple[Array, float]]
-    ) -> tuple[End, Array, float] | None:
-        for direction, forgiving in directions:
-            end = self._end(grasp, placed, -direction, pick.object_away[-1])
-            if end is not None:
-                return end, direction, forgiving
-        return None
-
-    def _end(self, grasp: Grasp, item: RigidObject, away: Array, start: Array) -> End | None:
-        """The arm at a grasp, with free ways back for the hand alone and for the object."""
+    def _end(self, grasp: Grasp, item: RigidObject, aways: Sequence[Array], start: Array) -> Iterator[tuple[End, int]]:
+        """The arm at a grasp, with free ways back for the hand alone, and for the object in one of some directions."""
         tool = se3_of(item.pose) * grasp.object_tcp
         open_hand = self.open_cell(grasp, item)
         bare, carrying = (Cell(self.arm, self.around, grasp.width, held) for held in (None, (item, grasp)))
@@ -192,20 +184,16 @@ class Reach:
             hand_away = follow(self.arm, q, _straight(tool, -np.array(tool.rotation[:, 2])))
             if hand_away is None or not is_free(hand_away, open_hand):
                 continue
-            object_away = follow(self.arm, q, _straight(tool, away))
-            if object_away is None or not bare.free_between(q, object_away[1]):
-                continue
-            if is_free(object_away[1:], carrying):
-                return End(hand_away, object_away)
-        return None
+            for number, away in enumerate(aways):
+                object_away = follow(self.arm, q, _straight(tool, away))
+                if object_away is None or not bare.free_between(q, object_away[1]):
+                    continue
+                if is_free(object_away[1:], carrying):
+                    yield End(hand_away, object_away), number
 
     def open_cell(self, grasp: Grasp, item: RigidObject) -> Cell:
         """The arm with the hand open for a grasp, and the object standing there."""
         return Cell(self.arm, (*self.around, item), self.arm.hand.opening(grasp.width))
-
-    def carrying_cell(self, grasp: Grasp) -> Cell:
-        """The arm with the object in its hand."""
-        return Cell(self.arm, self.around, grasp.width, (self.item, grasp))
 
 
 def is_free(way: Array, cell: Cell) -> bool:

@@ -1,0 +1,140 @@
+"""`poise carry`: how an arm takes an object from where it lies to where it stays."""
+
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from poise.assembly import Analysis, Pose, RigidObject, write_scene
+from poise.assembly.geometry import rotation_about
+from poise.commands.assembly_pictures import PictureOption, refuse_folders
+from poise.commands.output import console, number_for_json, write_json
+from poise.commands.place import (
+    AttemptsOption,
+    CandidatesOption,
+    JsonOption,
+    OnOption,
+    OutputOption,
+    RobustOption,
+    SceneArgument,
+    SeedOption,
+    content_of,
+    read_spec,
+    say,
+    watching,
+)
+from poise.commands.scenes import open_scene
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer
+from poise.manipulation.bodies import pose_of
+from poise.placement import Options, Uncertainty, plan_placement
+
+SpecOption = Annotated[
+    str,
+    typer.Option(
+        "--object",
+        metavar="SPEC",
+        help="What to carry, as an entry of a scene file; its pose is where it lies. A YAML or JSON file, or the text.",
+        show_default=False,
+    ),
+]
+RobotOption = Annotated[str, typer.Option("--robot", help="fr3, xarm7, ridgeback_ur10, or the path of a URDF.")]
+BaseOption = Annotated[
+    tuple[float, float, float, float],
+    typer.Option("--base", metavar="X Y Z YAW", help="Where the robot stands in the scene, m and rad."),
+]
+TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the URDF between the finger tips, z out of the hand.")]
+SpeedOption = Annotated[float, typer.Option("--speed", help="m/s of the tool at the most.", min=0.01, max=2.0)]
+WaysOption = Annotated[float, typer.Option("--seconds", help="s for looking for ways of the arm.", min=0.1)]
+
+
+def carry(
+    scene: SceneArgument,
+    spec: SpecOption,
+    robot: RobotOption = "fr3",
+    base: BaseOption = (0.0, 0.0, 0.0, 0.0),
+    tcp: TcpOption = "tcp",
+    seed: SeedOption = 0,
+    attempts: AttemptsOption = 500,
+    candidates: CandidatesOption = 1,
+    on: OnOption = "any",
+    robust: RobustOption = False,
+    speed: SpeedOption = 0.5,
+    seconds: WaysOption = 10.0,
+    output: OutputOption = None,
+    picture: PictureOption = None,
+    json_target: JsonOption = None,
+) -> None:
+    """How does the arm put this object where it stays?
+
+    The answer is a grasp, and joint trajectories that pick the object up, carry it, put it down and let go.
+
+    Example:  poise carry scene.yaml --object '{id: box, box: [0.05, 0.05, 0.1], mass: 0.2, pose: [0.4, -0.4, 0.05, 0,
+    0, 0, 1]}' --robot fr3 --json plan.json
+    """
+    refuse_folders(json_target, picture, None)
+    item, analysis = read_spec(spec, needs="pose"), open_scene(scene)
+    _require_room(analysis, item)
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), base[3])
+    reach = Reach(Arm.load(robot, Pose(turn, np.array(base[:3])), tcp_frame=tcp), analysis, item, seed=seed)
+    uncertainty = Uncertainty() if robust else None
+    options = Options(attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests)
+    people = console(json_target)
+    known: dict[str, Any] = {}
+    try:
+        with watching(people, attempts) as tell:
+            found = plan_placement(analysis, item, options, seed, tell)
+        known = content_of(found)
+        transfer = plan_transfer(reach, found.analysis, found.item, Limits(speed=speed), seconds, seed)
+    except NoAnswerError as error:
+        answer = {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
+        write_json(json_target, known | answer)
+        raise
+    write_json(json_target, known | _content(reach, transfer))
+    if output is not None:
+        write_scene(found.analysis.assembly, output)
+    if picture is not None:
+        from poise.viewing.assembly_figures import write_picture
+        from poise.viewing.carrying_figures import transfer_panel
+
+        people.print(f"written: {write_picture(transfer_panel(reach, transfer, found.item), picture)}")
+    say(people, found)
+    moving = sum(phase.seconds for phase in transfer.phases)
+    width, hold = 1e3 * transfer.grasp.width, transfer.ends.hold
+    people.print(f"held {width:.0f} mm wide, firmly up to {hold:.3g} m/s2; {moving:.1f} s of motion")
+
+
+def _require_room(analysis: Analysis, item: RigidObject) -> None:
+    """Raise InputError where the object, as it lies, overlaps the scene or takes the id of something in it."""
+    if item.id in analysis.assembly.index or item.fixed:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
+        )
+    try:
+        analysis.with_object(item)
+    except InputError as error:
+        if error.code is not ErrorCode.FLOATING:  # it may lie on something that the scene does not have
+            raise
+
+
+def _content(reach: Reach, transfer: Transfer) -> dict[str, Any]:
+    ends = transfer.ends
+    return {
+        "grasp": {"object_tcp": pose_of(transfer.grasp.object_tcp).vector, "width": transfer.grasp.width},
+        "hold": ends.hold,
+        "approach": {"direction": ends.approach, "robustness": number_for_json(ends.forgiving)},
+        "joint_names": reach.arm.joint_names,
+        "phases": [
+            {
+                "name": phase.name,
+                "opening": phase.opening,
+                "holding": phase.holding,
+                "motions": [
+                    {name: getattr(motion, name) for name in ("times", "position", "velocity", "acceleration")}
+                    for motion in phase.motions
+                ],
+            }
+            for phase in transfer.phases
+        ],
+        "planning": transfer.seconds,
+    }
