@@ -119,7 +119,6 @@ def execute(
     """The step that failed and why, or the object where it really came to be."""
     rng = np.random.default_rng([seed, 5])
     real = really(item, rng)
-    opening = arm.hand.opening(transfer.grasp.width)
     hand = replace(arm.hand, friction=arm.hand.friction * ROUGHNESS)
     error = rng.integers(2**31)  # of the joints, the same all the time
     in_hand = None
@@ -130,14 +129,10 @@ def execute(
             limit = hand.acceleration_limit(real, in_hand.object_tcp, 9.81)
             if limit < min(5.0, 0.8 * transfer.ends.hold):
                 return STEPS[1], f"it slips from {limit:.1f} m/s2", None
-        there = [real] if phase.name in ("reach", "approach") else []
-        step = STEPS[1] if there else STEPS[3]
-        if phase.name in ("retreat", "return"):
-            there = [real]
-        width = opening if phase.name in ("approach", "retreat") else phase.opening
-        cells = [Cell(arm, [*truth, *there], width, margins=(0.0, 0.0))]
+        step = STEPS[1] if in_hand is None else STEPS[3]
+        cells = [Cell(arm, truth if phase.holding else [*truth, real], phase.opening, margins=(0.0, 0.0))]
         if phase.holding and in_hand is not None:
-            cells.append(Cell(arm, truth, width, (real, in_hand), (0.0, 0.0)))
+            cells.append(Cell(arm, truth, phase.opening, (real, in_hand), (0.0, 0.0)))
         for q in way:
             held_near = phase.name in ("lift", "lower") and _near(arm, q, way, phase.name)
             for cell in cells[: 1 if held_near else None]:
@@ -176,12 +171,13 @@ def held_as(tool: pin.SE3, real: RigidObject, width: float) -> Grasp:
     middle = object_tcp.translation
     faces = np.unique(np.round(inside, 6))
     pairs = [(a, b) for a in faces for b in faces if a < middle @ flat < b]
-    a, b = (
-        min(pairs, key=lambda pair: abs(pair[1] - pair[0] - width) + abs(sum(pair) / 2 - middle @ flat))
-        if pairs
-        else (middle @ flat, middle @ flat)
-    )
-    return Grasp(pin.SE3(turn @ object_tcp.rotation, middle + ((a + b) / 2 - middle @ flat) * flat), float(b - a))
+    here = float(middle @ flat)
+
+    def unlike(pair: tuple[float, float]) -> float:
+        return abs(pair[1] - pair[0] - width) + abs(sum(pair) / 2 - here)
+
+    a, b = min(pairs, key=unlike) if pairs else (here, here)
+    return Grasp(pin.SE3(turn @ object_tcp.rotation, middle + ((a + b) / 2 - here) * flat), float(b - a))
 
 
 def let_go(truth: list[RigidObject], real: RigidObject) -> tuple[bool, dict[str, Pose]]:

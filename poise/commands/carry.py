@@ -1,5 +1,6 @@
 """`poise carry`: how an arm takes an object from where it lies to where it stays."""
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -19,15 +20,15 @@ from poise.commands.place import (
     SceneArgument,
     SeedOption,
     content_of,
+    look,
     read_spec,
     say,
-    watching,
 )
 from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer
 from poise.manipulation.bodies import pose_of
-from poise.placement import Options, Uncertainty, plan_placement
+from poise.placement import Options, Uncertainty
 
 SpecOption = Annotated[
     str,
@@ -80,25 +81,19 @@ def carry(
     uncertainty = Uncertainty() if robust else None
     options = Options(attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests)
     people = console(json_target)
-    known: dict[str, Any] = {}
+    found = look(analysis, item, options, seed, people, json_target)
     try:
-        with watching(people, attempts) as tell:
-            found = plan_placement(analysis, item, options, seed, tell)
-        known = content_of(found)
         transfer = plan_transfer(reach, found.analysis, found.item, Limits(speed=speed), seconds, seed)
     except NoAnswerError as error:
         answer = {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
-        write_json(json_target, known | answer)
+        write_json(json_target, content_of(found) | answer)
         raise
-    write_json(json_target, known | _content(reach, transfer))
+    write_json(json_target, content_of(found) | _content(reach, transfer))
     if output is not None:
         write_scene(found.analysis.assembly, output)
     if picture is not None:
-        from poise.viewing.assembly_figures import write_picture
-        from poise.viewing.carrying_figures import transfer_panel
-
-        people.print(f"written: {write_picture(transfer_panel(reach, transfer, found.item), picture)}")
-    say(people, found)
+        people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
+    say(found, people)
     moving = sum(phase.seconds for phase in transfer.phases)
     width, hold = 1e3 * transfer.grasp.width, transfer.ends.hold
     people.print(f"held {width:.0f} mm wide, firmly up to {hold:.3g} m/s2; {moving:.1f} s of motion")
@@ -115,6 +110,13 @@ def _require_room(analysis: Analysis, item: RigidObject) -> None:
     except InputError as error:
         if error.code is not ErrorCode.FLOATING:  # it may lie on something that the scene does not have
             raise
+
+
+def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:
+    from poise.viewing.assembly_figures import write_picture
+    from poise.viewing.carrying_figures import transfer_panel
+
+    return write_picture(transfer_panel(reach, transfer, placed), picture)
 
 
 def _content(reach: Reach, transfer: Transfer) -> dict[str, Any]:
