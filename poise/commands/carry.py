@@ -20,15 +20,15 @@ from poise.commands.place import (
     SceneArgument,
     SeedOption,
     content_of,
-    look,
     read_spec,
     say,
+    watching,
 )
 from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer
 from poise.manipulation.bodies import pose_of
-from poise.placement import Options, Uncertainty
+from poise.placement import Options, Uncertainty, plan_placement
 
 SpecOption = Annotated[
     str,
@@ -81,22 +81,24 @@ def carry(
     uncertainty = Uncertainty() if robust else None
     options = Options(attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests)
     people = console(json_target)
-    found = look(analysis, item, options, seed, people, json_target)
+    known: dict[str, Any] = {}
     try:
+        with watching(people, attempts) as tell:
+            found = plan_placement(analysis, item, options, seed, tell)
+        known = content_of(found)
         transfer = plan_transfer(reach, found.analysis, found.item, Limits(speed=speed), seconds, seed)
     except NoAnswerError as error:
         answer = {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
-        write_json(json_target, content_of(found) | answer)
+        write_json(json_target, known | answer)
         raise
-    write_json(json_target, content_of(found) | _content(reach, transfer))
+    write_json(json_target, known | _content(reach, transfer))
     if output is not None:
         write_scene(found.analysis.assembly, output)
     if picture is not None:
         people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
-    say(found, people)
+    say(people, found)
     moving = sum(phase.seconds for phase in transfer.phases)
-    width, hold = 1e3 * transfer.grasp.width, transfer.ends.hold
-    people.print(f"held {width:.0f} mm wide, firmly up to {hold:.3g} m/s2; {moving:.1f} s of motion")
+    people.print(f"held firmly up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
 
 
 def _require_room(analysis: Analysis, item: RigidObject) -> None:

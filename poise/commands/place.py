@@ -175,7 +175,7 @@ def _finite(robustness: float) -> float | str:
 
 
 def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObject:
-    """An object entry from a file or from the text itself; nameless ones are numbered, an entry `needs` has to be there.
+    """An object entry from a file or from the text itself; nameless ones are numbered; `needs` has to be in it.
 
     Raises:
         InputError: FILE_UNREADABLE, FILE_CORRUPT, or what is wrong with the entry.
