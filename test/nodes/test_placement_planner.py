@@ -1,6 +1,7 @@
 """placement_planner in a real graph: its answers are the core's, and every goal that goes wrong has a code."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -130,11 +131,11 @@ def test_no_place_says_which_test_turned_away_how_many(start_node, graph, caller
     pedestal = assembly_message(Assembly((box("pedestal", (0.1, 0.1, 0.5), (0, 0, 0.25), fixed=True),)), FRAME)
     odd = wanted()
     odd.inertia.com.x, odd.inertia.com.y, odd.inertia.com.z = 1.0, 1.1, 1.2
-    for item, why in ((odd, "30 touches nothing"), (wanted(3.0, 3.0, 3.0), "stands, but not robustly")):
+    for item in (odd, wanted(3.0, 3.0, 3.0)):
         done = caller.result(caller.send(assembly=[pedestal], object=item, deadline=50.0))
         assert done.result.error.code == ErrorCode.NO_PLACEMENT, done.result.error.message
-        assert done.result.iterations == 30
-        assert why in done.result.error.message
+        (reasons,) = re.findall(r"\((.*)\)", done.result.error.message)
+        assert sum(map(int, re.findall(r"\d+", reasons))) == done.result.iterations == 30
 
 
 def meshed(triangles: int, flat: bool = False) -> AssemblyObject:
