@@ -15,7 +15,7 @@ NOWHERE, UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
 
 PARAMETERS = (
     Parameter("object_id", "scanned_object", "id and frame of the object when the goal gives none"),
-    Parameter("max_frames", MOST_FRAMES, "frames of a scan, at the most", (1, 2000)),
+    Parameter("max_frames", MOST_FRAMES, "frames of a scan, at the most", (1, 600)),
     Parameter("frame_period", 0.2, "s between frames, at the least", (0.0, 10.0)),
     Parameter("duration", 60.0, "s after which a scan goes on with the frames it has", (0.1, 3600.0)),
     Parameter("patience", 5.0, "s without a frame after which it does", (0.1, 600.0)),

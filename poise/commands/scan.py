@@ -61,7 +61,7 @@ UrdfOption = Annotated[
     str | None,
     typer.Option("--urdf", metavar="FILE", help="The robot. Without: the bag's robot_description.", show_default=False),
 ]
-FramesOption = Annotated[int, typer.Option("--frames", min=1, max=2000, help="The most frames that are used.")]
+FramesOption = Annotated[int, typer.Option("--frames", min=1, max=600, help="The most frames that are used.")]
 VoxelOption = Annotated[float, typer.Option("--voxel", min=2e-4, max=0.05, help="m, spacing of the points.")]
 UnitOption = Annotated[float, typer.Option("--depth-unit", min=1e-6, max=1.0, help="m, of integer depth.")]
 DelayOption = Annotated[float, typer.Option("--delay", help="s that the images' stamps are late.")]

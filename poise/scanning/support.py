@@ -29,6 +29,8 @@ LOWEST = 0.0008
 TALLEST = 0.6
 LEAST_AREA = 6e-5
 """m2: what is smaller is no object."""
+MOST = 50
+"""Objects that are told apart, the largest."""
 JOIN = 2
 """Cells between two pieces of one object that may be empty."""
 MEND = (
@@ -189,7 +191,7 @@ def _things(
     raised = ndimage.binary_opening(raised, np.ones((2, 2)))
     labels, _ = ndimage.label(ndimage.binary_dilation(raised, iterations=JOIN), np.ones((3, 3)))
     areas = np.bincount(labels[raised], minlength=labels.max() + 1) * CELL**2
-    order = [piece for piece in np.argsort(-areas[1:], kind="stable") + 1 if areas[piece] >= LEAST_AREA]
+    order = [piece for piece in np.argsort(-areas[1:], kind="stable")[:MOST] + 1 if areas[piece] >= LEAST_AREA]
     if not order:
         raise InputError(
             ErrorCode.EMPTY,

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode
@@ -132,3 +134,26 @@ def test_parameters_that_make_no_sense_end_the_node(start_node, wrong) -> None:
     node = start_node("object_scanner", wrong)
     assert node.wait(60.0) == 2
     assert "BAD_INPUT" in node.output
+
+
+def test_the_arm_is_moved_along_the_sweep_once_it_stands_where_that_begins(start_node, caller, graph, tmp_path) -> None:
+    states = graph.collect("joint_states", JointState)
+    start_node("fake_robot", {"mode": "arm", "robot": "fr3", "joint_noise": 0.0})
+    begin = graph.wait_for(lambda: states and states[-1], 60.0, "joint states")
+    end = list(begin.position)
+    end[0] += 0.3
+    waypoints = [{"time": 0.0, "position": list(begin.position)}, {"time": 1.0, "position": end}]
+    sweep = tmp_path / "sweep.yaml"
+    sweep.write_text(yaml.safe_dump({"joints": list(begin.name), "waypoints": waypoints}))
+    start_node("object_scanner", {"sweep": str(sweep), "patience": 4.0})
+    unheard = (ErrorCode.ROBOT_DESCRIPTION_MISSING, ErrorCode.TOPIC_MISSING)
+
+    def first() -> bool:
+        """A goal that was refused because the robot had not been heard yet is sent again."""
+        error = caller.result(caller.send()).result.error
+        assert error.code in unheard
+        return "no depth" in error.message
+
+    graph.wait_for(first, 60.0, "the sweep")
+    graph.wait_for(lambda: abs(states[-1].position[0] - end[0]) < 1e-3, what="the end of the sweep")
+    assert caller.result(caller.send()).result.error.code == ErrorCode.NOT_FOLLOWING
