@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 
 MAX_RATE = 250.0
 """Hz; a faster wrench is averaged down to about this."""
+MOST_SAMPLES, LEAST_RATE = 15_000, 25.0
+"""Wrench samples of a recording that are compared, of long ones averaged further, down to this rate in Hz."""
 BESIDE = 0.1
 """s by which an accelerometer may begin later than the wrench, or end earlier."""
 
@@ -57,7 +59,7 @@ def read_world(recording: Recording, model: NominalModel) -> Reading:
     frame = model.sensor_frame or wrench.frame_id or "ft_sensor"
     gravity = recorded_gravity(recording) if model.gravity is None else model.gravity
     model = replace(model, sensor_frame=frame, gravity=gravity)
-    wrench, notes = _usable(wrench)
+    wrench, notes = usable(wrench)
     notes = [*(loss.sentence for loss in recording.losses), *notes]
     joints, robot, odom = _robot(recording, model, frame)
 
@@ -79,8 +81,8 @@ def read_world(recording: Recording, model: NominalModel) -> Reading:
     return Reading(world, model, robot, (*notes, *said, *spikes))
 
 
-def _usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
-    """Without NaN and repeated stamps, and at no more than MAX_RATE."""
+def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
+    """Without NaN and repeated stamps, at no more than MAX_RATE, and no longer than MOST_SAMPLES last."""
     notes = []
     finite = np.isfinite(wrench.wrench_in_sensor).all(axis=1)
     if not finite.all():
@@ -92,8 +94,14 @@ def _usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
             ErrorCode.TOO_FEW_SAMPLES,
             f"{len(wrench)} usable wrench samples are too few to compare: record ten seconds or more at 50 Hz or more",
         )
+    longest = MOST_SAMPLES / LEAST_RATE
+    inside = wrench.stamps - wrench.stamps[0] <= longest * 1e9
+    if not inside.all():
+        notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
+        wrench = wrench.select(inside)
     period = float(np.median(np.diff(wrench.stamps))) * 1e-9
-    together = int(np.ceil(1.0 / period / MAX_RATE - 0.05))
+    rate = min(MOST_SAMPLES / (len(wrench) * period), MAX_RATE)
+    together = int(np.ceil(1.0 / period / rate - 0.05))
     if together > 1:
         count = len(wrench) // together * together
         stamps = wrench.stamps[:count].reshape(-1, together)

@@ -60,7 +60,8 @@ class BaseMotion(Effect):
         rows, rates = self._rates(world, nonlinear)
         out = np.zeros((len(world), 6, 2 * MOST))
         level = shaking_columns(world)[rows, :, :2]
-        out[rows, :, : 2 * rates.shape[1]] = (rates[:, None, :, None] * level[:, :, None, :]).reshape(len(rows), 6, -1)
+        waves = rates[:, None, :, None] * level[:, :, None, :]
+        out[rows, :, : 2 * rates.shape[1]] = waves.reshape(len(rows), 6, 2 * rates.shape[1])
         return out
 
     def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:

@@ -1,0 +1,35 @@
+"""Long and fast recordings are averaged to what can be compared in a sensible time and memory."""
+
+import numpy as np
+import pytest
+from cases import make_case
+
+from poise.mismatch.effects.base_motion import MOST, BaseMotion
+from poise.mismatch.reading import LEAST_RATE, MAX_RATE, MOST_SAMPLES, usable
+from poise.recording import WrenchStream
+
+
+def stream(seconds: float, rate: float) -> WrenchStream:
+    """A slow sine in every channel."""
+    at = np.arange(round(seconds * rate)) / rate
+    values = np.sin(0.3 * at)[:, None] * np.arange(1.0, 7.0)
+    return WrenchStream(np.round(at * 1e9).astype(np.int64), values, "ft_sensor")
+
+
+@pytest.mark.parametrize(("seconds", "rate"), [(20.0, 100.0), (30.0, 1000.0), (120.0, 1000.0), (900.0, 100.0)])
+def test_few_enough_samples_are_left_and_they_are_averages(seconds: float, rate: float) -> None:
+    kept, notes = usable(stream(seconds, rate))
+    at = kept.stamps * 1e-9
+    assert len(kept) <= MOST_SAMPLES
+    assert LEAST_RATE * 0.95 <= 1 / np.median(np.diff(at)) <= MAX_RATE * 1.06
+    assert kept.wrench_in_sensor[:, 5] == pytest.approx(6.0 * np.sin(0.3 * at), abs=1e-3)
+    assert any("longer than" in note for note in notes) == (seconds > MOST_SAMPLES / LEAST_RATE)
+    assert (len(kept) < round(seconds * rate)) == (seconds * rate > MOST_SAMPLES or rate > MAX_RATE)
+
+
+def test_a_base_motion_between_two_samples_does_nothing() -> None:
+    world = make_case(3, duration=6.0).world()
+    between = float(world.seconds[50:52].mean())
+    columns = BaseMotion().columns(world, {"start": between, "length": 1e-6, "splines": 10.0})
+    assert columns.shape == (len(world), 6, 2 * MOST)
+    assert not columns.any()
