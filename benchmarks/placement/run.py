@@ -20,15 +20,16 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from benchmarks.placement.scenes import SCENES, box, cube, scene
-from benchmarks.placement.trial import STILL, Trial, mean, run
+from benchmarks.placement.trial import NAN, STILL, Trial, mean, run
 from poise.files import write_whole
 from poise.placement import Options
 from poise.placement.planners import PLANNERS
 
 EVERYONE = (*PLANNERS, "robust")
-SHORT = {"sim-random": 15, "chance": 5, "hm": 15}
-"""Runs a scene of planners that take minutes of a scene, unless --whole: their means change little with more."""
+SHORT = {"uniform": 20, "robust": 20, "sim-above": 10, "hm": 4, "sim-random": 2, "chance": 1}
+"""Runs a scene, at the most, of what takes seconds a placement, unless --whole."""
 ATTEMPTS = 500
+SAVED_EVERY = 20
 FINAL, DEVELOPMENT = 10_000, 0
 """First seeds."""
 console = Console(width=150)
@@ -44,8 +45,8 @@ def one(job: tuple[str, str, int, bool, int]) -> Trial:
     return run(name, assembly, item, planner, seed, Options(attempts=attempts, on="objects"))
 
 
-def run_all(jobs: list[tuple[str, str, int, bool, int]], workers: int) -> list[Trial]:
-    """Trials in the order of the jobs, in processes of their own."""
+def run_all(jobs: list[tuple[str, str, int, bool, int]], workers: int, out: Path) -> list[Trial]:
+    """Trials in the order of the jobs, in processes of their own; what is known so far is in the file all along."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     trials: dict[int, Trial] = {}
     with Progress(*columns, console=console) as progress, ProcessPoolExecutor(workers, get_context("spawn")) as pool:
@@ -54,6 +55,8 @@ def run_all(jobs: list[tuple[str, str, int, bool, int]], workers: int) -> list[T
         for future in as_completed(futures):
             trials[futures[future]] = future.result()
             progress.advance(task)
+            if len(trials) % SAVED_EVERY == 0:
+                save(list(trials.values()), out)
     return [trials[number] for number in range(len(jobs))]
 
 
@@ -71,7 +74,7 @@ def table(trials: Iterable[Trial], planners: list[str]) -> Table:
     found = Table(title="Means per placement (Table 5.1 of the thesis)")
     for name in ("scene", "", *planners):
         found.add_column(name, justify="right")
-    for name in dict.fromkeys(t.scene for t in trials):
+    for name in [name for name in SCENES if any(t.scene == name for t in trials)]:
         for label, of, digits in ROWS:
             cells = [
                 _cell([t for t in trials if (t.scene, t.planner) == (name, p)], label, of, digits) for p in planners
@@ -143,21 +146,40 @@ def main() -> None:
     parser.add_argument("--scene", action="append", help=f"one of {', '.join(SCENES)}; again for more")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks/placement.json"))
+    parser.add_argument("--show", action="store_true", help="only print the table of the results there are")
     arguments = parser.parse_args()
+    if arguments.show:
+        show(load(arguments.out))
+        return
     planners = arguments.planner or [p for p in EVERYONE if not (arguments.quick and p in ("chance", "sim-random"))]
     runs, attempts = (2, 30) if arguments.quick else (arguments.runs, ATTEMPTS)
     first = DEVELOPMENT if arguments.develop else FINAL
     jobs = [
         (name, planner, first + k, arguments.develop, attempts)
-        for name in arguments.scene or SCENES
+        for k in range(runs)  # the outermost, so that a run that is cut short has as many of each scene
         for planner in planners
-        for k in range(runs if arguments.whole else min(runs, SHORT.get(planner, runs)))
+        for name in arguments.scene or SCENES
+        if arguments.whole or k < SHORT.get(planner, runs)
     ]
-    trials = run_all(jobs, arguments.workers)
-    console.print(table(trials, planners))
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    trials = run_all(jobs, arguments.workers, arguments.out)
+    save(trials, arguments.out)
+    show(trials)
+
+
+def show(trials: list[Trial]) -> None:
+    console.print(table(trials, [p for p in EVERYONE if any(t.planner == p for t in trials)]))
+
+
+def load(out: Path) -> list[Trial]:
+    """The results in a file, some of which may never have been."""
+    rows = json.loads(out.read_text())
+    return [Trial(**{key: NAN if value is None else value for key, value in row.items()}) for row in rows]
+
+
+def save(trials: list[Trial], out: Path) -> None:
+    out.parent.mkdir(parents=True, exist_ok=True)
     content = [{key: _plain(value) for key, value in asdict(trial).items()} for trial in trials]
-    write_whole(arguments.out, json.dumps(content, indent=0).encode())
+    write_whole(out, json.dumps(content, indent=0).encode())
 
 
 def _plain(value: object) -> object:

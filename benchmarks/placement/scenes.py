@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from poise.assembly import Assembly, Box, Mesh, Pose, RigidObject, write_scene
@@ -57,7 +58,7 @@ def bowl(vertices: int) -> RigidObject:
     """A hemispherical shell, 0.15 m wide, 1 cm thick, on the flat facet at its bottom, of about so many vertices."""
     around = max(8, 2 * round(np.sqrt(vertices / 2) / 2))
     rings = max(3, round(vertices / around / 2))
-    bottom = 0.35
+    bottom = 0.6
     profile = [(r, t) for r, t in ((0.075, a) for a in np.linspace(bottom, np.pi / 2, rings))]
     profile += [(0.065, a) for a in np.linspace(np.pi / 2, bottom, rings)]
     # About a vertical axis; the inner surface ends at the same height above the outer as the shell is thick.
@@ -76,16 +77,22 @@ def solid(name: str, mesh: Mesh, place: tuple[float, float, float]) -> RigidObje
 
 
 def prism(profile: list[tuple[float, float]], depth: float) -> Mesh:
-    """A polygon (x, z), counter-clockwise seen from -y, drawn along y; its first corner sees all others."""
+    """A polygon (x, z), counter-clockwise seen from -y, drawn along y."""
     flat = np.array(profile)
     n = len(flat)
     vertices = np.concatenate(
         [np.column_stack([flat[:, 0], np.full(n, y), flat[:, 1]]) for y in (-depth / 2, depth / 2)]
     )
-    fan = [(0, k, k + 1) for k in range(1, n - 1)]
-    back = [(n, n + b, n + a) for _, a, b in fan]
-    sides = [t for k in range(n) for t in ((k, k + n, (k + 1) % n), ((k + 1) % n, k + n, (k + 1) % n + n))]
-    return Mesh(vertices, np.array(fan + back + sides))
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.Polygon(flat)))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    front = np.linalg.norm(corners[:, :, None] - flat, axis=3).argmin(axis=2)
+    a, b, c = np.moveaxis(flat[front], 1, 0)
+    clockwise = (b - a)[:, 0] * (c - a)[:, 1] < (b - a)[:, 1] * (c - a)[:, 0]
+    front[clockwise] = front[clockwise][:, ::-1]
+    k = np.arange(n)
+    after = (k + 1) % n
+    sides = [np.column_stack([k, k + n, after]), np.column_stack([after, k + n, after + n])]
+    return Mesh(vertices, np.concatenate([front, front[:, ::-1] + n, *sides]))
 
 
 def pyramid(base: float, height: float) -> Mesh:

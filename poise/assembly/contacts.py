@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from poise.assembly.geometry import Array, plane_axes, unit
 from poise.assembly.penetration import penetration_depth
-from poise.assembly.placed import Patch, PlacedBody, triangle_areas
+from poise.assembly.placed import Patch, PlacedBody, placed, triangle_areas
 from poise.assembly.round_contacts import round_patches
 from poise.assembly.scene import Assembly
 from poise.assembly.touching import FACE_ANGLE, touching_patches
@@ -61,7 +61,7 @@ def find_interfaces(
     Raises:
         InputError: INTERPENETRATION, naming the two objects and the depth.
     """
-    bodies = [PlacedBody(item) for item in assembly.objects]
+    bodies = [placed(item) for item in assembly.objects]
     wanted = None if only is None else np.array([item.id in only for item in assembly.objects])
     interfaces: list[Interface] = []
     for i, j in _pairs_near(bodies, margin):

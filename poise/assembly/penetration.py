@@ -6,10 +6,16 @@ from typing import cast
 
 import coal
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.assembly.geometry import Array, Pose
 from poise.assembly.placed import PlacedBody
 from poise.assembly.shapes import Box, Cylinder, Polyhedron, Shape
+
+CROSSINGS = 60_000
+"""Edges times triangles looked at together."""
+EXACT = 5e-3
+"""m, up to which depths in bodies that are not convex are exact."""
 
 
 def penetration_depth(first: PlacedBody, second: PlacedBody) -> float:
@@ -41,44 +47,62 @@ def convex_geometry(shape: Hashable) -> "coal.ShapeBase":
 
 
 def _deepest(body: PlacedBody, other: PlacedBody) -> float:
-    """Largest depth of points of the body inside the other."""
+    """Largest depth of points of the body inside the other; beyond `EXACT` it may be said too large."""
     low = np.maximum(body.bounds[0], other.bounds[0])
     high = np.minimum(body.bounds[1], other.bounds[1])
     if np.any(low >= high):
         return 0.0
-    ends = body.vertices[body.polyhedron.edges[_edges_meeting(body, low, high)]]
-    points = np.concatenate([body.vertices, _middles_of_pierced(ends, other)])
-    points = points[np.all((points >= low) & (points <= high), axis=1)]
-    inside = points[winding_number(points, other.polyhedron, other.item.pose) > 0.5]
-    if not len(inside):
-        return 0.0
-    triangles = other.vertices[other.polyhedron.triangles]
-    return float(max(distance_to_triangles(point, triangles) for point in inside[:256]))
-
-
-def _edges_meeting(body: PlacedBody, low: Array, high: Array) -> Array:
+    # What of either surface meets the other is where both bounds are.
     ends = body.vertices[body.polyhedron.edges]
-    return np.asarray(np.all((ends.min(axis=1) <= high) & (ends.max(axis=1) >= low), axis=1))
+    ends = ends[_meeting(ends, low, high)]
+    triangles = other.vertices[other.polyhedron.triangles]
+    points = np.concatenate([body.vertices, _middles_of_pierced(ends, triangles[_meeting(triangles, low, high)])])
+    points = points[np.all((points >= low) & (points <= high), axis=1)]
+    if not len(points):
+        return 0.0
+    if other.polyhedron.convex:
+        offsets = np.einsum("ij,ij->i", other.origins, other.normals)
+        return float(max(0.0, (offsets - points @ other.normals.T).min(axis=1).max()))
+    inside = points[winding_number(points, other.polyhedron, other.item.pose) > 0.5]
+    near = triangles[_meeting(triangles, low - EXACT, high + EXACT)]
+    return float(max((distance_to_triangles(point, near) for point in inside[:256]), default=0.0))
 
 
-def _middles_of_pierced(ends: Array, other: PlacedBody) -> Array:
-    """Points midway between places where edges (E, 2, 3) cross the surface of the other body (Möller-Trumbore)."""
-    corner, *others = np.moveaxis(other.vertices[other.polyhedron.triangles], 1, 0)
-    side_1, side_2 = (point - corner for point in others)
-    middles = []
-    for start, end in ends:
-        run = end - start
-        p = np.cross(run, side_2)
-        determinant = np.einsum("ij,ij->i", side_1, p)
-        safe = np.where(np.abs(determinant) > 1e-15, determinant, np.inf)
-        offset = start - corner
-        u = np.einsum("ij,ij->i", offset, p) / safe
-        q = np.cross(offset, side_1)
-        v, t = q @ run / safe, np.einsum("ij,ij->i", side_2, q) / safe
-        hits = t[(u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1) & np.isfinite(safe)]
-        cuts = np.unique(np.concatenate([[0], hits, [1]]))
-        middles.append(start + np.outer((cuts[:-1] + cuts[1:]) / 2, run))
-    return np.concatenate(middles) if middles else np.zeros((0, 3))
+def _meeting(corners: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """(N,) whether the bounds of edges or triangles (N, K, 3) meet these."""
+    meets = np.ones(len(corners), dtype=bool)
+    for axis in range(3):
+        along = corners[:, :, axis]
+        meets &= (along.min(axis=1) <= high[axis]) & (along.max(axis=1) >= low[axis])
+    return meets
+
+
+def _middles_of_pierced(ends: Array, triangles: Array) -> Array:
+    """(N, 3) points midway between places where edges (E, 2, 3) cross triangles (T, 3, 3)."""
+    middles = [np.zeros((0, 3))]
+    step = max(1, CROSSINGS // max(len(triangles), 1))
+    for first in range(0, len(ends) if len(triangles) else 0, step):
+        some = ends[first : first + step]
+        cuts = _crossings(some, triangles)
+        for edge in np.flatnonzero(np.isfinite(cuts).any(axis=1)):  # the others are where their ends are
+            at = np.unique(np.concatenate([[0], cuts[edge][np.isfinite(cuts[edge])], [1]]))
+            middles.append(some[edge, 0] + np.outer((at[:-1] + at[1:]) / 2, some[edge, 1] - some[edge, 0]))
+    return np.concatenate(middles)
+
+
+def _crossings(ends: Array, triangles: Array) -> Array:
+    """(E, T) share of each edge's length at which it crosses each triangle; NaN where not (Möller-Trumbore)."""
+    corner = triangles[:, 0]
+    side_1, side_2 = triangles[:, 1] - corner, triangles[:, 2] - corner
+    run = (ends[:, 1] - ends[:, 0])[:, None]
+    offset = ends[:, :1] - corner
+    p, q = np.cross(run, side_2), np.cross(offset, side_1)
+    determinant = np.einsum("tk,etk->et", side_1, p)
+    safe = np.where(np.abs(determinant) > 1e-15, determinant, np.nan)
+    u = np.einsum("etk,etk->et", offset, p) / safe
+    v = np.einsum("etk,etk->et", np.broadcast_to(run, q.shape), q) / safe
+    t = np.einsum("tk,etk->et", side_2, q) / safe
+    return np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1), t, np.nan)
 
 
 def winding_number(points: Array, polyhedron: Polyhedron, pose: Pose) -> Array:

@@ -1,7 +1,7 @@
 """A rigid object at its place in the world: facets, edges and vertices as the search for contacts needs them."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
@@ -135,6 +135,12 @@ class PlacedBody:
         """The direction leaves the body through this vertex: all its edges run back."""
         runs = self.vertices[self.polyhedron.neighbours[vertex]] - self.vertices[vertex]
         return bool(np.all(runs @ direction <= 1e-3 * np.linalg.norm(runs, axis=1)))
+
+
+@lru_cache(maxsize=256)
+def placed(item: RigidObject) -> PlacedBody:
+    """The body of an object; kept, for most objects are asked about again where they are."""
+    return PlacedBody(item)
 
 
 def triangle_areas(triangles: Array) -> Array:

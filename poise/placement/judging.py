@@ -76,7 +76,7 @@ def _rest(analysis: Analysis, median: bool) -> Merit:
 
 
 def estimate(analysis: Analysis, median: bool = False) -> Merit:
-    """As `judge`, in a fraction of the time: the least robustness is one from above, and most often exact."""
+    """As `judge`, in a fraction of the time: the least robustness is by `limit`, from above, and most often exact."""
     merit = _rest(analysis, median)
     surface = _corners(analysis)
     wrenches = wrench_of_force(surface.directions, surface.points)
