@@ -77,7 +77,7 @@ class Composite:
     Args:
         name: says the seed.
         points, colours, labels: (N, 3) m, (N, 3) 0..1 and (N,), on its surface.
-        surface: (M, 3) m, many exact points on its surface.
+        dense: (`DENSE`, 3) m, exact points on its surface.
         parts: of it, exact up to sampling.
         densities: (K,) kg/m3.
     """
@@ -86,7 +86,7 @@ class Composite:
     points: Array
     colours: Array
     labels: Indices
-    surface: Array
+    dense: Array
     parts: Parts
     densities: Array
 
@@ -94,6 +94,10 @@ class Composite:
     def volume(self) -> float:
         """m3."""
         return float(self.parts.volumes.sum())
+
+    def surface(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, 3) m of its surface, at most all there are."""
+        return np.asarray(rng.permutation(self.dense)[:count])
 
 
 # ---- shapes: lists of corners, each the hull of one piece ----

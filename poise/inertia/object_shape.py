@@ -16,6 +16,7 @@ from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts, cells_of, likeness_of_colours, surface_moments
 from poise.inertia.pmd import spread
 from poise.shape.clouds import read_cloud
+from poise.shape.independent import independent_parts
 from poise.shape.meshes import FORMATS, read_triangles
 from poise.shape.segmentation import Segmentation, segment
 
@@ -151,42 +152,40 @@ def _of_bodies(mesh: trimesh.Trimesh, bodies: list[trimesh.Trimesh]) -> ObjectSh
 
 
 def _cut(body: trimesh.Trimesh) -> ObjectShape:
-    """A closed surface: where points on it are cut, or in pieces of about one size when they are not."""
+    """A closed surface: cut as points on it are, or in pieces of about one size where they are not."""
     body = body.copy()
     if body.volume < 0:
         body.invert()
     points = np.asarray(trimesh.sample.sample_surface(body, SAMPLED, seed=0)[0])
-    labels = _labels(points)
+    try:
+        found = segment(points)
+        places, labels = found.solid.centroids, independent_parts(found)
+    except InputError:  # no solid can be made of them
+        labels = np.zeros(1, dtype=np.int64)
     words = f"closed surface, segmented into {labels.max() + 1} parts"
     if labels.max() == 0:
         corners = np.asarray(body.vertices[body.faces])
-        points = spread(cells_of(corners, (abs(body.volume) / CELLS) ** (1 / 3))[0], PIECES)
-        labels = np.arange(len(points))
-        words = f"closed surface, cut into {PIECES} pieces"
-    parts = Parts.from_surface(body.vertices, body.faces, points, labels, CELLS)
-    return ObjectShape(parts, UNCUT_ACCURACY, words)
-
-
-def _labels(points: Array) -> NDArray[np.int64]:
-    """(N,) parts of points on a surface; one for all where no solid can be made of them."""
-    try:
-        return segment(points).labels
-    except InputError:
-        return np.zeros(len(points), dtype=np.int64)
+        places = spread(cells_of(corners, (abs(body.volume) / CELLS) ** (1 / 3))[0], PIECES)
+        labels, words = np.arange(len(places)), f"closed surface, cut into {PIECES} pieces"
+    return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, CELLS), UNCUT_ACCURACY, words)
 
 
 def parts_of_segmentation(found: Segmentation) -> Parts:
-    """All parts that were found, with what their colours say about their densities."""
-    solid = found.solid
-    parts = Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, found.tetrahedron_labels)
-    return parts if found.part_colours is None else replace(parts, likeness=likeness_of_colours(found.part_colours))
+    """All parts that were found, with what their colours say about their densities.
+
+    Where colours say nothing, at most four of them whose masses a sensor at rest can tell apart.
+    """
+    likeness = None if found.part_colours is None else likeness_of_colours(found.part_colours)
+    labels = independent_parts(found) if likeness is None else found.tetrahedron_labels
+    parts = Parts.from_tetrahedra(found.solid.vertices, found.solid.tetrahedra, labels)
+    return replace(parts, likeness=likeness)
 
 
 def _of_cloud(points: Array, colours: Array | None) -> ObjectShape:
     found = segment(points, colours)
     if found.n_parts > 1:
-        words = f"{len(points)} points, segmented into {found.n_parts} parts"
-        return ObjectShape(parts_of_segmentation(found), CLOUD_ACCURACY, words)
+        parts = parts_of_segmentation(found)
+        return ObjectShape(parts, CLOUD_ACCURACY, f"{len(points)} points, segmented into {len(parts)} parts")
     solid = found.solid
     which = cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
     words = f"{len(points)} points of one part, cut into {PIECES} pieces"

@@ -27,8 +27,8 @@ class Weights:
     Outward folds count for little: the edge of a box is inside a part, the corner between two boxes is between them.
     """
 
-    position: float = 0.05
-    colour: float = 8.0
+    position: float = 0.025
+    colour: float = 4.0
     inward_fold: float = 1.0
     outward_fold: float = 0.2
 

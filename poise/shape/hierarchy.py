@@ -41,7 +41,7 @@ class MergeCosts:
     """
 
     colour: float = 10.0
-    fold: float = 1.0
+    fold: float = 2.0
     hollow: float = 0.04
     size: float = 1e-3
 

@@ -29,7 +29,7 @@ class SegmentationOptions:
 
     points: int = 2500
     clusters: int = 120
-    limit: float = 0.004
+    limit: float = 0.006
     weights: Weights = field(default_factory=Weights)
     costs: MergeCosts = field(default_factory=MergeCosts)
 

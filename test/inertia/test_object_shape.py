@@ -31,6 +31,17 @@ def test_a_mesh_of_one_body_is_cut_into_pieces_that_add_up_to_it(box, tmp_path, 
     assert shape.parts.volumes.min() > 0.5 / PIECES * np.prod(SIDES)
 
 
+def test_a_mesh_of_one_body_is_cut_where_it_narrows(tmp_path):
+    profile = [[0, 0], [0.03, 0], [0.03, 0.05], [0.008, 0.05], [0.008, 0.2], [0, 0.2]]
+    mesh = trimesh.creation.revolve(profile, sections=48)
+    mesh.export(tmp_path / "mallet.stl")
+    shape = load_object(tmp_path / "mallet.stl")
+    assert "segmented" in shape.words
+    assert shape.parts.volumes.sum() == pytest.approx(mesh.volume, rel=1e-5)
+    above = shape.parts.unit_phi[3] > 0.05
+    assert shape.parts.volumes[above].sum() == pytest.approx(np.pi * 0.008**2 * 0.15, rel=0.2)
+
+
 def test_bodies_of_a_mesh_are_its_parts(box, tmp_path):
     ball = trimesh.creation.icosphere(radius=0.02)
     ball.apply_translation([0.12, 0, 0])

@@ -8,7 +8,7 @@ import pytest
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.mesh_worker import MeshWorker
-from poise.shape.meshes import CheckedMesh, check_mesh, parse_mesh, read_mesh
+from poise.shape.meshes import CheckedMesh, check_mesh, parse_mesh, read_mesh, read_triangles
 
 CORNERS = np.array([[x, y, z] for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
 QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
@@ -114,6 +114,22 @@ def test_a_hollow_stays_hollow() -> None:
 def test_a_body_inside_another_counts_once() -> None:
     pytest.importorskip("manifold3d")
     assert volume(two_cubes(0.25, size=0.5)) == pytest.approx(1)
+
+
+def test_triangles_are_read_as_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "open.stl"
+    path.write_bytes(binary_stl(CUBE[:6]))
+    points, triangles = read_triangles(path, tmp_path, scale=0.5)
+    assert triangles.shape == (6, 3)
+    assert len(points) == 18  # an STL names no vertex twice
+    assert points.max() == 0.5
+    with pytest.raises(InputError) as refused:
+        read_mesh(path, tmp_path)
+    assert refused.value.code is ErrorCode.MESH_INVALID
+    path.write_bytes(stl_with(np.nan))
+    with pytest.raises(InputError) as refused:
+        read_triangles(path, tmp_path)
+    assert refused.value.code is ErrorCode.NOT_FINITE
 
 
 def sphere() -> tuple[np.ndarray, np.ndarray]:

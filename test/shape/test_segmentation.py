@@ -9,6 +9,7 @@ import shape_samples as samples
 
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
+from poise.shape.clustering import smooth_colours
 from poise.shape.metrics import global_consistency_error, undersegmentation_error
 from poise.shape.segmentation import segment
 from poise.shape.thinning import thin
@@ -20,6 +21,31 @@ def test_head_and_handle_do_not_mix() -> None:
     assert undersegmentation_error(found.labels, truth) < 0.03
     assert global_consistency_error(found.labels, truth) < 0.03
     assert found.volumes.sum() == pytest.approx(found.solid.volume)
+
+
+def test_noise_of_colours_goes_and_their_edges_stay() -> None:
+    rng = np.random.default_rng(9)
+    points, clean, truth = samples.mallet(rng, 800)
+    noisy = np.clip(clean + rng.normal(scale=0.05, size=clean.shape), 0, 1)
+    found = segment(points, noisy)
+    assert undersegmentation_error(found.labels, truth) < 0.04
+    line = np.stack([np.arange(199), np.arange(1, 200)], axis=1)
+    step = np.where(np.arange(200) < 100, 0.2, 0.8)[:, None] * np.ones(3)
+    smooth = smooth_colours(step + rng.normal(scale=0.03, size=step.shape), line)
+    assert np.abs(smooth - step).std() < 0.02
+    assert np.linalg.norm(smooth[100] - smooth[99]) > 0.9
+    np.testing.assert_array_equal(smooth_colours(step, line), step)
+
+
+def test_parts_know_their_colours() -> None:
+    points, colours, truth = samples.mallet(np.random.default_rng(2), 800)
+    found = segment(points, colours)
+    assert found.part_colours is not None
+    assert segment(points).part_colours is None
+    for part in range(found.n_parts):
+        own = truth[found.labels == part]
+        if len(np.unique(own)) == 1:
+            np.testing.assert_allclose(found.part_colours[part], colours[truth == own[0]][0])
 
 
 def test_the_same_cloud_gives_the_same_labels() -> None:

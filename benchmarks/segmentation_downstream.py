@@ -1,0 +1,124 @@
+"""What found parts are worth: e_I of stop-and-go with moderate noise, from true parts and from parts found in clouds.
+
+python -m benchmarks.segmentation_downstream [--seeds N] [--random N]
+"""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from scipy.spatial import cKDTree
+
+from benchmarks.identification.objects import BenchmarkObject, load_tools
+from benchmarks.identification.scenarios import DEVELOPMENT_SEEDS, Scenario, make_trial
+from benchmarks.random_objects import FIRST_TEST_SEED, GRIP, as_benchmark_object, make_composite
+from benchmarks.segmentation_truth import NOISE, SHIPPED, Array, Subject, load_clouds
+from poise.inertia.bayes import SHAPE_ACCURACY, PoiseEstimator
+from poise.inertia.hps import hps
+from poise.inertia.metrics import errors
+from poise.inertia.object_shape import CLOUD_ACCURACY, parts_of_segmentation
+from poise.inertia.parameters import InertialParameters
+from poise.inertia.parts import Parts
+from poise.inertia.problem import IdentificationProblem
+from poise.shape.independent import independent_parts
+from poise.shape.segmentation import segment
+
+STILL = Scenario("stop-and-go")
+Solve = Callable[[IdentificationProblem, Parts, float], InertialParameters]
+Case = tuple[Subject, BenchmarkObject, Array]  # and (4, 4), the cloud's frame in the sensor's
+console = Console(width=140)
+
+
+def by_poise(problem: IdentificationProblem, parts: Parts, accuracy: float) -> InertialParameters:
+    estimator = PoiseEstimator(parts, problem.noise, shape_accuracy=accuracy)
+    estimator.add(
+        problem.stamps,
+        problem.gravity_in_sensor,
+        problem.linear_acceleration,
+        problem.angular_velocity,
+        problem.angular_acceleration,
+        problem.wrench,
+    )
+    return estimator.solve().parameters
+
+
+def by_hps(problem: IdentificationProblem, parts: Parts, _: float) -> InertialParameters:
+    told = replace(problem, unit_parts=parts.unit_phi, part_volumes=parts.volumes)
+    return InertialParameters.from_phi(hps(told).phi)
+
+
+METHODS: dict[str, Solve] = {"poise": by_poise, "hps": by_hps}
+
+
+def parts_to_try(subject: Subject, tool: BenchmarkObject) -> dict[str, Parts]:
+    """By name; the true ones in the sensor frame, the others in the cloud's."""
+    found = segment(subject.points, subject.colours)
+    solid, ours = found.solid, parts_of_segmentation(found)
+    true_labels = subject.labels[cKDTree(subject.points).query(solid.centroids)[1]]
+
+    def cut(labels: object) -> Parts:
+        return Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, labels)  # type: ignore[arg-type]
+
+    return {
+        "true parts": Parts(tool.unit_parts, tool.part_volumes, tool.hull),
+        "true labels on our solid": cut(true_labels),
+        "ours": ours,
+        "all of ours, no colours": cut(found.tetrahedron_labels),
+        "at most 4 of ours": cut(independent_parts(found)),
+        "one part": cut(None),
+    }
+
+
+def compare(cases: list[Case], seeds: list[int], title: str) -> Table:
+    """Mean and median e_I in % over cases and seeds."""
+    sums: dict[tuple[str, str], list[float]] = {}
+    for subject, tool, pose in track(cases, title, console=console, transient=True):
+        for key, parts in parts_to_try(subject, tool).items():
+            true = key == "true parts"
+            held = parts if true else parts.in_frame(pose[:3, :3], pose[:3, 3])
+            accuracy = SHAPE_ACCURACY if true else CLOUD_ACCURACY
+            for seed in seeds:
+                problem = make_trial(tool, STILL, seed).problem
+                for name, solve in METHODS.items():
+                    error = errors(solve(problem, held, accuracy), tool.truth, tool.bounding_box).inertia
+                    sums.setdefault((name, key), []).append(error)
+    made = Table(title=f"{title}: mean e_I % (median)", title_justify="left")
+    keys = list(dict.fromkeys(key for _, key in sums))
+    for heading in ("method", *keys):
+        made.add_column(heading, justify="left" if heading == "method" else "right")
+    for name in METHODS:
+        made.add_row(name, *(f"{np.mean(sums[name, key]):.2f} ({np.median(sums[name, key]):.2f})" for key in keys))
+    return made
+
+
+def tools() -> list[Case]:
+    with np.load(SHIPPED.with_name("workshop_tools.npz"), allow_pickle=False) as file:
+        poses = {key.split("/")[0]: file[key] for key in file.files if key.endswith("pose_in_sensor")}
+    held = {tool.name: tool for tool in load_tools()}
+    return [(cloud, held[cloud.name], poses[cloud.name]) for cloud in load_clouds() if cloud.name in held]
+
+
+def random_objects(count: int) -> list[Case]:
+    pose = np.eye(4)
+    pose[:3, 3] = GRIP
+    made = [make_composite(seed, NOISE) for seed in range(FIRST_TEST_SEED, FIRST_TEST_SEED + count)]
+    return [(one, as_benchmark_object(one), pose) for one in made]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=2, help="of the noise")
+    parser.add_argument("--random", type=int, default=24, help="how many random objects")
+    arguments = parser.parse_args()
+    seeds = list(DEVELOPMENT_SEEDS[: arguments.seeds])
+    console.print(compare(tools(), seeds, "workshop tools"))
+    if arguments.random:
+        console.print(compare(random_objects(arguments.random), seeds, "random objects"))
+
+
+if __name__ == "__main__":
+    main()
