@@ -4,8 +4,10 @@ python -m benchmarks.segmentation_downstream [--seeds N] [--random N]
 """
 
 import argparse
+import tempfile
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -16,11 +18,11 @@ from scipy.spatial import cKDTree
 from benchmarks.identification.objects import BenchmarkObject, load_tools
 from benchmarks.identification.scenarios import DEVELOPMENT_SEEDS, Scenario, make_trial
 from benchmarks.random_objects import FIRST_TEST_SEED, GRIP, as_benchmark_object, make_composite
-from benchmarks.segmentation_truth import NOISE, SHIPPED, Array, Subject, load_clouds
+from benchmarks.segmentation_truth import NOISE, SHIPPED, Array, Indices, Subject, ToolCloud, load_clouds
 from poise.inertia.bayes import SHAPE_ACCURACY, PoiseEstimator
 from poise.inertia.hps import hps
 from poise.inertia.metrics import errors
-from poise.inertia.object_shape import CLOUD_ACCURACY, parts_of_segmentation
+from poise.inertia.object_shape import CLOUD_ACCURACY, ObjectShape, load_object, parts_of_segmentation
 from poise.inertia.parameters import InertialParameters
 from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem
@@ -54,33 +56,44 @@ def by_hps(problem: IdentificationProblem, parts: Parts, _: float) -> InertialPa
 METHODS: dict[str, Solve] = {"poise": by_poise, "hps": by_hps}
 
 
-def parts_to_try(subject: Subject, tool: BenchmarkObject) -> dict[str, Parts]:
-    """By name; the true ones in the sensor frame, the others in the cloud's."""
+def parts_to_try(subject: Subject, tool: BenchmarkObject, pose: Array) -> dict[str, tuple[Parts, float]]:
+    """By name, with their accuracy, in the sensor frame; (4, 4) pose of the cloud's frame in it."""
     found = segment(subject.points, subject.colours)
     solid, ours = found.solid, parts_of_segmentation(found)
     true_labels = subject.labels[cKDTree(subject.points).query(solid.centroids)[1]]
 
-    def cut(labels: object) -> Parts:
-        return Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, labels)  # type: ignore[arg-type]
+    def cut(labels: Indices | None) -> Parts:
+        return Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, labels)
 
-    return {
-        "true parts": Parts(tool.unit_parts, tool.part_volumes, tool.hull),
+    scanned = {
         "true labels on our solid": cut(true_labels),
         "ours": ours,
         "all of ours, no colours": cut(found.tetrahedron_labels),
         "at most 4 of ours": cut(independent_parts(found)),
         "one part": cut(None),
     }
+    shapes = {name: ObjectShape(parts, CLOUD_ACCURACY, name) for name, parts in scanned.items()}
+    if isinstance(subject, ToolCloud):
+        shapes["its mesh, as read by identify"] = mesh_of(subject)
+    held = {name: (shape.parts.in_frame(pose[:3, :3], pose[:3, 3]), shape.accuracy) for name, shape in shapes.items()}
+    return {"true parts": (Parts(tool.unit_parts, tool.part_volumes, tool.hull), SHAPE_ACCURACY), **held}
+
+
+def mesh_of(subject: ToolCloud) -> ObjectShape:
+    """What `poise identify --object` makes of the true surface; shells that are closed for themselves are parts."""
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in subject.vertices.tolist())
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (subject.triangles + 1).tolist())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{subject.name}.obj"
+        path.write_text(vertices + faces)
+        return load_object(path)
 
 
 def compare(cases: list[Case], seeds: list[int], title: str) -> Table:
     """Mean and median e_I in % over cases and seeds."""
     sums: dict[tuple[str, str], list[float]] = {}
     for subject, tool, pose in track(cases, title, console=console, transient=True):
-        for key, parts in parts_to_try(subject, tool).items():
-            true = key == "true parts"
-            held = parts if true else parts.in_frame(pose[:3, :3], pose[:3, 3])
-            accuracy = SHAPE_ACCURACY if true else CLOUD_ACCURACY
+        for key, (held, accuracy) in parts_to_try(subject, tool, pose).items():
             for seed in seeds:
                 problem = make_trial(tool, STILL, seed).problem
                 for name, solve in METHODS.items():
