@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from poise.shape.carving import carve
+from poise.shape.metrics import scaled_distances, scaled_hausdorff
 from poise.shape.solid import FACES, Solid
 
 Array = NDArray[np.float64]
@@ -62,7 +63,6 @@ class Reference:
     Args:
         everything: (`SAMPLES`, 3) m of all of it, with gaps between parts and hollows that no camera sees.
         outer: (`SAMPLES`, 3) m of what a ball can touch from outside: the solid carved from `SEEN` of its points.
-        diagonal: m, of the box around it.
     """
 
     def __init__(self, subject: Subject) -> None:
@@ -70,7 +70,6 @@ class Reference:
         self.everything = subject.surface(rng, SAMPLES)
         self._seen = carve(subject.surface(rng, SEEN))
         self.outer = sample(self._seen.vertices, self._seen.surface[0], rng, SAMPLES)
-        self.diagonal = float(np.linalg.norm(np.ptp(self.outer, axis=0)))
 
     @cached_property
     def _cells(self) -> tuple[Delaunay, NDArray[np.bool_]]:
@@ -93,19 +92,12 @@ class Reference:
         owner, corner = np.nonzero(kept[:-1, None] & ~kept[delaunay.neighbors])
         triangles = np.take_along_axis(delaunay.simplices[owner], FACES[corner], axis=1)
         rebuilt = sample(points, triangles.astype(np.int64), np.random.default_rng(2), SAMPLES)
-        return self.distances(rebuilt, self.outer)[0]
+        return scaled_hausdorff(rebuilt, self.outer)
 
     def compare(self, solid: Solid) -> tuple[float, float, float]:
         """Hausdorff distance and mean distance to what is seen, Hausdorff distance to everything, in diagonals."""
         rebuilt = sample(solid.vertices, solid.surface[0], np.random.default_rng(2), SAMPLES)
-        return *self.distances(rebuilt, self.outer), self.distances(rebuilt, self.everything)[0]
-
-    def distances(self, points: Array, reference: Array) -> tuple[float, float]:
-        """Largest distance of one to the other and back, and the mean of both means, in diagonals."""
-        there, back = cKDTree(reference).query(points)[0], cKDTree(points).query(reference)[0]
-        return float(max(there.max(), back.max()) / self.diagonal), float(
-            (there.mean() + back.mean()) / 2 / self.diagonal
-        )
+        return *scaled_distances(rebuilt, self.outer), scaled_hausdorff(rebuilt, self.everything)
 
 
 def load_clouds(source: Path = SHIPPED) -> list[ToolCloud]:

@@ -28,10 +28,14 @@ def global_consistency_error(labels: ArrayLike, truth: ArrayLike) -> float:
 
 def scaled_hausdorff(points: Array, reference: Array) -> float:
     """Symmetric Hausdorff distance of dense samples (N, 3), (M, 3), as a share of the reference's box diagonal."""
+    return scaled_distances(points, reference)[0]
+
+
+def scaled_distances(points: Array, reference: Array) -> tuple[float, float]:
+    """The same, and the mean distance to the nearest point of the other set (the mean of both directions)."""
     diagonal = float(np.linalg.norm(np.ptp(reference, axis=0)))
-    there = cKDTree(reference).query(points)[0].max()
-    back = cKDTree(points).query(reference)[0].max()
-    return float(max(there, back) / diagonal)
+    there, back = cKDTree(reference).query(points)[0], cKDTree(points).query(reference)[0]
+    return max(there.max(), back.max()) / diagonal, (there.mean() + back.mean()) / 2 / diagonal
 
 
 def _contingency(labels: ArrayLike, truth: ArrayLike) -> Array:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poise.shape.metrics import global_consistency_error, scaled_hausdorff, undersegmentation_error
+from poise.shape.metrics import global_consistency_error, scaled_distances, scaled_hausdorff, undersegmentation_error
 
 TRUTH = [0] * 6 + [1] * 4
 
@@ -38,3 +38,6 @@ def test_hausdorff_is_the_longest_way_to_the_other_set_in_diagonals() -> None:
     assert scaled_hausdorff(reference, reference) == 0
     assert scaled_hausdorff(np.array([[0.0, 0, 1], [3, 4, 0]]), reference) == pytest.approx(0.2)
     assert scaled_hausdorff(reference[:1], reference) == pytest.approx(1.0)
+    # There 1 and 0, back 1 and 0: half on average; to one point there 0, back 0 and 5.
+    assert scaled_distances(np.array([[0.0, 0, 1], [3, 4, 0]]), reference)[1] == pytest.approx(0.1)
+    assert scaled_distances(reference[:1], reference)[1] == pytest.approx(0.25)
