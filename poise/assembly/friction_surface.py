@@ -112,14 +112,15 @@ class FrictionSurface:
         _, axes = np.linalg.eigh((self.points * self.weights[:, None]).T @ self.points)
         along = self.points @ axes[:, ::-1]
         sides = np.ptp(along, axis=0)
-        aspect = np.sqrt(sides[0] / max(sides[1], 1e-3 * sides[0], 1e-12))
+        aspect = np.sqrt(max(sides[0], 1e-12) / max(sides[1], 1e-3 * sides[0], 1e-12))
         counts = np.ones(2) if aspect**2 < compact else np.clip(np.round([2 * aspect, 2 / aspect + 0.2]), 1, 5)
         grid = np.floor((along - along.min(axis=0)) / np.where(sides > 0, sides, 1) * counts * (1 - 1e-9))
         _, cell = np.unique(grid @ [8.0, 1.0], return_inverse=True)
         weights: Array = np.bincount(cell, self.weights).astype(np.float64)
-        places = np.stack([np.bincount(cell, self.weights * x) for x in self.points.T], axis=1) / weights[:, None]
+        some = np.maximum(weights, np.finfo(float).tiny)  # triangles without area weigh nothing
+        places = np.stack([np.bincount(cell, self.weights * x) for x in self.points.T], axis=1) / some[:, None]
         square = ((self.points - places[cell]) ** 2).sum(axis=1)
-        spins = np.sqrt(np.bincount(cell, self.weights * square) / weights)
+        spins = np.sqrt(np.bincount(cell, self.weights * square) / some)
         return Cells(weights, places, spins * _spin_factor(weights, places, spins, self.radius))
 
 

@@ -7,7 +7,7 @@ from assembly_scenes import G, box, on_floor
 from scipy.optimize import brentq
 
 from poise.assembly import Analysis, Push, assess, find_interfaces
-from poise.assembly.friction_surface import patch_friction
+from poise.assembly.friction_surface import FrictionSurface, patch_friction
 from poise.assembly.patch import PatchProgram
 from poise.assembly.pushes import loads_of
 
@@ -141,3 +141,12 @@ def test_mechanisms_of_a_single_patch_give_way_along_the_push():
         assert at_push[0] == pytest.approx(1)
         at_base = linear + np.cross(angular, [0.5 * np.sign(angular[1]) if found.mode == "topple" else 0, 0, -0.5])
         assert at_base[2] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("points", [[[0, 0], [0, 0], [0, 0]], [[0, 0], [1, 0], [0, 1]]])
+def test_what_weighs_nothing_makes_no_number_infinite(points):
+    """Slivers between meshes leave patches whose triangles have no area, or lie on one point."""
+    cells = FrictionSurface(np.array(points, dtype=float), np.array([1.0, 0.0, 0.0])).cells()
+    for values in (cells.weights, cells.places, cells.spins):
+        assert np.isfinite(values).all()
+    assert cells.weights.sum() == pytest.approx(1.0)
