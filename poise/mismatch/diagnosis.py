@@ -191,6 +191,7 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
     shown = _shown(final, library)
     rest = leftover(final, left_over(final, best), _whitened(best), _rounding(final, shown))
     unknown = _unknown(final, best, rest)
+    doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
     held = tail(final) if last is None else last
     channels = (
         channel_names() if problem.world.effort is None or problem.signal == "wrench" else problem.world.effort.names
@@ -200,7 +201,7 @@ def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequenc
         nominal=nominal,
         best=best,
         state=state,
-        findings=(*_findings(final, state, best, beside_unknown=unknown is not None), *shown),
+        findings=(*_findings(final, state, best, beside_unknown=doubted), *shown),
         unknown=unknown,
         rest=rest,
         # With the best model's calibration: fitted without what was found it would be bent by it, all along.

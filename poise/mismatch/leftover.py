@@ -39,6 +39,11 @@ class Leftover:
     depends_on: tuple[str, ...]
     whiteness: float
 
+    @property
+    def only_louder(self) -> bool:
+        """Nothing but fast noise that grows with the speed: no larger than noise may be, it casts no doubt on names."""
+        return self.louder and self.excess <= MATERIAL
+
 
 def leftover(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> Leftover:
     """Judge a residual (N, C), and the whitened one (R,); rounding (C,) of the readings, one sigma, is no structure."""

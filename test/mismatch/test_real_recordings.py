@@ -45,6 +45,9 @@ def found(answer: Diagnosis, name: str) -> Finding:
 def test_bias_and_vibration_are_named_and_nothing_else(run: str, request: pytest.FixtureRequest) -> None:
     answer: Diagnosis = request.getfixturevalue(run)
     assert {finding.effect.name for finding in answer.findings} == {"sensor_bias", "external_vibration"}
+    # Noise that grows with speed is left, and said; it is no larger than noise and takes nothing from the names.
+    assert answer.main.rest.only_louder
+    assert all(finding.belief.probability > 0.8 for finding in answer.findings)
     proof = answer.main.proof
     assert proof.augmented < proof.nominal < proof.as_given
 
