@@ -17,6 +17,7 @@ from rich.table import Table
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from poise.commands.scan import volume_std
 from poise.errors import PoiseError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.fake_robots.sweep_bag import FakeSweep, arm_sweep, fake_views
@@ -102,7 +103,7 @@ def row_of(case: Case, repeats: int) -> list[str]:
         f"{seen.mean():.2f} ({np.quantile(seen, 0.95):.2f})",
         f"{hidden.mean():.1f}",
         f"{np.mean(~found.seen):.0%}",
-        f"{cut.solid.volume / case.volume:.2f}",
+        f"{cut.solid.volume / case.volume:.2f} ± {volume_std(found, cut) / case.volume:.2f}",
         f"{thesis_volume(found) / case.volume:.2f}",
         poses,
     ]

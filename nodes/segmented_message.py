@@ -34,7 +34,8 @@ def segmented_message(
         parts: (T,) part of each tetrahedron that is told; each a union of those of `found`.
         notes: what to read it with.
     """
-    message = SegmentedObject(id=name, volume=float(found.solid.volume), volume_std=float(found.solid.volume_std))
+    spread = float(np.hypot(found.solid.volume_std, scanned.hidden_volume_std))
+    message = SegmentedObject(id=name, volume=float(found.solid.volume), volume_std=spread)
     message.header.stamp, message.header.frame_id = time_message(stamp), frame
     whole = np.zeros(found.n_parts, dtype=np.int64)
     whole[found.tetrahedron_labels] = parts
@@ -43,7 +44,7 @@ def segmented_message(
     for number, (phi, volume) in enumerate(zip(shapes.unit_phi.T, shapes.volumes, strict=True)):
         vertices, triangles = part_surface(found.solid, parts, number)
         part = Part(label=number, volume=float(volume), surface=_mesh(vertices - scanned.foot, triangles))
-        part.volume_std = float(found.solid.volume_std * volume / found.solid.volume)
+        part.volume_std = float(spread * volume / found.solid.volume)
         unit = InertialParameters.from_phi(phi)
         inertia = part.unit_inertia
         inertia.m = 1.0

@@ -40,7 +40,8 @@ class Completed:
     Args:
         points: (M, 3) m in the world, on the hidden surface.
         normals: (M, 3) out of the object.
-        hidden: share of the object's surface that they make up.
+        area: m2 of the object's surface that they make up.
+        hidden: the share of it that this is.
         hidden_sides: the same of the surface without its underside.
         unknown: m2 of the table, inside and beside the object, of which nothing is known at all: glass, or shadow.
         footprint: m2 that the object covers.
@@ -48,6 +49,7 @@ class Completed:
 
     points: Array
     normals: Array
+    area: float
     hidden: float
     hidden_sides: float
     unknown: float
@@ -84,7 +86,7 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     points, normals = points[hidden], normals[hidden]
     in_world = (points + np.array([0, 0, plane.offset])) @ axes
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    return Completed(in_world, normals @ axes, *shares, _unknown(footprint), covers)
+    return Completed(in_world, normals @ axes, len(points) * cell**2, *shares, _unknown(footprint), covers)
 
 
 def _carved(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.scanning import Frame, ScanOptions, View, scan
-from poise.scanning.scan import DEFAULT
+from poise.scanning.scan import DEFAULT, HIDDEN_OFF
 from poise.scanning.sweep import Ring
 from poise.shape.segmentation import segment
 
@@ -71,6 +71,9 @@ def test_its_volume_is_right():
     found = brick()
     volume = segment(found.points, found.colours).solid.volume
     assert volume == pytest.approx(np.prod(BRICK), rel=0.08)
+    bottom = BRICK[0] * BRICK[1]  # is what was not seen
+    assert found.hidden_volume_std == pytest.approx(HIDDEN_OFF * bottom, rel=0.4)
+    assert abs(volume - np.prod(BRICK)) < 2 * found.hidden_volume_std
 
 
 def test_the_same_views_give_the_same_cloud():
