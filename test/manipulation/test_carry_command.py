@@ -18,7 +18,7 @@ BASE = ["--base", "-0.5", "0", "0", "0"]
 
 def test_the_plan_ends_with_the_object_where_it_stays(tmp_path, capsys):
     plan, scene, picture = (tmp_path / name for name in ("plan.json", "after.yaml", "carry.png"))
-    more = ["--json", str(plan), "--save", str(scene), "--picture", str(picture), "--seed", "1"]
+    more = ["--json", str(plan), "--save", str(scene), "--picture", str(picture), "--seed", "1", "--seconds", "300"]
     assert run(["carry", SCENE, "--object", CAN, *BASE, "--on", "objects", *more]) == 0
     answer = json.loads(plan.read_text())
     arm = Arm.load("fr3", Pose.from_vector([-0.5, 0, 0, 0, 0, 0, 1]))

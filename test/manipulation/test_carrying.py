@@ -25,7 +25,7 @@ def carried():
     can = RigidObject("can", Cylinder(0.03, 0.1), Pose.from_vector(LYING), mass=0.3)
     reach = Reach(Arm.load("fr3"), before, can)
     found = plan_placement(before, can, Options(on="objects", tests=reach.tests), 1)
-    return reach, found, plan_transfer(reach, found.analysis, found.item)
+    return reach, found, plan_transfer(reach, found.analysis, found.item, seconds=600.0)
 
 
 def motions_of(transfer, name):
@@ -74,7 +74,7 @@ def test_on_the_way_nothing_is_under_the_table_and_the_object_is_not_shaken_loos
 
 def test_same_seed_same_motion(carried):
     reach, found, transfer = carried
-    again = plan_transfer(Reach(reach.arm, reach.before, reach.item), found.analysis, found.item)
+    again = plan_transfer(Reach(reach.arm, reach.before, reach.item), found.analysis, found.item, seconds=600.0)
     for first, second in zip(transfer.phases, again.phases, strict=True):
         for one, other in zip(first.motions, second.motions, strict=True):
             np.testing.assert_array_equal(one.position, other.position)
