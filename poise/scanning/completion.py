@@ -27,6 +27,8 @@ FREE = 0.0007
 NEAR, ALIKE = 2.5, 0.3
 VERY_NEAR, OPPOSITE = 1.3, -0.5
 """Cells from a seen point, and cosine between normals, within which a hidden face is that of the seen surface."""
+THIN = 2.0
+"""Cells over the table below which every seen point of a top gets its own below it."""
 UNDERSIDE = -0.7
 """Normal's z below which a face looks at the table."""
 MOST_CELLS = 1_500_000
@@ -83,10 +85,11 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     hidden = ~_seen_already(points, normals, placed, surface.normals @ axes.T, cell)
     sides = normals[:, 2] > UNDERSIDE
     shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
-    points, normals = points[hidden], normals[hidden]
+    area = float(np.sum(hidden)) * cell**2
+    points, normals = _under_thin(points[hidden], normals[hidden], placed, surface.normals @ axes.T, cell)
     in_world = (points + np.array([0, 0, plane.offset])) @ axes
     covers = float(np.count_nonzero(solid.any(axis=2))) * cell**2
-    return Completed(in_world, normals @ axes, len(points) * cell**2, *shares, _unknown(footprint), covers)
+    return Completed(in_world, normals @ axes, area, *shares, _unknown(footprint), covers)
 
 
 def _carved(
@@ -128,6 +131,16 @@ def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Arra
     there = np.isfinite(distance)
     alike = np.einsum("fi,fki->fk", normals, seen_normals[np.where(there, near, 0)])
     return np.asarray(np.any(there & ((alike > ALIKE) | ((distance < VERY_NEAR * cell) & (alike > OPPOSITE))), axis=1))
+
+
+def _under_thin(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> tuple[Array, Array]:
+    """The bottom of thin plates is as dense as their top: else a point without another below it bounds no volume."""
+    below = seen[(seen[:, 2] < THIN * cell) & (seen_normals[:, 2] > -UNDERSIDE)] * [1, 1, 0]
+    if not len(below):
+        return points, normals
+    kept = cKDTree(below).query(points)[0] > cell
+    down = np.tile([0.0, 0.0, -1.0], (len(below), 1))
+    return np.concatenate([points[kept], below]), np.concatenate([normals[kept], down])
 
 
 def _unknown(footprint: Footprint) -> float:

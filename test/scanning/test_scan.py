@@ -130,6 +130,7 @@ def test_a_thin_plate_is_not_taken_for_the_table():
     size = np.ptp(found.points[found.seen], axis=0)
     np.testing.assert_allclose(size[:2], [0.15, 0.03], atol=0.006)
     assert found.points[found.seen][:, 2].mean() == pytest.approx(0.002, abs=4e-4)
+    assert segment(found.points, found.colours).solid.volume == pytest.approx(0.15 * 0.03 * 0.002, rel=0.2)
 
 
 def test_a_gap_under_an_overhang_stays_open():
