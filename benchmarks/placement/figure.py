@@ -13,6 +13,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure, FigureBase
+from matplotlib.ticker import NullFormatter
 
 from benchmarks.placement.growth import Row, grouped
 from benchmarks.placement.run import FINAL
@@ -48,6 +49,7 @@ def growth(rows: dict[str, list[Row]]) -> Figure:
             means = [np.mean([row[what] for row in some if row[what] is not None]) for some in groups.values()]
             axes.loglog(list(groups), means, "o-", color=colour, label=what, markersize=4)
         axes.set_xlabel(of)
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_ylabel("ms")
         axes.legend(frameon=False)
     return figure

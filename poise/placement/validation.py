@@ -17,6 +17,8 @@ from poise.placement.uncertainty import Uncertainty, stands_anyway
 Test = Callable[[Analysis, RigidObject], bool]
 """A condition on a placement, asked when the assembly with the object in it is known to stand."""
 
+LOOSE = 3e-4
+"""m: wider gaps, which the tolerance of scans would let pass as contact, carry no placement that is planned."""
 LEAST_MARGIN = 1e-3
 """Of the object's weight: a placement on the verge of moving is none."""
 ALMOST = 0.15
@@ -55,7 +57,7 @@ class Validator:
             known = {ErrorCode.INTERPENETRATION: "overlaps", ErrorCode.FLOATING: "touches nothing"}
             return self._reject(known.get(error.code, error.code.name.lower()))
         try:
-            standing = self._standing(analysis, there)
+            standing = self._standing(_without_gaps(analysis, there), there)
             if standing is None:
                 return self._reject("does not stand")
             if self.uncertainty is not None and not stands_anyway(*standing, self.uncertainty):
@@ -79,7 +81,10 @@ class Validator:
         if not self.settling or left > ALMOST:
             return None
         settled = settle(analysis, item, self._size)
-        return settled if settled is not None and self._is_safe(*settled) else None
+        if settled is None:
+            return None
+        settled = _without_gaps(*settled), settled[1]
+        return settled if self._is_safe(*settled) else None
 
     def _is_safe(self, analysis: Analysis, item: RigidObject) -> bool:
         """It stands with something to spare, and nothing may roll or swivel freely. The cheap questions come first."""
@@ -91,3 +96,10 @@ class Validator:
         if any(np.linalg.matrix_rank(grasp) < len(grasp) for grasp in held):
             return False
         return analysis.stability().margin >= least
+
+
+def _without_gaps(analysis: Analysis, item: RigidObject) -> Analysis:
+    """The analysis without what only nearly touches an object: it would sink by the gap, and perhaps go on."""
+    structure, place = analysis.structure, analysis.assembly.index[item.id]
+    kept = tuple(i for i in structure.interfaces if place not in (i.first, i.second) or i.gap <= LOOSE)
+    return analysis if len(kept) == len(structure.interfaces) else Analysis(replace(structure, interfaces=kept))
