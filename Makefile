@@ -24,7 +24,7 @@ lint: ## ruff and mypy alone
 
 benchmark: ## every figure of the README and docs (long)
 	@tools/set_up.sh viewer,test
-	@for file in $(filter-out benchmarks/transport_ends.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+	@for file in $(filter-out benchmarks/transport_ends.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; PYTHONPATH=. $(BIN)/python $$file || exit 1; done
 	@$(BIN)/python -m benchmarks.identification.run
 	@$(BIN)/python -m benchmarks.identification.excitation
 
