@@ -37,7 +37,7 @@ class Options:
         candidates: placements to find before the best is taken; the deadline may end it with fewer.
         criterion: least, median (robustness), volume or compactness.
         on: what may carry the object: any, objects (not the fixed supports), fixed.
-        guide: limit or uniform, see `find_supports`.
+        guide: limit, approx, thesis or uniform, see `find_supports`.
         uncertainty: what the placement has to survive.
         tests: further conditions by name.
         refining: move a placement that was found as long as its merit grows.

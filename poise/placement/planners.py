@@ -41,6 +41,8 @@ def _guided(
 
 PLANNERS: dict[str, Planner] = {
     "poise": plan_placement,
+    "approx": partial(_guided, "approx"),
+    "thesis": partial(_guided, "thesis"),
     "uniform": partial(_guided, "uniform"),
     "sim-above": partial(first_that_stays, from_above),
     "sim-random": partial(first_that_stays, from_anywhere),

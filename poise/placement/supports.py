@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis
+from poise.assembly.assess import assess
 from poise.assembly.geometry import Array, unit
 from poise.assembly.maps import robustness_map
+from poise.assembly.pushes import Push
 from poise.assembly.scene import RigidObject
 from poise.assembly.surface import SurfacePoints
 from poise.errors import ErrorCode, InputError, PoiseError
@@ -19,7 +21,9 @@ FACES_UP = 0.02
 """Least cosine between a carrying surface's normal and up."""
 TOLERANCE = 0.3
 """Relative; of the robustness map that only guides."""
-GUIDES = ("limit", "uniform")
+GUIDES = ("limit", "approx", "thesis", "uniform")
+GUIDE_SECONDS = 5.0
+"""s for guides that ask every place by itself; what they have not reached by then is held for weak."""
 FIRST_SHARE = 0.1
 """Probability of the set of strongest points at the first draw (thesis section 5.6.1)."""
 DECAY = 0.99
@@ -108,7 +112,8 @@ def find_supports(
     Args:
         analysis: of the assembly; it has to stand.
         on: objects, fixed, or any: what may carry.
-        guide: limit (robustness map), or uniform (none).
+        guide: what says how much places bear: limit (robustness map), approx or thesis (the models of that name, place
+            by place), or uniform (nothing).
         count: places to spread.
         scale: m, of the object to place; nearness falls off over it and the size of the scene.
         rng: of the spread.
@@ -130,7 +135,7 @@ def find_supports(
     free = _uncovered(objects, places, points, normals)
     if free.any():
         places, points, normals, sharp = places[free], points[free], normals[free], sharp[free]
-    robustness = np.ones(len(points)) if guide == "uniform" else _guide(analysis, places, points, normals)
+    robustness = np.ones(len(points)) if guide == "uniform" else _guide(analysis, guide, places, points, normals)
     middle, reach = _extent(analysis, points, scale)
     nearness = np.exp(-np.sum((points - middle) ** 2, axis=1) / reach**2)
     supports = Supports(places, points, normals, robustness, nearness, sharp, REACH * scale)
@@ -202,17 +207,27 @@ def _sharp(item: RigidObject, up: Array) -> Array:
     return np.concatenate([along, peaks])
 
 
-def _guide(analysis: Analysis, places: NDArray[np.int64], points: Array, normals: Array) -> Array:
+def _guide(analysis: Analysis, guide: str, places: NDArray[np.int64], points: Array, normals: Array) -> Array:
     """(N,) robustness of pushes into the surface; infinite on fixed bodies."""
     robustness = np.full(len(points), np.inf)
     movable = np.flatnonzero(np.isin(places, analysis.structure.movable))
     if len(movable):
         surface = SurfacePoints(places[movable], points[movable], -normals[movable])
         try:
-            robustness[movable] = robustness_map(analysis, surface, TOLERANCE, "limit").lower
+            if guide == "limit":
+                robustness[movable] = robustness_map(analysis, surface, TOLERANCE, "limit").lower
+            else:
+                robustness[movable] = _asked(analysis, guide, surface)
         except PoiseError:
             robustness[movable] = 1.0  # a guide that fails guides nobody
     return np.asarray(robustness)
+
+
+def _asked(analysis: Analysis, model: str, surface: SurfacePoints) -> list[float]:
+    """N, by a model that gives no map."""
+    rows = zip(surface.place, surface.points, surface.directions, strict=True)
+    pushes = [Push(analysis.assembly.objects[place].id, point, direction) for place, point, direction in rows]
+    return [found.lower for found in assess(analysis, pushes, model, GUIDE_SECONDS).results]
 
 
 def _extent(analysis: Analysis, points: Array, scale: float) -> tuple[Array, float]:

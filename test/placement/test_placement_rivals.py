@@ -73,7 +73,7 @@ def test_a_heightmap_has_the_heights_of_the_surface():
     assert heights[7, 7] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize("name", ["sim-above", "hm", "uniform"])
+@pytest.mark.parametrize("name", ["sim-above", "hm", "uniform", "approx", "thesis"])
 def test_a_rival_finds_a_place_on_a_cube(name):
     if name.startswith("sim"):
         pytest.importorskip("mujoco")
