@@ -29,6 +29,7 @@ from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
+from poise.recording.streams import stamp_of
 
 ACKNOWLEDGED = Duration(seconds=2)
 """How long the end waits for subscribers to confirm the last messages."""
@@ -145,9 +146,8 @@ class FakeRobot(Node):
         if points and positions is None:
             raise InputError(ErrorCode.BAD_INPUT, "joint trajectory: its points have no positions")
         times = np.array([point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in points])
-        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
         given = (positions, rows("velocities"), rows("accelerations"))
-        waypoints = Waypoints(message.joint_names, times, *given, stamp)
+        waypoints = Waypoints(message.joint_names, times, *given, stamp_of(message))
         self._source.command(waypoints)
 
     def _set_payload(self, parameters: list[Any]) -> SetParametersResult:

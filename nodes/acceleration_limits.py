@@ -8,7 +8,7 @@ import numpy as np
 from geometry_msgs.msg import Vector3
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 
 from poise.assembly import AccelerationLimits, Analysis, Pose, Structure, acceleration_limits
 from poise.assembly.turning_base import TurningBase
@@ -16,12 +16,12 @@ from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.nodes.assembly_message import assembly_of
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import weighed
-from poise.nodes.runtime import guarded, run, to_message
+from poise.nodes.runtime import LATCHED, guarded, run, to_message
+from poise.recording.streams import stamp_of
 from poise_msgs.msg import AccelerationLimits as AccelerationLimitsMessage
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import InertialEstimate
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TURN_STEP, TILT_STEP = 0.01, 0.002
 """Changes of rad/s or rad/s2, and of rad, below which nothing is published anew."""
 
@@ -82,7 +82,7 @@ class AccelerationLimitsNode(Node):
             self._estimate, self._told = message, None
 
     def _on_odom(self, message: Odometry) -> None:
-        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        stamp = stamp_of(message)
         turn = message.pose.pose.orientation
         passed = 0.0 if self._odom_stamp is None else (stamp - self._odom_stamp) * 1e-9
         self._base = self._base.after(passed, [turn.x, turn.y, turn.z, turn.w], message.twist.twist.angular.z)

@@ -29,7 +29,8 @@ from poise.inertia.problem import NoiseLevels
 from poise.inertia.weighers import check_method
 from poise.nodes.estimate_message import estimate_message, no_estimate_message, time_message
 from poise.nodes.parameters import Parameter, declare_parameters
-from poise.nodes.runtime import guarded, to_message
+from poise.nodes.runtime import end_goal, guarded, to_message
+from poise.recording.streams import stamp_of
 from poise.robot import RobotModel
 from poise.robot.motion import Array
 from poise_msgs.action import IdentifyPayload as Action
@@ -224,8 +225,7 @@ class IdentifyPayload:
 
     def _on_joint_state(self, message: JointState) -> None:
         if self._session is not None:
-            stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-            self._session.add_joint_state(stamp, message.name, message.position, time.monotonic())
+            self._session.add_joint_state(stamp_of(message), message.name, message.position, time.monotonic())
 
     def _tick(self) -> None:
         goal, session = self._goal, self._session
@@ -285,14 +285,10 @@ class IdentifyPayload:
         result = Action.Result(error=to_message(error))
         if answer is not None:
             result.estimate = estimate_message(answer)
-            goal.succeed()
-            return result
-        error = error or NoAnswerError(ErrorCode.TOO_FEW_SAMPLES, "there is no estimate")
-        result.estimate = no_estimate_message(error, self._live.sensor_frame)
-        if goal.is_cancel_requested:
-            goal.canceled()
         else:
-            goal.abort()
+            error = error or NoAnswerError(ErrorCode.TOO_FEW_SAMPLES, "there is no estimate")
+            result.estimate = no_estimate_message(error, self._live.sensor_frame)
+        end_goal(goal, answer is not None)
         return result
 
     def _conclude_busy(self, goal: ServerGoalHandle) -> Action.Result:

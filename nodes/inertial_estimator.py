@@ -24,6 +24,7 @@ from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import parts_of_message
 from poise.nodes.runtime import guarded, run
 from poise.recording.decoding import rotation_from_quaternion
+from poise.recording.streams import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
 UPDATE_PERIOD = 0.05
@@ -68,15 +69,15 @@ class InertialEstimator(Node):
     def _on_wrench(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque
         wrench = (force.x, force.y, force.z, torque.x, torque.y, torque.z)
-        self.live.add_wrench(_ns(message.header.stamp), message.header.frame_id, wrench, time.monotonic())
+        self.live.add_wrench(stamp_of(message), message.header.frame_id, wrench, time.monotonic())
 
     def _on_joint_state(self, message: JointState) -> None:
-        stamp, now = _ns(message.header.stamp), time.monotonic()
+        stamp, now = stamp_of(message), time.monotonic()
         self.live.add_joint_state(stamp, message.name, message.position, message.velocity, now)
 
     def _on_imu(self, message: Imu) -> None:
         felt = message.linear_acceleration
-        self.live.add_imu(_ns(message.header.stamp), message.header.frame_id, (felt.x, felt.y, felt.z))
+        self.live.add_imu(stamp_of(message), message.header.frame_id, (felt.x, felt.y, felt.z))
 
     def _on_description(self, message: String) -> None:
         self.live.set_robot_description(message.data, time.monotonic())
@@ -88,7 +89,7 @@ class InertialEstimator(Node):
         for transform in message.transforms:
             turn, shift = transform.transform.rotation, transform.transform.translation
             self.live.add_transform(
-                _ns(transform.header.stamp),
+                stamp_of(transform),
                 transform.header.frame_id,
                 transform.child_frame_id,
                 rotation_from_quaternion(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0],
@@ -155,10 +156,6 @@ class InertialEstimator(Node):
             )
         ]
         self._diagnostics.publish(message)
-
-
-def _ns(stamp) -> int:
-    return stamp.sec * 10**9 + stamp.nanosec
 
 
 def main(args: list[str] | None = None) -> None:

@@ -17,6 +17,7 @@ from rclpy.qos import QoSProfile
 
 from poise.errors import ErrorCode, PoiseError
 from poise.nodes.answers import Answers
+from poise.nodes.runtime import coded, run
 
 SERVICE_QOS = QoSProfile(depth=1000)
 """Calls that wait in the middleware: the usual 10 would be overwritten by a burst."""
@@ -154,7 +155,7 @@ class Jobs:
         except Exception as error:
             if rclpy.ok():
                 self._node.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=1.0)
-            return PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {error!r}; please report it")
+            return coded(error)
         return None
 
     def _answer_overdue(self) -> None:
@@ -164,8 +165,16 @@ class Jobs:
                 job.refuse(ErrorCode.DEADLINE, "the deadline passed before anything was certified; allow more time")
 
 
-def leave(status: Any) -> None:
-    """End the process, also while the thread is inside a solver: Python's own way out would abort in it."""
+def run_with_jobs(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
+    """Run a node that has jobs; the process ends also while their thread is inside a solver."""
+    try:
+        run(make_node, args)
+    except SystemExit as end:
+        _leave(end.code)
+
+
+def _leave(status: Any) -> None:
+    """End the process: with a thread inside a solver, Python's own way out would abort in it."""
     if any(thread.name == THREAD for thread in threading.enumerate()):
         sys.stdout.flush()
         sys.stderr.flush()

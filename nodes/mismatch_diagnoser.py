@@ -11,27 +11,27 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from poise.errors import ErrorCode, InputError, PoiseError
+from poise.errors import InputError, PoiseError
 from poise.files import write_whole
 from poise.mismatch.diagnosis import Diagnosis, diagnose
 from poise.mismatch.joining import joined
 from poise.mismatch.live import Window, effects_called, examine
 from poise.mismatch.model import NominalModel, dump_model, load_model
 from poise.mismatch.reading import read_world
-from poise.nodes.jobs import Jobs, leave
+from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.runtime import guarded, run
+from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.recording import open_recording
 from poise.recording.decoding import rotation_from_quaternion
+from poise.recording.streams import stamp_of
 from poise_msgs.msg import MismatchReport
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=2000)
 LOOK_PERIOD = 0.25
 """s between looks whether the next window is due."""
@@ -104,17 +104,17 @@ class MismatchDiagnoser(Node):
     def _on_wrench(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque
         wrench = (force.x, force.y, force.z, torque.x, torque.y, torque.z)
-        self._window.add_wrench(_ns(message.header.stamp), message.header.frame_id, wrench)
+        self._window.add_wrench(stamp_of(message), message.header.frame_id, wrench)
 
     def _on_joint_state(self, message: JointState) -> None:
-        stamp = _ns(message.header.stamp)
+        stamp = stamp_of(message)
         self._window.add_joint_state(stamp, message.name, message.position, message.velocity, message.effort)
 
     def _on_odometry(self, message: Odometry) -> None:
         turn, place = message.pose.pose.orientation, message.pose.pose.position
         rotation = rotation_from_quaternion(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0]
         frames = (message.header.frame_id, message.child_frame_id)
-        self._window.add_odometry(_ns(message.header.stamp), frames, rotation, (place.x, place.y, place.z))
+        self._window.add_odometry(stamp_of(message), frames, rotation, (place.x, place.y, place.z))
 
     def _on_description(self, message: String) -> None:
         self._window.description = message.data
@@ -198,8 +198,7 @@ class MismatchDiagnoser(Node):
             message = no_report_message(error, newest, frame)
         except Exception as error:
             self.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=10.0)
-            fault = PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {error!r}; please report it")
-            message = no_report_message(fault, newest, frame)
+            message = no_report_message(coded(error), newest, frame)
         finally:
             self._spent = time.monotonic() - begin
             self._due = begin + max(self._period, (time.thread_time() - used) / self._share)
@@ -220,16 +219,9 @@ class MismatchDiagnoser(Node):
             self.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=10.0)
 
 
-def _ns(stamp: Any) -> int:
-    return int(stamp.sec * 10**9 + stamp.nanosec)
-
-
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    try:
-        run(MismatchDiagnoser, args)
-    except SystemExit as end:
-        leave(end.code)
+    run_with_jobs(MismatchDiagnoser, args)
 
 
 if __name__ == "__main__":

@@ -11,19 +11,20 @@ from builtin_interfaces.msg import Duration
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.nodes.jobs import Jobs, leave
+from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.object_scanner_parameters import PARAMETERS, near_of, scan_options, session_options, sweep_options
 from poise.nodes.parameters import declare_parameters
-from poise.nodes.runtime import guarded, run, to_message
+from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
 from poise.recording.images import image_of
+from poise.recording.streams import stamp_of
 from poise.robot import RobotModel
 from poise.scanning.cloud_frames import frame_of_cloud
 from poise.scanning.reading import camera_of, transform_of
@@ -40,8 +41,6 @@ SETTLE = 1.0
 """s that joint states may come after the last frame."""
 COLLECTING = 0.8
 """Share of the progress that is taking frames; the rest is computing."""
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEPTH, INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_to_color/camera_info"
 COLOUR, CLOUD = "camera/color/image_raw", "camera/depth/color/points"
 
@@ -92,7 +91,7 @@ class ObjectScanner(Node):
     # -- what is heard ---------------------------------------------------------------------------------------------
 
     def _on_joint_state(self, message: JointState) -> None:
-        self._robot.add_joint_state(_ns(message.header.stamp), message.name, message.position)
+        self._robot.add_joint_state(stamp_of(message), message.name, message.position)
 
     def _on_description(self, message: String) -> None:
         self._robot.description = message.data
@@ -225,13 +224,9 @@ class ObjectScanner(Node):
     def _conclude(
         self, goal: ServerGoalHandle, error: PoiseError | None, message: SegmentedObject | None
     ) -> ScanObject.Result:
+        end_goal(goal, message is not None)
         if message is not None:
-            goal.succeed()
             return ScanObject.Result(object=message, error=to_message(None))
-        if goal.is_cancel_requested:
-            goal.canceled()
-        else:
-            goal.abort()
         return ScanObject.Result(error=to_message(error))
 
     def _conclude_busy(self, goal: ServerGoalHandle) -> ScanObject.Result:
@@ -259,7 +254,7 @@ class ObjectScanner(Node):
             self._answer = error, None
         except Exception as error:
             self.get_logger().error(f"a fault of ours: {error!r}")
-            self._answer = PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {error!r}; please report it"), None
+            self._answer = coded(error), None
 
     def _reach(self, share: float) -> None:
         self._share = share
@@ -277,16 +272,9 @@ def _trajectory_message(names: Any, motion: Trajectory) -> JointTrajectory:
     return message
 
 
-def _ns(stamp: Any) -> int:
-    return int(stamp.sec * 10**9 + stamp.nanosec)
-
-
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    try:
-        run(ObjectScanner, args)
-    except SystemExit as end:
-        leave(end.code)
+    run_with_jobs(ObjectScanner, args)
 
 
 if __name__ == "__main__":

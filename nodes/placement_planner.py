@@ -10,21 +10,19 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from poise.assembly import Analysis, load_scene
 from poise.assembly.changes import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
-from poise.nodes.jobs import GRACE, Jobs, leave
+from poise.nodes.jobs import GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.runtime import guarded, run, to_message
+from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
 from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
 from poise.placement.planner import ON
 from poise_msgs.action import PlaceObject as Action
 from poise_msgs.msg import Assembly as AssemblyMessage
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 TICK = 0.02
 """s between looks at a running goal: what a cancel may wait for an answer."""
 FEEDBACK_PERIOD = 0.1
@@ -132,7 +130,7 @@ class PlacementPlanner(Node):
         try:
             self._task = self._begin(goal)
         except Exception as failure:  # whatever it is, the caller must not wait for ever
-            error = _coded(failure)
+            error = coded(failure)
             goal.execute(lambda handle: _result(handle, error))
             return
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
@@ -195,7 +193,7 @@ class PlacementPlanner(Node):
             found = self._placement(task)
             task.progress = Progress(found.iterations, found.item, found.merit)
         except Exception as failure:
-            task.error = _coded(failure)
+            task.error = coded(failure)
         task.done = True
 
     def _placement(self, task: Task) -> Placement:
@@ -219,12 +217,6 @@ class PlacementPlanner(Node):
         return self._known[1]
 
 
-def _coded(failure: Exception) -> PoiseError:
-    if isinstance(failure, PoiseError):
-        return failure
-    return PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {failure!r}; please report it")
-
-
 def _feedback(task: Task) -> Action.Feedback:
     pose, robustness = task.best()
     return Action.Feedback(
@@ -239,21 +231,13 @@ def _result(goal: ServerGoalHandle, error: PoiseError | None, task: Task | None 
         result.seconds, result.iterations = time.monotonic() - task.accepted, task.progress.iteration
         result.pose, result.robustness = task.best()
     result.error = to_message(error)
-    if error is None:
-        goal.succeed()
-    elif goal.is_cancel_requested:
-        goal.canceled()
-    else:
-        goal.abort()
+    end_goal(goal, error is None)
     return result
 
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    try:
-        run(PlacementPlanner, args)
-    except SystemExit as end:
-        leave(end.code)
+    run_with_jobs(PlacementPlanner, args)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -28,15 +28,13 @@ from poise.nodes.assembly_message import (
     pushes_of,
     robustness_message,
 )
-from poise.nodes.jobs import Jobs, leave
+from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.runtime import guarded, run
+from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
 from poise.nodes.transforms import Frames
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-TF_STATIC_QOS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 MARKER_PERIOD = 0.5
 """s between looks for markers that have changed."""
 MARKER_SECONDS = 2.0
@@ -249,7 +247,7 @@ class RobustnessServer(Node):
     def _follow_tf(self, rate: float, tolerance: float) -> None:
         frames = Frames()
         self.create_subscription(TFMessage, "tf", guarded(self, frames.add), QoSProfile(depth=1000))
-        self.create_subscription(TFMessage, "tf_static", guarded(self, frames.add), TF_STATIC_QOS)
+        self.create_subscription(TFMessage, "tf_static", guarded(self, frames.add), TF_STATIC)
 
         def look() -> None:
             analysis, reference = self._analysis, self._frame_id
@@ -276,10 +274,7 @@ def _late(what: str) -> NoAnswerError:
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    try:
-        run(RobustnessServer, args)
-    except SystemExit as end:
-        leave(end.code)
+    run_with_jobs(RobustnessServer, args)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from poise.errors import ErrorCode, PoiseError
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
@@ -18,6 +19,10 @@ try:  # at 1 kHz the events executor takes a fifth off the latency
     from rclpy.experimental import EventsExecutor
 except ImportError:  # an rclpy without it
     EventsExecutor = SingleThreadedExecutor
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""For subscribers: every broadcaster has one latched message."""
 
 # EventsExecutor.spin() holds a core and ignores signals (rclpy 7.1.6): step it instead.
 SPIN_STEP = 0.5
@@ -70,6 +75,23 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
         return None
 
     return call
+
+
+def coded(failure: Exception) -> PoiseError:
+    """What a caller is told of a failure: its own code, or INTERNAL when it has none."""
+    if isinstance(failure, PoiseError):
+        return failure
+    return PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {failure!r}; please report it")
+
+
+def end_goal(goal: Any, succeeded: bool) -> None:
+    """Set the status a goal ends in: succeeded, else canceled if that was asked for, else aborted."""
+    if succeeded:
+        goal.succeed()
+    elif goal.is_cancel_requested:
+        goal.canceled()
+    else:
+        goal.abort()
 
 
 def to_message(error: PoiseError | None) -> ErrorCodeMessage:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from poise.errors import ErrorCode, InputError
 from poise.recording.encoding import typestore
 from poise.recording.reading import Recording
+from poise.recording.streams import stamp_of
 
 IMAGE, INFO, CLOUD = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
 PIXELS = {
@@ -88,9 +89,7 @@ def image_of(message: Any, name: str) -> Image:
         pixels = pixels[..., ::-1] if encoding in REVERSED else pixels
     elif kind == "u1":
         pixels = np.repeat(pixels[..., None], 3, axis=2)
-    stamp = message.header.stamp
-    ns = int(stamp.sec) * 10**9 + int(stamp.nanosec)
-    return Image(ns, str(message.header.frame_id), encoding, np.ascontiguousarray(pixels))
+    return Image(stamp_of(message), str(message.header.frame_id), encoding, np.ascontiguousarray(pixels))
 
 
 def _undecodable(recording: Recording, topic: str, why: str) -> InputError:

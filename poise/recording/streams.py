@@ -13,6 +13,11 @@ Floats = npt.NDArray[np.float64]
 Stamps = npt.NDArray[np.int64]
 
 
+def stamp_of(message: Any) -> int:
+    """ns, of any message with a header, decoded or live."""
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+
+
 def flat_rows(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Reshape (N, ...) to (N, K), also when N is 0."""
     return values.reshape(len(values), math.prod(values.shape[1:]))

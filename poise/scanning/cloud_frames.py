@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.recording.streams import stamp_of
 from poise.scanning.camera import Array, Camera
 from poise.scanning.frames import FARTHEST, NEAREST, SANE, Frame
 
@@ -87,8 +88,7 @@ def frame_of_cloud(message: Any, name: str = "cloud") -> Frame:
         flat = np.zeros((len(depth), 3), np.uint8)
         flat[pixel] = colours[ahead][inside][order]
         paint = flat.reshape(camera.height, camera.width, 3)
-    stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
-    return Frame(stamp, frame_id, camera, depth.reshape(camera.height, camera.width), paint)
+    return Frame(stamp_of(message), frame_id, camera, depth.reshape(camera.height, camera.width), paint)
 
 
 def _camera(points: Array, ahead: NDArray[np.bool_], width: int, height: int) -> Camera:

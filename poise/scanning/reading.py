@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from poise.errors import ErrorCode, InputError
 from poise.recording import JointStream, Recording
 from poise.recording.images import CLOUD, IMAGE, INFO, Image, image_of, messages_of, stamps_of
+from poise.recording.streams import stamp_of
 from poise.robot import RobotModel
 from poise.scanning.camera import Camera
 from poise.scanning.cloud_frames import frame_of_cloud
@@ -205,11 +206,6 @@ def _read_frames(
             frames.append(frame_of(image_of(message, topics["depth"]), colours.get(stamp), camera, unit))
         progress(len(frames) / len(chosen))
     return frames
-
-
-def stamp_of(message: Any) -> int:
-    """ns, of any message with a header."""
-    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
 
 
 def camera_of(message: Any) -> Camera:

@@ -8,8 +8,9 @@ import pytest
 from poise.errors import ErrorCode, InputError
 from poise.recording import open_recording
 from poise.recording.images import image_of, messages_of
+from poise.recording.streams import stamp_of
 from poise.scanning import ScanOptions, SweepOptions, read_sweep
-from poise.scanning.reading import camera_of, fixed_transforms, stamp_of
+from poise.scanning.reading import camera_of, fixed_transforms
 from poise.scanning.session import RobotLog, ScanSession, SessionOptions, scan_session
 
 BAG = Path(__file__).parents[2] / "bags" / "hammer_sweep.mcap"
