@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.fake_robots.gripper import SimulatedGripper
 from poise.fake_robots.stream import Message, TopicInfo, in_order
 from poise.recording.encoding import encode_stream, encode_text, typestore
 from poise.recording.streams import JointStream, WrenchStream
@@ -74,10 +75,18 @@ class SimulatedArm:
         description: its URDF, for `robot_description`.
         trajectory: what it does from the start; None: rest at home until commanded.
         options: sensors, seed, clock.
+        gripper: whose joint goes into joint_states, after the arm's.
     """
 
-    def __init__(self, world: World, description: str, trajectory: Trajectory | None, options: ArmOptions) -> None:
-        self.world, self._description, self._options = world, description, options
+    def __init__(
+        self,
+        world: World,
+        description: str,
+        trajectory: Trajectory | None,
+        options: ArmOptions,
+        gripper: SimulatedGripper | None = None,
+    ) -> None:
+        self.world, self._description, self._options, self._gripper = world, description, options, gripper
         self.model = world.model
         self._beginning = trajectory or WaypointTrajectory(np.zeros(1), home(self.model)[None])
         self._lock = threading.Lock()
@@ -131,11 +140,27 @@ class SimulatedArm:
             before = [(since, other) for since, other in self._plans if since < begin]
             self._plans = [*before[-3:], (begin, plan)]
 
+    def grip(self, names: Sequence[str], position: float) -> None:
+        """Bring the gripper's joint to a position.
+
+        Raises:
+            InputError: JOINT_MISSING for another joint.
+        """
+        if self._gripper is None or list(names) != [self._gripper.joint]:
+            known = "no gripper (parameter gripper_joint)" if self._gripper is None else f"only {self._gripper.joint}"
+            raise InputError(
+                ErrorCode.JOINT_MISSING, f"gripper trajectory: it is for {', '.join(names)}, and there is {known}"
+            )
+        with self._lock:
+            self._gripper.go(position, self._frontier)
+
     def messages(self) -> Iterator[Message]:
         """Everything the robot says, simulated block by block as it is asked for."""
         with self._lock:
             self._plans, self._frontier = [(0.0, self._beginning)], 0.0
         start = self._options.start_stamp
+        if self._gripper is not None:
+            self._gripper.reset()
         self._start = time.time_ns() if start is None else start
         for_joints, for_wrench = np.random.default_rng(self._options.seed).spawn(2)
         encoders = NoisyJoints(self._options.joint_noise, for_joints)
@@ -187,7 +212,12 @@ class SimulatedArm:
         effort = self.world.effort(motion)
         stamps = self._start + np.maximum(reports.stamps(taken), 0)
         said = reports.report(motion.position, motion.velocity, effort)
-        stream = JointStream(stamps, self.model.joint_names, said[0], said[1], said[2])
+        names = self.model.joint_names
+        if self._gripper is not None:
+            names = (*names, self._gripper.joint)
+            fingers = self._gripper.at(taken * np.float64(1e-9))
+            said = tuple(np.column_stack(pair) for pair in zip(said, fingers, strict=True))
+        stream = JointStream(stamps, names, said[0], said[1], said[2])
         base = [self.model.joint_names.index(name) for name in BASE_JOINTS] if self._drives else []
         for i, (stamp, data) in enumerate(encode_stream("joint_states", stream)):
             yield Message(stamp, "joint_states", data)

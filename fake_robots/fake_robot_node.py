@@ -43,7 +43,7 @@ class FakeRobot(Node):
 
     Publishes what the source says (a bag: its topics; an arm: robot_description, joint_states, wrench, odom), `/clock`
     when asked, and `replay_done` (std_msgs/Empty, latched) at the end. Service `play` (std_srvs/SetBool) resumes and
-    pauses. An arm heeds `joint_trajectory` (trajectory_msgs/JointTrajectory).
+    pauses. An arm heeds `joint_trajectory` (trajectory_msgs/JointTrajectory), its gripper `gripper_trajectory`.
 
     Args:
         failed: told what went wrong when the node has to end because of it.
@@ -80,6 +80,8 @@ class FakeRobot(Node):
         self.create_service(SetBool, "play", guarded(self, self._play))
         if isinstance(self._source, SimulatedArm):
             self.create_subscription(JointTrajectory, "joint_trajectory", guarded(self, self._command), 10)
+            if values["gripper_joint"]:
+                self.create_subscription(JointTrajectory, "gripper_trajectory", guarded(self, self._grip), 10)
         self.add_on_set_parameters_callback(self._set_payload)
         self.create_timer(0.05, self._leave_when_done)
         self._player.start()
@@ -149,6 +151,12 @@ class FakeRobot(Node):
         given = (positions, rows("velocities"), rows("accelerations"))
         waypoints = Waypoints(message.joint_names, times, *given, stamp_of(message))
         self._source.command(waypoints)
+
+    def _grip(self, message: JointTrajectory) -> None:
+        """Only where it ends counts."""
+        if not message.points or len(message.points[-1].positions) != 1:
+            raise InputError(ErrorCode.BAD_INPUT, "gripper trajectory: its last point needs one position")
+        self._source.grip(message.joint_names, message.points[-1].positions[0])
 
     def _set_payload(self, parameters: list[Any]) -> SetParametersResult:
         changed = {parameter.name: parameter.value for parameter in parameters if parameter.name in PAYLOAD}

@@ -8,6 +8,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.fake_robots.bag_replay import BagSource
+from poise.fake_robots.gripper import SimulatedGripper
 from poise.inertia import InertialParameters
 from poise.nodes.parameters import WORDS, Parameter
 from poise.robot import GRAVITY_IN_WORLD, RobotModel
@@ -57,6 +58,8 @@ PARAMETERS = (
     Parameter("joint_velocity_noise", 1e-3, "arm: rad/s, one sigma", (0.0, 10.0)),
     Parameter("joint_effort_noise", 0.1, "arm: N m, one sigma", (0.0, 100.0)),
     Parameter("joint_stamp_jitter", 0.0, "arm: s, one sigma", (0.0, 1.0)),
+    Parameter("gripper_joint", "", "arm: name of the joint that gripper_trajectory commands; empty: no gripper"),
+    Parameter("gripper_speed", 1.0, "arm: rad/s or m/s of that joint", (1e-3, 100.0)),
 )
 
 
@@ -93,7 +96,8 @@ def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
         start_stamp=None if values["start_time"] < 0 else round(values["start_time"] * 1e9),
         end=None if trajectory is None or values["stay"] else trajectory.duration,
     )
-    return SimulatedArm(make_world(model, values), description, trajectory, options)
+    gripper = SimulatedGripper(values["gripper_joint"], values["gripper_speed"]) if values["gripper_joint"] else None
+    return SimulatedArm(make_world(model, values), description, trajectory, options, gripper)
 
 
 def make_world(model: RobotModel, values: dict[str, Any]) -> World:

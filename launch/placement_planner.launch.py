@@ -7,18 +7,18 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
-TOPICS = ("assembly",)
+TOPICS = ("assembly", "robot_description", "joint_states", "joint_trajectory", "gripper_trajectory")
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One node; arguments: params_file, namespace, and a name for every topic it reads."""
+    """One node; arguments: params_file, namespace, and a name for every topic."""
     defaults = PathJoinSubstitution([FindPackageShare("poise"), "config", "placement_planner.yaml"])
     return LaunchDescription(
         [
             DeclareLaunchArgument("namespace", default_value="", description="of the node and its topics"),
             DeclareLaunchArgument("params_file", default_value=defaults, description="parameters of the node"),
             DeclareLaunchArgument("scene", default_value="", description="scene file to begin with"),
-            *(DeclareLaunchArgument(name, default_value=name, description="topic to read it from") for name in TOPICS),
+            *(DeclareLaunchArgument(name, default_value=name, description="name of this topic") for name in TOPICS),
             Node(
                 package="poise",
                 executable="placement_planner",

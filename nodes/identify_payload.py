@@ -4,12 +4,11 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from builtin_interfaces.msg import Duration
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.excitation import (
@@ -27,9 +26,10 @@ from poise.inertia.live import LiveEstimator
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.weighers import check_method
-from poise.nodes.estimate_message import estimate_message, no_estimate_message, time_message
+from poise.nodes.estimate_message import estimate_message, no_estimate_message
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.runtime import end_goal, guarded, to_message
+from poise.nodes.trajectory_message import trajectory_message
 from poise.recording.streams import stamp_of
 from poise.robot import RobotModel
 from poise.robot.motion import Array
@@ -252,21 +252,8 @@ class IdentifyPayload:
 
     def _send(self, command: Command) -> None:
         """Hand a motion to the arm's controller."""
-        message = JointTrajectory(joint_names=list(self._live.joints.model.joint_names))
-        message.header.stamp = time_message(command.stamp)
-        motion = command.motion
-        rows = zip(motion.times, motion.position, motion.velocity, motion.acceleration, strict=True)
-        for seconds, position, velocity, acceleration in rows:
-            whole, part = divmod(round(seconds * 1e9), 10**9)
-            message.points.append(
-                JointTrajectoryPoint(
-                    time_from_start=Duration(sec=whole, nanosec=part),
-                    positions=position.tolist(),
-                    velocities=velocity.tolist(),
-                    accelerations=acceleration.tolist(),
-                )
-            )
-        self._arm.publish(message)
+        names = self._live.joints.model.joint_names
+        self._arm.publish(trajectory_message(names, command.motion, command.stamp))
 
     # -- and ends ----------------------------------------------------------------------------------------------
 

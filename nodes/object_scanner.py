@@ -4,10 +4,9 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from builtin_interfaces.msg import Duration
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
@@ -15,14 +14,16 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.excitation.brake import stop_along
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.object_scanner_parameters import PARAMETERS, near_of, scan_options, session_options, sweep_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
+from poise.nodes.trajectory_message import trajectory_message
 from poise.recording.images import image_of
 from poise.recording.streams import stamp_of
 from poise.robot import RobotModel
@@ -31,18 +32,30 @@ from poise.scanning.reading import camera_of, transform_of
 from poise.scanning.session import RobotLog, ScanSession, scan_session
 from poise.shape.independent import independent_parts
 from poise.shape.segmentation import segment
-from poise.simulation import Trajectory, read_trajectory
+from poise.simulation import WaypointTrajectory, read_trajectory
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject
 
 TICK = 0.05
 FEEDBACK_TICKS = 4
+WAYPOINT_PERIOD = 0.1
+"""s between waypoints of the sweep."""
+STOP_TIME = 0.5
+"""s in which a cancelled sweep slows down along its path; ros2_control refuses a message without points."""
 SETTLE = 1.0
 """s that joint states may come after the last frame."""
 COLLECTING = 0.8
 """Share of the progress that is taking frames; the rest is computing."""
 DEPTH, INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_to_color/camera_info"
 COLOUR, CLOUD = "camera/color/image_raw", "camera/depth/color/points"
+
+
+class Sweep(NamedTuple):
+    """The motion that was commanded: of which joints, and when it began, s of the monotonic clock."""
+
+    names: tuple[str, ...]
+    motion: WaypointTrajectory
+    begun: float
 
 
 class ObjectScanner(Node):
@@ -59,6 +72,7 @@ class ObjectScanner(Node):
         self._robot = RobotLog()
         self._goal: ServerGoalHandle | None = None
         self._session: ScanSession | None = None
+        self._sweep: Sweep | None = None
         self._answer: tuple[PoiseError | None, SegmentedObject | None] | None = None
         self._share, self._ticks, self._taken, self._ended = 0.0, 0, 0, 0.0
         self._cancelled = threading.Event()
@@ -134,7 +148,7 @@ class ObjectScanner(Node):
             goal.execute(self._conclude_busy)
             return
         try:
-            motion = None if goal.request.stationary else self._sweep_motion()
+            command = None if goal.request.stationary else self._sweep_command()
         except PoiseError as error:
             goal.execute(lambda handle, error=error: self._conclude(handle, error, None))
             return
@@ -143,10 +157,11 @@ class ObjectScanner(Node):
         self._cancelled.clear()
         self._session = ScanSession(options, self._values["depth_unit"], time.monotonic())
         self._listen()
-        if motion is not None:
-            self._arm.publish(motion)
+        self._sweep = command
+        if command is not None:
+            self._arm.publish(trajectory_message(command.names, command.motion))
 
-    def _sweep_motion(self) -> JointTrajectory | None:
+    def _sweep_command(self) -> "Sweep | None":
         """The motion of the parameter `sweep`; None when somebody else moves the arm.
 
         Raises:
@@ -167,7 +182,8 @@ class ObjectScanner(Node):
                 ErrorCode.NOT_FOLLOWING,
                 f"the arm is {away:.2f} rad away from where the sweep begins: bring it there first (start_tolerance)",
             )
-        return _trajectory_message(model.joint_names, motion)
+        times = np.append(np.arange(0.0, motion.duration, WAYPOINT_PERIOD), motion.duration)
+        return Sweep(model.joint_names, WaypointTrajectory(times, *motion.at(times)), time.monotonic())
 
     def _tick(self) -> None:
         goal, session = self._goal, self._session
@@ -200,8 +216,9 @@ class ObjectScanner(Node):
     def _stop(self, error: PoiseError) -> None:
         """End a goal that still takes frames."""
         self._session, self._answer = None, (error, None)
-        if self._values["sweep"] and not self._goal.request.stationary:
-            self._arm.publish(JointTrajectory())  # stop where it is
+        if self._sweep is not None:
+            at = time.monotonic() - self._sweep.begun
+            self._arm.publish(trajectory_message(self._sweep.names, stop_along(self._sweep.motion, at, STOP_TIME)))
 
     def _compute(self, session: ScanSession, goal: ServerGoalHandle) -> None:
         self._session, self._taken = None, session.count
@@ -258,18 +275,6 @@ class ObjectScanner(Node):
 
     def _reach(self, share: float) -> None:
         self._share = share
-
-
-def _trajectory_message(names: Any, motion: Trajectory) -> JointTrajectory:
-    message = JointTrajectory(joint_names=list(names))
-    seconds = np.append(np.arange(0.0, motion.duration, 0.1), motion.duration)
-    for at, *rows in zip(seconds.tolist(), *motion.at(seconds), strict=True):
-        whole, part = divmod(round(at * 1e9), 10**9)
-        position, velocity, acceleration = (row.tolist() for row in rows)
-        point = JointTrajectoryPoint(positions=position, velocities=velocity, accelerations=acceleration)
-        point.time_from_start = Duration(sec=whole, nanosec=part)
-        message.points.append(point)
-    return message
 
 
 def main(args: list[str] | None = None) -> None:

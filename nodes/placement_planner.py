@@ -1,4 +1,4 @@
-"""Node: the action `place_object`, where an object stays in the assembly that stands."""
+"""Node: the action `place_object`: where an object stays in the assembly that stands, and how an arm puts it there."""
 
 import math
 import time
@@ -14,9 +14,11 @@ from rclpy.node import Node
 from poise.assembly import Analysis, load_scene
 from poise.assembly.changes import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.manipulation.playing import Playing
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
 from poise.nodes.jobs import GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
+from poise.nodes.place_execution import Carrying, PlaceExecution
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
 from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
 from poise.placement.planner import ON
@@ -51,11 +53,15 @@ class Task:
         goal: its handle.
         assembly: what it is about.
         due: when it is answered, whatever the planner is at; on the monotonic clock, s.
+        carrying: the robot that puts it there; None: it is only planned.
     """
 
-    def __init__(self, goal: ServerGoalHandle, assembly: AssemblyMessage, due: float) -> None:
-        self.goal, self.assembly, self.due = goal, assembly, due
+    def __init__(
+        self, goal: ServerGoalHandle, assembly: AssemblyMessage, due: float, carrying: Carrying | None
+    ) -> None:
+        self.goal, self.assembly, self.due, self.carrying = goal, assembly, due, carrying
         self.accepted = time.monotonic()
+        self.seconds: float | None = None
         self.progress = Progress(0, None, None)
         self.abandoned = self.begun = self.done = False
         self.error: PoiseError | None = None
@@ -64,6 +70,17 @@ class Task:
         """Called by the planner; False ends it."""
         self.progress = progress
         return not self.abandoned
+
+    @property
+    def ready(self) -> bool:
+        """It can be planned: nobody has to move, or it is known from where."""
+        return self.carrying is None or self.carrying.start is not None
+
+    @property
+    def stage(self) -> str:
+        """As feedback names it."""
+        playing = None if self.carrying is None else self.carrying.playing
+        return "planning" if playing is None else playing.stage
 
     def best(self) -> tuple[PoseStamped, float]:
         """The best pose so far, without a frame when there is none, and its robustness, N; NaN while unknown."""
@@ -76,7 +93,8 @@ class Task:
 class PlacementPlanner(Node):
     """Serves `place_object` (poise_msgs/PlaceObject), one goal at a time; subscribes to assembly (latched).
 
-    Planning belongs to the thread of the jobs; a timer answers the caller, in time also when the thread is not done.
+    Planning belongs to the thread of the jobs; a timer answers the caller, in time also when the thread is not done,
+    and moves the robot of a goal with `execute` (see `PlaceExecution`).
     The assembly is never changed: who puts the object there calls set_assembly.
     """
 
@@ -97,7 +115,8 @@ class PlacementPlanner(Node):
             self._heard = assembly_message(load_scene(values["scene"]), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: Task | None = None
-        self._told = 0.0
+        self._told, self._told_stage = 0.0, ""
+        self._execution = PlaceExecution(self)
         self._jobs = Jobs(self, 1)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
         self.create_timer(TICK, guarded(self, self._tick))
@@ -133,6 +152,10 @@ class PlacementPlanner(Node):
             error = coded(failure)
             goal.execute(lambda handle: _result(handle, error))
             return
+        if self._task.ready:
+            self._begin_to_plan()
+
+    def _begin_to_plan(self) -> None:
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
 
     def _begin(self, goal: ServerGoalHandle) -> Task:
@@ -145,36 +168,61 @@ class PlacementPlanner(Node):
         seconds = request.deadline or self._values["deadline"]
         if not 0 < seconds < math.inf:
             raise InputError(ErrorCode.BAD_INPUT, f"goal: deadline {request.deadline} s; give 0 for the node's")
-        if request.execute:
-            raise InputError(ErrorCode.UNSUPPORTED, "goal: execute needs a robot, and this node only plans; clear it")
         message = request.assembly[0] if request.assembly else self._heard
         if message is None:
             raise InputError(
                 ErrorCode.EMPTY, "no assembly has come on the topic assembly; publish it, or send it along"
             )
-        return Task(goal, message, time.monotonic() + seconds)
+        carrying = self._execution.open() if request.execute else None
+        return Task(goal, message, time.monotonic() + seconds, carrying)
 
     def _tick(self) -> None:
-        """Answer the goal when there is something to say, and let it know how far it is."""
+        """Answer the goal when there is something to say, or go on with it and let it know how far it is."""
         task = self._task
         if task is None:
             return
         now = time.monotonic()
-        if task.done:
+        try:
+            if task.carrying is not None and task.carrying.playing is not None:
+                self._play(task, task.carrying.playing, now)
+            else:
+                self._await_plan(task, now)
+        except Exception as failure:  # whatever it is, neither the caller must wait for ever nor the arm go on
+            self._stop_arm()
+            self._end(task, coded(failure))
+        if self._task is not None and (now > self._told + FEEDBACK_PERIOD or task.stage != self._told_stage):
+            self._told, self._told_stage = now, task.stage
+            task.goal.publish_feedback(_feedback(task))
+
+    def _play(self, task: Task, playing: Playing, now: float) -> None:
+        if task.goal.is_cancel_requested:
+            playing.cancel(now)
+        playing.tick(now)
+        if playing.done:
+            self._end(task, playing.error)
+
+    def _await_plan(self, task: Task, now: float) -> None:
+        if task.done and (task.error is not None or task.carrying is None):
             self._end(task, task.error)
         elif task.goal.is_cancel_requested:
             name = task.goal.request.object.id
             self._end(task, PoiseError(ErrorCode.CANCELLED, f"placing {name} was cancelled; nothing was changed"))
+        elif task.done and task.carrying is not None:
+            task.carrying.play(task.goal.request.object.id, now)
         elif now > task.due + GRACE:
             best = "the best so far comes along" if task.progress.best is not None else "nothing was found by then"
             self._end(task, NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed, and {best}; allow more time"))
-        elif now > self._told + FEEDBACK_PERIOD:
-            self._told = now
-            task.goal.publish_feedback(_feedback(task))
+        elif not task.ready and task.carrying is not None and task.carrying.found_start(now):
+            self._begin_to_plan()
+
+    def _stop_arm(self) -> None:
+        if self._task is not None and self._task.carrying is not None:
+            self._task.carrying.stop()
 
     def _end(self, task: Task, error: PoiseError | None) -> None:
         task.abandoned = True
         self._task = None
+        self._execution.close()
         task.goal.execute(lambda goal: _result(goal, error, task))
 
     def _conclude_busy(self, goal: ServerGoalHandle) -> Action.Result:
@@ -186,7 +234,7 @@ class PlacementPlanner(Node):
     def _plan(self) -> None:
         """The task of the moment, unless it has been begun."""
         task = self._task
-        if task is None or task.begun:
+        if task is None or task.begun or not task.ready:
             return
         task.begun = True
         try:
@@ -194,13 +242,17 @@ class PlacementPlanner(Node):
             task.progress = Progress(found.iterations, found.item, found.merit)
         except Exception as failure:
             task.error = coded(failure)
+        task.seconds = time.monotonic() - task.accepted
         task.done = True
 
     def _placement(self, task: Task) -> Placement:
         request = task.goal.request
-        request.object.pose = PoseMessage()  # ignored
+        if task.carrying is None:
+            request.object.pose = PoseMessage()  # ignored
         item = object_of(request.object, self._folders)
         analysis = self._analysis(task.assembly)
+        if task.carrying is not None:
+            return task.carrying.plan(analysis, item, self._options, request.seed, task.due, task.tell)
         left = task.due - time.monotonic()
         if left <= 0:
             raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before the first pose; allow more time")
@@ -220,7 +272,7 @@ class PlacementPlanner(Node):
 def _feedback(task: Task) -> Action.Feedback:
     pose, robustness = task.best()
     return Action.Feedback(
-        stage="planning", iteration=task.progress.iteration, best_pose=pose, best_robustness=robustness
+        stage=task.stage, iteration=task.progress.iteration, best_pose=pose, best_robustness=robustness
     )
 
 
@@ -228,7 +280,8 @@ def _result(goal: ServerGoalHandle, error: PoiseError | None, task: Task | None 
     """What a goal gets in the end; sets its status, too."""
     result = Action.Result(robustness=math.nan)
     if task is not None:
-        result.seconds, result.iterations = time.monotonic() - task.accepted, task.progress.iteration
+        result.seconds = task.seconds or time.monotonic() - task.accepted
+        result.iterations = task.progress.iteration
         result.pose, result.robustness = task.best()
     result.error = to_message(error)
     end_goal(goal, error is None)

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from poise.assembly import Analysis, Pose, RigidObject, write_scene
+from poise.assembly import Pose, RigidObject, write_scene
 from poise.assembly.geometry import rotation_about
 from poise.commands.assembly_pictures import PictureOption, refuse_folders
 from poise.commands.output import console, number_for_json, write_json
@@ -25,9 +25,10 @@ from poise.commands.place import (
     watching,
 )
 from poise.commands.scenes import open_scene
-from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.errors import NoAnswerError
 from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer
 from poise.manipulation.bodies import pose_of
+from poise.manipulation.reach import require_room
 from poise.placement import Options, Uncertainty, plan_placement
 
 SpecOption = Annotated[
@@ -75,7 +76,7 @@ def carry(
     """
     refuse_folders(json_target, picture, None)
     item, analysis = read_spec(spec, needs="pose"), open_scene(scene)
-    _require_room(analysis, item)
+    require_room(analysis, item)
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), base[3])
     reach = Reach(Arm.load(robot, Pose(turn, np.array(base[:3])), tcp_frame=tcp), analysis, item, seed=seed)
     uncertainty = Uncertainty() if robust else None
@@ -99,19 +100,6 @@ def carry(
     say(people, found)
     moving = sum(phase.seconds for phase in transfer.phases)
     people.print(f"held firmly up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
-
-
-def _require_room(analysis: Analysis, item: RigidObject) -> None:
-    """Raise InputError where the object, as it lies, overlaps the scene or takes the id of something in it."""
-    if item.id in analysis.assembly.index or item.fixed:
-        raise InputError(
-            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
-        )
-    try:
-        analysis.with_object(item)
-    except InputError as error:
-        if error.code is not ErrorCode.FLOATING:  # it may lie on something that the scene does not have
-            raise
 
 
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:

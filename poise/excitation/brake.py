@@ -23,11 +23,8 @@ def brake(
 
     The first waypoint is the state of the motion at that time, so that a controller takes over without a jump.
     """
-    if at <= 0.0 or at >= motion.duration:
-        there = motion.at(np.clip([at], 0.0, motion.duration)).position
-        return WaypointTrajectory(np.array([0.0, STOP_TIMES[0]]), np.repeat(there, 2, axis=0))
     for stop_time in STOP_TIMES:
-        stop = _along(motion, at, stop_time)
+        stop = stop_along(motion, at, stop_time)
         found = certify(model, stop, guard)
         gentle = found.acceleration <= HARDER * limits.acceleration
         if gentle and found.speed <= limits.speed * (1 + 1e-6):
@@ -35,8 +32,14 @@ def brake(
     return stop
 
 
-def _along(motion: WaypointTrajectory, at: float, stop_time: float) -> WaypointTrajectory:
-    """Time runs on from `at` at a rate that falls from one to zero as 1 - 3 u^2 + 2 u^3, u = t / stop_time."""
+def stop_along(motion: WaypointTrajectory, at: float, stop_time: float) -> WaypointTrajectory:
+    """A stop from `at` s of a motion on, along its path, within a time; at rest already: staying.
+
+    Time runs on from `at` at a rate that falls from one to zero as 1 - 3 u^2 + 2 u^3, u = t / stop_time.
+    """
+    if at <= 0.0 or at >= motion.duration:
+        there = motion.at(np.clip([at], 0.0, motion.duration)).position
+        return WaypointTrajectory(np.array([0.0, stop_time]), np.repeat(there, 2, axis=0))
     count = max(int(np.ceil(stop_time / WAYPOINT_SPACING)), 4)
     u: Array = np.linspace(0.0, 1.0, count + 1)
     place = at + stop_time * (u - u**3 + u**4 / 2)

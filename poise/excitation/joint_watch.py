@@ -2,18 +2,26 @@
 
 from collections import deque
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
-from poise.robot import RobotModel
 from poise.robot.motion import Array
 
 REST_SPAN, REST_TRAVEL = 0.1, 2e-3
 """s within which a resting arm's joints move by less than this, rad or m."""
 OLD = 0.5
 """s after which joint states count as stale."""
+
+
+class Jointed(Protocol):
+    """A robot, as far as its joints have names."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """(J)."""
 
 
 class JointWatch:
@@ -23,7 +31,7 @@ class JointWatch:
         model: the robot.
     """
 
-    def __init__(self, model: RobotModel) -> None:
+    def __init__(self, model: Jointed) -> None:
         self._model = model
         self._recent: deque[tuple[int, float, Array]] = deque(maxlen=2000)
         self.foreign = 0

@@ -60,23 +60,43 @@ class Arm:
             InputError: FILE_UNREADABLE, ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN.
         """
         path = find_urdf(robot)
-        text = read_urdf(path)
+        return cls.from_urdf(read_urdf(path), base, hand, tcp_frame, str(path))
+
+    @classmethod
+    def from_urdf(
+        cls,
+        text: str,
+        base: Pose | None = None,
+        hand: Hand | None = None,
+        tcp_frame: str = "tcp",
+        source: str = "robot description",
+    ) -> "Arm":
+        """Build from the text of a URDF.
+
+        Args:
+            text: collision shapes that are meshes are not opened.
+            base, hand, tcp_frame: as `load`.
+            source: where the text is from, for errors.
+
+        Raises:
+            InputError: ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN, UNSUPPORTED.
+        """
         parse_urdf(text)
         try:
             model = pin.buildModelFromXML(text)
             geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
         except Exception as error:  # whatever its C++ threw
             raise InputError(
-                ErrorCode.ROBOT_DESCRIPTION_INVALID, f"{path}: cannot be built with its collision shapes: {error}"
+                ErrorCode.ROBOT_DESCRIPTION_INVALID, f"{source}: cannot be built with its collision shapes: {error}"
             ) from error
         if not model.existFrame(tcp_frame, pin.FrameType.BODY):
-            raise InputError(ErrorCode.FRAME_UNKNOWN, f"{path}: there is no frame {tcp_frame!r} to grasp with")
+            raise InputError(ErrorCode.FRAME_UNKNOWN, f"{source}: there is no frame {tcp_frame!r} to grasp with")
         moving = set(model.supports[model.frames[model.getFrameId(tcp_frame, pin.FrameType.BODY)].parentJoint])
         still = [i for i in range(1, model.njoints) if i not in moving or model.names[i] in BASE_JOINTS]
         reference = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
         model, (geometry,) = pin.buildReducedModel(model, [geometry], still, reference)
         if model.nq != model.nv or not model.nv:
-            raise InputError(ErrorCode.UNSUPPORTED, f"{path}: an arm of joints without limits is not planned for")
+            raise InputError(ErrorCode.UNSUPPORTED, f"{source}: an arm of joints without limits is not planned for")
         tcp = int(model.getFrameId(tcp_frame, pin.FrameType.BODY))
         at = pin.SE3.Identity() if base is None else se3_of(base)
         return cls(model, geometry, tcp, hand or Hand(), at)

@@ -10,6 +10,7 @@ import pinocchio as pin
 from poise.assembly.analysis import Analysis
 from poise.assembly.geometry import Array, unit
 from poise.assembly.scene import RigidObject
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.manipulation.approach import approach_directions
 from poise.manipulation.arm import Arm
 from poise.manipulation.bodies import geometry_of, overlap, se3_of
@@ -106,6 +107,19 @@ class Reach:
         self._picks: dict[int, End | None] = {}
         self._known: dict[bytes, Ends | None] = {}
 
+    def require_free_start(self) -> None:
+        """Check that the arm, where it is, keeps its distance from everything.
+
+        Raises:
+            NoAnswerError: INTERPENETRATION, naming two shapes.
+        """
+        touching = Cell(self.arm, (*self.around, self.item), 0.0).touching(self.start)
+        if touching is not None:
+            raise NoAnswerError(
+                ErrorCode.INTERPENETRATION,
+                f"where the arm is, {touching[0]} touches {touching[1]}, or nearly: move it away, or mend base",
+            )
+
     @property
     def tests(self) -> tuple[tuple[str, Test], ...]:
         """For `Options.tests`: the cheap one first."""
@@ -194,6 +208,23 @@ class Reach:
     def open_cell(self, grasp: Grasp, item: RigidObject) -> Cell:
         """The arm with the hand open for a grasp, and the object standing there."""
         return Cell(self.arm, (*self.around, item), self.arm.hand.opening(grasp.width))
+
+
+def require_room(analysis: Analysis, item: RigidObject) -> None:
+    """Check that an object, where it lies, overlaps nothing of an assembly and is no part of it.
+
+    Raises:
+        InputError: BAD_INPUT, INTERPENETRATION.
+    """
+    if item.id in analysis.assembly.index or item.fixed:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
+        )
+    try:
+        analysis.with_object(item)
+    except InputError as error:
+        if error.code is not ErrorCode.FLOATING:  # it may lie on something that the scene does not have
+            raise
 
 
 def is_free(way: Array, cell: Cell) -> bool:

@@ -15,6 +15,8 @@ SAMPLES = 400
 """Places in time at which limits are looked at."""
 SLACK = 1.02
 """A peak may lie between two of them."""
+WITHOUT_STOPS = 1.25
+"""Times as long as with a stop at every corner, a motion without stops may take."""
 PERIOD = 0.05
 """s between waypoints of a motion."""
 
@@ -39,8 +41,8 @@ def timed(arm: Arm, way: Array, cell: Cell, point_in_tcp: Array, limits: Limits)
     """Motions along a way (N, J), at rest before and after.
 
     One motion along a spline through the way, or one straight motion after another where the spline touches something
-    or takes longer. Each is a quintic step along its path, as slow as the tightest limit asks: uniform scaling divides
-    speeds by the duration and accelerations by its square, so the duration follows in closed form.
+    or takes much longer. Each is a quintic step along its path, as slow as the tightest limit asks: uniform scaling
+    divides speeds by the duration and accelerations by its square, so the duration follows in closed form.
 
     Args:
         arm: the robot.
@@ -56,7 +58,7 @@ def timed(arm: Arm, way: Array, cell: Cell, point_in_tcp: Array, limits: Limits)
     rounded = _spline(way)
     if len(straight) > 1 and _is_free(rounded, cell):
         at_once = _step(arm, rounded, point_in_tcp, limits)
-        if at_once.duration < sum(motion.duration for motion in straight):
+        if at_once.duration < WITHOUT_STOPS * sum(motion.duration for motion in straight):
             return [at_once]
     return straight
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
+from poise.fake_robots.gripper import SimulatedGripper
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel, frame_poses, motion_from_joints
 from poise.simulation import FourierTrajectory, JointNoise, World, home, wrench_noise
@@ -161,3 +162,30 @@ def test_a_grasp_changes_the_wrench_from_then_on():
     robot.hold(World(robot.model, 2 * PAYLOAD))
     after = read(run(stream, 0.6), "wrench", "geometry_msgs/msg/WrenchStamped")[-1].wrench.force
     np.testing.assert_allclose([after.x, after.y, after.z], 2 * np.array([before.x, before.y, before.z]))
+
+
+def test_a_gripper_goes_where_it_is_told_no_faster_than_it_can_and_leaves_the_arm_as_it_is():
+    options = ArmOptions(CLEAN.wrench_noise, CLEAN.joint_noise, end=2.0)
+    model = RobotModel.from_file("fr3")
+    held = SimulatedArm(World(model, PAYLOAD), "<robot/>", fourier(), options, SimulatedGripper("fingers", 0.8))
+    stream = held.messages()
+    first = list(itertools.islice(stream, 50))
+    held.grip(["fingers"], 0.4)
+    states = joint_states([*first, *stream])
+    alone = joint_states(list(arm(trajectory=fourier(), options=options).messages()))
+    assert [stamp(state) for state in states] == [stamp(state) for state in alone]
+    assert list(states[0].name) == [*model.joint_names, "fingers"]
+    for state, other in zip(states, alone, strict=True):
+        for field in ("position", "velocity", "effort"):
+            np.testing.assert_array_equal(getattr(state, field)[:-1], getattr(other, field))
+    fingers = np.array([state.position[-1] for state in states])
+    assert (fingers[0], fingers[-1]) == (0.0, 0.4)
+    steps = np.diff(fingers)
+    assert steps.max() == pytest.approx(0.8 / 100.0)
+    assert 0.49 <= (steps > 0).sum() / 100.0 <= 0.52
+    assert {round(state.velocity[-1], 9) for state in states} == {0.0, 0.8}
+    with pytest.raises(InputError) as error:
+        held.grip(["elbow"], 0.1)
+    assert error.value.code is ErrorCode.JOINT_MISSING
+    with pytest.raises(InputError, match="no gripper"):
+        arm().grip(["fingers"], 0.1)

@@ -8,6 +8,7 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.manipulation import Arm, Reach, plan_transfer
 from poise.manipulation.approach import approach_directions
 from poise.manipulation.bodies import se3_of
+from poise.manipulation.playing import steps_of
 from poise.placement import Options, plan_placement
 
 TABLE = RigidObject("table", Box((1.2, 1.6, 0.1)), Pose.from_vector([0.4, 0, -0.05, 0, 0, 0, 1]), fixed=True)
@@ -53,6 +54,29 @@ def test_the_motions_join_and_end_where_they_began(carried):
     for end, motion in zip(ends[:-1], motions, strict=True):
         np.testing.assert_allclose(motion.position[0], end, atol=1e-9)
     np.testing.assert_allclose(ends[-1], reach.start, atol=1e-9)
+
+
+def test_as_steps_the_fingers_move_between_motions_that_join(carried):
+    reach, _, transfer = carried
+    steps, width = steps_of(transfer, 0.5), transfer.grasp.width
+    wide = reach.arm.hand.opening(width)
+    fingers = [(step.opening, step.holding, step.stage) for step in steps if step.motion is None]
+    assert fingers == [
+        (0.0, False, "picking"),
+        (wide, False, "picking"),
+        (width, True, "picking"),
+        (wide, False, "placing"),
+        (0.0, False, "placing"),
+    ]
+    at = reach.start
+    for step in steps:
+        if step.motion is not None:
+            np.testing.assert_allclose(step.motion.position[0], at, atol=1e-9)
+            at = step.motion.position[-1]
+    names = [step.name for step in steps if step.motion is not None]
+    assert names == [phase.name for phase in transfer.phases]
+    seconds = sum(step.motion.duration for step in steps if step.motion is not None)
+    assert seconds == pytest.approx(sum(phase.seconds for phase in transfer.phases))
 
 
 def test_on_the_way_nothing_is_under_the_table_and_the_object_is_not_shaken_loose(carried):
@@ -104,6 +128,15 @@ def test_a_place_that_no_grasp_serves_says_which_step_failed():
     with pytest.raises(NoAnswerError) as error:
         plan_transfer(reach, before.with_object(far), far)
     assert (error.value.code, error.value.data["step"]) == (ErrorCode.UNREACHABLE, "grasping")
+
+
+def test_an_arm_that_begins_in_something_says_what_touches_what(carried):
+    reach, _, _ = carried
+    reach.require_free_start()
+    there = block("there", (0.05, 0.05, 0.05), reach.arm.tool(reach.start).translation)
+    with pytest.raises(NoAnswerError, match="touches object there") as error:
+        Reach(reach.arm, reach.before, there).require_free_start()
+    assert error.value.code is ErrorCode.INTERPENETRATION
 
 
 def test_the_approach_spares_the_neighbour_that_falls_easily():

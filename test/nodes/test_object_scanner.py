@@ -10,6 +10,7 @@ from rclpy.action import ActionClient
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
+from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode
 from poise.nodes.payload_shape import parts_of_message
@@ -134,6 +135,34 @@ def test_parameters_that_make_no_sense_end_the_node(start_node, wrong) -> None:
     node = start_node("object_scanner", wrong)
     assert node.wait(60.0) == 2
     assert "BAD_INPUT" in node.output
+
+
+def test_a_cancelled_sweep_is_stopped_by_a_motion_that_any_controller_takes(start_node, caller, graph, tmp_path):
+    """A message without points would be refused by ros2_control, and the arm would go on."""
+    states = graph.collect("joint_states", JointState)
+    commands = graph.collect("joint_trajectory", JointTrajectory)
+    start_node("fake_robot", {"mode": "arm", "robot": "fr3", "joint_noise": 0.0})
+    begin = graph.wait_for(lambda: states and states[-1], 60.0, "joint states")
+    end = [begin.position[0] + 1.0, *list(begin.position)[1:]]
+    waypoints = [{"time": 0.0, "position": list(begin.position)}, {"time": 8.0, "position": end}]
+    sweep = tmp_path / "sweep.yaml"
+    sweep.write_text(yaml.safe_dump({"joints": list(begin.name), "waypoints": waypoints}))
+    start_node("object_scanner", {"sweep": str(sweep), "patience": 30.0})
+
+    def moving():
+        handle = caller.send()
+        result = handle.get_result_async()
+        graph.wait_for(lambda: result.done() or states[-1].position[0] - begin.position[0] > 0.02, what="a motion")
+        return not result.done() and handle
+
+    handle = graph.wait_for(moving, 60.0, "the sweep")
+    handle.cancel_goal_async()
+    assert caller.result(handle).result.error.code == ErrorCode.CANCELLED
+    graph.wait_for(lambda: len(commands) == 2 and commands[1].points, what="the stop")
+    states.clear()
+    graph.wait_for(lambda: len(states) > 150, what="a second")
+    assert np.ptp([state.position[0] for state in states[-50:]]) < 1e-9
+    assert end[0] - states[-1].position[0] > 0.5
 
 
 def test_the_arm_is_moved_along_the_sweep_once_it_stands_where_that_begins(start_node, caller, graph, tmp_path) -> None:

@@ -168,7 +168,7 @@ def test_every_bad_goal_has_its_code_and_a_sentence(start_node, graph, caller):
         ({"assembly": [good], "object": meshed(12, flat=True)}, ErrorCode.MESH_INVALID, "parcel"),
         ({"assembly": [good], "deadline": -1.0}, ErrorCode.BAD_INPUT, "deadline"),
         ({"assembly": [good], "deadline": math.nan}, ErrorCode.BAD_INPUT, "deadline"),
-        ({"assembly": [good], "execute": True}, ErrorCode.UNSUPPORTED, "execute"),
+        ({"assembly": [good], "execute": True}, ErrorCode.ROBOT_DESCRIPTION_MISSING, "execute"),
     ]
     for fields, code, word in cases:
         done = caller.result(caller.send(**{"object": wanted()} | fields))

@@ -1,0 +1,182 @@
+"""The robot's side of `place_object`: where the arm is, a plan that minds it, and commands for arm and gripper."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from poise.assembly import Analysis, Pose, RigidObject
+from poise.assembly.geometry import rotation_about
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.manipulation import Arm, Hand, Limits, Reach, Transfer, plan_transfer
+from poise.manipulation.gripper import Gripper
+from poise.manipulation.playing import Playing, Robot, Tolerances, steps_of
+from poise.manipulation.reach import require_room
+from poise.nodes.parameters import Parameter, declare_parameters
+from poise.nodes.runtime import LATCHED, coded, guarded
+from poise.nodes.trajectory_message import trajectory_message
+from poise.placement import Options, Placement, Progress, plan_placement
+from poise.recording.streams import stamp_of
+from poise.robot.motion import Array
+from poise.simulation import WaypointTrajectory
+
+ARM_TOPIC, GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
+
+PARAMETERS = (
+    Parameter("tcp_frame", "tcp", "execute: frame of robot_description between the finger tips, z out of the hand"),
+    Parameter("base", [0.0] * 4, "execute: where the robot stands in the assembly's frame, x y z m and yaw rad"),
+    Parameter("speed", 0.5, "execute: m/s of the tool at the most", (0.01, 2.0)),
+    Parameter("ways_seconds", 10.0, "execute: s of the deadline for looking for ways of the arm", (0.1, 3600.0)),
+    Parameter("arrival_tolerance", 0.003, "execute: rad that a joint may be off the end of a motion", (1e-5, 0.1)),
+    Parameter("path_tolerance", 0.05, "execute: rad off its path, besides what it covers in 0.15 s", (1e-4, 1.0)),
+    Parameter("slack", 2.0, "execute: s that arm and fingers may come late", (0.0, 600.0)),
+    Parameter("gripper_joint", Gripper.joint, "execute: the joint that gripper_trajectory commands"),
+    Parameter("gripper_open", Gripper.opened, "execute: rad or m, its position 85 mm open", (-10.0, 10.0)),
+    Parameter("gripper_closed", Gripper.closed, "execute: rad or m, its position closed", (-10.0, 10.0)),
+    Parameter("gripper_squeeze", Gripper.squeeze, "execute: m that it is told to close beyond a grasp", (0.0, 0.08)),
+    Parameter("gripper_seconds", Gripper.seconds, "execute: s that the fingers take", (0.05, 60.0)),
+)
+
+
+class Carrying:
+    """What one goal has of the robot: where it is, the plan, and then its playing.
+
+    Args:
+        arm, robot: the same one, to plan with and to command.
+        values: parameters.
+    """
+
+    def __init__(self, arm: Arm, robot: Robot, values: dict[str, Any]) -> None:
+        self._arm, self.robot, self._values = arm, robot, values
+        self._begun = time.monotonic()
+        self.start: Array | None = None
+        self._transfer: Transfer | None = None
+        self.playing: Playing | None = None
+
+    def found_start(self, now: float) -> bool:
+        """Whether it is known where the arm rests; raises as `Robot.rests_at`."""
+        self.start = self.robot.rests_at(now, self._begun)
+        return self.start is not None
+
+    def plan(
+        self,
+        analysis: Analysis,
+        item: RigidObject,
+        options: Options,
+        seed: int,
+        due: float,
+        tell: Callable[[Progress], bool],
+    ) -> Placement:
+        """Where the object stays, and how it gets there; in the thread of the jobs.
+
+        Raises:
+            InputError, NoAnswerError: as `plan_placement`, `plan_transfer`, `require_room` and
+                `Reach.require_free_start`.
+        """
+        require_room(analysis, item)
+        reach = Reach(self._arm, analysis, item, start=self.start, seed=seed)
+        reach.require_free_start()
+        left = due - time.monotonic()
+        if left <= 0:
+            raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before the first pose; allow more time")
+        for_ways = min(self._values["ways_seconds"], left / 2)
+        wanted = replace(options, deadline=left - for_ways, tests=reach.tests)
+        found = plan_placement(analysis, item, wanted, seed, tell)
+        seconds = min(self._values["ways_seconds"], due - time.monotonic())
+        limits = Limits(speed=self._values["speed"])
+        self._transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
+        return found
+
+    def play(self, name: str, now: float) -> None:
+        """Begin to move."""
+        if self._transfer is None:
+            raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
+        values = self._values
+        tolerances = Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
+        self.playing = Playing(name, steps_of(self._transfer, values["speed"]), self.robot, tolerances, now)
+
+    def stop(self) -> None:
+        """Whatever it is at."""
+        if self.playing is not None:
+            self.playing.cancel(time.monotonic())
+
+
+class PlaceExecution:
+    """Hears robot_description (latched) and, while a goal is executed, joint_states; commands arm and gripper.
+
+    Args:
+        node: the placement_planner.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._values = values = declare_parameters(node, PARAMETERS)
+        if len(values["base"]) != 4 or not np.isfinite(values["base"]).all():
+            raise InputError(ErrorCode.BAD_INPUT, "parameter base must be four finite numbers: x y z yaw")
+        turn = rotation_about(np.array([0.0, 0.0, 1.0]), values["base"][3])
+        self._base = Pose(turn, np.array(values["base"][:3]))
+        self._gripper = Gripper(
+            values["gripper_joint"],
+            values["gripper_open"],
+            values["gripper_closed"],
+            Hand().stroke,
+            values["gripper_squeeze"],
+            values["gripper_seconds"],
+        )
+        self._arm: Arm | None = None
+        self._problem: PoiseError = InputError(
+            ErrorCode.ROBOT_DESCRIPTION_MISSING, "execute needs a robot, and there is no robot_description: publish it"
+        )
+        self._listening: Any = None
+        self._outlets = {name: node.create_publisher(JointTrajectory, name, 10) for name in (ARM_TOPIC, GRIPPER_TOPIC)}
+        node.create_subscription(String, "robot_description", guarded(node, self._on_description), LATCHED)
+
+    def open(self) -> Carrying:
+        """Begin to listen for a goal.
+
+        Raises:
+            InputError: ROBOT_DESCRIPTION_MISSING, or what is wrong with it; TOPIC_MISSING without controllers.
+        """
+        if self._arm is None:
+            raise self._problem
+        for name, outlet in self._outlets.items():
+            if not outlet.get_subscription_count():
+                raise InputError(
+                    ErrorCode.TOPIC_MISSING, f"no controller listens on {name}: remap it to the robot's, or start it"
+                )
+        robot = Robot(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip)
+        self._listening = self._node.create_subscription(
+            JointState, "joint_states", guarded(self._node, partial(_hear, robot)), 100
+        )
+        return Carrying(self._arm, robot, self._values)
+
+    def close(self) -> None:
+        """Listen no more."""
+        if self._listening is not None:
+            self._node.destroy_subscription(self._listening)
+            self._listening = None
+
+    def _on_description(self, message: String) -> None:
+        self._arm = None
+        try:
+            self._arm = Arm.from_urdf(message.data, self._base, tcp_frame=self._values["tcp_frame"])
+        except Exception as failure:  # told to whoever asks for a robot
+            self._problem = coded(failure)
+
+    def _move(self, names: tuple[str, ...], motion: WaypointTrajectory, stamp: int) -> None:
+        self._outlets[ARM_TOPIC].publish(trajectory_message(names, motion, stamp))
+
+    def _grip(self, position: float) -> None:
+        there = WaypointTrajectory(np.array([self._gripper.seconds]), np.array([[position]]))
+        self._outlets[GRIPPER_TOPIC].publish(trajectory_message([self._gripper.joint], there))
+
+
+def _hear(robot: Robot, message: JointState) -> None:
+    robot.add_joint_state(stamp_of(message), message.name, message.position, time.monotonic())
