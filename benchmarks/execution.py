@@ -27,7 +27,7 @@ from poise.files import write_whole
 from poise.manipulation import Arm, Grasp, Phase, Reach, Transfer, plan_transfer
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.cell import Cell
-from poise.placement import Options, Uncertainty, plan_placement
+from poise.placement import KeptFree, Options, Uncertainty, plan_placement
 from poise.placement.rivals.engine import Engine
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel
@@ -39,6 +39,8 @@ THESIS["stable assembly"] = 1.0
 BASE = Pose.from_vector([-0.5, 0.0, 0.0, 0, 0, 0, 1])
 LYING = np.array([-0.1, -0.42])
 """m, x and y of where each object is picked up."""
+PICKED_UP = np.append(LYING - 0.15, 0.0), np.append(LYING + 0.15, 0.4)
+"""m, corners of the room that is kept free there: for the longest object, 0.18 m, and the hand beside and above it."""
 SHIFT, TURN, WEIGHT, ROUGHNESS, JOINTS = 2e-3, np.radians(1.0), 0.1, 0.8, 3e-4
 RATE = 100.0
 NEAR_SUPPORT = 0.009
@@ -83,10 +85,14 @@ def plan(
     arm: Arm, believed: Analysis, item: RigidObject, seed: int, integrated: bool
 ) -> tuple[str | None, str, RigidObject | None, Transfer | None, Analysis]:
     """The step that failed and why, or the object at its place and how it gets there."""
-    options = Options(candidates=5, uncertainty=Uncertainty(), deadline=60.0)
+    free = (("is where objects are picked up", KeptFree(*PICKED_UP)),)
+    options = Options(candidates=5, uncertainty=Uncertainty(), deadline=60.0, looks=free)
     reach = Reach(arm, believed, item, seed=seed)
     try:
-        found = plan_placement(believed, item, replace(options, tests=reach.tests) if integrated else options, seed)
+        if integrated:
+            reach.require_pick()
+            options = replace(options, looks=(*free, *reach.looks), tests=reach.tests)
+        found = plan_placement(believed, item, options, seed)
     except PoiseError as error:
         return STEPS[0], error.message, None, None, believed
     try:

@@ -80,10 +80,13 @@ def carry(
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), base[3])
     reach = Reach(Arm.load(robot, Pose(turn, np.array(base[:3])), tcp_frame=tcp), analysis, item, seed=seed)
     uncertainty = Uncertainty() if robust else None
-    options = Options(attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests)
+    options = Options(
+        attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests, looks=reach.looks
+    )
     people = console(json_target)
     known: dict[str, Any] = {}
     try:
+        reach.require_pick()
         with watching(people, attempts) as tell:
             found = plan_placement(analysis, item, options, seed, tell)
         known = content_of(found)

@@ -38,10 +38,8 @@ def approach_directions(before: Analysis, after: Analysis, item: RigidObject) ->
     """
     up = -unit(np.asarray(before.assembly.gravity))
     away = _normals_from_supports(after, item)
-    found = []
-    for direction in _candidates(up):
-        if np.all(away @ -direction > -1e-3):
-            found.append((direction, _least(before, item, direction)))
+    directions = [direction for direction in _candidates(up) if np.all(away @ -direction > -1e-3)]
+    found = zip(directions, _least(before, item, directions), strict=True)
     # Equally good ones stay in the order of the candidates: straight down first.
     return sorted(found, key=lambda one: -min(one[1], ENOUGH))
 
@@ -63,18 +61,34 @@ def _normals_from_supports(analysis: Analysis, item: RigidObject) -> Array:
     return np.array(normals).reshape(-1, 3)
 
 
-def _least(before: Analysis, item: RigidObject, direction: Array) -> float:
-    aside = Pose(item.pose.rotation, item.pose.translation - ASIDE * direction)
-    pushes = []
-    for other in before.assembly.objects:
-        if not other.fixed and (point := _nearest(item, aside, other)) is not None:
-            pushes.append(Push(other.id, point, direction))
-    if not pushes:
-        return float("inf")
+def _least(before: Analysis, item: RigidObject, directions: list[Array]) -> list[float]:
+    """N, for each direction: the least robustness of what is near; infinite when nothing movable is."""
+    corners = item.vertices
+    low, high = corners.min(axis=0) - NEAR - ASIDE, corners.max(axis=0) + NEAR + ASIDE
+    near = [
+        other
+        for other in before.assembly.objects
+        if not other.fixed and np.all(other.vertices.max(axis=0) > low) and np.all(other.vertices.min(axis=0) < high)
+    ]
+    pushes, of = [], []
+    for number, direction in enumerate(directions):
+        aside = Pose(item.pose.rotation, item.pose.translation - ASIDE * direction)
+        for other in near:
+            if (point := _nearest(item, aside, other)) is not None:
+                pushes.append(Push(other.id, point, direction))
+                of.append(number)
+    least = np.full(len(directions), np.inf)
+    if pushes:
+        np.minimum.at(least, of, _borne(before, pushes))
+    return [float(value) for value in least]
+
+
+def _borne(before: Analysis, pushes: list[Push]) -> list[float]:
+    """N, of each push; one by one where they cannot be answered together."""
     try:
-        return min(float(result.lower) for result in assess(before, pushes, "limit").results)
+        return [float(result.lower) for result in assess(before, pushes, "limit").results]
     except PoiseError:  # a direction about which nothing is known recommends itself to nobody
-        return 0.0
+        return [0.0] if len(pushes) == 1 else [_borne(before, [push])[0] for push in pushes]
 
 
 def _nearest(item: RigidObject, pose: Pose, other: RigidObject) -> Array | None:

@@ -15,8 +15,8 @@ MARGIN = 0.003
 """m between the robot and anything else."""
 HELD_MARGIN = 0.005
 """m between what is held and anything else."""
-STEP = 0.05
-"""rad between configurations that are looked at on a way."""
+STEP = 0.025
+"""rad between configurations that are looked at on a way: 1 cm to either side, at 0.8 m from the joint."""
 
 
 class Cell:
@@ -64,7 +64,7 @@ class Cell:
                 self._pair(carried, j, margins[1], kept)
             for i in robot:
                 if self._geometry.geometryObjects[i].parentJoint < arm.wrist - 1:
-                    self._pair(i, carried, 0.0, kept)
+                    self._pair(i, carried, margins[1], kept)
         self._data = self._geometry.createData()
         for request, margin in zip(self._data.collisionRequests, kept, strict=True):
             request.security_margin = margin
@@ -83,7 +83,9 @@ class Cell:
     def free_between(self, start: Array, end: Array) -> bool:
         """Whether nothing touches anything on the straight way between configurations, the end included."""
         count = int(np.ceil(np.abs(end - start).max() / STEP))
-        return all(self.free(start + (end - start) * k / count) for k in range(1, count + 1)) if count else True
+        # The end and every other one first: what is not free is then known in half of the time.
+        order = (*range(count, 0, -2), *range(count - 1, 0, -2))
+        return all(self.free(start + (end - start) * k / count) for k in order)
 
     def touching(self, q: Array) -> tuple[str, str] | None:
         """The first pair of shapes that touch, by name."""

@@ -23,15 +23,15 @@ BEYOND = 0.004
 """m that the finger tips reach beyond the place that is grasped."""
 
 
-def antipodal_grasps(shape: Shape, hand: Hand) -> tuple[Grasp, ...]:
-    """All grasps of a shape by flat opposite faces; whether there is room for the hand is not asked."""
+def antipodal_grasps(shape: Shape, hand: Hand, sides: int = SIDES) -> tuple[Grasp, ...]:
+    """All grasps of a shape by flat opposite faces, from so many sides; room for the hand is not asked for."""
     polyhedron = shape.polyhedron
     areas = [shapely.area(_outline(polyhedron, facet, facet)) for facet in range(len(polyhedron.normals))]
     largest = np.argsort(areas, kind="stable")[::-1][:FACETS]
     grasps: list[Grasp] = []
     for number, i in enumerate(largest.tolist()):
         for j in largest[number + 1 :].tolist():
-            grasps.extend(_grasps_of_pair(polyhedron, i, j, hand))
+            grasps.extend(_grasps_of_pair(polyhedron, i, j, hand, sides))
     return tuple(grasps)
 
 
@@ -41,7 +41,7 @@ def _outline(polyhedron: Polyhedron, facet: int, plane: int) -> shapely.Geometry
     return polyhedron.polygon(facet, polyhedron.vertices, origin, plane_axes(polyhedron.normals[plane]))
 
 
-def _grasps_of_pair(polyhedron: Polyhedron, i: int, j: int, hand: Hand) -> Iterator[Grasp]:
+def _grasps_of_pair(polyhedron: Polyhedron, i: int, j: int, hand: Hand, sides: int) -> Iterator[Grasp]:
     normal = polyhedron.normals[i]
     if normal @ polyhedron.normals[j] > -OPPOSITE:
         return
@@ -53,7 +53,7 @@ def _grasps_of_pair(polyhedron: Polyhedron, i: int, j: int, hand: Hand) -> Itera
     both = shapely.intersection(_outline(polyhedron, i, i), _outline(polyhedron, j, i))
     for spot in _spots(both):
         middle = origin + spot @ axes - normal * width / 2
-        for angle in 2 * np.pi * np.arange(SIDES) / SIDES:
+        for angle in 2 * np.pi * np.arange(sides) / sides:
             approach = np.cos(angle) * axes[0] + np.sin(angle) * axes[1]
             rotation = np.stack([np.cross(normal, approach), normal, approach], axis=1)
             yield Grasp(pin.SE3(rotation, middle + BEYOND * approach), width)

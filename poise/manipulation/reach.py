@@ -1,8 +1,10 @@
 """Whether an object can be taken where it lies and put where it shall stand: room for the hand, and for the arm."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -14,14 +16,12 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.manipulation.approach import approach_directions
 from poise.manipulation.arm import Arm
 from poise.manipulation.bodies import geometry_of, overlap, se3_of
-from poise.manipulation.cell import MARGIN, Cell
-from poise.manipulation.grasps import antipodal_grasps
+from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
+from poise.manipulation.grasps import SIDES, antipodal_grasps
 from poise.manipulation.hand import Grasp
 from poise.manipulation.inverse import follow, solutions
-from poise.placement.validation import Test
+from poise.placement.validation import Look, Test
 
-STRAIGHT = 0.08
-"""m of the straight ways to and from an object."""
 STRAIGHT_STEP = 0.01
 TOUCHING = 0.01
 """m from its support over which what is held is not asked whether it touches: it does."""
@@ -35,6 +35,29 @@ MOST_GRASPS = 16
 """Grasps that the arm is asked about for one place, of those with room for the hand."""
 DIRECTIONS = 4
 """Directions of approach that are tried, the most forgiving first."""
+
+Margins = tuple[float, float]
+"""m, of the robot and of what it holds from everything else, on the straight ways."""
+NARROW: Margins = (MARGIN, HELD_MARGIN)
+
+
+class Effort(NamedTuple):
+    """How hard it is tried to pick something up.
+
+    Args:
+        sides: from which each place of the object is grasped.
+        tries: starts of the inverse kinematics.
+        straight: m of the ways to and from the object.
+    """
+
+    sides: int
+    tries: int
+    straight: float
+
+
+USUAL = Effort(SIDES, 8, 0.08)
+UTMOST = Effort(24, 24, 0.05)
+"""When nothing else picks it up. The way is longer than the fingers still."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,16 +119,17 @@ class Reach:
         self.start = (arm.lower + arm.upper) / 2 if start is None else start
         self._seed = seed
         self._up = -unit(np.asarray(before.assembly.gravity))
-        gravity = float(np.linalg.norm(before.assembly.gravity))
-        holds = (
-            (g, arm.hand.acceleration_limit(item, g.object_tcp, gravity))
-            for g in antipodal_grasps(item.shape, arm.hand)
-        )
-        self._grasps = [
-            (grasp, hold) for grasp, hold in holds if hold > LEAST_HOLD and self._hand_is_clear(grasp, item)
-        ]
-        self._picks: dict[int, End | None] = {}
         self._known: dict[bytes, Ends | None] = {}
+        for self._effort in (USUAL, UTMOST):
+            self._firm = self._firm_grasps(self._effort.sides)
+            self._picks: dict[tuple[int, Margins], End | None] = {}
+            if self.can_pick():
+                break
+
+    @property
+    def looks(self) -> tuple[tuple[str, Look], ...]:
+        """For `Options.looks`: what is known before contacts are."""
+        return (("leaves no room for the hand", self.fits_hand),)
 
     def require_free_start(self) -> None:
         """Check that the arm, where it is, keeps its distance from everything.
@@ -125,9 +149,30 @@ class Reach:
         """For `Options.tests`: the cheap one first."""
         return (("leaves no room for the hand", self.has_room), ("out of the arm's reach", self.is_reachable))
 
+    def can_pick(self) -> bool:
+        """Whether the arm can take the object from where it lies."""
+        return any(self._pick(number, NARROW) is not None for number in range(2 * len(self._firm)))
+
+    def require_pick(self) -> None:
+        """Look whether the object can be picked up: when it cannot, there is no need to look for a place.
+
+        Raises:
+            NoAnswerError: UNREACHABLE, with data `step`: grasping.
+        """
+        if not self.can_pick():
+            why = f"none of {len(self._firm)} grasps can be reached" if self._firm else "no grasp holds it with room"
+            message = f"{self.item.id} cannot be picked up where it lies: {why}; make room there, or move the arm"
+            raise NoAnswerError(ErrorCode.UNREACHABLE, message, step="grasping")
+
+    def fits_hand(self, placed: RigidObject) -> bool:
+        """Whether the hand fits to the object, at its place, by a grasp that the arm can pick it up with."""
+        if not self.can_pick():  # then the arm is to blame, and not the place
+            return any(self._hand_is_clear(grasp, placed) for grasp, _ in self._firm)
+        return next(self._serving(placed, np.zeros((0, 3)), NARROW), None) is not None
+
     def has_room(self, _: Analysis, placed: RigidObject) -> bool:
-        """Whether the hand fits to the object, at its place, by a grasp that fits where it lies."""
-        return next(self._with_room(placed, np.zeros((0, 3))), None) is not None
+        """As `fits_hand`, for who asks tests only."""
+        return self.fits_hand(placed)
 
     def is_reachable(self, after: Analysis, placed: RigidObject) -> bool:
         """Whether the arm can put the object there."""
@@ -140,22 +185,34 @@ class Reach:
             self._known[key] = next(self.all_ends(after, placed), None)
         return self._known[key]
 
-    def all_ends(self, after: Analysis, placed: RigidObject) -> Iterator[Ends]:
+    def all_ends(self, after: Analysis, placed: RigidObject, margins: Margins = NARROW) -> Iterator[Ends]:
         """Grasps that serve at both ends, those far from the contacts and firm ones first."""
-        contacts = _contacts(after, placed)
-        directions = approach_directions(self.before, after, placed)[:DIRECTIONS]
-        for number, (index, turned, grasp, hold) in enumerate(self._with_room(placed, contacts)):
+
+        @cache
+        def directions() -> list[tuple[Array, float]]:
+            return approach_directions(self.before, after, placed)[:DIRECTIONS]
+
+        def aways() -> list[Array]:
+            return [-way for way, _ in directions()]
+
+        serving = self._serving(placed, _contacts(after, placed), margins)
+        for number, (grasp, hold, pick) in enumerate(serving):
             if number >= 2 * MOST_GRASPS:
                 return
-            pick = self._pick(2 * index + turned, grasp)
-            if pick is None:
-                continue
-            found = next(self._end(grasp, placed, [-way for way, _ in directions], pick.object_away[-1]), None)
+            found = next(self._end(grasp, placed, aways, pick.object_away[-1], margins), None)
             if found is not None:
-                yield Ends(grasp, pick, found[0], *directions[found[1]], hold)
+                yield Ends(grasp, pick, found[0], *directions()[found[1]], hold)
 
-    def _with_room(self, placed: RigidObject, contacts: Array) -> Iterator[tuple[int, bool, Grasp, float]]:
-        """Grasps with room for the hand at the place, in order, each both ways round."""
+    def _firm_grasps(self, sides: int) -> list[tuple[Grasp, float]]:
+        """Grasps that hold it, with room for the hand where it lies, and the m/s2 that they bear."""
+        gravity = float(np.linalg.norm(self.before.assembly.gravity))
+        hand, item = self.arm.hand, self.item
+        grasps = antipodal_grasps(item.shape, hand, sides)
+        holds = [(grasp, hand.acceleration_limit(item, grasp.object_tcp, gravity)) for grasp in grasps]
+        return [(grasp, hold) for grasp, hold in holds if hold > LEAST_HOLD and self._hand_is_clear(grasp, item)]
+
+    def _serving(self, placed: RigidObject, contacts: Array, margins: Margins) -> Iterator[tuple[Grasp, float, End]]:
+        """Grasps that it can be picked up with and with room for the hand at the place, in order, and the pick."""
 
         def score(entry: tuple[Grasp, float]) -> float:
             grasp, hold = entry
@@ -163,12 +220,15 @@ class Reach:
             nearest = np.linalg.norm(contacts - spot, axis=1).min(initial=FAR)
             return float(nearest / FAR + 0.5 * min(hold, FIRM) / FIRM)
 
-        scores = np.array([score(entry) for entry in self._grasps])
+        scores = np.array([score(entry) for entry in self._firm])
         for index in np.argsort(-scores, kind="stable").tolist():
-            grasp, hold = self._grasps[index]
-            if self._hand_is_clear(grasp, placed):
-                yield index, False, grasp, hold
-                yield index, True, grasp.turned, hold
+            grasp, hold = self._firm[index]
+            if not self._hand_is_clear(grasp, placed):
+                continue
+            for number in (2 * index, 2 * index + 1):
+                pick = self._pick(number, margins)
+                if pick is not None:
+                    yield self._grasp(number), hold, pick
 
     def _hand_is_clear(self, grasp: Grasp, item: RigidObject) -> bool:
         """Whether the open hand touches neither the object nor what stands around."""
@@ -181,33 +241,57 @@ class Reach:
             for shape, place in parts
         )
 
-    def _pick(self, key: int, grasp: Grasp) -> End | None:
+    def _grasp(self, number: int) -> Grasp:
+        """Each of the firm grasps comes twice: both ways round."""
+        grasp = self._firm[number // 2][0]
+        return grasp.turned if number % 2 else grasp
+
+    def _pick(self, number: int, margins: Margins) -> End | None:
+        """The arm at a grasp where the object lies; found once."""
+        key = number, margins
         if key not in self._picks:
-            self._picks[key] = next((end for end, _ in self._end(grasp, self.item, [self._up], self.start)), None)
+            found = self._end(self._grasp(number), self.item, lambda: [self._up], self.start, margins)
+            self._picks[key] = next((end for end, _ in found), None)
         return self._picks[key]
 
-    def _end(self, grasp: Grasp, item: RigidObject, aways: Sequence[Array], start: Array) -> Iterator[tuple[End, int]]:
+    def _end(
+        self, grasp: Grasp, item: RigidObject, aways: Callable[[], list[Array]], start: Array, margins: Margins
+    ) -> Iterator[tuple[End, int]]:
         """The arm at a grasp, with free ways back for the hand alone, and for the object in one of some directions."""
         tool = se3_of(item.pose) * grasp.object_tcp
-        open_hand = self.open_cell(grasp, item)
-        bare, carrying = (Cell(self.arm, self.around, grasp.width, held) for held in (None, (item, grasp)))
+
+        @cache
+        def open_hand() -> Cell:
+            return self.open_cell(grasp, item, margins)
+
+        @cache
+        def closed() -> list[Cell]:
+            return [Cell(self.arm, self.around, grasp.width, held, margins) for held in (None, (item, grasp))]
+
         rng = np.random.default_rng(self._seed)
-        for q in solutions(self.arm, tool, [start, self.start], rng):
-            if not open_hand.free(q):
+        for q in solutions(self.arm, tool, [start, self.start], rng, self._effort.tries):
+            if not open_hand().free(q):
                 continue
-            hand_away = follow(self.arm, q, _straight(tool, -np.array(tool.rotation[:, 2])))
-            if hand_away is None or not is_free(hand_away, open_hand):
+            hand_away = follow(self.arm, q, self._straight(tool, -np.array(tool.rotation[:, 2])))
+            if hand_away is None or not is_free(hand_away, open_hand()):
                 continue
-            for number, away in enumerate(aways):
-                object_away = follow(self.arm, q, _straight(tool, away))
+            bare, carrying = closed()
+            for number, away in enumerate(aways()):
+                object_away = follow(self.arm, q, self._straight(tool, away))
                 if object_away is None or not bare.free_between(q, object_away[1]):
                     continue
                 if is_free(object_away[1:], carrying):
                     yield End(hand_away, object_away), number
 
-    def open_cell(self, grasp: Grasp, item: RigidObject) -> Cell:
+    def _straight(self, tool: pin.SE3, direction: Array) -> list[pin.SE3]:
+        """Poses of the tool along a straight way."""
+        length = self._effort.straight
+        offsets = np.append(np.arange(TOUCHING, length - 1e-9, STRAIGHT_STEP), length)
+        return [pin.SE3(tool.rotation, tool.translation + offset * direction) for offset in offsets]
+
+    def open_cell(self, grasp: Grasp, item: RigidObject, margins: Margins = NARROW) -> Cell:
         """The arm with the hand open for a grasp, and the object standing there."""
-        return Cell(self.arm, (*self.around, item), self.arm.hand.opening(grasp.width))
+        return Cell(self.arm, (*self.around, item), self.arm.hand.opening(grasp.width), margins=margins)
 
 
 def require_room(analysis: Analysis, item: RigidObject) -> None:
@@ -230,12 +314,6 @@ def require_room(analysis: Analysis, item: RigidObject) -> None:
 def is_free(way: Array, cell: Cell) -> bool:
     """Whether a way (N, J) touches nothing, its first point included."""
     return cell.free(way[0]) and all(cell.free_between(a, b) for a, b in pairwise(way))
-
-
-def _straight(tool: pin.SE3, direction: Array) -> list[pin.SE3]:
-    """Poses of the tool along a straight way."""
-    offsets = np.append(np.arange(TOUCHING, STRAIGHT, STRAIGHT_STEP), STRAIGHT)
-    return [pin.SE3(tool.rotation, tool.translation + offset * direction) for offset in offsets]
 
 
 def _contacts(analysis: Analysis, item: RigidObject) -> Array:

@@ -19,7 +19,7 @@ from poise.placement.matching import Contact, over_three, poses_on_one, poses_on
 from poise.placement.refinement import refine
 from poise.placement.supports import Supports, find_supports
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import Test, Validator
+from poise.placement.validation import Look, Test, Validator
 
 ON = ("any", "objects", "fixed")
 PLACES = 400
@@ -40,6 +40,7 @@ class Options:
         guide: limit, approx, thesis or uniform, see `find_supports`.
         uncertainty: what the placement has to survive.
         tests: further conditions by name.
+        looks: further conditions by name on the object at its pose alone (`KeptFree`); the cheap ones.
         refining: move a placement that was found as long as its merit grows.
     """
 
@@ -52,6 +53,7 @@ class Options:
     uncertainty: Uncertainty | None = None
     tests: Sequence[tuple[str, Test]] = ()
     refining: bool = False
+    looks: Sequence[tuple[str, Look]] = ()
 
     def __post_init__(self) -> None:
         check_criterion(self.criterion)
@@ -142,7 +144,7 @@ def plan_placement(
     features = Features.of(item.shape, item.com)
     size = float(np.linalg.norm(np.ptp(item.shape.polyhedron.vertices, axis=0)))
     supports = find_supports(analysis, options.on, options.guide, PLACES, size, rng)
-    validator = Validator(analysis, item, options.tests, options.uncertainty)
+    validator = Validator(analysis, item, options.tests, options.looks, options.uncertainty)
     search = _Search(supports, features, validator, options, size, start, progress)
     found = search.run(rng)
     if found is None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Pose
+from poise.assembly.geometry import Array, Pose
 from poise.assembly.scene import RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement.balance import BALANCED, unbalanced
@@ -16,6 +16,8 @@ from poise.placement.uncertainty import Uncertainty, stands_anyway
 
 Test = Callable[[Analysis, RigidObject], bool]
 """A condition on a placement, asked when the assembly with the object in it is known to stand."""
+Look = Callable[[RigidObject], bool]
+"""A condition on the object at its pose alone, asked before contacts are looked for."""
 
 LOOSE = 3e-4
 """m: wider gaps, which the tolerance of scans would let pass as contact, carry no placement that is planned."""
@@ -23,6 +25,22 @@ LEAST_MARGIN = 1e-3
 """Of the object's weight: a placement on the verge of moving is none."""
 ALMOST = 0.15
 """Of the object's weight unbalanced: what is more is too far off to sink to where it stands."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeptFree:
+    """A look: nothing is put into a room, such as where the next objects will be picked up.
+
+    Args:
+        low, high: (3,) m, corners of the room in the world.
+    """
+
+    low: Array
+    high: Array
+
+    def __call__(self, item: RigidObject) -> bool:
+        corners = item.vertices
+        return bool(np.any((corners.min(axis=0) >= self.high) | (corners.max(axis=0) <= self.low)))
 
 
 @dataclass(eq=False)
@@ -33,6 +51,7 @@ class Validator:
         analysis: of the assembly without the object.
         item: the object, at any pose.
         tests: further conditions by name (clearance, reach), asked last.
+        looks: cheap conditions by name on the pose alone, asked first.
         uncertainty: what the placement has to survive; None: nothing beyond standing.
         settling: let poses that do not stand sink to where they do.
     """
@@ -40,6 +59,7 @@ class Validator:
     analysis: Analysis
     item: RigidObject
     tests: Sequence[tuple[str, Test]] = ()
+    looks: Sequence[tuple[str, Look]] = ()
     uncertainty: Uncertainty | None = None
     settling: bool = True
     rejected: Counter[str] = field(default_factory=Counter)
@@ -51,6 +71,8 @@ class Validator:
     def accept(self, pose: Pose) -> tuple[Analysis, RigidObject] | None:
         """The assembly with the object at this pose, or near it where it settled; None when a test turns it away."""
         there = replace(self.item, pose=pose)
+        if (why := self._looks_wrong(there)) is not None:
+            return self._reject(why)
         try:
             analysis = self.analysis.with_object(there)
         except InputError as error:
@@ -60,6 +82,8 @@ class Validator:
             standing = self._standing(_without_gaps(analysis, there), there)
             if standing is None:
                 return self._reject("does not stand")
+            if standing[1] is not there and (why := self._looks_wrong(standing[1])) is not None:
+                return self._reject(why)
             if self.uncertainty is not None and not stands_anyway(*standing, self.uncertainty):
                 return self._reject("stands, but not robustly")
         except NoAnswerError:
@@ -68,6 +92,9 @@ class Validator:
             if not test(*standing):
                 return self._reject(name)
         return standing
+
+    def _looks_wrong(self, item: RigidObject) -> str | None:
+        return next((name for name, look in self.looks if not look(item)), None)
 
     def _reject(self, why: str) -> tuple[Analysis, RigidObject] | None:
         self.rejected[why] += 1

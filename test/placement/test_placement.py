@@ -1,14 +1,17 @@
 """Placements stand by an independent count, and what cannot be placed says why."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from poise.assembly import Analysis, Assembly, assess, read_object, read_scene
+from poise.assembly import Analysis, Assembly, Pose, assess, read_object, read_scene
 from poise.assembly.pushes import Push
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.placement import CancelledError, Options, Uncertainty, judge, plan_placement
+from poise.placement import CancelledError, KeptFree, Options, Uncertainty, judge, plan_placement
 from poise.placement.features import Features
 from poise.placement.matching import Contact, poses_on_one, poses_on_two
+from poise.placement.validation import Validator
 
 FLOOR = {"id": "floor", "fixed": True, "box": [4, 4, 0.1], "pose": [0, 0, -0.05, 0, 0, 0, 1]}
 UP = np.array([0.0, 0.0, 1.0])
@@ -86,6 +89,34 @@ def test_a_can_is_not_left_where_it_may_roll():
         found = plan_placement(scene(*CANYON), can, Options(on="objects"), seed)
         assert abs(found.pose.rotation[2, 2]) == pytest.approx(1.0)
         assert found.merit.least > 0
+
+
+def test_a_room_that_is_kept_free_stays_free():
+    table = {"id": "table", "fixed": True, "box": [0.6, 0.6, 0.1], "pose": [0, 0, -0.05, 0, 0, 0, 1]}
+    room = KeptFree(np.array([-0.3, -0.3, 0.0]), np.array([0.1, 0.3, 0.4]))
+    kept = Options(candidates=1, looks=(("is to stay free", room),))
+    turned_away = 0
+    for seed in range(6):
+        found = plan_placement(read_scene({"objects": [table]}), read_object(CUBE), kept, seed)
+        assert found.item.vertices[:, 0].min() >= 0.1 - 1e-9
+        turned_away += found.rejected.get("is to stay free", 0)
+    assert turned_away > 0  # it would have gone there
+    everything = KeptFree(np.full(3, -1.0), np.full(3, 1.0))
+    full = Options(attempts=20, looks=(("is to stay free", everything),))
+    with pytest.raises(NoAnswerError) as error:
+        plan_placement(read_scene({"objects": [table]}), read_object(CUBE), full)
+    assert error.value.data["rejected"]["is to stay free"] > 0
+
+
+def test_where_an_object_settled_is_looked_at_again(monkeypatch):
+    there = replace(read_object(CUBE), pose=Pose(np.eye(3), np.array([-0.2, 0, 0.4])))
+    sunk = replace(there, pose=Pose(np.eye(3), np.array([-0.25, 0, 0.4])))
+    room = KeptFree(np.array([-0.4, -0.3, 0.0]), np.array([-0.32, 0.3, 1.0]))
+    validator = Validator(Analysis.of(scene(*CANYON)), there, looks=(("is to stay free", room),))
+    assert validator.accept(there.pose) is not None
+    monkeypatch.setattr(validator, "_standing", lambda analysis, _: (analysis, sunk))
+    assert validator.accept(there.pose) is None
+    assert validator.rejected == {"is to stay free": 1}
 
 
 def test_more_candidates_are_no_worse():

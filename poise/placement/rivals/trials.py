@@ -37,7 +37,7 @@ def first_that_stays(
     wanted = (
         (("rests on nothing that moves", rests_on_object), *options.tests) if options.on == "objects" else options.tests
     )
-    validator = Validator(analysis, item, wanted, options.uncertainty, settling=False)
+    validator = Validator(analysis, item, wanted, options.looks, options.uncertainty, settling=False)
     attempts = 0
     for proposal in proposals(analysis, item, np.random.default_rng(seed)):
         if attempts >= options.attempts or _late(start, options):
