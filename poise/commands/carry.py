@@ -1,5 +1,6 @@
 """`poise carry`: how an arm takes an object from where it lies to where it stays."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,12 +15,15 @@ from poise.commands.place import (
     AttemptsOption,
     CandidatesOption,
     JsonOption,
+    KeepFreeOption,
     OnOption,
     OutputOption,
     RobustOption,
     SceneArgument,
     SeedOption,
     content_of,
+    failure_of,
+    looks_of,
     read_spec,
     say,
     watching,
@@ -63,6 +67,7 @@ def carry(
     robust: RobustOption = False,
     speed: SpeedOption = 0.5,
     seconds: WaysOption = 10.0,
+    keep_free: KeepFreeOption = None,
     output: OutputOption = None,
     picture: PictureOption = None,
     json_target: JsonOption = None,
@@ -77,12 +82,9 @@ def carry(
     refuse_folders(json_target, picture, None)
     item, analysis = read_spec(spec, needs="pose"), open_scene(scene)
     require_room(analysis, item)
-    turn = rotation_about(np.array([0.0, 0.0, 1.0]), base[3])
-    reach = Reach(Arm.load(robot, Pose(turn, np.array(base[:3])), tcp_frame=tcp), analysis, item, seed=seed)
-    uncertainty = Uncertainty() if robust else None
-    options = Options(
-        attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests, looks=reach.looks
-    )
+    reach = Reach(_arm(robot, base, tcp), analysis, item, seed=seed)
+    options = Options(attempts, candidates=candidates, on=on, uncertainty=Uncertainty() if robust else None)
+    options = replace(options, tests=reach.tests, looks=(*looks_of(keep_free), *reach.looks))
     people = console(json_target)
     known: dict[str, Any] = {}
     try:
@@ -92,8 +94,7 @@ def carry(
         known = content_of(found)
         transfer = plan_transfer(reach, found.analysis, found.item, Limits(speed=speed), seconds, seed)
     except NoAnswerError as error:
-        answer = {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
-        write_json(json_target, known | answer)
+        write_json(json_target, known | failure_of(error))
         raise
     write_json(json_target, known | _content(reach, transfer))
     if output is not None:
@@ -103,6 +104,25 @@ def carry(
     say(people, found)
     moving = sum(phase.seconds for phase in transfer.phases)
     people.print(f"held firmly up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
+
+
+def _arm(robot: str, base: tuple[float, float, float, float], tcp: str) -> Arm:
+    """The robot where it stands in the scene: x, y, z, m, and yaw, rad."""
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), base[3])
+    return Arm.load(robot, Pose(turn, np.array(base[:3])), tcp_frame=tcp)
+
+
+def require_room(analysis: Analysis, item: RigidObject) -> None:
+    """Raise InputError where the object, as it lies, overlaps the scene or takes the id of something in it."""
+    if item.id in analysis.assembly.index or item.fixed:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
+        )
+    try:
+        analysis.with_object(item)
+    except InputError as error:
+        if error.code is not ErrorCode.FLOATING:  # it may lie on something that the scene does not have
+            raise
 
 
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +20,7 @@ from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import (
     CRITERIA,
+    KeptFree,
     Options,
     Placement,
     PlacementSequence,
@@ -27,6 +29,7 @@ from poise.placement import (
     plan_sequence,
 )
 from poise.placement.planners import PLANNERS, find_planner
+from poise.placement.validation import Look
 
 MOST_BYTES = 1_000_000
 
@@ -58,6 +61,15 @@ RobustOption = Annotated[
 RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as it gets better.")]
 PlannerOption = Annotated[str, typer.Option("--planner", help=f"To compare with: {', '.join(PLANNERS)}.")]
 OrdersOption = Annotated[int, typer.Option("--orders", help="Orders of several objects to look at.", min=1)]
+KeepFreeOption = Annotated[
+    tuple[float, float, float, float, float, float] | None,
+    typer.Option(
+        "--keep-free",
+        metavar="X Y Z X Y Z",
+        help="Two corners, m, of a room into which nothing is put: where more will be picked up.",
+        show_default=False,
+    ),
+]
 OutputOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="Write the scene with the object in it.", show_default=False),
@@ -81,6 +93,7 @@ def place(
     refining: RefiningOption = False,
     planner: PlannerOption = "poise",
     orders: OrdersOption = 1,
+    keep_free: KeepFreeOption = None,
     output: OutputOption = None,
     json_target: JsonOption = None,
 ) -> None:
@@ -96,6 +109,7 @@ def place(
     analysis = open_scene(scene)
     uncertainty = Uncertainty() if robust else None
     options = Options(attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining)
+    options = replace(options, looks=looks_of(keep_free))
     find = find_planner(planner)
     if len(items) > 1 and planner != "poise":
         raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
@@ -107,13 +121,19 @@ def place(
             else:
                 found = find(analysis, items[0], options, seed, tell)
     except NoAnswerError as error:
-        answer = {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
-        write_json(json_target, answer)
+        write_json(json_target, failure_of(error))
         raise
     write_json(json_target, _sequence_content(found) if isinstance(found, PlacementSequence) else content_of(found))
     if output is not None:
         write_scene(found.analysis.assembly, output)
     say(people, found)
+
+
+def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, Look], ...]:
+    """For `Options.looks`: the room that the option names stays free."""
+    if keep_free is None:
+        return ()
+    return (("in the room to be kept free", KeptFree(np.array(keep_free[:3]), np.array(keep_free[3:]))),)
 
 
 @contextmanager
@@ -143,6 +163,11 @@ def say(people: Console, found: Placement | PlacementSequence) -> None:
     rejected = ", ".join(f"{count} {why}" for why, count in counts.most_common())
     tested = sum(placement.iterations for placement in placements)
     people.print(f"{tested} poses tested{f' ({rejected})' if rejected else ''} in {found.seconds:.2f} s")
+
+
+def failure_of(error: NoAnswerError) -> dict[str, Any]:
+    """Why there is no answer, for programs."""
+    return {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
 
 
 def content_of(found: Placement) -> dict[str, Any]:

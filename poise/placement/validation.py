@@ -33,10 +33,18 @@ class KeptFree:
 
     Args:
         low, high: (3,) m, corners of the room in the world.
+
+    Raises:
+        InputError: BAD_INPUT when that is no room.
     """
 
     low: Array
     high: Array
+
+    def __post_init__(self) -> None:
+        if not np.all(np.isfinite([*self.low, *self.high])) or not np.all(np.less(self.low, self.high)):
+            said = f"{np.asarray(self.low).tolist()} to {np.asarray(self.high).tolist()} m"
+            raise InputError(ErrorCode.BAD_INPUT, f"room to be kept free, {said}: give the lower corner first")
 
     def __call__(self, item: RigidObject) -> bool:
         corners = item.vertices

@@ -43,6 +43,7 @@ def test_the_plan_ends_with_the_object_where_it_stays(tmp_path, capsys):
         (["--object", CAN.replace("-0.42, 0.05", "0.0, 0.05").replace("-0.1", "0.0")], 2, "cube"),
         (["--object", CAN, "--robot", "no_such.urdf"], 2, "no_such.urdf"),
         (["--object", CAN, "--tcp", "nowhere"], 2, "nowhere"),
+        (["--object", CAN, "--keep-free", "0", "0", "0", "1", "1", "0"], 2, "room to be kept free"),
         (["--object", CAN, "--base", "-9", "0", "0", "0", "--attempts", "10"], 3, "cannot be picked up"),
     ],
 )
