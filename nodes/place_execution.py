@@ -77,17 +77,18 @@ class Carrying:
         """Where the object stays, and how it gets there; in the thread of the jobs.
 
         Raises:
-            InputError, NoAnswerError: as `plan_placement`, `plan_transfer`, `require_room` and
-                `Reach.require_free_start`.
+            InputError, NoAnswerError: as `plan_placement`, `plan_transfer`, `require_room`,
+                `Reach.require_free_start` and `Reach.require_pick`.
         """
         require_room(analysis, item)
         reach = Reach(self._arm, analysis, item, start=self.start, seed=seed)
         reach.require_free_start()
+        reach.require_pick()
         left = due - time.monotonic()
         if left <= 0:
             raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before the first pose; allow more time")
         for_ways = min(self._values["ways_seconds"], left / 2)
-        wanted = replace(options, deadline=left - for_ways, tests=reach.tests)
+        wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=reach.looks)
         found = plan_placement(analysis, item, wanted, seed, tell)
         seconds = min(self._values["ways_seconds"], due - time.monotonic())
         limits = Limits(speed=self._values["speed"])

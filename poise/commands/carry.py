@@ -112,19 +112,6 @@ def _arm(robot: str, base: tuple[float, float, float, float], tcp: str) -> Arm:
     return Arm.load(robot, Pose(turn, np.array(base[:3])), tcp_frame=tcp)
 
 
-def require_room(analysis: Analysis, item: RigidObject) -> None:
-    """Raise InputError where the object, as it lies, overlaps the scene or takes the id of something in it."""
-    if item.id in analysis.assembly.index or item.fixed:
-        raise InputError(
-            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
-        )
-    try:
-        analysis.with_object(item)
-    except InputError as error:
-        if error.code is not ErrorCode.FLOATING:  # it may lie on something that the scene does not have
-            raise
-
-
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:
     from poise.viewing.assembly_figures import write_picture
     from poise.viewing.carrying_figures import transfer_panel

@@ -1,7 +1,7 @@
 """Whether and how an arm puts an object where it stays.
 
 - `Arm`: a robot at its place in the scene. `Hand`: its two fingers.
-- `Reach`: tests for `poise.placement.Options.tests`: room for the hand, and a grasp that serves at both ends.
+- `Reach`: for `looks` and `tests` of `poise.placement.Options`: room for the hand, a grasp that serves at both ends.
 - `plan_transfer`: pick, carry, place as motions in time.
 """
 

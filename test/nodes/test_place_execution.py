@@ -168,7 +168,7 @@ def test_what_is_missing_or_in_the_way_is_said(start_node, graph, caller):
     in_cube = RigidObject("can", CAN.shape, Pose.from_vector([0, 0, 0.05, 0, 0, 0, 1]), mass=0.3)
     assert refused(ErrorCode.INTERPENETRATION, "cube", item=in_cube)
     far = RigidObject("can", CAN.shape, Pose.from_vector([3, 0, 0.05, 0, 0, 0, 1]), mass=0.3)
-    assert refused(ErrorCode.NO_PLACEMENT, "reach", item=far, deadline=60.0)
+    assert refused(ErrorCode.UNREACHABLE, "cannot be picked up", item=far, deadline=60.0)
 
 
 def test_joints_that_do_not_follow_are_told_to_stay_where_they_are(start_node, graph, caller):
