@@ -22,7 +22,7 @@ from benchmarks.segmentation_truth import NOISE, SHIPPED, Array, Indices, Subjec
 from poise.inertia.bayes import SHAPE_ACCURACY, PoiseEstimator
 from poise.inertia.hps import hps
 from poise.inertia.metrics import errors
-from poise.inertia.object_shape import CLOUD_ACCURACY, ObjectShape, load_object, parts_of_segmentation
+from poise.inertia.object_shape import CLOUD_ACCURACY, ObjectShape, load_object, parts_of_segmentation, parts_of_solid
 from poise.inertia.parameters import InertialParameters
 from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem
@@ -63,7 +63,7 @@ def parts_to_try(subject: Subject, tool: BenchmarkObject, pose: Array) -> dict[s
     true_labels = subject.labels[cKDTree(subject.points).query(solid.centroids)[1]]
 
     def cut(labels: Indices | None) -> Parts:
-        return Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, labels)
+        return parts_of_solid(solid, labels)
 
     scanned = {
         "true labels on our solid": cut(true_labels),

@@ -28,6 +28,7 @@ from poise.inertia.problem import NoiseLevels
 from poise.inertia.weighers import check_method
 from poise.nodes.estimate_message import estimate_message, no_estimate_message
 from poise.nodes.parameters import Parameter, declare_parameters
+from poise.nodes.payload_shape import accuracy_of
 from poise.nodes.runtime import end_goal, guarded, to_message
 from poise.nodes.trajectory_message import trajectory_message
 from poise.recording.streams import stamp_of
@@ -63,15 +64,15 @@ class LiveScale:
     Args:
         live: the estimator.
         method: by name; empty: the node's.
-        parts: of the object, in the sensor frame.
+        parts, accuracy: of the object, see `LiveEstimator.begin_window`.
     """
 
-    def __init__(self, live: LiveEstimator, method: str, parts: Parts | None) -> None:
-        self._live, self._method, self._parts = live, method, parts
+    def __init__(self, live: LiveEstimator, method: str, parts: Parts | None, accuracy: float | None) -> None:
+        self._live, self._method, self._parts, self._accuracy = live, method, parts, accuracy
 
     def begin(self) -> None:
         """Open the window."""
-        self._live.begin_window(self._method, self._parts)
+        self._live.begin_window(self._method, self._parts, self._accuracy)
 
     def estimate(self) -> InertialEstimate:
         """Of what is in the window."""
@@ -162,7 +163,9 @@ class IdentifyPayload:
                     "no controller listens on joint_trajectory: remap it to the arm's, or start it",
                 )
             task = Task(self._planner(model, request, guard, limits, parts), guard, limits)
-        return Session(model, task, LiveScale(self._live, request.method, parts), self._send, time.monotonic())
+        accuracy = accuracy_of(request.object[0]) if request.object else None
+        scale = LiveScale(self._live, request.method, parts, accuracy)
+        return Session(model, task, scale, self._send, time.monotonic())
 
     def _model(self) -> RobotModel:
         if self._live.problem is not None:

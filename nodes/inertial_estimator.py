@@ -14,14 +14,13 @@ from tf2_msgs.msg import TFMessage
 
 from poise.errors import PoiseError
 from poise.inertia.live import LiveEstimator
-from poise.inertia.object_shape import CLOUD_ACCURACY
 from poise.inertia.parts import Parts
 from poise.inertia.status import status_of
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
-from poise.nodes.payload_shape import parts_of_message
+from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run
 from poise.recording.decoding import rotation_from_quaternion
 from poise.recording.streams import stamp_of
@@ -110,7 +109,7 @@ class InertialEstimator(Node):
         return parts_of_message(message).in_frame(*self.live.hand.pose(message.header.frame_id, self.live.sensor_frame))
 
     def _on_shape(self, message: SegmentedObject) -> None:
-        self.live.hold(self.parts_of(message), CLOUD_ACCURACY)
+        self.live.hold(self.parts_of(message), accuracy_of(message))
         self.get_logger().info(f"the payload is {message.id or 'an object'} of {len(message.parts)} parts")
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -4,9 +4,20 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
+from poise.inertia.object_shape import CLOUD_ACCURACY
 from poise.inertia.parameters import symmetric
 from poise.inertia.parts import Parts
 from poise_msgs.msg import Part, SegmentedObject
+
+WORST_ACCURACY = 0.05
+"""Relative error of lengths when hardly anything is known of how good a scan is."""
+
+
+def accuracy_of(message: SegmentedObject) -> float:
+    """Relative error of lengths in a scan: a third of its volume's, but no less than any cloud has."""
+    known = message.volume > 0 and np.isfinite(message.volume_std)
+    third = message.volume_std / message.volume / 3 if known else WORST_ACCURACY
+    return float(np.clip(third, CLOUD_ACCURACY, WORST_ACCURACY))
 
 
 def parts_of_message(message: SegmentedObject) -> Parts:

@@ -230,14 +230,14 @@ class LiveEstimator:
 
     # -- a window of its own ---------------------------------------------------------------------------------
 
-    def begin_window(self, method: str = "", parts: Parts | None = None) -> None:
+    def begin_window(self, method: str = "", parts: Parts | None = None, accuracy: float | None = None) -> None:
         """Weigh what comes from now on by itself, too; see `OnlineEstimator.begin_window`.
 
         Raises:
             NoAnswerError: TOO_FEW_SAMPLES when it is not known yet how the sensor moves.
             InputError: BUSY or BAD_INPUT.
         """
-        self._known().begin_window(method, parts)
+        self._known().begin_window(method, parts, accuracy)
 
     @property
     def window_samples(self) -> int:

@@ -19,6 +19,7 @@ from poise.shape.clouds import read_cloud
 from poise.shape.independent import independent_parts
 from poise.shape.meshes import FORMATS, read_triangles
 from poise.shape.segmentation import Segmentation, segment
+from poise.shape.solid import Solid, tetrahedron_moments
 
 SAMPLED = 6000
 """Points on a surface that is not closed."""
@@ -36,7 +37,7 @@ MOST_BODIES = 100
 LOOSE_FACES = 0.05
 """Share of faces outside of closed surfaces from which on the surface counts as open."""
 
-MESH_ACCURACY, UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.05
+MESH_ACCURACY, UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.015
 """Relative errors of lengths: a mesh whose bodies are its parts; one that was cut here; a cloud."""
 
 
@@ -170,6 +171,12 @@ def _cut(body: trimesh.Trimesh) -> ObjectShape:
     return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, CELLS), UNCUT_ACCURACY, words)
 
 
+def parts_of_solid(solid: Solid, labels: ArrayLike | None = None) -> Parts:
+    """Parts of a solid in its own frame: (T,) part of each tetrahedron (one part when None)."""
+    moments = tetrahedron_moments(solid.vertices[solid.tetrahedra])
+    return Parts.from_moments(moments, np.zeros(len(moments)) if labels is None else labels, solid.vertices)
+
+
 def parts_of_segmentation(found: Segmentation) -> Parts:
     """All parts that were found, with what their colours say about their densities.
 
@@ -177,7 +184,7 @@ def parts_of_segmentation(found: Segmentation) -> Parts:
     """
     likeness = None if found.part_colours is None else likeness_of_colours(found.part_colours)
     labels = independent_parts(found) if likeness is None else found.tetrahedron_labels
-    parts = Parts.from_tetrahedra(found.solid.vertices, found.solid.tetrahedra, labels)
+    parts = parts_of_solid(found.solid, labels)
     return replace(parts, likeness=likeness)
 
 
@@ -189,4 +196,4 @@ def _of_cloud(points: Array, colours: Array | None) -> ObjectShape:
     solid = found.solid
     which = cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
     words = f"{len(points)} points of one part, cut into {PIECES} pieces"
-    return ObjectShape(Parts.from_tetrahedra(solid.vertices, solid.tetrahedra, which), CLOUD_ACCURACY, words)
+    return ObjectShape(parts_of_solid(solid, which), CLOUD_ACCURACY, words)

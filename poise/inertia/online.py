@@ -140,12 +140,13 @@ class OnlineEstimator:
 
     # -- a window of its own ---------------------------------------------------------------------------------
 
-    def begin_window(self, method: str = "", parts: Parts | None = None) -> None:
+    def begin_window(self, method: str = "", parts: Parts | None = None, accuracy: float | None = None) -> None:
         """Weigh what comes from now on by itself, too; the running estimate goes on.
 
         Args:
             method: see `METHODS`; empty: the running one.
             parts: of the payload, in the sensor frame; None when its shape is not known.
+            accuracy: relative error of lengths in the shape; None: that of the running estimate's.
 
         Raises:
             InputError: BUSY when there is a window already, BAD_INPUT for a method that does not exist.
@@ -154,7 +155,7 @@ class OnlineEstimator:
             raise InputError(ErrorCode.BUSY, "a window is open already: end it, or wait for its end")
         newest = max((stamp for stamp in (self._newest, self.source.newest) if stamp is not None), default=None)
         since = None if newest is None else newest + 1
-        prior = replace(self._told, parts=parts, since=since)
+        prior = replace(self._told, parts=parts, accuracy=accuracy or self._told.accuracy, since=since)
         self._window = self._weighing(method or self._running.method, prior)
 
     @property

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.parameters import Array, frame_change, phi_of_pseudo_inertia, pseudo_inertia
+from poise.shape.solid import tetrahedron_moments
 
 # Cells that a shape is cut into before each is given to a part.
 CELLS = 8000
@@ -163,20 +164,6 @@ def likeness_of_colours(colours: ArrayLike) -> Array | None:
         return None
     alike = SAME_DENSITY * np.exp(-((apart / SAME_COLOUR) ** 2) / 2)
     return np.asarray(alike + (1 - SAME_DENSITY) * np.eye(len(shades)))
-
-
-def tetrahedron_moments(corners: ArrayLike) -> Array:
-    """(..., 4, 4) pseudo-inertia at unit density of tetrahedra (..., 4, 3); negative for left-handed corners.
-
-    With homogeneous corners p and their sum s it is V/20 (s s^T + sum p p^T), the integral of quadratics on a simplex.
-    """
-    points = np.asarray(corners, dtype=np.float64)
-    homogeneous = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
-    edges = points[..., 1:, :] - points[..., :1, :]
-    volume = np.linalg.det(edges) / 6
-    total = homogeneous.sum(axis=-2)
-    outer = total[..., :, None] * total[..., None, :] + homogeneous.swapaxes(-1, -2) @ homogeneous
-    return np.asarray(volume[..., None, None] / 20 * outer)
 
 
 def surface_moments(corners: ArrayLike) -> Array:

@@ -33,8 +33,7 @@ class Linearised:
         return [
             (i, p)
             for i, (part, world) in enumerate(zip(self.parts, self.worlds, strict=True))
-            for p in part.effect.parameters(world)
-            if p.linear or not (p.choice or p.resolution)
+            for p in shown(part.effect, world)
         ]
 
     def priors(self, scale: float) -> tuple[Array, Array]:
@@ -59,21 +58,19 @@ def linearised(problem: Problem, parts: tuple[Part, ...], calibration: Frame | N
     return replace(about, square=calibration.square + float(precision @ mean**2))
 
 
+def shown(effect: Effect, world: World) -> list[Parameter]:
+    """Its parameters that have a column: all but those that move in steps."""
+    return [p for p in effect.parameters(world) if p.linear or not (p.choice or p.resolution)]
+
+
 def columns_of(problem: Problem, parts: tuple[Part, ...], worlds: list[World]) -> Array:
     """(k, R) whitened response to each parameter of each part."""
-    columns = []
+    columns: list[Array] = []
     for part, world in zip(parts, worlds, strict=True):
-        own = part.effect.parameters(world)
-        if any(p.linear for p in own):
-            columns += list(np.moveaxis(part.effect.columns(world, part.values), 2, 0))
-        moving = [p for p in own if not (p.linear or p.choice or p.resolution)]
-        here = part.effect.simulate(world, part.values)
-        bent = [slope_of(part.effect, world, part.values, p, here) for p in moving]
-        # In the order of the parameters, linear and not.
-        straight, count = columns[len(columns) - sum(p.linear for p in own) :], sum(p.linear for p in own)
-        columns = columns[: len(columns) - count]
-        queue = {True: iter(straight), False: iter(bent)}
-        columns += [next(queue[p.linear]) for p in own if p.linear or p in moving]
+        effect, values, own = part.effect, part.values, shown(part.effect, world)
+        straight = iter(np.moveaxis(effect.columns(world, values), 2, 0) if any(p.linear for p in own) else ())
+        here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(world, values)
+        columns += [next(straight) if p.linear else slope_of(effect, world, values, p, here) for p in own]
     if not columns:
         return np.zeros((0, problem.whiten(problem.measured).size))
     return problem.whiten(np.stack(columns, axis=2))

@@ -54,6 +54,9 @@ def carve(points: Array, spacing: float | None = None) -> Solid:
             ErrorCode.MESH_INVALID, "cloud: its points lie in one plane or on one line, which has no volume"
         ) from error
     tetrahedra, neighbours = delaunay.simplices.astype(np.int64), delaunay.neighbors.astype(np.int64)
+    left_handed = tetrahedron_volumes(points[tetrahedra]) < 0
+    for rows in (tetrahedra, neighbours):
+        rows[left_handed, :2] = rows[left_handed, 1::-1]
     corners = points[tetrahedra]
     volumes = tetrahedron_volumes(corners)
     reach = _reach(corners, neighbours) / spacing

@@ -13,6 +13,7 @@ from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
 from poise.shape.solid import Array, Indices, Solid
 from poise.shape.surface_graph import surface_graph
 from poise.shape.thinning import thin
+from poise.shape.unbiased import unbiased
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Segmentation:
     """A solid and its parts.
 
     Args:
-        solid: T tetrahedra; its vertices are the points, or fewer when there were too many.
+        solid: T tetrahedra, as `unbiased` makes it; a vertex for every point, or fewer when there were too many.
         labels: (N,) part of each surface point that was given, 0..P-1.
         tetrahedron_labels: (T,) part of each tetrahedron.
         hierarchy: of all merges; its leaves are the initial clusters.
@@ -110,7 +111,7 @@ def segment(points: Array, colours: Array | None = None, options: SegmentationOp
     parts = hierarchy.labels(steps)
     nearest = np.arange(len(few)) if len(few) == len(points) else tree.query(points)[1]
     part_colours = None if colours is None else _median_colours(shades, parts[point_leaves], int(parts.max()) + 1)
-    labels = parts[point_leaves][nearest]
+    labels, solid = parts[point_leaves][nearest], unbiased(solid, parts[leaves], spacing)
     return Segmentation(solid, labels, parts[leaves], hierarchy, leaves, steps, part_colours, notes)
 
 

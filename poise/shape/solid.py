@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-# The three corners of the face opposite each corner of a tetrahedron.
-FACES = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
+# The three corners of the face opposite each corner of a tetrahedron, counter-clockwise from outside.
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +19,7 @@ class Solid:
 
     Args:
         vertices: (V, 3) m.
-        tetrahedra: (T, 4) vertex numbers.
+        tetrahedra: (T, 4) vertex numbers, right-handed; one that is inside out takes away.
         neighbours: (T, 4) the tetrahedron behind the face opposite each corner; -1: outside.
         volume_std: m3, one sigma of the volume.
     """
@@ -31,7 +31,7 @@ class Solid:
 
     @cached_property
     def volumes(self) -> Array:
-        """(T,) m3."""
+        """(T,) m3; negative where a tetrahedron is inside out."""
         return tetrahedron_volumes(self.vertices[self.tetrahedra])
 
     @cached_property
@@ -49,14 +49,24 @@ class Solid:
         """(F, 3) vertex numbers of the triangles around it, counter-clockwise from outside, and (F,) their owners."""
         owner, corner = np.nonzero(self.neighbours < 0)
         triangles = np.take_along_axis(self.tetrahedra[owner], FACES[corner], axis=1)
-        a, b, c = (self.vertices[triangles[:, k]] for k in range(3))
-        inner = self.vertices[self.tetrahedra[owner, corner]]
-        inwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), inner - a) > 0
-        triangles[inwards] = triangles[inwards][:, ::-1]
         return triangles, owner
 
 
 def tetrahedron_volumes(corners: Array) -> Array:
-    """(T,) m3 of tetrahedra with corners (T, 4, 3), whichever way they are wound."""
+    """(T,) m3 of tetrahedra with corners (T, 4, 3); negative for left-handed ones."""
     a, b, c = (corners[:, k] - corners[:, 0] for k in (1, 2, 3))
-    return np.asarray(np.abs(np.einsum("ij,ij->i", a, np.cross(b, c))) / 6)
+    return np.asarray(np.einsum("ij,ij->i", a, np.cross(b, c)) / 6)
+
+
+def tetrahedron_moments(corners: ArrayLike) -> Array:
+    """(..., 4, 4) pseudo-inertia at unit density of tetrahedra (..., 4, 3); negative for left-handed corners.
+
+    With homogeneous corners p and their sum s it is V/20 (s s^T + sum p p^T), the integral of quadratics on a simplex.
+    """
+    points = np.asarray(corners, dtype=np.float64)
+    homogeneous = np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
+    edges = points[..., 1:, :] - points[..., :1, :]
+    volume = np.linalg.det(edges) / 6
+    total = homogeneous.sum(axis=-2)
+    outer = total[..., :, None] * total[..., None, :] + homogeneous.swapaxes(-1, -2) @ homogeneous
+    return np.asarray(volume[..., None, None] / 20 * outer)

@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
-from poise.inertia.parts import Parts, box_moments, surface_moments, tetrahedron_moments
+from poise.inertia.parts import Parts, box_moments, surface_moments
+from poise.shape.solid import tetrahedron_moments
 
 
 def box_phi(sides: np.ndarray, centre: np.ndarray, mass: float = 1.0) -> np.ndarray:
