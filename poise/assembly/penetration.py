@@ -8,9 +8,9 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.assembly.geometry import Array, Pose
+from poise.assembly.geometry import Array
 from poise.assembly.placed import PlacedBody
-from poise.assembly.shapes import Box, Cylinder, Polyhedron, Shape
+from poise.assembly.shapes import Box, Cylinder, Shape
 
 CROSSINGS = 60_000
 """Edges times triangles looked at together."""
@@ -63,7 +63,7 @@ def _deepest(body: PlacedBody, other: PlacedBody) -> float:
     if other.polyhedron.convex:
         offsets = np.einsum("ij,ij->i", other.origins, other.normals)
         return float(max(0.0, (offsets - points @ other.normals.T).min(axis=1).max()))
-    inside = points[winding_number(points, other.polyhedron, other.item.pose) > 0.5]
+    inside = points[winding_number(points, triangles) > 0]
     near = triangles[_meeting(triangles, low - EXACT, high + EXACT)]
     return float(max((distance_to_triangles(point, near) for point in inside[:256]), default=0.0))
 
@@ -105,18 +105,35 @@ def _crossings(ends: Array, triangles: Array) -> Array:
     return np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1), t, np.nan)
 
 
-def winding_number(points: Array, polyhedron: Polyhedron, pose: Pose) -> Array:
-    """(N,) how often the closed surface winds around each point: 1 inside, 0 outside (van Oosterom, Strackee 1983)."""
-    triangles = pose.apply(polyhedron.vertices)[polyhedron.triangles]
-    numbers = np.empty(len(points))
-    for i, point in enumerate(points):
-        a, b, c = np.moveaxis(triangles - point, 1, 0)
-        la, lb, lc = (np.linalg.norm(side, axis=1) for side in (a, b, c))
-        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-        base = la * lb * lc
-        base += np.einsum("ij,ij->i", a, b) * lc + np.einsum("ij,ij->i", b, c) * la + np.einsum("ij,ij->i", c, a) * lb
-        numbers[i] = np.arctan2(volume, base).sum() / (2 * np.pi)
+def winding_number(points: Array, corners: Array) -> NDArray[np.int64]:
+    """(N,) how often a closed surface of triangles (T, 3, 3) winds around each point: 1 inside, 0 outside.
+
+    Counts where a ray upwards leaves and enters. It passes beside edges and corners, always on the same hand, as if
+    the point were moved by an infinitesimal in x and by a lesser one in y (Edelsbrunner, Mücke 1990).
+    """
+    (low_x, low_y, _), (high_x, high_y, high_z) = corners.min(axis=1).T, corners.max(axis=1).T
+    numbers = np.zeros(len(points), dtype=np.int64)
+    for i, (x, y, z) in enumerate(points.tolist()):
+        over = (low_x <= x) & (x <= high_x) & (low_y <= y) & (y <= high_y) & (z <= high_z)
+        a, b, c = np.moveaxis(corners[over], 1, 0)
+        hands = [_hand(*ends, x, y) for ends in ((a, b), (b, c), (c, a))]
+        hit = (hands[0] == hands[1]) & (hands[0] == hands[2])
+        above = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - points[i]) * hands[0] > 0
+        numbers[i] = hands[0][hit & above].sum()
     return numbers
+
+
+def _hand(a: Array, b: Array, x: float, y: float) -> NDArray[np.int64]:
+    """(N,) 1 where (x, y), seen from above, is left of the lines from corners a to b (N, 3), -1 where right of them.
+
+    The same to the last bit for both triangles at an edge, but for the sign.
+    """
+    swapped = (a[:, 0] > b[:, 0]) | ((a[:, 0] == b[:, 0]) & (a[:, 1] > b[:, 1]))
+    first, last = np.where(swapped[:, None], b, a), np.where(swapped[:, None], a, b)
+    run_x, run_y = last[:, 0] - first[:, 0], last[:, 1] - first[:, 1]
+    left = run_x * (y - first[:, 1]) - run_y * (x - first[:, 0])
+    left = np.where(left != 0, left, np.where(run_y != 0, -run_y, run_x))
+    return np.where((left > 0) != swapped, 1, -1)
 
 
 def distance_to_triangles(point: Array, triangles: Array) -> float:

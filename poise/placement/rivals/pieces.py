@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from poise.assembly.geometry import Array, Pose
+from poise.assembly.geometry import Array
 from poise.assembly.penetration import winding_number
 from poise.assembly.shapes import Polyhedron
 from poise.errors import ErrorCode, InputError
@@ -11,7 +11,6 @@ from poise.errors import ErrorCode, InputError
 MOST_PIECES = 60
 THIN = 1e-7
 """Relative to the size of the solid: facets that reach less into a cell do not cut it."""
-HERE = Pose(np.eye(3), np.zeros(3))
 
 
 def convex_pieces(polyhedron: Polyhedron) -> list[Array]:
@@ -33,7 +32,7 @@ def convex_pieces(polyhedron: Polyhedron) -> list[Array]:
         facet = _facet_through(polyhedron, cell, THIN * size)
         if facet is None:
             middle = cell.mean(axis=0)
-            if winding_number(middle[None], polyhedron, HERE)[0] > 0.5:
+            if winding_number(middle[None], polyhedron.vertices[polyhedron.triangles])[0] > 0:
                 pieces.append(cell)
         else:
             normal = polyhedron.normals[facet]
