@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.assembly.geometry import Array
-from poise.assembly.placed import PlacedBody
+from poise.assembly.placed import PlacedBody, meeting
 from poise.assembly.shapes import Box, Cylinder, Shape
 
 CROSSINGS = 60_000
@@ -48,33 +48,22 @@ def convex_geometry(shape: Hashable) -> "coal.ShapeBase":
 
 def _deepest(body: PlacedBody, other: PlacedBody) -> float:
     """Largest depth of points of the body inside the other; beyond `EXACT` it may be said too large."""
-    low = np.maximum(body.bounds[0], other.bounds[0])
-    high = np.minimum(body.bounds[1], other.bounds[1])
-    if np.any(low >= high):
+    bounds = np.stack([np.maximum(body.bounds[0], other.bounds[0]), np.minimum(body.bounds[1], other.bounds[1])])
+    if np.any(bounds[0] >= bounds[1]):
         return 0.0
     # What of either surface meets the other is where both bounds are.
-    ends = body.vertices[body.polyhedron.edges]
-    ends = ends[_meeting(ends, low, high)]
-    triangles = other.vertices[other.polyhedron.triangles]
-    points = np.concatenate([body.vertices, _middles_of_pierced(ends, triangles[_meeting(triangles, low, high)])])
-    points = points[np.all((points >= low) & (points <= high), axis=1)]
+    ends = body.vertices[body.polyhedron.edges[meeting(body.edge_bounds, bounds)]]
+    pierced = _middles_of_pierced(ends, other.corners[meeting(other.triangle_bounds, bounds)])
+    points = np.concatenate([body.vertices, pierced])
+    points = points[np.all((points >= bounds[0]) & (points <= bounds[1]), axis=1)]
     if not len(points):
         return 0.0
     if other.polyhedron.convex:
         offsets = np.einsum("ij,ij->i", other.origins, other.normals)
         return float(max(0.0, (offsets - points @ other.normals.T).min(axis=1).max()))
-    inside = points[winding_number(points, triangles) > 0]
-    near = triangles[_meeting(triangles, low - EXACT, high + EXACT)]
+    inside = points[winding_number(points, other.corners, other.triangle_bounds) > 0]
+    near = other.corners[meeting(other.triangle_bounds, bounds + np.array([[-EXACT], [EXACT]]))]
     return float(max((distance_to_triangles(point, near) for point in inside[:256]), default=0.0))
-
-
-def _meeting(corners: Array, low: Array, high: Array) -> NDArray[np.bool_]:
-    """(N,) whether the bounds of edges or triangles (N, K, 3) meet these."""
-    meets = np.ones(len(corners), dtype=bool)
-    for axis in range(3):
-        along = corners[:, :, axis]
-        meets &= (along.min(axis=1) <= high[axis]) & (along.max(axis=1) >= low[axis])
-    return meets
 
 
 def _middles_of_pierced(ends: Array, triangles: Array) -> Array:
@@ -105,17 +94,20 @@ def _crossings(ends: Array, triangles: Array) -> Array:
     return np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1), t, np.nan)
 
 
-def winding_number(points: Array, corners: Array) -> NDArray[np.int64]:
-    """(N,) how often a closed surface of triangles (T, 3, 3) winds around each point: 1 inside, 0 outside.
+def winding_number(points: Array, corners: Array, bounds: Array) -> NDArray[np.int64]:
+    """(N,) how often a closed surface winds around each point: 1 inside, 0 outside.
 
     Counts where a ray upwards leaves and enters. It passes beside edges and corners, always on the same hand, as if
     the point were moved by an infinitesimal in x and by a lesser one in y (Edelsbrunner, Mücke 1990).
+
+    Args:
+        points: (N, 3).
+        corners: (T, 3, 3) of the triangles, counter-clockwise from outside.
+        bounds: (2, T, 3) of them.
     """
-    (low_x, low_y, _), (high_x, high_y, high_z) = corners.min(axis=1).T, corners.max(axis=1).T
     numbers = np.zeros(len(points), dtype=np.int64)
     for i, (x, y, z) in enumerate(points.tolist()):
-        over = (low_x <= x) & (x <= high_x) & (low_y <= y) & (y <= high_y) & (z <= high_z)
-        a, b, c = np.moveaxis(corners[over], 1, 0)
+        a, b, c = np.moveaxis(corners[meeting(bounds, np.array([[x, y, z], [x, y, np.inf]]))], 1, 0)
         hands = [_hand(*ends, x, y) for ends in ((a, b), (b, c), (c, a))]
         hit = (hands[0] == hands[1]) & (hands[0] == hands[2])
         above = np.einsum("ij,ij->i", np.cross(b - a, c - a), a - points[i]) * hands[0] > 0

@@ -5,6 +5,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from poise.assembly.geometry import Array, plane_axes
 from poise.assembly.scene import RigidObject
@@ -82,6 +83,22 @@ class PlacedBody:
         return np.stack([low, high], axis=1)[: len(self.normals)]
 
     @cached_property
+    def corners(self) -> Array:
+        """(T, 3, 3) of the surface's triangles."""
+        return np.asarray(self.vertices[self.polyhedron.triangles])
+
+    @cached_property
+    def triangle_bounds(self) -> Array:
+        """(2, T, 3) bounds of each triangle."""
+        return np.stack([self.corners.min(axis=1), self.corners.max(axis=1)])
+
+    @cached_property
+    def edge_bounds(self) -> Array:
+        """(2, E, 3) bounds of each edge of the polyhedron."""
+        first, last = (self.vertices[self.polyhedron.edges[:, end]] for end in (0, 1))
+        return np.stack([np.minimum(first, last), np.maximum(first, last)])
+
+    @cached_property
     def origins(self) -> Array:
         """(F, 3) a point on each planar facet."""
         first = [triangles[0, 0] for triangles in self.polyhedron.facet_triangles[: len(self.normals)]]
@@ -114,13 +131,11 @@ class PlacedBody:
 
     def facets_near(self, bounds: Array) -> Indices:
         """Numbers of the facets whose bounds meet these (2, 3)."""
-        meet = np.all((self.facet_bounds[:, 0] <= bounds[1]) & (self.facet_bounds[:, 1] >= bounds[0]), axis=1)
-        return np.flatnonzero(meet)
+        return np.flatnonzero(meeting(np.moveaxis(self.facet_bounds, 1, 0), bounds))
 
     def edges_near(self, bounds: Array) -> Indices:
         """Numbers of the edges whose bounds meet these (2, 3)."""
-        ends = self.vertices[self.edges]
-        return np.flatnonzero(np.all((ends.min(axis=1) <= bounds[1]) & (ends.max(axis=1) >= bounds[0]), axis=1))
+        return np.flatnonzero(meeting(self.edge_bounds[:, : len(self.edges)], bounds))
 
     def edge_pushes(self, edge: int, direction: Array) -> bool:
         """The direction leaves the body through this edge: between the normals on its two sides, on a ridge."""
@@ -141,6 +156,15 @@ class PlacedBody:
 def placed(item: RigidObject) -> PlacedBody:
     """The body of an object; kept, for most objects are asked about again where they are."""
     return PlacedBody(item)
+
+
+def meeting(bounds: Array, others: Array) -> NDArray[np.bool_]:
+    """(N,) which of the bounds (2, N, 3) meet others (2, 3)."""
+    (low, high), (floor, top) = bounds, others
+    meets = (low[:, 0] <= top[0]) & (high[:, 0] >= floor[0])
+    for axis in (1, 2):
+        meets &= (low[:, axis] <= top[axis]) & (high[:, axis] >= floor[axis])
+    return np.asarray(meets)
 
 
 def triangle_areas(triangles: Array) -> Array:

@@ -25,6 +25,8 @@ def convex_pieces(polyhedron: Polyhedron) -> list[Array]:
     if polyhedron.convex:
         return [polyhedron.vertices]
     size = float(np.ptp(polyhedron.vertices, axis=0).max())
+    corners = polyhedron.vertices[polyhedron.triangles]
+    bounds = np.stack([corners.min(axis=1), corners.max(axis=1)])
     hull = ConvexHull(polyhedron.vertices)
     open_cells, pieces = [polyhedron.vertices[hull.vertices]], []
     while open_cells:
@@ -32,7 +34,7 @@ def convex_pieces(polyhedron: Polyhedron) -> list[Array]:
         facet = _facet_through(polyhedron, cell, THIN * size)
         if facet is None:
             middle = cell.mean(axis=0)
-            if winding_number(middle[None], polyhedron.vertices[polyhedron.triangles])[0] > 0:
+            if winding_number(middle[None], corners, bounds)[0] > 0:
                 pieces.append(cell)
         else:
             normal = polyhedron.normals[facet]
