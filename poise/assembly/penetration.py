@@ -14,8 +14,14 @@ from poise.assembly.shapes import Box, Cylinder, Shape
 
 CROSSINGS = 60_000
 """Edges times triangles looked at together."""
+SLACK = 1e-9
+"""Of a triangle's sides, by which a cut may miss it."""
 EXACT = 5e-3
 """m, up to which depths in bodies that are not convex are exact."""
+UNDER = (1e-3, 2.5e-3)
+"""m under both surfaces at which something common is looked for."""
+MOST, MOST_UNDER = 256, 64
+"""Points of a surface, and under it, whose depth in a body that is not convex is measured."""
 
 
 def penetration_depth(first: PlacedBody, second: PlacedBody) -> float:
@@ -47,36 +53,80 @@ def convex_geometry(shape: Hashable) -> "coal.ShapeBase":
 
 
 def _deepest(body: PlacedBody, other: PlacedBody) -> float:
-    """Largest depth of points of the body inside the other; beyond `EXACT` it may be said too large."""
+    """Largest depth of points of the body inside the other; beyond `EXACT` it may be said too large, or too small."""
     bounds = np.stack([np.maximum(body.bounds[0], other.bounds[0]), np.minimum(body.bounds[1], other.bounds[1])])
     if np.any(bounds[0] >= bounds[1]):
         return 0.0
     # What of either surface meets the other is where both bounds are.
-    ends = body.vertices[body.polyhedron.edges[meeting(body.edge_bounds, bounds)]]
-    pierced = _middles_of_pierced(ends, other.corners[meeting(other.triangle_bounds, bounds)])
-    points = np.concatenate([body.vertices, pierced])
-    points = points[np.all((points >= bounds[0]) & (points <= bounds[1]), axis=1)]
-    if not len(points):
-        return 0.0
-    if other.polyhedron.convex:
-        offsets = np.einsum("ij,ij->i", other.origins, other.normals)
-        return float(max(0.0, (offsets - points @ other.normals.T).min(axis=1).max()))
-    inside = points[winding_number(points, other.corners, other.triangle_bounds) > 0]
-    near = other.corners[meeting(other.triangle_bounds, bounds + np.array([[-EXACT], [EXACT]]))]
-    return float(max((distance_to_triangles(point, near) for point in inside[:256]), default=0.0))
+    edges = np.flatnonzero(meeting(body.edge_bounds, bounds))
+    ends = body.vertices[body.polyhedron.edges[edges]]
+    middles, whose = _middles_between_cuts(ends, other.corners[meeting(other.triangle_bounds, bounds)])
+    points = np.concatenate([body.vertices, middles])
+    deepest = _largest(points[_inside(points, other, bounds)], (other,), bounds)
+    # Where the surfaces coincide, nothing on one is inside the other; but a little under both, a ball fits into both.
+    first, second = np.moveaxis(body.polyhedron.normals[body.polyhedron.edge_facets[edges[whose]]], 1, 0)
+    under_edges = -(first + second) / (1 + np.einsum("ij,ij->i", first, second) + 1e-9)[:, None]
+    inward = np.concatenate([body.polyhedron.inward, under_edges]) @ body.item.pose.rotation.T
+    for step in UNDER if deepest < 2 * max(UNDER) else ():
+        inner = points + step * inward
+        inner = inner[_inside(inner, other, bounds)]
+        inner = inner[:: -(-len(inner) // MOST_UNDER) or 1]
+        inner = inner[_inside(inner, body, bounds)]
+        deepest = max(deepest, 2 * _largest(inner, (body, other), bounds))
+    return deepest
 
 
-def _middles_of_pierced(ends: Array, triangles: Array) -> Array:
-    """(N, 3) points midway between places where edges (E, 2, 3) cross triangles (T, 3, 3)."""
-    middles = [np.zeros((0, 3))]
+def _inside(points: Array, body: PlacedBody, bounds: Array) -> NDArray[np.bool_]:
+    """(N,) which points are within bounds (2, 3) and in a body."""
+    inside = np.all((points >= bounds[0]) & (points <= bounds[1]), axis=1)
+    rows = np.flatnonzero(inside)
+    if body.polyhedron.convex:
+        inside[rows] = _height_over_planes(points[rows], body) < 0
+    else:
+        inside[rows] = winding_number(points[rows], body.corners, body.triangle_bounds) > 0
+    return np.asarray(inside)
+
+
+def _largest(points: Array, bodies: tuple[PlacedBody, ...], bounds: Array) -> float:
+    """m, how deep the deepest of points inside all of some bodies is under their surfaces; 0 without points."""
+    points = points[:MOST]
+    depths = np.full(len(points), np.inf)
+    for body in bodies:
+        if body.polyhedron.convex:
+            own = -_height_over_planes(points, body)
+        else:
+            own = np.array([_depth(point, body, bounds) for point in points])
+        depths = np.minimum(depths, own)
+    return float(depths.max(initial=0.0))
+
+
+def _depth(point: Array, body: PlacedBody, bounds: Array) -> float:
+    """m from a point (3,) to the surface; when it is farther than `EXACT`, to what of it is near bounds (2, 3)."""
+    for around in (np.stack([point, point]), bounds):
+        near = meeting(body.triangle_bounds, around + np.array([[-EXACT], [EXACT]]))
+        if near.any():
+            return distance_to_triangles(point, body.corners[near])
+    return np.inf
+
+
+def _height_over_planes(points: Array, body: PlacedBody) -> Array:
+    """(N,) m over the highest of a convex body's planes; negative inside."""
+    offsets = np.einsum("ij,ij->i", body.origins, body.normals)
+    return np.asarray((points @ body.normals.T - offsets).max(axis=1))
+
+
+def _middles_between_cuts(ends: Array, triangles: Array) -> tuple[Array, NDArray[np.int64]]:
+    """(N, 3) middles of what triangles (T, 3, 3) cut edges (E, 2, 3) into, and (N,) whose they are."""
+    middles, whose = [ends.mean(axis=1)], [np.arange(len(ends))]
     step = max(1, CROSSINGS // max(len(triangles), 1))
     for first in range(0, len(ends) if len(triangles) else 0, step):
         some = ends[first : first + step]
         cuts = _crossings(some, triangles)
-        for edge in np.flatnonzero(np.isfinite(cuts).any(axis=1)):  # the others are where their ends are
+        for edge in np.flatnonzero(np.isfinite(cuts).any(axis=1)):
             at = np.unique(np.concatenate([[0], cuts[edge][np.isfinite(cuts[edge])], [1]]))
             middles.append(some[edge, 0] + np.outer((at[:-1] + at[1:]) / 2, some[edge, 1] - some[edge, 0]))
-    return np.concatenate(middles)
+            whose.append(np.full(len(at) - 1, first + edge))
+    return np.concatenate(middles), np.concatenate(whose)
 
 
 def _crossings(ends: Array, triangles: Array) -> Array:
@@ -91,7 +141,8 @@ def _crossings(ends: Array, triangles: Array) -> Array:
     u = np.einsum("etk,etk->et", offset, p) / safe
     v = np.einsum("etk,etk->et", np.broadcast_to(run, q.shape), q) / safe
     t = np.einsum("tk,etk->et", side_2, q) / safe
-    return np.where((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < 1), t, np.nan)
+    # Where triangles meet, both count.
+    return np.where((u >= -SLACK) & (v >= -SLACK) & (u + v <= 1 + SLACK) & (t > 0) & (t < 1), t, np.nan)
 
 
 def winding_number(points: Array, corners: Array, bounds: Array) -> NDArray[np.int64]:

@@ -63,6 +63,18 @@ class Polyhedron:
         starts = np.searchsorted(both[:, 0], np.arange(1, len(self.vertices)))
         return list(np.split(both[:, 1], starts))
 
+    @cached_property
+    def inward(self) -> Array:
+        """(V, 3) steps from the vertices, in the object frame, that go one metre under each of their facets."""
+        pairs = np.stack([self.triangles.ravel(), np.repeat(self.facet_of_triangle, 3)], axis=1)
+        vertex, facet = np.unique(pairs, axis=0).T
+        normals = self.normals[facet]
+        squares = np.tile(1e-9 * np.eye(3), (len(self.vertices), 1, 1))
+        np.add.at(squares, vertex, normals[:, :, None] * normals[:, None, :])
+        sums = np.zeros((len(self.vertices), 3))
+        np.add.at(sums, vertex, normals)
+        return np.asarray(-np.linalg.solve(squares, sums[..., None])[..., 0])
+
     def polygon(self, facet: int, vertices: Array, origin: Array, axes: Array) -> shapely.Geometry:
         """A facet as a polygon in the plane of axes (2, 3) through origin (3,), with its vertices placed anywhere."""
         corners = (vertices[self.facet_triangles[facet]] - origin) @ axes.T
