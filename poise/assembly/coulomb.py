@@ -30,8 +30,8 @@ STEPS, ROUNDS, ATTEMPTS = 60, 3, 5
 PUSHOVER, GROW, CUT, PUSHES = 6, 1.5, 5, 60
 BISECTED = 0.002
 """To this share the factor at which a block gives way is found."""
-# Systems up to this size are solved dense.
-DENSE = 120
+# Systems up to this size are solved dense; numbers up to which the map from contacts to bodies is kept dense.
+DENSE, CELLS = 120, 200_000
 # Share of an interface's stiffness at its corners; the rest is at the cells within.
 AT_CORNERS = 0.3
 
@@ -68,8 +68,10 @@ class CoulombBlock:
         points, frames, stiffness, friction, number = _elastic_points(geometry, interfaces)
         wrenches = np.concatenate([frames, np.cross(points[:, None], frames)], axis=2)
         bodies = np.array(geometry.block.supports, dtype=np.int64)[number]
-        self._grasp = assembled(wrenches, bodies, geometry.count)
-        self._motion = self._grasp.T.tocsr()
+        grasp = assembled(wrenches, bodies, geometry.count)
+        small = np.prod(grasp.shape) <= CELLS
+        self._grasp = grasp.toarray() if small else grasp
+        self._motion = np.ascontiguousarray(self._grasp.T) if small else grasp.T.tocsr()
         self._stiffness, self._friction = stiffness, friction
         self._catch = CATCH * float(stiffness.mean())
         self._unit = eye_array(self._grasp.shape[0], format="csc")
@@ -175,7 +177,7 @@ class CoulombBlock:
         forces = self._forces(u, None)
         return np.asarray(self._catch * u - load - self._grasp @ forces.ravel())
 
-    def _jacobian(self, u: Array) -> Sparse:
+    def _jacobian(self, u: Array) -> Array | Sparse:
         """(6 n, 6 n) derivative of `_left`; not symmetric, because friction follows the normal force."""
         relative, k = self._relative(u), self._stiffness
         slide = np.linalg.norm(relative[:, 1:], axis=1)
@@ -202,8 +204,12 @@ class CoulombBlock:
         blocks[:, 1:, 1:] -= np.where(slips, across, 0.0)[:, None, None] * along
         return blocks, direction, slips
 
-    def _assembled(self, blocks: Array) -> Sparse:
+    def _assembled(self, blocks: Array) -> Array | Sparse:
         """(6 n, 6 n) stiffness of the bodies of that of the points (P, 3, 3), and of the catch."""
+        if isinstance(self._grasp, np.ndarray):
+            size = len(self._grasp)
+            stiff = np.einsum("apk,pkl->apl", self._grasp.reshape(size, -1, 3), blocks).reshape(size, -1)
+            return np.asarray(stiff @ self._motion + self._catch * np.eye(size))
         at = np.arange(3 * len(blocks)).reshape(-1, 3)
         rows, columns = np.repeat(at, 3, axis=1).ravel(), np.tile(at, (1, 3)).ravel()
         points = csc_array((blocks.ravel(), (rows, columns)), shape=(at.size, at.size))
@@ -254,10 +260,10 @@ class CoulombBlock:
         return energy, gradient
 
 
-def _solve(matrix: Sparse, right: Array) -> Array:
+def _solve(matrix: Array | Sparse, right: Array) -> Array:
     """Solve a linear system: few bodies dense, many sparse (each touches few others)."""
-    if len(right) <= DENSE:
-        return np.asarray(np.linalg.solve(matrix.toarray(), right))
+    if isinstance(matrix, np.ndarray) or len(right) <= DENSE:
+        return np.asarray(np.linalg.solve(matrix if isinstance(matrix, np.ndarray) else matrix.toarray(), right))
     return np.asarray(splu(matrix.tocsc()).solve(right))
 
 
