@@ -18,9 +18,10 @@ SLACK = 1e-9
 """Of a triangle's sides, by which a cut may miss it."""
 EXACT = 5e-3
 """m, up to which depths in bodies that are not convex are exact."""
+MARGIN = np.array([[-EXACT], [EXACT]])
 UNDER = (1e-3, 2.5e-3)
 """m under both surfaces at which something common is looked for."""
-MOST, MOST_UNDER = 256, 64
+MOST, MOST_UNDER = 256, 24
 """Points of a surface, and under it, whose depth in a body that is not convex is measured."""
 
 
@@ -95,18 +96,19 @@ def _largest(points: Array, bodies: tuple[PlacedBody, ...], bounds: Array) -> fl
         if body.polyhedron.convex:
             own = -_height_over_planes(points, body)
         else:
-            own = np.array([_depth(point, body, bounds) for point in points])
+            near = meeting(body.triangle_bounds, bounds + MARGIN)
+            own = _depths(points, body.corners[near], body.triangle_bounds[:, near])
         depths = np.minimum(depths, own)
     return float(depths.max(initial=0.0))
 
 
-def _depth(point: Array, body: PlacedBody, bounds: Array) -> float:
-    """m from a point (3,) to the surface; when it is farther than `EXACT`, to what of it is near bounds (2, 3)."""
-    for around in (np.stack([point, point]), bounds):
-        near = meeting(body.triangle_bounds, around + np.array([[-EXACT], [EXACT]]))
-        if near.any():
-            return distance_to_triangles(point, body.corners[near])
-    return np.inf
+def _depths(points: Array, corners: Array, bounds: Array) -> Array:
+    """(N,) m from points to triangles (T, 3, 3), of which most are not even looked at; bounds (2, T, 3) of them."""
+    depths = np.full(len(points), np.inf)
+    for i, point in enumerate(points if len(corners) else ()):
+        near = meeting(bounds, point + MARGIN)
+        depths[i] = distance_to_triangles(point, corners[near] if near.any() else corners)
+    return depths
 
 
 def _height_over_planes(points: Array, body: PlacedBody) -> Array:
@@ -157,6 +159,11 @@ def winding_number(points: Array, corners: Array, bounds: Array) -> NDArray[np.i
         bounds: (2, T, 3) of them.
     """
     numbers = np.zeros(len(points), dtype=np.int64)
+    if not len(points):
+        return numbers
+    low, (right, back, _) = points.min(axis=0), points.max(axis=0)
+    over = meeting(bounds, np.array([low, [right, back, np.inf]]))
+    corners, bounds = corners[over], bounds[:, over]
     for i, (x, y, z) in enumerate(points.tolist()):
         a, b, c = np.moveaxis(corners[meeting(bounds, np.array([[x, y, z], [x, y, np.inf]]))], 1, 0)
         hands = [_hand(*ends, x, y) for ends in ((a, b), (b, c), (c, a))]
