@@ -154,9 +154,10 @@ class FakeRobot(Node):
 
     def _grip(self, message: JointTrajectory) -> None:
         """Only where it ends counts."""
-        if not message.points or len(message.points[-1].positions) != 1:
-            raise InputError(ErrorCode.BAD_INPUT, "gripper trajectory: its last point needs one position")
-        self._source.grip(message.joint_names, message.points[-1].positions[0])
+        position = message.points[-1].positions if message.points else ()
+        if len(position) != 1 or not math.isfinite(position[0]):
+            raise InputError(ErrorCode.BAD_INPUT, "gripper trajectory: its last point needs one finite position")
+        self._source.grip(message.joint_names, position[0])
 
     def _set_payload(self, parameters: list[Any]) -> SetParametersResult:
         changed = {parameter.name: parameter.value for parameter in parameters if parameter.name in PAYLOAD}

@@ -182,7 +182,7 @@ class ObjectScanner(Node):
                 ErrorCode.NOT_FOLLOWING,
                 f"the arm is {away:.2f} rad away from where the sweep begins: bring it there first (start_tolerance)",
             )
-        times = np.append(np.arange(0.0, motion.duration, WAYPOINT_PERIOD), motion.duration)
+        times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / WAYPOINT_PERIOD)) + 1)
         return Sweep(model.joint_names, WaypointTrajectory(times, *motion.at(times)), time.monotonic())
 
     def _tick(self) -> None:

@@ -15,7 +15,7 @@ WORST_ACCURACY = 0.05
 
 def accuracy_of(message: SegmentedObject) -> float:
     """Relative error of lengths in a scan: a third of its volume's, but no less than any cloud has."""
-    known = message.volume > 0 and np.isfinite(message.volume_std)
+    known = message.volume > 0 and 0 < message.volume_std < np.inf
     third = message.volume_std / message.volume / 3 if known else WORST_ACCURACY
     return float(np.clip(third, CLOUD_ACCURACY, WORST_ACCURACY))
 

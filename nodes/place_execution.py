@@ -91,6 +91,8 @@ class Carrying:
         wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=reach.looks)
         found = plan_placement(analysis, item, wanted, seed, tell)
         seconds = min(self._values["ways_seconds"], due - time.monotonic())
+        if seconds <= 0:
+            raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before a way was looked for; allow more time")
         limits = Limits(speed=self._values["speed"])
         self._transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
         return found

@@ -71,7 +71,8 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
             node.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=1.0)
         except Exception as error:
             if rclpy.ok():
-                node.get_logger().error(f"{callback.__name__}: {error!r}", throttle_duration_sec=1.0)
+                name = getattr(callback, "__name__", repr(callback))
+                node.get_logger().error(f"{name}: {error!r}", throttle_duration_sec=1.0)
         return None
 
     return call

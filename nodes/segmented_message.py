@@ -8,8 +8,8 @@ from geometry_msgs.msg import Point, TransformStamped
 from sensor_msgs.msg import PointCloud2, PointField
 from shape_msgs.msg import Mesh, MeshTriangle
 
+from poise.inertia.object_shape import parts_of_solid
 from poise.inertia.parameters import InertialParameters
-from poise.inertia.parts import Parts
 from poise.nodes.estimate_message import time_message
 from poise.scanning import Scan
 from poise.shape.part_surfaces import part_surface
@@ -40,7 +40,7 @@ def segmented_message(
     whole = np.zeros(found.n_parts, dtype=np.int64)
     whole[found.tetrahedron_labels] = parts
     message.cloud = _cloud(message.header, scanned, whole[found.labels])
-    shapes = Parts.from_tetrahedra(found.solid.vertices - scanned.foot, found.solid.tetrahedra, parts)
+    shapes = parts_of_solid(found.solid, parts).in_frame(np.eye(3), -scanned.foot)
     for number, (phi, volume) in enumerate(zip(shapes.unit_phi.T, shapes.volumes, strict=True)):
         vertices, triangles = part_surface(found.solid, parts, number)
         part = Part(label=number, volume=float(volume), surface=_mesh(vertices - scanned.foot, triangles))

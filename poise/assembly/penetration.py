@@ -12,8 +12,8 @@ from poise.assembly.geometry import Array
 from poise.assembly.placed import PlacedBody, meeting
 from poise.assembly.shapes import Box, Cylinder, Shape
 
-CROSSINGS = 60_000
-"""Edges times triangles looked at together."""
+CROSSINGS, PRODUCTS = 60_000, 2_000_000
+"""Edges times triangles, and points times planes, looked at together."""
 SLACK = 1e-9
 """Of a triangle's sides, by which a cut may miss it."""
 EXACT = 5e-3
@@ -28,7 +28,8 @@ MOST, MOST_UNDER = 256, 24
 def penetration_depth(first: PlacedBody, second: PlacedBody) -> float:
     """How far the bodies overlap, m; 0 where they do not.
 
-    Convex bodies: coal's exact depth. Otherwise the deepest vertex, or middle of a pierced edge, of one in the other.
+    Convex bodies: coal's exact depth. Otherwise that of the deepest vertex, or middle of a cut edge, of one in the
+    other; or the diameter of a ball that fits into both, a little under such a point.
     """
     bodies = first, second
     if all(body.polyhedron.convex for body in bodies):
@@ -71,7 +72,7 @@ def _deepest(body: PlacedBody, other: PlacedBody) -> float:
     for step in UNDER if deepest < 2 * max(UNDER) else ():
         inner = points + step * inward
         inner = inner[_inside(inner, other, bounds)]
-        inner = inner[:: -(-len(inner) // MOST_UNDER) or 1]
+        inner = _thinned(inner, MOST_UNDER)
         inner = inner[_inside(inner, body, bounds)]
         deepest = max(deepest, 2 * _largest(inner, (body, other), bounds))
     return deepest
@@ -82,7 +83,7 @@ def _inside(points: Array, body: PlacedBody, bounds: Array) -> NDArray[np.bool_]
     inside = np.all((points >= bounds[0]) & (points <= bounds[1]), axis=1)
     rows = np.flatnonzero(inside)
     if body.polyhedron.convex:
-        inside[rows] = _height_over_planes(points[rows], body) < 0
+        inside[rows] = _height_over(points[rows], body) < 0
     else:
         inside[rows] = winding_number(points[rows], body.corners, body.triangle_bounds) > 0
     return np.asarray(inside)
@@ -90,31 +91,43 @@ def _inside(points: Array, body: PlacedBody, bounds: Array) -> NDArray[np.bool_]
 
 def _largest(points: Array, bodies: tuple[PlacedBody, ...], bounds: Array) -> float:
     """m, how deep the deepest of points inside all of some bodies is under their surfaces; 0 without points."""
-    points = points[:MOST]
+    if not all(body.polyhedron.convex for body in bodies):
+        points = _thinned(points, MOST)
     depths = np.full(len(points), np.inf)
     for body in bodies:
-        if body.polyhedron.convex:
-            own = -_height_over_planes(points, body)
-        else:
-            near = meeting(body.triangle_bounds, bounds + MARGIN)
-            own = _depths(points, body.corners[near], body.triangle_bounds[:, near])
+        own = -_height_over(points, body) if body.polyhedron.convex else _depths(points, body, bounds)
         depths = np.minimum(depths, own)
     return float(depths.max(initial=0.0))
 
 
-def _depths(points: Array, corners: Array, bounds: Array) -> Array:
-    """(N,) m from points to triangles (T, 3, 3), of which most are not even looked at; bounds (2, T, 3) of them."""
-    depths = np.full(len(points), np.inf)
-    for i, point in enumerate(points if len(corners) else ()):
-        near = meeting(bounds, point + MARGIN)
-        depths[i] = distance_to_triangles(point, corners[near] if near.any() else corners)
+def _thinned(points: Array, most: int) -> Array:
+    """At most so many of them, from everywhere in their order."""
+    return points[:: max(1, -(-len(points) // most))]
+
+
+def _depths(points: Array, body: PlacedBody, bounds: Array) -> Array:
+    """(N,) m from points within bounds (2, 3) to a surface; farther than `EXACT`, to what of it is near the bounds."""
+    near = meeting(body.triangle_bounds, bounds + MARGIN)
+    if not near.any():
+        near[:] = True
+    corners, their_bounds = body.corners[near], body.triangle_bounds[:, near]
+    depths = np.empty(len(points))
+    for i, point in enumerate(points):
+        close = meeting(their_bounds, point + MARGIN)
+        depths[i] = distance_to_triangles(point, corners[close] if close.any() else corners)
     return depths
 
 
-def _height_over_planes(points: Array, body: PlacedBody) -> Array:
-    """(N,) m over the highest of a convex body's planes; negative inside."""
+def _height_over(points: Array, body: PlacedBody) -> Array:
+    """(N,) m over a convex body: over the highest of its planes, or a round one's caps and side; negative inside."""
+    if body.cylinder is not None:
+        local = body.item.pose.undo(points)
+        over_caps = np.abs(local[:, 2]) - body.cylinder.length / 2
+        return np.asarray(np.maximum(over_caps, np.linalg.norm(local[:, :2], axis=1) - body.cylinder.radius))
     offsets = np.einsum("ij,ij->i", body.origins, body.normals)
-    return np.asarray((points @ body.normals.T - offsets).max(axis=1))
+    step = max(1, PRODUCTS // len(offsets))
+    parts = [points[k : k + step] @ body.normals.T - offsets for k in range(0, len(points), step)]
+    return np.concatenate([np.zeros(0), *(part.max(axis=1) for part in parts)])
 
 
 def _middles_between_cuts(ends: Array, triangles: Array) -> tuple[Array, NDArray[np.int64]]:

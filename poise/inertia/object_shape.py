@@ -172,7 +172,7 @@ def _cut(body: trimesh.Trimesh) -> ObjectShape:
 
 
 def parts_of_solid(solid: Solid, labels: ArrayLike | None = None) -> Parts:
-    """Parts of a solid in its own frame: (T,) part of each tetrahedron (one part when None)."""
+    """Parts of a solid, in its frame: (T,) part of each tetrahedron (one part when None); inside-out ones take away."""
     moments = tetrahedron_moments(solid.vertices[solid.tetrahedra])
     return Parts.from_moments(moments, np.zeros(len(moments)) if labels is None else labels, solid.vertices)
 

@@ -76,3 +76,9 @@ class FingerWatch:
     def near(self, target: float) -> bool:
         """They are where they were told to be."""
         return self.position is not None and abs(self.position - target) <= NEAR * self._gripper.travel
+
+    def moved(self, before: float | None) -> bool:
+        """They are not where they were before."""
+        if self.position is None or before is None:
+            return False
+        return abs(self.position - before) > STILL * self._gripper.travel

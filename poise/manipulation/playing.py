@@ -149,7 +149,8 @@ class Playing:
         self._start = next(step.motion.position[0] for step in steps if step.motion is not None)
         self._step: Step | None = None
         self._since = self._ticked = self._trusting_until = now
-        self._begin = 0  # ns of the motion on the joint states' clock
+        self._begin = self._sent = 0  # ns on the joint states' clock: of the motion, and when it was sent
+        self._gripped: float | None = None  # where the fingers were when they were told to move
         self._felt = robot.fingers.position is not None
         self.stage, self.done = "picking", False
         self.error: PoiseError | None = None
@@ -177,8 +178,8 @@ class Playing:
     def cancel(self, now: float) -> None:
         """Tell the arm to stop; be done."""
         if not self.done:
-            self._stop(now, on_path=True)
             self._conclude(ErrorCode.CANCELLED, f"the arm stopped while {self.stage} {self._name}; {self._hand}")
+            self._stop(now, on_path=True)
 
     # -- step by step ------------------------------------------------------------------------------------------
 
@@ -197,8 +198,10 @@ class Playing:
         self._step = step = self._left.pop(0)
         self.stage, self._since = step.stage, now
         if step.motion is None:
+            self._gripped = self._robot.fingers.position
             self._robot.grip(self._target(step))
         else:
+            self._sent = self._robot.joints.stamp
             self._begin = self._robot.joints.clock(now) + round(LEAD * 1e9)
             self._robot.move(step.motion, self._begin)
 
@@ -206,10 +209,16 @@ class Playing:
         return self._robot.gripper.position(step.opening, step.holding)
 
     def _arrived(self, step: Step, now: float) -> bool:
-        return self._fingers_arrived(step, now) if step.motion is None else self._arm_arrived(step.name, step.motion)
+        if step.motion is None:
+            return self._fingers_arrived(step, now)
+        return self._arm_arrived(step.name, step.motion)
 
     def _arm_arrived(self, name: str, motion: WaypointTrajectory) -> bool:
         joints, tolerances = self._robot.joints, self._tolerances
+        if joints.stamp < self._sent:
+            raise SensorError(
+                ErrorCode.SENSOR_STALE, f"the clock of joint_states was set back during {name}: mend it, and ask again"
+            )
         seconds = (joints.stamp - self._begin) * 1e-9
         there = motion.at(np.array([seconds]))
         off = np.abs(joints.position - there.position[0])
@@ -238,7 +247,8 @@ class Playing:
             )
         there = fingers.near(self._target(step))
         # What is grasped stops the fingers on their way.
-        if fingers.stopped(now) and (there or (step.holding and waited > gripper.seconds)):
+        grasped = step.holding and waited > gripper.seconds and fingers.moved(self._gripped)
+        if fingers.stopped(now) and (there or grasped):
             return True
         if waited > gripper.seconds + self._tolerances.slack:
             raise NoAnswerError(
@@ -252,14 +262,15 @@ class Playing:
 
     @property
     def _hand(self) -> str:
-        holds = self._step is not None and self._step.holding
-        return "it still holds it" if holds else "its hand is empty"
+        step = self._step
+        if step is not None and step.motion is None:
+            return f"its fingers were {'closing' if step.holding else 'opening'}"
+        return "it still holds it" if step is not None and step.holding else "its hand is empty"
 
     def _fail(self, error: PoiseError, now: float) -> None:
+        told = "rests" if self._step is None or self._step.motion is None else "was told to stop"
+        self._conclude(error.code, f"{error.message}; the arm {told} while {self.stage} {self._name}, and {self._hand}")
         self._stop(now, on_path=error.code is not ErrorCode.NOT_FOLLOWING)
-        self._conclude(
-            error.code, f"{error.message}; the arm was told to stop while {self.stage} {self._name}, and {self._hand}"
-        )
 
     def _conclude(self, code: ErrorCode, message: str) -> None:
         self.error, self.done = PoiseError(code, message), True

@@ -1,5 +1,7 @@
 """Overlap of bodies that are not convex, where their faces coincide, too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -9,6 +11,7 @@ from poise.assembly import Pose, RigidObject
 from poise.assembly.contacts import CONTACT_MARGIN
 from poise.assembly.penetration import penetration_depth
 from poise.assembly.placed import PlacedBody
+from poise.assembly.shapes import Box, Cylinder, Mesh
 
 
 def cuboids(item: RigidObject) -> tuple[np.ndarray, np.ndarray]:
@@ -37,3 +40,35 @@ def test_glued_objects_on_one_grid_overlap_when_cuboids_do(names: str, turned: b
         bodies = [PlacedBody(RigidObject(i.id, i.shape, p, mass=1.0)) for i, p in ((first, here), (second, there))]
         assert (penetration_depth(*bodies) > CONTACT_MARGIN) == really
     assert 16 < overlapping < 76
+
+
+def test_beside_the_round_of_a_cylinder_there_is_room() -> None:
+    can = RigidObject("can", Cylinder(0.05, 0.1), Pose(np.eye(3), np.array([0.0, 0.0, 0.05])), mass=1.0)
+    for place, touches in ((0.045, False), (0.03, True)):
+        post = replace(glued("a"), pose=Pose(np.eye(3), np.array([place, place, 0.02])))
+        assert (penetration_depth(PlacedBody(can), PlacedBody(post)) > 0) == touches
+
+
+def test_of_many_points_inside_the_deepest_counts() -> None:
+    """A corrugated slab, a tenth of a millimetre deep in a box everywhere, and at one late corner much deeper."""
+    side, deep = 24, 4e-3
+    x, y = np.meshgrid(np.linspace(0, 0.1, side), np.linspace(0, 0.1, side), indexing="ij")
+    low = np.where((np.arange(side)[:, None] + np.arange(side)) % 2, -1e-4, -2e-4)
+    low[-2, -2] = -deep
+    number = np.arange(side * side).reshape(side, side)
+    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    under = np.concatenate([np.stack([a, c, b], axis=1), np.stack([a, d, c], axis=1)])
+    rim = [number[0], number[1:, -1], number[-1, -2::-1], number[-2:0:-1, 0]]
+    loop = np.concatenate(rim)
+    walls = []
+    for here, there in zip(loop, np.roll(loop, -1), strict=True):
+        walls += [[here, there, there + side**2], [here, there + side**2, here + side**2]]
+    over = under[:, ::-1] + side**2
+    vertices = np.concatenate(
+        [np.stack([x, y, low], axis=-1).reshape(-1, 3), np.stack([x, y, 0 * x + 0.02], axis=-1).reshape(-1, 3)]
+    )
+    slab = Mesh(vertices, np.concatenate([under, over, walls]))
+    assert slab.volume > 0
+    table = RigidObject("table", Box((0.4, 0.4, 0.1)), Pose(np.eye(3), np.array([0.05, 0.05, -0.05])), fixed=True)
+    bodies = PlacedBody(RigidObject("slab", slab, Pose(np.eye(3), np.zeros(3)), mass=1.0)), PlacedBody(table)
+    assert penetration_depth(*bodies) == pytest.approx(deep, abs=1e-9)

@@ -164,7 +164,7 @@ def test_cancelled_between_motions_an_arm_at_rest_is_left_alone():
     fake.until(playing, lambda: len(fake.told) == 2)
     playing.cancel(fake.now)
     assert len(fake.moves) == 1
-    assert playing.error.message == "the arm stopped while picking can; it still holds it"
+    assert playing.error.message == "the arm stopped while picking can; its fingers were closing"
 
 
 def test_an_arm_that_does_not_follow_is_told_to_stay_where_it_is():
@@ -247,3 +247,23 @@ def test_the_opening_is_in_proportion_to_the_joint_and_a_grip_goes_beyond():
     assert [GRIPPER.position(opening, False) for opening in (0.08, 0.0, 0.02)] == pytest.approx([WIDE, CLOSED, 0.6])
     assert GRIPPER.position(0.04, True) == pytest.approx(GRIPPED)
     assert GRIPPER.position(0.001, True) == CLOSED
+
+
+def test_fingers_that_do_not_close_hold_nothing():
+    fake = FakeRobot()
+    playing = fake.play()
+    fake.until(playing, lambda: len(fake.moves) == 1)
+    fake.grips = False
+    fake.until(playing)
+    assert (playing.error.code, len(fake.moves)) == (ErrorCode.NOT_FOLLOWING, 1)
+    assert "its fingers were closing" in playing.error.message
+
+
+def test_a_clock_that_is_set_back_ends_it():
+    fake = FakeRobot()
+    playing = fake.play()
+    fake.until(playing, lambda: len(fake.moves) == 1)
+    stamp = round((fake.now - 400.0) * 1e9)
+    fake.robot.add_joint_state(stamp, ["a", "b", "fingers"], [*fake.position, fake.fingers], fake.now)
+    playing.tick(fake.now)
+    assert (playing.done, playing.error.code) == (True, ErrorCode.SENSOR_STALE)
