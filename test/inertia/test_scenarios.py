@@ -1,6 +1,5 @@
 """The benchmark's objects, motions and scenarios are what they claim, and every method answers them."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,13 +7,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from poise.errors import ErrorCode, InputError
-from poise.inertia.methods import method, method_names
-from poise.inertia.metrics import errors, expected_errors
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.problem import IdentificationProblem
-
-sys.path.append(str(Path(__file__).resolve().parents[2]))  # the benchmarks are not installed
 from benchmarks.identification.bounds import bounds, fisher_information
 from benchmarks.identification.evaluation import Experiment, run, summarise
 from benchmarks.identification.modular import (
@@ -45,6 +37,11 @@ from benchmarks.identification.scenarios import (
     Scenario,
     make_trial,
 )
+from poise.errors import ErrorCode, InputError
+from poise.inertia.methods import method, method_names
+from poise.inertia.metrics import errors, expected_errors
+from poise.inertia.parameters import InertialParameters
+from poise.inertia.problem import IdentificationProblem
 
 Array = np.ndarray
 FAST = Scenario("fast", 1.5)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from poise.nodes import acceleration_limits, placement_planner, robustness_server
+from poise.nodes import acceleration_limits, place_execution, placement_planner, robustness_server
 from poise.nodes.parameters import WORDS
 
 pytestmark = pytest.mark.ros
@@ -29,10 +29,14 @@ def test_the_client_on_the_page_is_answered(start_node, graph, node_environment)
 
 
 @pytest.mark.parametrize(
-    "node", [robustness_server, acceleration_limits, placement_planner], ids=lambda node: node.__name__[12:]
+    ("name", "parameters"),
+    [
+        ("robustness_server", robustness_server.PARAMETERS),
+        ("acceleration_limits", acceleration_limits.PARAMETERS),
+        ("placement_planner", placement_planner.PARAMETERS + place_execution.PARAMETERS),
+    ],
 )
-def test_the_parameter_file_holds_every_default(node):
-    name = node.__name__.rpartition(".")[2]
+def test_the_parameter_file_holds_every_default(name, parameters):
     content = yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())
     values = content["/**"][name]["ros__parameters"]
-    assert values == {p.name: [] if p.default is WORDS else p.default for p in node.PARAMETERS}
+    assert values == {p.name: [] if p.default is WORDS else p.default for p in parameters}
