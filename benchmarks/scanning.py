@@ -17,7 +17,7 @@ from rich.table import Table
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from poise.commands.scan import volume_std
+from benchmarks.segmentation_truth import sample
 from poise.errors import PoiseError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.fake_robots.sweep_bag import FakeSweep, arm_sweep, fake_views
@@ -46,13 +46,8 @@ class Case:
 
     def surface(self, count: int = SAMPLES) -> Array:
         """(count, 3) m on the true surface, evenly."""
-        rng, corners = np.random.default_rng(0), self.body.triangles
-        sides = corners[:, 1:] - corners[:, :1]
-        areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        chosen = rng.choice(len(corners), count, p=areas / areas.sum())
-        u, v = rng.random((2, count, 1))
-        u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-        return np.asarray(corners[chosen, 0] + u * sides[chosen, 0] + v * sides[chosen, 1])
+        corners = self.body.triangles.reshape(-1, 3)
+        return sample(corners, np.arange(len(corners)).reshape(-1, 3), np.random.default_rng(0), count)
 
 
 def make_case(name: str, frames: int) -> Case:
@@ -103,7 +98,7 @@ def row_of(case: Case, repeats: int) -> list[str]:
         f"{seen.mean():.2f} ({np.quantile(seen, 0.95):.2f})",
         f"{hidden.mean():.1f}",
         f"{np.mean(~found.seen):.0%}",
-        f"{cut.solid.volume / case.volume:.2f} ± {volume_std(found, cut) / case.volume:.2f}",
+        f"{cut.solid.volume / case.volume:.2f} ± {found.volume_std(cut.solid) / case.volume:.2f}",
         f"{thesis_volume(found) / case.volume:.2f}",
         poses,
     ]

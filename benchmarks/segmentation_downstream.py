@@ -37,14 +37,7 @@ console = Console(width=140)
 
 def by_poise(problem: IdentificationProblem, parts: Parts, accuracy: float) -> InertialParameters:
     estimator = PoiseEstimator(parts, problem.noise, shape_accuracy=accuracy)
-    estimator.add(
-        problem.stamps,
-        problem.gravity_in_sensor,
-        problem.linear_acceleration,
-        problem.angular_velocity,
-        problem.angular_acceleration,
-        problem.wrench,
-    )
+    estimator.add_problem(problem)
     return estimator.solve().parameters
 
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Inertia
 
 from poise.errors import PoiseError
-from poise.inertia import InertialEstimate
+from poise.inertia import InertialEstimate, InertialParameters
 from poise.inertia.change import PayloadChange
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
@@ -26,16 +27,21 @@ HULL = {
 }
 
 
+def inertia_message(parameters: InertialParameters) -> Inertia:
+    """Mass, centre of mass, and inertia about it."""
+    message = Inertia(m=float(parameters.mass))
+    message.com.x, message.com.y, message.com.z = parameters.com.tolist()
+    message.ixx, message.ixy, message.ixz, message.iyy, message.iyz, message.izz = parameters.inertia_vector.tolist()
+    return message
+
+
 def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
     """Turn an estimate into a message."""
     message = InertialEstimateMessage()
     message.header.stamp = time_message(estimate.stamp)
     message.header.frame_id = estimate.frame_id
     message.since = time_message(estimate.since or 0)
-    inertia, parameters = message.inertia, estimate.parameters
-    inertia.m = parameters.mass
-    inertia.com.x, inertia.com.y, inertia.com.z = parameters.com.tolist()
-    inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz = parameters.inertia_vector.tolist()
+    message.inertia = inertia_message(estimate.parameters)
     message.covariance = np.ascontiguousarray(estimate.covariance).ravel()
     force, torque = message.bias.force, message.bias.torque
     force.x, force.y, force.z, torque.x, torque.y, torque.z = estimate.bias.tolist()

@@ -161,7 +161,7 @@ class ObjectScanner(Node):
         if command is not None:
             self._arm.publish(trajectory_message(command.names, command.motion))
 
-    def _sweep_command(self) -> "Sweep | None":
+    def _sweep_command(self) -> Sweep | None:
         """The motion of the parameter `sweep`; None when somebody else moves the arm.
 
         Raises:

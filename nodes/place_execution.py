@@ -12,10 +12,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from poise.assembly import Analysis, Pose, RigidObject
-from poise.assembly.geometry import rotation_about
+from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import Arm, Hand, Limits, Reach, Transfer, plan_transfer
+from poise.manipulation.arm import standing_at
 from poise.manipulation.gripper import Gripper
 from poise.manipulation.playing import Playing, Robot, Tolerances, steps_of
 from poise.manipulation.reach import require_room
@@ -43,6 +43,18 @@ PARAMETERS = (
     Parameter("gripper_squeeze", Gripper.squeeze, "execute: m that it is told to close beyond a grasp", (0.0, 0.08)),
     Parameter("gripper_seconds", Gripper.seconds, "execute: s that the fingers take", (0.05, 60.0)),
 )
+
+
+def seconds_left(due: float, what: str) -> float:
+    """s of the monotonic clock until `due`.
+
+    Raises:
+        NoAnswerError: DEADLINE when there are none left for what was to come.
+    """
+    left = due - time.monotonic()
+    if left <= 0:
+        raise NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed before {what}; allow more time")
+    return left
 
 
 class Carrying:
@@ -84,15 +96,11 @@ class Carrying:
         reach = Reach(self._arm, analysis, item, start=self.start, seed=seed)
         reach.require_free_start()
         reach.require_pick()
-        left = due - time.monotonic()
-        if left <= 0:
-            raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before the first pose; allow more time")
+        left = seconds_left(due, "the first pose")
         for_ways = min(self._values["ways_seconds"], left / 2)
         wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=reach.looks)
         found = plan_placement(analysis, item, wanted, seed, tell)
-        seconds = min(self._values["ways_seconds"], due - time.monotonic())
-        if seconds <= 0:
-            raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before a way was looked for; allow more time")
+        seconds = min(self._values["ways_seconds"], seconds_left(due, "a way was looked for"))
         limits = Limits(speed=self._values["speed"])
         self._transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
         return found
@@ -123,8 +131,7 @@ class PlaceExecution:
         self._values = values = declare_parameters(node, PARAMETERS)
         if len(values["base"]) != 4 or not np.isfinite(values["base"]).all():
             raise InputError(ErrorCode.BAD_INPUT, "parameter base must be four finite numbers: x y z yaw")
-        turn = rotation_about(np.array([0.0, 0.0, 1.0]), values["base"][3])
-        self._base = Pose(turn, np.array(values["base"][:3]))
+        self._base = standing_at(values["base"])
         self._gripper = Gripper(
             values["gripper_joint"],
             values["gripper_open"],

@@ -18,7 +18,7 @@ from poise.manipulation.playing import Playing
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
 from poise.nodes.jobs import GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.place_execution import Carrying, PlaceExecution
+from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
 from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
 from poise.placement.planner import ON
@@ -253,9 +253,7 @@ class PlacementPlanner(Node):
         analysis = self._analysis(task.assembly)
         if task.carrying is not None:
             return task.carrying.plan(analysis, item, self._options, request.seed, task.due, task.tell)
-        left = task.due - time.monotonic()
-        if left <= 0:
-            raise NoAnswerError(ErrorCode.DEADLINE, "the deadline passed before the first pose; allow more time")
+        left = seconds_left(task.due, "the first pose")
         return plan_placement(analysis, item, replace(self._options, deadline=left), request.seed, task.tell)
 
     def _analysis(self, message: AssemblyMessage) -> Analysis:

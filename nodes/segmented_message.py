@@ -1,6 +1,7 @@
 """A scanned and segmented object as poise_msgs/SegmentedObject, and where its frame is as a transform."""
 
 from array import array
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from shape_msgs.msg import Mesh, MeshTriangle
 
 from poise.inertia.object_shape import parts_of_solid
 from poise.inertia.parameters import InertialParameters
-from poise.nodes.estimate_message import time_message
+from poise.nodes.estimate_message import inertia_message, time_message
 from poise.scanning import Scan
 from poise.shape.part_surfaces import part_surface
 from poise.shape.segmentation import Segmentation
@@ -34,7 +35,7 @@ def segmented_message(
         parts: (T,) part of each tetrahedron that is told; each a union of those of `found`.
         notes: what to read it with.
     """
-    spread = float(np.hypot(found.solid.volume_std, scanned.hidden_volume_std))
+    spread = scanned.volume_std(found.solid)
     message = SegmentedObject(id=name, volume=float(found.solid.volume), volume_std=spread)
     message.header.stamp, message.header.frame_id = time_message(stamp), frame
     whole = np.zeros(found.n_parts, dtype=np.int64)
@@ -45,11 +46,7 @@ def segmented_message(
         vertices, triangles = part_surface(found.solid, parts, number)
         part = Part(label=number, volume=float(volume), surface=_mesh(vertices - scanned.foot, triangles))
         part.volume_std = float(spread * volume / found.solid.volume)
-        unit = InertialParameters.from_phi(phi)
-        inertia = part.unit_inertia
-        inertia.m = 1.0
-        inertia.com.x, inertia.com.y, inertia.com.z = unit.com.tolist()
-        inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz = unit.inertia_vector.tolist()
+        part.unit_inertia = inertia_message(replace(InertialParameters.from_phi(phi), mass=1.0))
         message.parts.append(part)
     message.notes = list(notes)
     return message

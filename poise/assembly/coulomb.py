@@ -74,7 +74,8 @@ class CoulombBlock:
         self._motion = np.ascontiguousarray(self._grasp.T) if small else grasp.T.tocsr()
         self._stiffness, self._friction = stiffness, friction
         self._catch = CATCH * float(stiffness.mean())
-        self._unit = eye_array(self._grasp.shape[0], format="csc")
+        count = grasp.shape[0]
+        self._ground = self._catch * (np.eye(count) if small else eye_array(count, format="csc"))
 
     def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NEVER_LATE) -> ElasticState:
         """Come to rest under a load (6 n,), gravity included, in the block's units.
@@ -209,11 +210,12 @@ class CoulombBlock:
         if isinstance(self._grasp, np.ndarray):
             size = len(self._grasp)
             stiff = np.einsum("apk,pkl->apl", self._grasp.reshape(size, -1, 3), blocks).reshape(size, -1)
-            return np.asarray(stiff @ self._motion + self._catch * np.eye(size))
+            return np.asarray(stiff @ self._motion + self._ground)
         at = np.arange(3 * len(blocks)).reshape(-1, 3)
         rows, columns = np.repeat(at, 3, axis=1).ravel(), np.tile(at, (1, 3)).ravel()
         points = csc_array((blocks.ravel(), (rows, columns)), shape=(at.size, at.size))
-        return self._grasp @ points @ self._motion + self._catch * self._unit
+        stiffness = self._grasp @ points @ self._motion + self._ground
+        return stiffness.toarray() if stiffness.shape[0] <= DENSE else stiffness
 
     def _forces(self, displacement: Array, bounds: Array | None) -> Array:
         """(P, 3) contact forces; friction limited to the bounds (P,), by default to what Coulomb's law says."""
@@ -262,8 +264,8 @@ class CoulombBlock:
 
 def _solve(matrix: Array | Sparse, right: Array) -> Array:
     """Solve a linear system: few bodies dense, many sparse (each touches few others)."""
-    if isinstance(matrix, np.ndarray) or len(right) <= DENSE:
-        return np.asarray(np.linalg.solve(matrix if isinstance(matrix, np.ndarray) else matrix.toarray(), right))
+    if isinstance(matrix, np.ndarray):
+        return np.asarray(np.linalg.solve(matrix, right))
     return np.asarray(splu(matrix.tocsc()).solve(right))
 
 

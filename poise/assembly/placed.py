@@ -90,7 +90,7 @@ class PlacedBody:
     @cached_property
     def triangle_bounds(self) -> Array:
         """(2, T, 3) bounds of each triangle."""
-        return np.stack([self.corners.min(axis=1), self.corners.max(axis=1)])
+        return bounds_of(self.corners)
 
     @cached_property
     def edge_bounds(self) -> Array:
@@ -156,6 +156,11 @@ class PlacedBody:
 def placed(item: RigidObject) -> PlacedBody:
     """The body of an object; kept, for most objects are asked about again where they are."""
     return PlacedBody(item)
+
+
+def bounds_of(corners: Array) -> Array:
+    """(2, T, 3) bounds of triangles (T, 3, 3)."""
+    return np.stack([corners.min(axis=1), corners.max(axis=1)])
 
 
 def meeting(bounds: Array, others: Array) -> NDArray[np.bool_]:

@@ -1,14 +1,11 @@
 """`poise carry`: how an arm takes an object from where it lies to where it stays."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
-from poise.assembly import Pose, RigidObject, write_scene
-from poise.assembly.geometry import rotation_about
+from poise.assembly import RigidObject, write_scene
 from poise.commands.assembly_pictures import PictureOption, refuse_folders
 from poise.commands.output import console, number_for_json, write_json
 from poise.commands.place import (
@@ -31,6 +28,7 @@ from poise.commands.place import (
 from poise.commands.scenes import open_scene
 from poise.errors import NoAnswerError
 from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer
+from poise.manipulation.arm import standing_at
 from poise.manipulation.bodies import pose_of
 from poise.manipulation.reach import require_room
 from poise.placement import Options, Uncertainty, plan_placement
@@ -82,9 +80,9 @@ def carry(
     refuse_folders(json_target, picture, None)
     item, analysis = read_spec(spec, needs="pose"), open_scene(scene)
     require_room(analysis, item)
-    reach = Reach(_arm(robot, base, tcp), analysis, item, seed=seed)
-    options = Options(attempts, candidates=candidates, on=on, uncertainty=Uncertainty() if robust else None)
-    options = replace(options, tests=reach.tests, looks=(*looks_of(keep_free), *reach.looks))
+    reach = Reach(Arm.load(robot, standing_at(base), tcp_frame=tcp), analysis, item, seed=seed)
+    uncertainty, looks = Uncertainty() if robust else None, (*looks_of(keep_free), *reach.looks)
+    options = Options(attempts, candidates=candidates, on=on, uncertainty=uncertainty, tests=reach.tests, looks=looks)
     people = console(json_target)
     known: dict[str, Any] = {}
     try:
@@ -104,12 +102,6 @@ def carry(
     say(people, found)
     moving = sum(phase.seconds for phase in transfer.phases)
     people.print(f"held firmly up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
-
-
-def _arm(robot: str, base: tuple[float, float, float, float], tcp: str) -> Arm:
-    """The robot where it stands in the scene: x, y, z, m, and yaw, rad."""
-    turn = rotation_about(np.array([0.0, 0.0, 1.0]), base[3])
-    return Arm.load(robot, Pose(turn, np.array(base[:3])), tcp_frame=tcp)
 
 
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:

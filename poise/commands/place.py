@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +14,7 @@ from rich.progress import Progress as Bar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from poise.assembly import RigidObject, read_object, write_scene
-from poise.commands.output import console, refuse_folder, write_json
+from poise.commands.output import console, number_for_json, refuse_folder, write_json
 from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import (
@@ -108,8 +107,10 @@ def place(
     items = [read_spec(spec, number) for number, spec in enumerate(specs)]
     analysis = open_scene(scene)
     uncertainty = Uncertainty() if robust else None
-    options = Options(attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining)
-    options = replace(options, looks=looks_of(keep_free))
+    looks = looks_of(keep_free)
+    options = Options(
+        attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining, looks=looks
+    )
     find = find_planner(planner)
     if len(items) > 1 and planner != "poise":
         raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
@@ -172,14 +173,14 @@ def failure_of(error: NoAnswerError) -> dict[str, Any]:
 
 def content_of(found: Placement) -> dict[str, Any]:
     """The answer for programs."""
-    return _one(found) | {"robustness": _finite(found.merit.least), "volume": found.merit.volume}
+    return _one(found) | {"robustness": number_for_json(found.merit.least), "volume": found.merit.volume}
 
 
 def _sequence_content(found: PlacementSequence) -> dict[str, Any]:
     return {
         "order": list(found.order),
         "placements": [{"id": one.item.id} | _one(one) for one in found.placements],
-        "robustness": _finite(found.merit.least),
+        "robustness": number_for_json(found.merit.least),
         "volume": found.merit.volume,
         "iterations": sum(one.iterations for one in found.placements),
         "seconds": found.seconds,
@@ -193,10 +194,6 @@ def _one(found: Placement) -> dict[str, Any]:
         "seconds": found.seconds,
         "rejected": found.rejected,
     }
-
-
-def _finite(robustness: float) -> float | str:
-    return robustness if np.isfinite(robustness) else "inf"
 
 
 def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObject:

@@ -4,7 +4,6 @@ import time
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 from rich.markup import escape
 
@@ -113,7 +112,7 @@ def scan(
         *([] if surface is None else [write_whole(surface, surface_ply(cut))]),
         *([] if picture is None else [write_picture(picture, cut, bag.stem)]),
     ]
-    volume, spread = cut.solid.volume * 1e6, volume_std(found, cut) * 1e6
+    volume, spread = cut.solid.volume * 1e6, found.volume_std(cut.solid) * 1e6
     people.print(
         f"{len(sweep.views)} views, {found.seen.sum()} points seen and {(~found.seen).sum()} completed in"
         f" {seconds[0]:.2f} s; {cut.n_parts} parts, {volume:.4g} ± {spread:.2g} cm3 in {seconds[1]:.2f} s"
@@ -140,11 +139,6 @@ def _work(bag: Path, where: SweepOptions, how: ScanOptions) -> tuple[Sweep, Scan
     return sweep, found, cut, seconds
 
 
-def volume_std(found: Scan, cut: Segmentation) -> float:
-    """m3, one sigma: of the solid between its points, and of what was not seen."""
-    return float(np.hypot(cut.solid.volume_std, found.hidden_volume_std))
-
-
 def as_json(path: Path, sweep: Sweep, found: Scan, cut: Segmentation, seconds: tuple[float, float]) -> dict[str, Any]:
     """What was found; m and m3, in the frame of the robot's base."""
     return {
@@ -156,7 +150,7 @@ def as_json(path: Path, sweep: Sweep, found: Scan, cut: Segmentation, seconds: t
         "labels": cut.labels,
         "n_parts": cut.n_parts,
         "volume": cut.solid.volume,
-        "volume_std": volume_std(found, cut),
+        "volume_std": found.volume_std(cut.solid),
         "part_volumes": cut.volumes,
         "part_centroids": cut.centroids,
         "table": {"normal": found.plane.normal, "offset": found.plane.offset, "thickness": found.plane.thickness},

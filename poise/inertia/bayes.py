@@ -147,6 +147,17 @@ class PoiseEstimator:
             wrench,
         )
 
+    def add_problem(self, problem: IdentificationProblem) -> None:
+        """Add all samples of a problem."""
+        self.add(
+            problem.stamps,
+            problem.gravity_in_sensor,
+            problem.linear_acceleration,
+            problem.angular_velocity,
+            problem.angular_acceleration,
+            problem.wrench,
+        )
+
     def add_motion(self, motion: SensorMotion, wrench: ArrayLike) -> None:
         """Add samples of a motion and the wrenches (N, 6) at its stamps."""
         self.add(
@@ -260,12 +271,5 @@ def poise(problem: IdentificationProblem) -> BayesSolution:
         points = np.zeros((0, 3)) if problem.shape_points is None else problem.shape_points
         parts = Parts(problem.unit_parts, volumes, points)
     estimator = PoiseEstimator(parts, problem.noise)
-    estimator.add(
-        problem.stamps,
-        problem.gravity_in_sensor,
-        problem.linear_acceleration,
-        problem.angular_velocity,
-        problem.angular_acceleration,
-        problem.wrench,
-    )
+    estimator.add_problem(problem)
     return estimator.solve()

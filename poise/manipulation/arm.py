@@ -1,5 +1,6 @@
 """An arm at its place in the scene: joints, tool frame, and the simple shapes of its links."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -8,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.geometry import Array, Pose
+from poise.assembly.geometry import Array, Pose, rotation_about
 from poise.errors import ErrorCode, InputError
 from poise.manipulation.bodies import se3_of
 from poise.manipulation.hand import Hand
@@ -20,6 +21,11 @@ BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 SAMPLES = 200
 ALWAYS = 0.5
 """Pairs of links that touch in this share of all configurations do so because their shapes are coarse."""
+
+
+def standing_at(base: Sequence[float]) -> Pose:
+    """Of a root link that stands upright in the scene: x, y, z, m, and yaw, rad."""
+    return Pose(rotation_about(np.array([0.0, 0.0, 1.0]), base[3]), np.array(base[:3]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
 from poise.manipulation.grasps import SIDES, antipodal_grasps
 from poise.manipulation.hand import Grasp
 from poise.manipulation.inverse import follow, solutions
-from poise.placement.validation import Look, Test
+from poise.placement.validation import Look, Test, require_new
 
 STRAIGHT_STEP = 0.01
 TOUCHING = 0.01
@@ -120,6 +120,7 @@ class Reach:
         self._seed = seed
         self._up = -unit(np.asarray(before.assembly.gravity))
         self._known: dict[bytes, Ends | None] = {}
+        self._fits: dict[bytes, bool] = {}
         for self._effort in (USUAL, UTMOST):
             self._firm = self._firm_grasps(self._effort.sides)
             self._picks: dict[tuple[int, Margins], End | None] = {}
@@ -165,7 +166,13 @@ class Reach:
             raise NoAnswerError(ErrorCode.UNREACHABLE, message, step="grasping")
 
     def fits_hand(self, placed: RigidObject) -> bool:
-        """Whether the hand fits to the object, at its place, by a grasp that the arm can pick it up with."""
+        """Whether the hand fits to the object, there, by a grasp that the arm can pick it up with; found once."""
+        key = placed.pose.vector.tobytes()
+        if key not in self._fits:
+            self._fits[key] = self._finds_room(placed)
+        return self._fits[key]
+
+    def _finds_room(self, placed: RigidObject) -> bool:
         if not self.can_pick():  # then the arm is to blame, and not the place
             return any(self._hand_is_clear(grasp, placed) for grasp, _ in self._firm)
         return next(self._serving(placed, np.zeros((0, 3)), NARROW), None) is not None
@@ -300,10 +307,7 @@ def require_room(analysis: Analysis, item: RigidObject) -> None:
     Raises:
         InputError: BAD_INPUT, INTERPENETRATION.
     """
-    if item.id in analysis.assembly.index or item.fixed:
-        raise InputError(
-            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
-        )
+    require_new(analysis.assembly.objects, item)
     try:
         analysis.with_object(item)
     except InputError as error:

@@ -19,7 +19,7 @@ from poise.placement.matching import Contact, over_three, poses_on_one, poses_on
 from poise.placement.refinement import refine
 from poise.placement.supports import Supports, find_supports
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import Look, Test, Validator
+from poise.placement.validation import Look, Test, Validator, require_new
 
 ON = ("any", "objects", "fixed")
 PLACES = 400
@@ -134,10 +134,7 @@ def plan_placement(
         CancelledError: CANCELLED.
     """
     start = time.monotonic()
-    if item.fixed or item.id in [other.id for other in _objects(assembly)]:
-        raise InputError(
-            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
-        )
+    require_new(_objects(assembly), item)
     analysis = Analysis.of(assembly)
     analysis.require_stable()
     rng = np.random.default_rng(seed)

@@ -1,7 +1,7 @@
 """Whether a pose is a placement: nothing overlaps, it touches, the assembly stands, and what else is asked of it."""
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +25,18 @@ LEAST_MARGIN = 1e-3
 """Of the object's weight: a placement on the verge of moving is none."""
 ALMOST = 0.15
 """Of the object's weight unbalanced: what is more is too far off to sink to where it stands."""
+
+
+def require_new(objects: Iterable[RigidObject], item: RigidObject) -> None:
+    """Check that an object can join others.
+
+    Raises:
+        InputError: BAD_INPUT when it is fixed, or one of them has its id.
+    """
+    if item.fixed or item.id in [other.id for other in objects]:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"object {item.id}: give it a mass and an id that is not in the scene yet"
+        )
 
 
 @dataclass(frozen=True, eq=False)

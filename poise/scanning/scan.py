@@ -15,6 +15,7 @@ from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
+from poise.shape.solid import Solid
 
 LEAST_DEPTH = 0.05
 """Share of the pixels that have to have depth, in the middle one of the frames."""
@@ -85,6 +86,10 @@ class Scan:
     moved: float
     hidden_volume_std: float
     notes: tuple[str, ...] = ()
+
+    def volume_std(self, solid: Solid) -> float:
+        """m3, one sigma: of a solid of the points between them, and of what was not seen."""
+        return float(np.hypot(solid.volume_std, self.hidden_volume_std))
 
     @property
     def foot(self) -> Array:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from poise.shape.solid import Array, Indices, Solid
@@ -26,19 +27,30 @@ class SurfaceGraph:
 
 def surface_graph(solid: Solid) -> SurfaceGraph:
     """The graph of a solid's surface."""
-    triangles, _ = solid.surface
     points = solid.vertices
-    normals, _ = facing_of(solid)
-    lengths = np.linalg.norm(normals, axis=1)
-    on_surface = lengths > 0
-    normals[on_surface] /= lengths[on_surface, None]
-    edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+    normals, on_surface = unit_normals(solid)
+    edges = surface_edges(solid)
     inner, outer = np.flatnonzero(~on_surface), np.flatnonzero(on_surface)
     if len(inner):
         nearest = outer[cKDTree(points[outer]).query(points[inner])[1]]
         normals[inner] = normals[nearest]
         edges = np.concatenate([edges, np.stack([inner, nearest], axis=1)])
     return SurfaceGraph(edges, normals, folds(points, normals, edges[:, 0], edges[:, 1]))
+
+
+def surface_edges(solid: Solid) -> Indices:
+    """(E, 2) vertex numbers of the edges of its triangles, each once, the lower first."""
+    triangles, _ = solid.surface
+    return np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
+
+
+def unit_normals(solid: Solid) -> tuple[Array, NDArray[np.bool_]]:
+    """(V, 3) outward where a vertex is on the surface, zero elsewhere; and (V,) whether it is."""
+    normals, _ = facing_of(solid)
+    lengths = np.linalg.norm(normals, axis=1)
+    on_surface = lengths > 0
+    normals[on_surface] /= lengths[on_surface, None]
+    return normals, on_surface
 
 
 def facing_of(solid: Solid) -> tuple[Array, Array]:

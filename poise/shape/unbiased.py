@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.shape.solid import Array, Indices, Solid, tetrahedron_moments
-from poise.shape.surface_graph import facing_of
+from poise.shape.surface_graph import surface_edges, unit_normals
 
 PUSH = 0.5
 """Of how far a point of the surface stands out from the middle of its neighbours."""
@@ -55,8 +55,8 @@ def _standing_out(solid: Solid) -> Array:
     On flat ground this lies in the surface. At an edge it points outwards, and half of it is about what chords cut off;
     in a fold it points inwards, where they fill (the inflating half of Taubin's smoothing, 1995).
     """
-    triangles, _ = solid.surface
-    edges = np.unique(triangles[:, [0, 1, 1, 2, 2, 0, 1, 0, 2, 1, 0, 2]].reshape(-1, 2), axis=0)
+    edges = surface_edges(solid)
+    edges = np.concatenate([edges, edges[:, ::-1]])
     count = len(solid.vertices)
     degree = np.bincount(edges[:, 0], minlength=count)
     sums = [np.bincount(edges[:, 0], solid.vertices[edges[:, 1], axis], minlength=count) for axis in range(3)]
@@ -66,10 +66,8 @@ def _standing_out(solid: Solid) -> Array:
 
 def _depth(solid: Solid, layer: float) -> Array:
     """(V, 3) m outwards, as long as the points around a vertex lie under the surface on average; zero inside."""
-    normals, _ = facing_of(solid)
-    lengths = np.linalg.norm(normals, axis=1)
-    outer, buried = np.flatnonzero(lengths > 0), np.flatnonzero(lengths == 0)
-    normals[outer] /= lengths[outer, None]
+    normals, on_surface = unit_normals(solid)
+    outer, buried = np.flatnonzero(on_surface), np.flatnonzero(~on_surface)
     tree = cKDTree(solid.vertices[outer])
     above = tree.query(solid.vertices[buried])[1]
     offsets = solid.vertices[outer[above]] - solid.vertices[buried]
@@ -78,6 +76,6 @@ def _depth(solid: Solid, layer: float) -> Array:
     sums = np.bincount(above[own], under[own], minlength=len(outer))
     counts = np.bincount(above[own], minlength=len(outer)) + 1
     around = tree.query(solid.vertices[outer], k=min(TOGETHER, len(outer)))[1]
-    depth = np.zeros(len(lengths))
+    depth = np.zeros(len(normals))
     depth[outer] = sums[around].sum(axis=1) / counts[around].sum(axis=1)
     return np.asarray(depth[:, None] * normals)

@@ -28,14 +28,7 @@ def inertia_of(parts: Parts, densities: np.ndarray, given: Parts) -> tuple[np.nd
     truth = InertialParameters.from_phi(parts.unit_phi @ (densities * parts.volumes))
     problem = problem_of(truth, np.random.default_rng(0), 40, liveliness=0.0, noise=EXACT, wrench_noise=1.0)
     estimator = PoiseEstimator(given, problem.noise, longest_delay=0.0)
-    estimator.add(
-        problem.stamps,
-        problem.gravity_in_sensor,
-        problem.linear_acceleration,
-        problem.angular_velocity,
-        problem.angular_acceleration,
-        problem.wrench,
-    )
+    estimator.add_problem(problem)
     found = estimator.solve()
     return found.parameters.inertia, truth.inertia, np.sqrt(np.diag(found.covariance))[4:]
 

@@ -5,6 +5,7 @@ from scipy.spatial import ConvexHull
 
 from poise.assembly.geometry import Array
 from poise.assembly.penetration import winding_number
+from poise.assembly.placed import bounds_of
 from poise.assembly.shapes import Polyhedron
 from poise.errors import ErrorCode, InputError
 
@@ -26,7 +27,7 @@ def convex_pieces(polyhedron: Polyhedron) -> list[Array]:
         return [polyhedron.vertices]
     size = float(np.ptp(polyhedron.vertices, axis=0).max())
     corners = polyhedron.vertices[polyhedron.triangles]
-    bounds = np.stack([corners.min(axis=1), corners.max(axis=1)])
+    bounds = bounds_of(corners)
     hull = ConvexHull(polyhedron.vertices)
     open_cells, pieces = [polyhedron.vertices[hull.vertices]], []
     while open_cells:
