@@ -55,7 +55,7 @@ def simulate(
         typer.Option("--json", metavar="FILE", help="Write a summary as JSON; - for stdout.", show_default=False),
     ] = None,
 ) -> None:
-    """Run the simulation along a motion: what the sensor and the joints should say, as a recording.
+    """Simulate the sensor and the joints along a motion and write a recording.
 
     With a model that `poise mismatch --save` wrote, the effects that were found act: the recording made here is then
     what the diagnosis expects, and holding it against the plain model finds them again. Of a recording the wrench is
