@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from poise.inertia import identify
 from poise.mismatch.answer import Diagnosis, Finding, diagnose
-from poise.mismatch.effects import effect_named
+from poise.mismatch.effects import accelerometer_input, effect_named
 from poise.mismatch.effects.external_vibration import ExternalVibration
 from poise.mismatch.reading import parse_model, read_world
 from poise.mismatch.recorded import load_wrench
