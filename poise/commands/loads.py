@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from poise.assembly import AccelerationLimits, Analysis, Pose, acceleration_limits
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.mismatch.known_load import loads_about
-from poise.mismatch.model import load_model
+from poise.mismatch.application import loads_about
+from poise.mismatch.reading import load_model
 
 LoadOption = Annotated[
     str | None,

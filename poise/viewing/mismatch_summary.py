@@ -6,10 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.diagnosis import Diagnosis, Examination
-from poise.mismatch.search import left_over, names
-from poise.mismatch.unknown import spoken
-from poise.mismatch.wording import channel_names
+from poise.mismatch.answer import Diagnosis, Examination
+from poise.mismatch.inference import left_over, names, spoken
+from poise.mismatch.recorded import channel_names
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
 

@@ -6,9 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.part_wrench import best_fit
-from poise.mismatch.world import World
+from poise.mismatch.effects.part_wrench import best_fit
+from poise.mismatch.recorded import World, cross
 
 NAMES = ("rotation_x", "rotation_y")
 

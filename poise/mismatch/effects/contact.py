@@ -5,10 +5,8 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, forces_at
-from poise.mismatch.starts import bursts
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
+from poise.mismatch.effects.starts import bursts
+from poise.mismatch.recorded import World, cross, directed, forces_at
 
 POINT = ("x", "y", "z")
 KNOTS = 7

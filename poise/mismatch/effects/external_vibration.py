@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch import felt_vibration as felt
+import poise.mismatch.effects.accelerometer_input as felt
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.part_wrench import shaking, shaking_columns
-from poise.mismatch.world import World
+from poise.mismatch.effects.part_wrench import shaking, shaking_columns
+from poise.mismatch.recorded import World
 
 PHASES = ("sine", "cosine")
 LOWEST = 2.0

@@ -3,9 +3,7 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World, cross, directed
 
 NAMES = ("momentum_x", "momentum_y", "momentum_z")
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, motion_response
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World, cross, motion_response
 
 
 class JointOffset(Effect):

@@ -6,8 +6,8 @@ import numpy as np
 
 from poise.inertia.regressor import regressor
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.starts import steps
-from poise.mismatch.world import World
+from poise.mismatch.effects.starts import steps
+from poise.mismatch.recorded import World
 
 ROWS = ("mass", "moment_x", "moment_y", "moment_z")
 

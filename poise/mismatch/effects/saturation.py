@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World
 
 GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
 HIGHEST = 1e4
