@@ -16,9 +16,7 @@ from poise.mismatch.model import NominalModel, load_model
 from poise.mismatch.reading import read_world
 from poise.mismatch.running import Run, run_planned, run_recorded
 from poise.recording import open_recording, rewrite_recording, write_recording
-from poise.robot import RobotModel
-from poise.robot.model import find_urdf
-from poise.robot.urdf import read_urdf
+from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import read_trajectory
 
 PLANNED = (".csv", ".yaml", ".yml")

@@ -7,7 +7,6 @@ effect (`widens`) is the same columns with a wide prior: then the tolerance itse
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from poise.inertia.parameters import InertialParameters, about_com_jacobian
@@ -17,8 +16,7 @@ from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.mismatch.model import Tolerance
 from poise.mismatch.world import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 SIGMAS = 0.5
 """One sigma of the prior in units of the tolerance: two sigma is what is declared good enough."""

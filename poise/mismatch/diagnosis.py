@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.belief import MOST_SURE, Belief, beliefs, sureness_of_none
 from poise.mismatch.components import with_components
@@ -24,8 +23,8 @@ from poise.mismatch.where import Window, locate
 from poise.mismatch.within import Small, within
 from poise.mismatch.wording import channel_names
 from poise.mismatch.world import World
+from poise.types import Array, Mask
 
-Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "unknown", "mixed"]
 
 
@@ -91,7 +90,7 @@ class Examination:
     rest: Leftover
     where: tuple[Window, ...]
     small: tuple[Small, ...]
-    last: NDArray[np.bool_]
+    last: Mask
     proof: HeldOut
 
 
@@ -146,7 +145,7 @@ class Diagnosis:
 def diagnose(
     world: World,
     model: NominalModel,
-    last: NDArray[np.bool_] | None = None,
+    last: Mask | None = None,
     library: Sequence[Effect] | None = None,
 ) -> Diagnosis:
     """Hold a recording against the nominal model.
@@ -170,12 +169,12 @@ def diagnose(
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
 
 
-def _at_stamps(world: World, last: NDArray[np.bool_], seconds: Array) -> NDArray[np.bool_]:
+def _at_stamps(world: World, last: Mask, seconds: Array) -> Mask:
     """A mask of wrench samples at the stamps of another signal."""
     return last if seconds is world.seconds else np.asarray(seconds >= world.seconds[int(np.argmax(last))])
 
 
-def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequence[Effect] | None) -> Examination:
+def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> Examination:
     seen, looked = problem, problem
     if last is not None:
         # The last of several recordings is not so much as looked at before the proof.

@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from poise.mismatch.dynamics import at_times
-from poise.mismatch.effects.base import Array, Parameter, Values
+from poise.mismatch.effects.base import Parameter, Values
 from poise.mismatch.part_wrench import shaking, shaking_columns
 from poise.mismatch.starts import smoothed, spectrum
 from poise.mismatch.world import World
+from poise.types import Array
 
 LOWEST = 2.0
 """Hz; what an accelerometer feels more slowly is a motion."""

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.damping import Damping
 from poise.mismatch.effects.base import Effect, Parameter, Values
@@ -17,8 +16,7 @@ from poise.mismatch.evidence import Beside, Frame, flat_width, laplace_evidence
 from poise.mismatch.linearised import SCALES, STEP, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.problem import Part, Problem
 from poise.mismatch.world import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 MOST_STEPS = 12
 HOPE = 5.0

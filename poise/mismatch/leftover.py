@@ -7,13 +7,11 @@ The gate is absolute: the residual is held against the size that sensor noise ma
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.problem import Problem
 from poise.mismatch.unknown import hats
 from poise.mismatch.where import explained, goes_with
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 MATERIAL = 0.05
 """Excess energy of the residual, relative to the noise's, from which it is no longer noise."""

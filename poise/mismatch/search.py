@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.coarse import thinned
 from poise.mismatch.effects import all_effects
@@ -18,8 +17,7 @@ from poise.mismatch.fitting import Candidate, Fit, fit, glance, ground, refine
 from poise.mismatch.problem import Part, Problem
 from poise.mismatch.unknown import Dependence, dependences
 from poise.mismatch.world import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 PROMISING = 3
 """Candidates of a round that are fitted."""

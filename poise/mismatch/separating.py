@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.diagnosis import Examination, Finding
 from poise.mismatch.effects import effect_named
@@ -20,8 +19,6 @@ from poise.mismatch.problem import Part, Problem
 from poise.mismatch.world import World
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 RATE = 100.0
 """Hz of the wrench along a designed motion."""

@@ -7,7 +7,6 @@ without the effects, these are computed anew for it, and so on; each round chang
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.components import absent, effect_of, with_components
 from poise.mismatch.load import load_wrench
@@ -15,8 +14,7 @@ from poise.mismatch.model import NominalModel
 from poise.mismatch.payload import identified
 from poise.mismatch.reading import read_world
 from poise.recording import Recording, WrenchStream
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 ROUNDS = 15
 SETTLED = 1e-7

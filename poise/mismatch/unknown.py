@@ -9,15 +9,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.load import cross
 from poise.mismatch.noise import white_level
 from poise.mismatch.wording import channel_names
 from poise.mismatch.world import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 CURVE = 8
 """Hat functions over the range of a scalar state."""

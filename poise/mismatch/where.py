@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.noise import Noise
 from poise.mismatch.unknown import hats
 from poise.mismatch.world import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 STRETCH = 0.25
 """s over which the energy of a residual is averaged."""

@@ -3,15 +3,13 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
-from numpy.typing import NDArray
 
 from poise.mismatch.diagnosis import Examination
 from poise.mismatch.unknown import Shape, spoken
 from poise.mismatch.where import Window
+from poise.types import Array
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
 from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals
-
-Array = NDArray[np.float64]
 
 WIDE = 1110
 """Points: the width of a page."""

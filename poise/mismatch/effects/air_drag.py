@@ -4,10 +4,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, forces_at
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.load import forces_at
 from poise.mismatch.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
 from poise.mismatch.world import World
+from poise.types import Array
 
 
 class AirDrag(Effect):

@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, forces_at
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.load import forces_at
 from poise.mismatch.starts import bursts
 from poise.mismatch.wording import directed
 from poise.mismatch.world import World
+from poise.types import Array
 
 POINT = ("x", "y", "z")
 KNOTS = 7

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.part_motion import Oscillator
 from poise.mismatch.part_wrench import (
     AXIS,
@@ -23,6 +23,7 @@ from poise.mismatch.part_wrench import (
     spin_square,
 )
 from poise.mismatch.world import World
+from poise.types import Array
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 

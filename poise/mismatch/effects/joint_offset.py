@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, motion_response
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.load import motion_response
 from poise.mismatch.world import World
+from poise.types import Array
 
 
 class JointOffset(Effect):
