@@ -17,12 +17,8 @@ from std_srvs.srv import Trigger
 
 from poise.errors import InputError, PoiseError
 from poise.files import write_whole
-from poise.geometry import rotation_of_quaternion
-from poise.mismatch.diagnosis import Diagnosis, diagnose
-from poise.mismatch.joining import joined
-from poise.mismatch.live import Window, effects_called, examine
-from poise.mismatch.model import NominalModel, dump_model, load_model
-from poise.mismatch.reading import read_world
+from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
+from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_world
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -66,7 +62,7 @@ class MismatchDiagnoser(Node):
         self._period, self._share = values["period"], values["share"]
         self._keep = Path(values["keep"]) if values["keep"] else None
         self._save = Path(values["save"]) if values["save"] else None
-        self._window = Window(values["window"])
+        self._window = LiveWindow(values["window"])
         self._full: float = values["window"]
         self._busy, self._due, self._seen = False, 0.0, 0
         self._count, self._spent = 0, 0.0

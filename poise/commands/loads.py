@@ -9,10 +9,8 @@ import typer
 
 from poise.assembly import AccelerationLimits, Analysis, acceleration_limits
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.geometry import Pose
-from poise.mismatch.known_load import loads_about
-from poise.mismatch.model import load_model
-from poise.types import Array
+from poise.mismatch.application import loads_about
+from poise.mismatch.reading import load_model
 
 LoadOption = Annotated[
     str | None,

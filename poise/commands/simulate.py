@@ -11,10 +11,8 @@ from rich.table import Table
 
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.components import absent, effect_of
-from poise.mismatch.model import NominalModel, load_model
-from poise.mismatch.reading import read_world
-from poise.mismatch.running import Run, run_planned, run_recorded
+from poise.mismatch.application import Run, run_planned, run_recorded
+from poise.mismatch.reading import NominalModel, absent, effect_of, load_model, read_world
 from poise.recording import open_recording, rewrite_recording, write_recording
 from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import read_trajectory

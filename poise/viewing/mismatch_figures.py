@@ -4,10 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from poise.mismatch.diagnosis import Examination
-from poise.mismatch.unknown import Shape, spoken
-from poise.mismatch.where import Window
-from poise.types import Array
+from poise.mismatch.answer import Examination, ResidualWindow
+from poise.mismatch.inference import Shape, spoken
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
 from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals
 
@@ -18,7 +16,7 @@ WHOLE = 0.9
 TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
 
 
-def marked(examination: Examination) -> tuple[Window, ...]:
+def marked(examination: Examination) -> tuple[ResidualWindow, ...]:
     """The windows worth a mark: none where nothing was found."""
     return examination.where if examination.findings or examination.unknown else ()
 

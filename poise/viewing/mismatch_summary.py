@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.diagnosis import Diagnosis, Examination
-from poise.mismatch.search import left_over, names
-from poise.mismatch.unknown import spoken
-from poise.mismatch.wording import channel_names
-from poise.types import Array, Mask
+from poise.mismatch.answer import Diagnosis, Examination
+from poise.mismatch.inference import left_over, names, spoken
+from poise.mismatch.recorded import channel_names
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
 

@@ -12,14 +12,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.inertia import InertialParameters
-from poise.mismatch.calibration import payload_steps
 from poise.mismatch.effects import effect_named
-from poise.mismatch.kinematics import Motion, world_from_motion
-from poise.mismatch.model import NominalModel, Tolerance
-from poise.mismatch.problem import Part, Problem
-from poise.mismatch.reading import world_from_streams
-from poise.mismatch.sanity import without_spikes
-from poise.mismatch.world import World
+from poise.mismatch.inference import Part, Problem, payload_steps
+from poise.mismatch.reading import Motion, NominalModel, Tolerance, world_from_motion
+from poise.mismatch.reading.recordings import world_from_streams
+from poise.mismatch.reading.sanity import without_spikes
+from poise.mismatch.recorded import World
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory

@@ -7,10 +7,10 @@ import pytest
 import yaml
 from cases import Case, make_case
 
-from poise.mismatch.diagnosis import Diagnosis, diagnose, with_components
-from poise.mismatch.model import dump_model, parse_model
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.answer import Diagnosis, diagnose
+from poise.mismatch.answer.diagnosis import with_components
+from poise.mismatch.reading import dump_model, parse_model
+from poise.mismatch.recorded import World
 
 # Effect, and which of its numbers is the size that is compared, within what share of it.
 PLAIN = {

@@ -8,13 +8,11 @@ import pytest
 from cases import make_case
 
 from poise.inertia import identify
-from poise.mismatch import felt_vibration
-from poise.mismatch.diagnosis import Diagnosis, Finding, diagnose
-from poise.mismatch.effects import effect_named
+from poise.mismatch.answer import Diagnosis, Finding, diagnose
+from poise.mismatch.effects import accelerometer_input, effect_named
 from poise.mismatch.effects.external_vibration import ExternalVibration
-from poise.mismatch.load import load_wrench
-from poise.mismatch.model import parse_model
-from poise.mismatch.reading import read_world
+from poise.mismatch.reading import parse_model, read_world
+from poise.mismatch.recorded import load_wrench
 from poise.recording import open_recording
 from poise.types import Array
 
@@ -70,8 +68,8 @@ def test_the_arm_shakes_at_forty_hertz_and_the_accelerometers_clock_is_late(free
 
 
 def test_only_the_shaken_run_has_blows(free: Diagnosis, shaken: Diagnosis) -> None:
-    assert felt_vibration.blows_in(free.main.problem.world) == []
-    blows = felt_vibration.blows_in(shaken.main.problem.world)
+    assert accelerometer_input.blows_in(free.main.problem.world) == []
+    blows = accelerometer_input.blows_in(shaken.main.problem.world)
     # Where the raw accelerometer jumps by more than 5 m/s2 from one sample to the next.
     imu = open_recording(BAGS / "kuka_vibration.mcap").imu()
     start = shaken.main.problem.world.start

@@ -12,7 +12,7 @@ from poise.types import Array
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What model.yaml declares good enough; see the issue and `poise.mismatch.model`."""
+    """What model.yaml declares good enough; see the issue and `poise.mismatch.reading.nominal_model`."""
 
     mass: float = 0.01
     com: float = 0.002

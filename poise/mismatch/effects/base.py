@@ -16,8 +16,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.recorded import World
 
 Layer = Literal["kinematics", "load", "event", "sensor", "friction"]
 Values = Mapping[str, float]
@@ -95,7 +94,7 @@ class Effect(ABC):
         transfers: its parameters hold in another recording; False for events.
         made_of: names of effects that it is together with more; where the more is nothing, these are the answer.
         direct: readings show it by themselves (`shown`), whatever the model says: it does not compete with others.
-        widens: name of the calibration group (poise.mismatch.calibration) that it is the excess of, or "".
+        widens: name of the calibration group (poise.mismatch.inference.calibration) that it is the excess of, or "".
     """
 
     name: ClassVar[str]

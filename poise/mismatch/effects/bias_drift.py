@@ -4,9 +4,7 @@ import numpy as np
 
 from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.recorded import World, directed
 
 
 class BiasDrift(Effect):

@@ -4,13 +4,9 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.load import forces_at
-from poise.mismatch.starts import bursts
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.starts import bursts
+from poise.mismatch.recorded import World, cross, directed, forces_at
 
 POINT = ("x", "y", "z")
 KNOTS = 7

@@ -4,11 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch import felt_vibration as felt
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.part_wrench import shaking, shaking_columns
-from poise.mismatch.world import World
-from poise.types import Array, Mask
+import poise.mismatch.effects.accelerometer_input as felt
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.part_wrench import shaking, shaking_columns
+from poise.mismatch.recorded import World
 
 PHASES = ("sine", "cosine")
 LOWEST = 2.0

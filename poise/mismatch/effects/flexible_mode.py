@@ -4,10 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.part_motion import Oscillator
-from poise.mismatch.part_wrench import (
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.part_motion import Oscillator
+from poise.mismatch.effects.part_wrench import (
     AXIS,
     PLACE,
     REACH,
@@ -22,8 +21,7 @@ from poise.mismatch.part_wrench import (
     specific_at,
     spin_square,
 )
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.recorded import World, cross
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 

@@ -2,11 +2,8 @@
 
 import numpy as np
 
-from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.recorded import World, cross, directed
 
 NAMES = ("momentum_x", "momentum_y", "momentum_z")
 

@@ -6,11 +6,10 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.inertia.parameters import symmetric
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.part_motion import Oscillator
-from poise.mismatch.part_wrench import specific_at
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.part_motion import Oscillator
+from poise.mismatch.effects.part_wrench import specific_at
+from poise.mismatch.recorded import World, cross
 
 MOST_ROUNDS = 8
 SETTLED = 2e-5

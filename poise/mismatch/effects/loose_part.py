@@ -7,12 +7,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
-from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.knocks import Knocks, find_knocks
-from poise.mismatch.noise import white_level
-from poise.mismatch.part_motion import between_stops, travelled
-from poise.mismatch.part_wrench import (
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.knocks import Knocks, find_knocks
+from poise.mismatch.effects.part_motion import between_stops, travelled
+from poise.mismatch.effects.part_wrench import (
     AXIS,
     PLACE,
     REACH,
@@ -25,8 +23,7 @@ from poise.mismatch.part_wrench import (
     sliding_wrench,
     specific_at,
 )
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.recorded import World, cross, white_level
 
 BLURS = (15, 5, 2)
 """Samples."""

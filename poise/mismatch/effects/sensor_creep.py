@@ -2,10 +2,9 @@
 
 from collections.abc import Iterable
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.part_motion import crept
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.part_motion import crept
+from poise.mismatch.recorded import World
 
 
 class SensorCreep(Effect):

@@ -4,13 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.noise import white_level
-from poise.mismatch.part_motion import hanging
-from poise.mismatch.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of, specific_at
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.part_motion import hanging
+from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of, specific_at
+from poise.mismatch.recorded import World, cross, white_level
 
 
 class Slosh(Effect):

@@ -4,11 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
-from poise.types import Array
+from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.recorded import World, cross, directed
 
 POINT = ("x", "y", "z")
 FORCE = ("force_x", "force_y", "force_z")
