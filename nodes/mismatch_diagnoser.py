@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from poise.errors import InputError, PoiseError
 from poise.files import write_whole
+from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
 from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_world
 from poise.nodes.jobs import Jobs, run_with_jobs

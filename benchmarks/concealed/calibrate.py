@@ -17,8 +17,7 @@ from benchmarks.concealed.seals import open_seals
 from benchmarks.concealed.table import brier, calibration_error
 from benchmarks.concealed.tally import judge
 from poise.mismatch.answer import MOST_SURE, Basis
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 WIDTH = 3.0
 """One sigma of the weights' prior: what is never seen must not become infinitely sure."""

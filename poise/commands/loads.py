@@ -9,8 +9,10 @@ import typer
 
 from poise.assembly import AccelerationLimits, Analysis, acceleration_limits
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose
 from poise.mismatch.application import loads_about
 from poise.mismatch.reading import load_model
+from poise.types import Array
 
 LoadOption = Annotated[
     str | None,

@@ -6,6 +6,7 @@ from matplotlib.figure import FigureBase
 
 from poise.mismatch.answer import Examination, ResidualWindow
 from poise.mismatch.inference import Shape, spoken
+from poise.types import Array
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
 from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals
 

@@ -8,6 +8,7 @@ import numpy as np
 from poise.mismatch.answer import Diagnosis, Examination
 from poise.mismatch.inference import left_over, names, spoken
 from poise.mismatch.recorded import channel_names
+from poise.types import Array, Mask
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
 

@@ -11,6 +11,7 @@ from poise.mismatch.answer import Diagnosis, diagnose
 from poise.mismatch.answer.diagnosis import with_components
 from poise.mismatch.reading import dump_model, parse_model
 from poise.mismatch.recorded import World
+from poise.types import Array
 
 # Effect, and which of its numbers is the size that is compared, within what share of it.
 PLAIN = {

@@ -34,6 +34,7 @@ from poise.mismatch.inference import (
 )
 from poise.mismatch.reading import Component, NominalModel, with_components, without
 from poise.mismatch.recorded import World, channel_names
+from poise.types import Array, Mask
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
 

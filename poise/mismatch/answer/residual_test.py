@@ -10,8 +10,7 @@ import numpy as np
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import Problem, hats
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 MATERIAL = 0.05
 """Excess energy of the residual, relative to the noise's, from which it is no longer noise."""

@@ -7,8 +7,7 @@ import numpy as np
 
 from poise.mismatch.inference import Noise, hats
 from poise.mismatch.recorded import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 STRETCH = 0.25
 """s over which the energy of a residual is averaged."""

@@ -11,8 +11,7 @@ from poise.inertia.parameters import InertialParameters, frame_change
 from poise.mismatch.effects import ROWS
 from poise.mismatch.inference import SIGMAS, payload_steps
 from poise.mismatch.reading import NominalModel
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 CAUTION = 2.0
 """Sigmas by which mass and centre of mass are varied."""

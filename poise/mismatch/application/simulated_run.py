@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from poise.geometry import STANDARD_GRAVITY
 from poise.mismatch.reading import Motion, NominalModel, base_joints, effort_track, with_components, world_from_motion
 from poise.mismatch.recorded import World
 from poise.recording import JointStream, Stream, WrenchStream

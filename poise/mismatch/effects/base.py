@@ -17,6 +17,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from poise.mismatch.recorded import World
+from poise.types import Array
 
 Layer = Literal["kinematics", "load", "event", "sensor", "friction"]
 Values = Mapping[str, float]

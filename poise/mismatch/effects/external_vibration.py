@@ -5,9 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 import poise.mismatch.effects.accelerometer_input as felt
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.part_wrench import shaking, shaking_columns
 from poise.mismatch.recorded import World
+from poise.types import Array, Mask
 
 PHASES = ("sine", "cosine")
 LOWEST = 2.0

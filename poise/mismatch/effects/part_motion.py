@@ -5,9 +5,8 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg.lapack import dtbtrs
 
-from poise.mismatch.recorded import cross
-
-Array = NDArray[np.float64]
+from poise.geometry import cross
+from poise.types import Array
 
 MOST_KNOCKS = 2000
 SWING_STEP, LONGEST_STEP = 0.24, 0.03

@@ -4,8 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.recorded import World
+from poise.types import Array, Mask
 
 GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
 HIGHEST = 1e4

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from poise.mismatch.recorded import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 
 def scaled(world: World, residual: Array) -> Array:

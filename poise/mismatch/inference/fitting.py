@@ -16,8 +16,7 @@ from poise.mismatch.inference.evidence import Beside, Frame, flat_width, laplace
 from poise.mismatch.inference.linearised import SCALES, STEP, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.inference.problem import Part, Problem
 from poise.mismatch.recorded import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 MOST_STEPS = 12
 HOPE = 5.0

@@ -7,8 +7,7 @@ import numpy as np
 from poise.mismatch.inference.coarse import thinned
 from poise.mismatch.inference.fitting import Fit, fit
 from poise.mismatch.inference.problem import Part, Problem
-
-Array = NDArray[np.float64]
+from poise.types import Array, Mask
 
 STEPS = 4
 """Of a fit without the held-out samples; it starts from one with them."""

@@ -8,8 +8,7 @@ from poise.mismatch.effects import Effect, Parameter, Values
 from poise.mismatch.inference.evidence import Frame
 from poise.mismatch.inference.problem import Part, Problem
 from poise.mismatch.recorded import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 SCALES = (1 / 3, 1.0, 3.0)
 STEP = 1e-4

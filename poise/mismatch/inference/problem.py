@@ -14,8 +14,7 @@ from poise.mismatch.inference.evidence import Frame
 from poise.mismatch.inference.noise import Noise, fit_noise
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import World, lattice
-
-Array = NDArray[np.float64]
+from poise.types import Array, Mask
 
 BREAK = 2.0
 """s without a sample after which a recording begins anew."""

@@ -8,6 +8,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.recorded import World
+from poise.types import Mask
 
 PAUSE = 5.0
 """s between the last sample of a recording and the first of the next, on the joint clock."""

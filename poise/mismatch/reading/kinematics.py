@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, World, cross, load_wrench
-from poise.robot import STANDARD_GRAVITY, BaseMotion, RobotModel, inertia_of
-from poise.robot.kinematics import state
+from poise.geometry import STANDARD_GRAVITY, cross
+from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, World, load_wrench
+from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
+from poise.types import Array
 
 STILL = 1e-3
 """m/s or rad/s below which a base rests."""

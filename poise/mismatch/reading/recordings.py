@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.identification import find_kinematics, recorded_gravity
-from poise.inertia.imu import find_imu
 from poise.mismatch.effects import LOWEST, slow_part
 from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, world_from_motion
 from poise.mismatch.reading.nominal_model import NominalModel

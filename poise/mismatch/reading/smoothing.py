@@ -7,9 +7,8 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.clocks import regular
-from poise.robot.splines import Grid, SplineFit
-
-Array = NDArray[np.float64]
+from poise.robot import Grid, SplineFit
+from poise.types import Array, Mask
 
 GAP = 6.0
 """Median sample intervals that make a gap."""

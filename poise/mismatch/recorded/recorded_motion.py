@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from poise.mismatch.recorded.load_wrench import load_wrench
-
-Array = NDArray[np.float64]
+from poise.types import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,6 @@ from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
 from poise.mismatch.reading import Motion, world_from_motion
-from poise.robot import STANDARD_GRAVITY
 from poise.simulation import FourierTrajectory, JointMotion, World
 
 DOWN = np.array([0.0, 0.0, -STANDARD_GRAVITY])
