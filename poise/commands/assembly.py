@@ -33,7 +33,7 @@ from poise.commands.output import console, number_for_json, refuse_folder, warn,
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
 from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.robot.motion import Array
+from poise.types import Array
 
 SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
 JsonOption = Annotated[

@@ -26,8 +26,8 @@ from poise.excitation.plan_file import write_plan
 from poise.inertia.parameters import about_com_jacobian
 from poise.inertia.parts import Parts
 from poise.robot import RobotModel
-from poise.robot.motion import Array
 from poise.simulation import home
+from poise.types import Array
 
 RobotArgument = Annotated[
     str, typer.Argument(metavar="ROBOT", help="A URDF file, or fr3, xarm7 or ridgeback_ur10.", show_default=False)

@@ -12,8 +12,7 @@ from poise.commands.segment import write_picture
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.recording import open_recording
-from poise.robot.model import find_urdf
-from poise.robot.urdf import read_urdf
+from poise.robot import find_urdf, read_urdf
 from poise.scanning import Scan, ScanOptions, Sweep, SweepOptions, Transform, read_sweep
 from poise.scanning import scan as scan_views
 from poise.scanning.cloud_files import scan_ply

@@ -14,9 +14,7 @@ from poise.errors import ErrorCode, InputError
 from poise.mismatch.application import Run, run_planned, run_recorded
 from poise.mismatch.reading import NominalModel, absent, effect_of, load_model, read_world
 from poise.recording import open_recording, rewrite_recording, write_recording
-from poise.robot import RobotModel
-from poise.robot.model import find_urdf
-from poise.robot.urdf import read_urdf
+from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import read_trajectory
 
 PLANNED = (".csv", ".yaml", ".yml")

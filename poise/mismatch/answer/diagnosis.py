@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.answer.belief import MOST_SURE, Belief, beliefs, sureness_of_none
 from poise.mismatch.answer.calibration_estimate import Small, within
@@ -35,8 +34,8 @@ from poise.mismatch.inference import (
 )
 from poise.mismatch.reading import Component, NominalModel, with_components, without
 from poise.mismatch.recorded import World, channel_names
+from poise.types import Array, Mask
 
-Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "unknown", "mixed"]
 
 
@@ -102,7 +101,7 @@ class Examination:
     rest: Leftover
     where: tuple[ResidualWindow, ...]
     small: tuple[Small, ...]
-    last: NDArray[np.bool_]
+    last: Mask
     proof: HeldOut
 
 
@@ -157,7 +156,7 @@ class Diagnosis:
 def diagnose(
     world: World,
     model: NominalModel,
-    last: NDArray[np.bool_] | None = None,
+    last: Mask | None = None,
     library: Sequence[Effect] | None = None,
 ) -> Diagnosis:
     """Hold a recording against the nominal model.
@@ -181,12 +180,12 @@ def diagnose(
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
 
 
-def _at_stamps(world: World, last: NDArray[np.bool_], seconds: Array) -> NDArray[np.bool_]:
+def _at_stamps(world: World, last: Mask, seconds: Array) -> Mask:
     """A mask of wrench samples at the stamps of another signal."""
     return last if seconds is world.seconds else np.asarray(seconds >= world.seconds[int(np.argmax(last))])
 
 
-def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequence[Effect] | None) -> Examination:
+def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> Examination:
     seen, looked = problem, problem
     if last is not None:
         # The last of several recordings is not so much as looked at before the proof.

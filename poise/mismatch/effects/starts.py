@@ -3,11 +3,9 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.recorded import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 
 def scaled(world: World, residual: Array) -> Array:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, Parameter, Values
 from poise.mismatch.inference.damping import Damping
@@ -17,8 +16,7 @@ from poise.mismatch.inference.evidence import Beside, Frame, flat_width, laplace
 from poise.mismatch.inference.linearised import SCALES, STEP, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.inference.problem import Part, Problem
 from poise.mismatch.recorded import World
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 MOST_STEPS = 12
 HOPE = 5.0
