@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 
@@ -32,6 +31,7 @@ from poise.recording.blocks import (
 )
 from poise.recording.chunks import ChunkHead, indexed_head, read_head
 from poise.recording.ending import DATA_END_SIZE, Ending, read_ending
+from poise.types import Mask
 
 RUN_SIZE = 4 << 20  # messages outside of chunks are read in runs of about this size
 METADATA_CHECK = "crc32"  # the key under which our writer vouches for a metadata record, which mcap does not
@@ -336,7 +336,7 @@ class _Scan:
         sentence = f"the chunk at byte {head.record} {what}, logged from {head.start} to {head.end} ns, are lost"
         self._lose(kind, head.record, sentence, (head.start, head.end), messages)
 
-    def _lose_messages(self, block: Block, which: npt.NDArray[np.bool_], what: str) -> None:
+    def _lose_messages(self, block: Block, which: Mask, what: str) -> None:
         times = block.messages["log_time"][which]
         span = (int(times.min()), int(times.max()))
         count = int(which.sum())
