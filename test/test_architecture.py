@@ -19,7 +19,7 @@ LINKS = ("nodes", "fake_robots")
 
 # From the top to the bottom; an arrow may only point to its own level or below, and rooms never form a circle.
 LEVELS = (
-    {"cli", "commands"},
+    {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation"},
     {"placement", "mismatch", "excitation"},
@@ -28,7 +28,7 @@ LEVELS = (
     {"robot"},
     {"shape", "recording", "force_torque"},
     {"geometry"},
-    {"types", "errors", "files", "__init__"},
+    {"types", "errors", "files"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 
