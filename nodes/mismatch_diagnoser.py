@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
@@ -18,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from poise.errors import InputError, PoiseError
 from poise.files import write_whole
+from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
 from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.jobs import Jobs, run_with_jobs
@@ -25,7 +25,6 @@ from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.recording import open_recording
-from poise.recording.decoding import rotation_from_quaternion
 from poise.recording.streams import stamp_of
 from poise_msgs.msg import MismatchReport
 
@@ -109,7 +108,7 @@ class MismatchDiagnoser(Node):
 
     def _on_odometry(self, message: Odometry) -> None:
         turn, place = message.pose.pose.orientation, message.pose.pose.position
-        rotation = rotation_from_quaternion(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0]
+        rotation = rotation_of_quaternion([turn.x, turn.y, turn.z, turn.w])
         frames = (message.header.frame_id, message.child_frame_id)
         self._window.add_odometry(stamp_of(message), frames, rotation, (place.x, place.y, place.z))
 

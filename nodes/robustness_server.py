@@ -13,11 +13,12 @@ from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from poise.assembly import Analysis, Pose, RigidObject, assess, load_scene, plan_disassembly, robustness_map
+from poise.assembly import Analysis, RigidObject, assess, load_scene, plan_disassembly, robustness_map
 from poise.assembly.analysis import unstable
 from poise.assembly.changes import analysis_after
 from poise.assembly.deadline import Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.geometry import Pose
 from poise.nodes.assembly_markers import cleared, map_markers, mechanism_markers, scene_markers
 from poise.nodes.assembly_message import (
     assembly_message,

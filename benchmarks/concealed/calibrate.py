@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.concealed.run import ANSWERS
@@ -17,9 +16,8 @@ from benchmarks.concealed.score import read_json
 from benchmarks.concealed.seals import open_seals
 from benchmarks.concealed.table import brier, calibration_error
 from benchmarks.concealed.tally import judge
-from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis
-
-Array = NDArray[np.float64]
+from poise.mismatch.answer import MOST_SURE, Basis
+from poise.types import Array
 
 WIDTH = 3.0
 """One sigma of the weights' prior: what is never seen must not become infinitely sure."""

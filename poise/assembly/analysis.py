@@ -12,7 +12,6 @@ from poise.assembly.coulomb import CoulombBlock
 from poise.assembly.deadline import NEVER_LATE, Deadline
 from poise.assembly.equilibrium import Standing, has_self_stress, stability
 from poise.assembly.gauge import GaugeProgram
-from poise.assembly.geometry import Array
 from poise.assembly.graph import Block, Structure
 from poise.assembly.limit import limit_program
 from poise.assembly.patch import PatchProgram
@@ -20,6 +19,7 @@ from poise.assembly.pushes import Loads
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.assembly.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
+from poise.types import Array
 
 STILL = 1e-4
 """Bodies slower than this share of the fastest are at rest in a mechanism."""

@@ -5,8 +5,8 @@ import numpy as np
 from poise.assembly.block import BlockGeometry
 from poise.assembly.equilibrium import cone_rows, moving_into_cones, stacked
 from poise.assembly.gauge import Gauge, GaugeProgram
-from poise.assembly.geometry import Array
 from poise.assembly.solvers import TOLERANCE, Cones
+from poise.types import Array
 
 
 def limit_program(geometry: BlockGeometry, tolerance: float = TOLERANCE) -> GaugeProgram:

@@ -6,11 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.geometry import Array, Pose
 from poise.assembly.shapes import Shape
 from poise.errors import ErrorCode, InputError
-
-STANDARD_GRAVITY = 9.80665
+from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)

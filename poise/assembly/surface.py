@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.assembly.geometry import Array, plane_axes
 from poise.assembly.graph import Structure
 from poise.assembly.placed import triangle_areas
+from poise.geometry import plane_axes
+from poise.types import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ def sample_surface(structure: Structure, count: int) -> SurfacePoints:
     return SurfacePoints(place[which][free], points[free], -normal[which][free])
 
 
-def _covered(structure: Structure, points: Array, place: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _covered(structure: Structure, points: Array, place: NDArray[np.int64]) -> Mask:
     """(N,) whether another body touches the surface there."""
     covered = np.zeros(len(points), dtype=bool)
     for interface in structure.interfaces:

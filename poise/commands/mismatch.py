@@ -67,7 +67,7 @@ def mismatch(
     separate: SeparateOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Say where a recording and the simulation part, what physics was left out, and prove it on held-out samples.
+    """Identify the physical effects that a recording shows and the simulation lacks.
 
     The recordings need the wrench, joint_states and robot_description (or tf up to the sensor); odom and joint efforts
     are used where they are. Effects of a library compete by evidence, with small calibration errors always allowed

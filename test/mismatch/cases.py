@@ -9,7 +9,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poise.inertia import InertialParameters
@@ -22,8 +21,8 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory
+from poise.types import Array
 
-Array = NDArray[np.float64]
 DURATION = 35.0
 ROBOT = RobotModel.from_file("ridgeback_ur10")
 ARM_HOME = np.array([0.0, 0.0, 0.0, 0.0, -1.9, 2.0, -1.67, -1.5708, 0.0])

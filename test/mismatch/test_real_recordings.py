@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import make_case
-from numpy.typing import NDArray
 
 from poise.inertia import identify
 from poise.mismatch.answer import Diagnosis, NamedEffect, diagnose
@@ -15,6 +14,7 @@ from poise.mismatch.effects.external_vibration import ExternalVibration
 from poise.mismatch.reading import parse_model, read_recording
 from poise.mismatch.recorded import load_wrench
 from poise.recording import open_recording
+from poise.types import Array
 
 BAGS = Path(__file__).parents[2] / "bags"
 STATIC = {"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}}
@@ -89,7 +89,7 @@ def test_a_felt_vibration_is_the_payload_carried_along_by_it() -> None:
     """Thesis eq. 2.97 with the shaking in the acceleration; the accelerometer's clock late by three samples."""
     recorded = make_case(3, duration=10.0).recorded()
 
-    def shaken_at(seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shaken_at(seconds: Array) -> Array:
         at = seconds[:, None]
         return np.asarray(np.sin(2 * np.pi * 10.0 * at + np.arange(3)) * np.exp(-(((at - 5.0) / 2.0) ** 2)))
 

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.concealed.changes.base import Change
 from benchmarks.concealed.changes.chain import Bias, Clock, Coarse, Encoders, Gain, Turned
 from benchmarks.concealed.changes.weight import OtherPayload
-from benchmarks.concealed.payload import Array
+from poise.types import Array
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs, probability_of_none
 from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
@@ -33,10 +32,10 @@ from poise.mismatch.inference import (
     tail,
     wrench_problem,
 )
-from poise.mismatch.reading import ModelEffect, NominalModel, with_model_effects, without
-from poise.mismatch.recorded import RecordedMotion, channel_names
+from poise.mismatch.reading import Component, NominalModel, with_components, without
+from poise.mismatch.recorded import World, channel_names
+from poise.types import Array, Mask
 
-Array = NDArray[np.float64]
 Verdict = Literal["none", "named", "unknown", "mixed"]
 
 
@@ -101,9 +100,9 @@ class SignalDiagnosis:
     unknown: UnknownPhysics | None
     rest: ResidualTest
     where: tuple[ResidualWindow, ...]
-    small: tuple[CalibrationEstimate, ...]
-    last: NDArray[np.bool_]
-    proof: HeldOutProof
+    small: tuple[Small, ...]
+    last: Mask
+    proof: HeldOut
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +156,7 @@ class Diagnosis:
 def diagnose(
     recorded: RecordedMotion,
     model: NominalModel,
-    last: NDArray[np.bool_] | None = None,
+    last: Mask | None = None,
     library: Sequence[Effect] | None = None,
 ) -> Diagnosis:
     """Hold a recording against the nominal model.
@@ -181,12 +180,12 @@ def diagnose(
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
 
 
-def _at_stamps(recorded: RecordedMotion, last: NDArray[np.bool_], seconds: Array) -> NDArray[np.bool_]:
+def _at_stamps(world: World, last: Mask, seconds: Array) -> Mask:
     """A mask of wrench samples at the stamps of another signal."""
     return last if seconds is recorded.seconds else np.asarray(seconds >= recorded.seconds[int(np.argmax(last))])
 
 
-def _examined(problem: Problem, last: NDArray[np.bool_] | None, library: Sequence[Effect] | None) -> SignalDiagnosis:
+def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> Examination:
     seen, looked = problem, problem
     if last is not None:
         # The last of several recordings is not so much as looked at before the proof.

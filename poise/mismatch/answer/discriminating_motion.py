@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.answer.diagnosis import NamedEffect, SignalDiagnosis
 from poise.mismatch.effects import Effect, effect_named
@@ -18,8 +17,6 @@ from poise.mismatch.reading import Motion, base_joints, recorded_from_motion
 from poise.mismatch.recorded import RecordedMotion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
-
-Array = NDArray[np.float64]
 
 RATE = 100.0
 """Hz of the wrench along a designed motion."""

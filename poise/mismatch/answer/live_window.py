@@ -16,8 +16,6 @@ from poise.mismatch.effects import Effect, all_effects, effect_named
 from poise.mismatch.reading import NominalModel, ReadRecording, read_recording
 from poise.recording import JointStream, PoseStream, Stream, WrenchStream, open_recording, write_recording
 
-Array = NDArray[np.float64]
-
 MOST_SAMPLES = 200_000
 """Of each topic that are kept at the most: a window of a minute at more than 3 kHz."""
 LEAST_WINDOW = 8.0

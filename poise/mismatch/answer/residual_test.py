@@ -7,12 +7,10 @@ The gate is absolute: the residual is held against the size that sensor noise ma
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
-from poise.mismatch.inference import Problem, linear_bspline_basis
-
-Array = NDArray[np.float64]
+from poise.mismatch.inference import Problem, hats
+from poise.types import Array
 
 MATERIAL = 0.05
 """Excess energy of the residual, relative to the noise's, from which it is no longer noise."""

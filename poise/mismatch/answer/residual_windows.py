@@ -4,12 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.inference import SignalNoise, linear_bspline_basis
-from poise.mismatch.recorded import RecordedMotion
-
-Array = NDArray[np.float64]
+from poise.mismatch.inference import Noise, hats
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 STRETCH = 0.25
 """s over which the energy of a residual is averaged."""

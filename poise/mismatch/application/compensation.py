@@ -7,13 +7,11 @@ without the effects, these are computed anew for it, and so on; each round chang
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.reading import NominalModel, absent, effect_of, identified, read_recording, with_model_effects
 from poise.mismatch.recorded import load_wrench
 from poise.recording import Recording, WrenchStream
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 ROUNDS = 15
 SETTLED = 1e-7

@@ -3,16 +3,15 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.assembly import Pose, RigidObject
+from poise.assembly import RigidObject
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
 from poise.inertia.parameters import InertialParameters, frame_change
 from poise.mismatch.effects import ROWS
 from poise.mismatch.inference import SIGMAS, payload_steps
 from poise.mismatch.reading import NominalModel
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 CAUTION = 2.0
 """Sigmas by which mass and centre of mass are varied."""

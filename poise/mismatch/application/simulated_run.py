@@ -4,22 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.reading import (
-    Motion,
-    NominalModel,
-    base_joints,
-    effort_track,
-    recorded_from_motion,
-    with_model_effects,
-)
-from poise.mismatch.recorded import RecordedMotion
+from poise.geometry import STANDARD_GRAVITY
+from poise.mismatch.reading import Motion, NominalModel, base_joints, effort_track, with_components, world_from_motion
+from poise.mismatch.recorded import World
 from poise.recording import JointStream, Stream, WrenchStream
-from poise.robot import STANDARD_GRAVITY, RobotModel
+from poise.robot import RobotModel
 from poise.simulation import Trajectory
-
-Array = NDArray[np.float64]
 
 NOISE = (0.1, 0.005)
 """N and N m: where a model states no noise, an FT-300's (thesis table 3.2, moderate)."""

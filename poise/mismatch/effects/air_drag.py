@@ -4,9 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, EffectParameter, Values
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
-from poise.mismatch.recorded import RecordedMotion, cross, forces_at
+from poise.mismatch.recorded import World, forces_at
+from poise.types import Array
 
 
 class AirDrag(Effect):

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import World
+from poise.types import Array
 
-Array = NDArray[np.float64]
 Layer = Literal["kinematics", "load", "event", "sensor", "friction"]
 Values = Mapping[str, float]
 

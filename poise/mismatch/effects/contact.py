@@ -4,9 +4,11 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, EffectParameter, Values
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.starts import bursts
-from poise.mismatch.recorded import RecordedMotion, cross, directed, forces_at
+from poise.mismatch.recorded import World, directed, forces_at
+from poise.types import Array
 
 POINT = ("x", "y", "z")
 KNOTS = 7

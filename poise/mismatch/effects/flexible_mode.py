@@ -4,7 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, EffectParameter, Values
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import (
     AXIS,
@@ -21,7 +22,8 @@ from poise.mismatch.effects.part_wrench import (
     specific_at,
     spin_square,
 )
-from poise.mismatch.recorded import RecordedMotion, cross
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 

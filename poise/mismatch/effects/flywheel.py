@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion, cross, directed
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, directed
+from poise.types import Array
 
 NAMES = ("momentum_x", "momentum_y", "momentum_z")
 

@@ -3,11 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.recorded import EffortTrack, RecordedMotion
-
-Array = NDArray[np.float64]
+from poise.mismatch.recorded import EffortTrack, World
+from poise.types import Array
 
 CREEPING = 0.005
 """rad/s about which a joint's sense of motion changes."""

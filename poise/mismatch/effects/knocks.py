@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.effects.part_motion import knock_acceleration
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 LOUD = 8.0
 """Jumps of the force over its noise that are knocks."""

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
-from poise.mismatch.effects.base import Array, Effect, EffectParameter, Values
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.knocks import Knocks, find_knocks
 from poise.mismatch.effects.part_motion import between_stops, travelled
 from poise.mismatch.effects.part_wrench import (
@@ -23,7 +24,8 @@ from poise.mismatch.effects.part_wrench import (
     sliding_wrench,
     specific_at,
 )
-from poise.mismatch.recorded import RecordedMotion, cross, white_level
+from poise.mismatch.recorded import World, white_level
+from poise.types import Array
 
 BLURS = (15, 5, 2)
 """Samples."""

@@ -1,13 +1,12 @@
 """How a part moves that hangs on springs or rattles between stops: exact on stamps that need not be even."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg.lapack import dtbtrs
 
-from poise.mismatch.recorded import cross
-
-Array = NDArray[np.float64]
+from poise.geometry import cross
+from poise.types import Array
 
 MOST_KNOCKS = 2000
 SWING_STEP, LONGEST_STEP = 0.24, 0.03

@@ -3,11 +3,11 @@
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from poise.mismatch.recorded import RecordedMotion, cross
-
-Array = NDArray[np.float64]
+from poise.geometry import cross
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 PLACE = ("x", "y", "z")
 REACH = 0.5

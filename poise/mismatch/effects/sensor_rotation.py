@@ -5,8 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poise.mismatch.effects.base import Array, Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion, cross
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 NAMES = ("rotation_x", "rotation_y", "rotation_z")
 

@@ -3,11 +3,9 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.recorded import RecordedMotion
-
-Array = NDArray[np.float64]
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 
 def scaled(recorded: RecordedMotion, residual: Array) -> Array:

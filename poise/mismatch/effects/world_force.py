@@ -4,8 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion, cross, directed
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, directed
+from poise.types import Array
 
 POINT = ("x", "y", "z")
 FORCE = ("force_x", "force_y", "force_z")

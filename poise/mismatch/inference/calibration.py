@@ -7,16 +7,14 @@ effect (`widens`) is the same columns with a wide prior: then the tolerance itse
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from poise.inertia.parameters import InertialParameters, about_com_jacobian
 from poise.inertia.regressor import regressor
 from poise.mismatch.effects import joint_columns, rotation_columns
 from poise.mismatch.reading import Tolerance
-from poise.mismatch.recorded import RecordedMotion, at_times
-
-Array = NDArray[np.float64]
+from poise.mismatch.recorded import World, at_times
+from poise.types import Array
 
 SIGMAS = 0.5
 """One sigma of the prior in units of the tolerance: two sigma is what is declared good enough."""

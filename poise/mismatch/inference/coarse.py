@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from poise.mismatch.inference.noise import NoiseColour, SignalNoise
 from poise.mismatch.inference.problem import Problem, SampleBlocks
 
-Array = NDArray[np.float64]
-
 TOGETHER = 5
 """Samples that become one. Odd, so that one of them is in the middle."""
 ENOUGH = 500

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-Array = NDArray[np.float64]
+from poise.types import Array, Mask
 
 ROUNDING = 1e-11
 """Relative, of sums over all samples."""
@@ -139,9 +138,7 @@ def flat_width(information: Array) -> float:
     return float(np.minimum(0.5 * np.log(2.0 * np.pi / np.maximum(strength, 1e-9)), 0.0).sum())
 
 
-def laplace_evidence(
-    frame: WhitenedRegression, beside: ProjectedColumns, precision: Array, mean: Array, linear: NDArray[np.bool_]
-) -> float:
+def laplace_evidence(frame: Frame, beside: Beside, precision: Array, mean: Array, linear: Mask) -> float:
     """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
     if not len(linear):
         return frame.log_evidence

@@ -9,16 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.damping import Damping
 from poise.mismatch.inference.evidence import ProjectedColumns, WhitenedRegression, flat_width, laplace_evidence
 from poise.mismatch.inference.linearised import SCALES, STEP, Linearised, columns_of, linearised, slope_of
-from poise.mismatch.inference.problem import FittedEffect, Problem
-from poise.mismatch.recorded import RecordedMotion
-
-Array = NDArray[np.float64]
+from poise.mismatch.inference.problem import Part, Problem
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 MOST_STEPS = 12
 HOPE = 5.0

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.inference.coarse import thinned
-from poise.mismatch.inference.fitting import HypothesisFit, fit
-from poise.mismatch.inference.problem import FittedEffect, Problem
-
-Array = NDArray[np.float64]
+from poise.mismatch.inference.fitting import Fit, fit
+from poise.mismatch.inference.problem import Part, Problem
+from poise.types import Array, Mask
 
 STEPS = 4
 """Of a fit without the held-out samples; it starts from one with them."""
@@ -35,7 +33,7 @@ class HeldOutProof:
     by_channel: Array
 
 
-def held_out(problem: Problem, best: HypothesisFit, last: NDArray[np.bool_]) -> HeldOutProof:
+def held_out(problem: Problem, best: Fit, last: Mask) -> HeldOut:
     """Fit the model without some samples, and measure its error there.
 
     Events that happen among the held-out samples cannot be foretold: they are taken as the whole recording shows them.
@@ -67,7 +65,7 @@ def held_out(problem: Problem, best: HypothesisFit, last: NDArray[np.bool_]) -> 
     return HeldOutProof(floor, sizes[0], sizes[1], sizes[2], by_channel)
 
 
-def tail(problem: Problem) -> NDArray[np.bool_]:
+def tail(problem: Problem) -> Mask:
     """(N,) the last 30 % of a recording."""
     seconds = problem.seconds
     return np.asarray(seconds > seconds[-1] - TAIL * (seconds[-1] - seconds[0]))

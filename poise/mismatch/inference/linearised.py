@@ -3,14 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.effects import Effect, EffectParameter, Values
-from poise.mismatch.inference.evidence import WhitenedRegression
-from poise.mismatch.inference.problem import FittedEffect, Problem
-from poise.mismatch.recorded import RecordedMotion
-
-Array = NDArray[np.float64]
+from poise.mismatch.effects import Effect, Parameter, Values
+from poise.mismatch.inference.evidence import Frame
+from poise.mismatch.inference.problem import Part, Problem
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 SCALES = (1 / 3, 1.0, 3.0)
 STEP = 1e-4

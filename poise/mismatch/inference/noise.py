@@ -10,12 +10,10 @@ from functools import cached_property
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
 from poise.mismatch.recorded import white_level
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
 SLOPES = (0.0, 0.15, 0.3, 0.5, 0.8)

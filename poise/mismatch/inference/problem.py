@@ -13,9 +13,8 @@ from poise.mismatch.inference.calibration import CalibrationGroup, calibration, 
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import RecordedMotion, lattice
-
-Array = NDArray[np.float64]
+from poise.mismatch.recorded import World, lattice
+from poise.types import Array, Mask
 
 BREAK = 2.0
 """s without a sample after which a recording begins anew."""
@@ -43,7 +42,7 @@ class SampleBlocks:
     rows: NDArray[np.intp]
     noise: SignalNoise
 
-    def middle(self, count: int) -> NDArray[np.bool_]:
+    def middle(self, count: int) -> Mask:
         """(N,) of `count` samples those in the middle of a block."""
         mask = np.zeros(count, dtype=bool)
         mask[self.rows[:, self.rows.shape[1] // 2]] = True
@@ -67,11 +66,9 @@ class Problem:
     model: NominalModel
     noise: SignalNoise
     signal: Literal["wrench", "effort"] = "wrench"
-    judged: NDArray[np.bool_] | None = None
-    blocks: SampleBlocks | None = None
-    _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
-        default_factory=list, init=False, repr=False
-    )
+    judged: Mask | None = None
+    blocks: Blocks | None = None
+    _made: list[tuple[World, tuple[Group, ...]]] = field(default_factory=list, init=False, repr=False)
 
     @cached_property
     def measured(self) -> Array:
@@ -83,7 +80,7 @@ class Problem:
         )
 
     @cached_property
-    def active(self) -> NDArray[np.bool_]:
+    def active(self) -> Mask:
         """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
         at = self.seconds
         begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > BREAK) + 1])
@@ -92,7 +89,7 @@ class Problem:
         return inner if self.judged is None else inner & self.judged
 
     @cached_property
-    def _counting(self) -> NDArray[np.bool_]:
+    def _counting(self) -> Mask:
         """Which of the samples, or of their blocks, count."""
         return self.active if self.blocks is None else np.asarray(self.active[self.blocks.rows].all(axis=1))
 
@@ -177,7 +174,7 @@ class Problem:
         return signal_noise(self.recorded, self.model, self.signal, residual, self.active)
 
 
-def _seen(columns: Array) -> NDArray[np.bool_]:
+def _seen(columns: Array) -> Mask:
     """(k,) which calibration errors show at all."""
     return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
 
@@ -204,8 +201,8 @@ def signal_noise(
     model: NominalModel,
     signal: Literal["wrench", "effort"],
     residual: Array | None,
-    active: NDArray[np.bool_] | None = None,
-) -> SignalNoise:
+    active: Mask | None = None,
+) -> Noise:
     """Noise of a signal: white of the measured level when `residual` is None, else of the most likely kind."""
     if signal == "wrench" or recorded.effort is None:
         seconds, speed, measured = recorded.seconds, recorded.speed, recorded.wrench - recorded.prediction

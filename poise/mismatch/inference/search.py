@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, Values, all_effects
 from poise.mismatch.inference.coarse import thinned
@@ -23,9 +22,8 @@ from poise.mismatch.inference.fitting import (
 )
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence, dependences
-from poise.mismatch.recorded import RecordedMotion
-
-Array = NDArray[np.float64]
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 PROMISING = 3
 """Candidates of a round that are fitted."""

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.effects import Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion, channel_names, cross, white_level
-
-Array = NDArray[np.float64]
+from poise.geometry import cross
+from poise.mismatch.effects import Effect, Parameter, Values
+from poise.mismatch.recorded import World, channel_names, white_level
+from poise.types import Array
 
 CURVE = 8
 """Hat functions over the range of a scalar state."""

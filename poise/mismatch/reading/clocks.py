@@ -1,10 +1,9 @@
 """Stamps of a regular clock that came with jitter: when the samples were really taken, through lost samples."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-Array = NDArray[np.float64]
+from poise.types import Array
 
 MAX_JITTER = 0.27
 """Periods; stamps without any clock behind them would have 0.29."""

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, cross, load_wrench
-from poise.robot import STANDARD_GRAVITY, BaseMotion, RobotModel, inertia_of
-from poise.robot.kinematics import state
+from poise.geometry import STANDARD_GRAVITY, cross
+from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, World, load_wrench
+from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
+from poise.types import Array
 
-Array = NDArray[np.float64]
 STILL = 1e-3
 """m/s or rad/s below which a base rests."""
 
@@ -112,7 +112,7 @@ def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Ar
     frame = loaded.frames[robot.frame_id(robot.sensor_frame)]
     loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(phi))
     data = loaded.createData()
-    whole = state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
     moving = len(robot.coupling)
     torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
@@ -144,7 +144,7 @@ class _Rows:
 
 def _forward(robot: RobotModel, motion: Motion) -> _Rows:
     """Everything about the sensor's frame, in one pass."""
-    whole = state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
     model, frame = robot.pinocchio, robot.frame_id(robot.sensor_frame)
     data, n, moving = model.createData(), len(whole.q), len(robot.coupling)
     rotation, position = np.empty((n, 3, 3)), np.empty((n, 3))

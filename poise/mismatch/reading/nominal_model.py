@@ -7,13 +7,12 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.parameters import InertialParameters, symmetric
-from poise.robot import STANDARD_GRAVITY
+from poise.types import Array
 
-Array = NDArray[np.float64]
 MAX_BYTES = 1_000_000
 
 

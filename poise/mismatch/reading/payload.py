@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.regressor import regressor
 from poise.mismatch.reading.nominal_model import Tolerance
-from poise.mismatch.recorded import RecordedMotion
-
-Array = NDArray[np.float64]
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 SCALE = np.array([3.0, *[0.3] * 3, *[0.05] * 6, *[10.0] * 3, *[1.0] * 3])
 """One sigma of weak priors on mass, first moments, inertia and bias: what the motion does not show stays small."""

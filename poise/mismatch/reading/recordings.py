@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.identification import find_kinematics, recorded_gravity
-from poise.inertia.imu import find_imu
 from poise.mismatch.effects import LOWEST, slow_part
 from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, recorded_from_motion
 from poise.mismatch.reading.nominal_model import NominalModel
@@ -18,11 +17,8 @@ from poise.mismatch.reading.sanity import check_positions, check_rates, check_wr
 from poise.mismatch.reading.smoothing import smooth, taken
 from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, load_wrench
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
-from poise.robot import BaseMotion, RobotModel
-from poise.robot.model import find_urdf
-from poise.robot.urdf import parse_urdf, read_urdf
-
-Array = NDArray[np.float64]
+from poise.robot import BaseMotion, RobotModel, find_imu, find_urdf, parse_urdf, read_urdf
+from poise.types import Array, Mask
 
 MAX_RATE = 250.0
 """Hz; a faster wrench is averaged down to about this."""
@@ -213,7 +209,7 @@ def _seconds(stamps: NDArray[np.int64], start: int) -> Array:
     return np.asarray((stamps - start) * 1e-9, dtype=np.float64)
 
 
-def _odometry(odom: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, NDArray[np.bool_]]:
+def _odometry(odom: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, Mask]:
     """The root link's motion at the wrench's stamps, and where it is known.
 
     Attitude is followed in yaw, pitch and roll: a base turns round many times, and never stands on its nose.
@@ -251,7 +247,7 @@ def _euler_rates(angle: Array, turn: Array) -> tuple[Array, Array]:
     return np.moveaxis(np.array(matrix), 2, 0), np.moveaxis(np.array(rate), 2, 0)
 
 
-def _at(base: BaseMotion | None, known: NDArray[np.bool_]) -> BaseMotion | None:
+def _at(base: BaseMotion | None, known: Mask) -> BaseMotion | None:
     return None if base is None else BaseMotion(*(value[known] for value in vars(base).values()))
 
 

@@ -3,14 +3,12 @@
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.recorded import RecordedMotion, channel_names
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
 """Samples that say what one in their middle should be like."""

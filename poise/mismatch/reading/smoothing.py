@@ -4,13 +4,11 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.clocks import regular
-from poise.robot.splines import Grid, SplineFit
-
-Array = NDArray[np.float64]
+from poise.robot import Grid, SplineFit
+from poise.types import Array, Mask
 
 GAP = 6.0
 """Median sample intervals that make a gap."""
@@ -44,7 +42,7 @@ class Smoothed:
     position: Array
     velocity: Array
     acceleration: Array
-    known: NDArray[np.bool_]
+    known: Mask
     jitter: float
     noise: Array
 

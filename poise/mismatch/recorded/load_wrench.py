@@ -1,18 +1,12 @@
 """The wrench of a rigid load, and what a change of its parameters or of its motion does to it."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from poise.geometry import cross
 from poise.inertia.parameters import symmetric
 from poise.inertia.regressor import regressor
-
-Array = NDArray[np.float64]
-
-
-def cross(a: Array, b: Array, axis: int = -1) -> Array:
-    """a x b along an axis of length three, broadcast; numpy's own spends most of its time on bookkeeping."""
-    (a0, a1, a2), (b0, b1, b2) = (np.moveaxis(v, axis, 0) if axis != 0 else v for v in (a, b))
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=axis)
+from poise.types import Array
 
 
 def load_wrench(phi: ArrayLike, specific: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:

@@ -1,9 +1,8 @@
 """The level of white noise in a signal, and the step that its readings are rounded to."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from poise.types import Array
 
 
 def white_level(values: Array, coarse: bool = True) -> Array:

@@ -5,11 +5,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.mismatch.recorded.load_wrench import load_wrench
-
-Array = NDArray[np.float64]
+from poise.types import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +149,7 @@ class RecordedMotion:
         held = {"joints": self.joints, "effort": self.effort, "base": self.base}
         return held[what] is not None if what in held else bool(abs(self.phi[0]) > 1e-3)
 
-    def recording_of(self, time: float) -> NDArray[np.bool_]:
+    def recording_of(self, time: float) -> Mask:
         """(N,) the samples of the recording that a moment falls into."""
         edges = np.array([-np.inf, *self.begins, np.inf])
         place = int(np.clip(np.searchsorted(edges, time, side="right"), 1, len(edges) - 1))
@@ -165,7 +163,7 @@ class RecordedMotion:
         """The same recording under a model that says something else of the joint efforts (M, J)."""
         return self if self.effort is None else replace(self, effort=replace(self.effort, prediction=prediction))
 
-    def select(self, rows: NDArray[np.bool_]) -> "RecordedMotion":
+    def select(self, rows: Mask) -> "World":
         """The samples that a mask (N,) picks; joint efforts, which have stamps of their own, are kept."""
         arrays = {
             field.name: getattr(self, field.name)[rows]
@@ -188,6 +186,6 @@ class RecordedMotion:
         return np.asarray(np.einsum("nji,nj->ni", self.rotation_world_sensor, wide))
 
 
-def _rows(track: JointTrack | BaseTrack, rows: NDArray[np.bool_]) -> dict[str, Any]:
+def _rows(track: JointTrack | BaseTrack, rows: Mask) -> dict[str, Any]:
     arrays = ((field.name, getattr(track, field.name)) for field in fields(track))
     return {name: value[rows] for name, value in arrays if isinstance(value, np.ndarray)}

@@ -1,10 +1,9 @@
 """Values at other times than their stamps."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-Array = NDArray[np.float64]
+from poise.types import Array
 
 
 def at_times(seconds: Array, values: Array, wanted: Array) -> Array:

@@ -5,16 +5,15 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.inertia.buffer import Stamps
-from poise.inertia.fresh_track import FreshTrack
-from poise.inertia.imu_track import ImuTrack, LiveImu
-from poise.inertia.sources import MotionSource
-from poise.inertia.tracks import USED, MotionTrack, PairingSettings, Reasons, RestTrack, Track
-from poise.inertia.weighers import OLS, STATIC, WATCH
-from poise.robot import SensorMotion
+from poise.robot.live_imu import LiveImu, MotionWithImu
+from poise.robot.low_latency import LowLatencyMotion
+from poise.robot.motion import SensorMotion
+from poise.robot.motion_buffers import USED, MotionBuffer, PairingSettings, Reasons, SmoothedMotion, StaticPoseBuffer
+from poise.robot.sources import MotionSource
+from poise.types import Stamps
 
 
-class SharedTracks:
+class SharedBuffers:
     """Made as they are asked for.
 
     Args:
@@ -25,18 +24,10 @@ class SharedTracks:
 
     def __init__(self, source: MotionSource, settings: PairingSettings, imu: LiveImu | None = None) -> None:
         self._source, self._settings, self._imu = source, settings, imu
-        self._made: list[Track] = []
-
-    def of(self, method: str) -> Track:
-        """What a method needs."""
-        if method == STATIC:
-            return self._still
-        if method == OLS:
-            return self._moving
-        return self._fresh if method == WATCH else self._either
+        self._made: list[MotionBuffer] = []
 
     def update(self, flush: bool) -> None:
-        """See `Track`."""
+        """See `MotionBuffer`."""
         for track in self._made:
             track.update(flush)
 
@@ -48,36 +39,36 @@ class SharedTracks:
         self._source.forget_before(min([stamp, *(begin for begin in needed if begin is not None)]))
 
     @cached_property
-    def _still(self) -> RestTrack:
-        self._made.append(track := RestTrack(self._source, self._settings))
+    def still(self) -> StaticPoseBuffer:
+        self._made.append(track := StaticPoseBuffer(self._source, self._settings))
         return track
 
     @cached_property
-    def _moving(self) -> Track:
-        return self._kept(MotionTrack(self._source, self._settings))
+    def moving(self) -> MotionBuffer:
+        return self._kept(SmoothedMotion(self._source, self._settings))
 
     @cached_property
-    def _fresh(self) -> Track:
-        return self._kept(FreshTrack(self._source, self._settings))
+    def fresh(self) -> MotionBuffer:
+        return self._kept(LowLatencyMotion(self._source, self._settings))
 
     @cached_property
-    def _either(self) -> "EitherTrack":
-        return EitherTrack(self._moving, self._still)
+    def either(self) -> "MovingOrStatic":
+        return MovingOrStatic(self.moving, self.still)
 
-    def _kept(self, track: Track) -> Track:
-        track = track if self._imu is None else ImuTrack(track, self._imu)
+    def _kept(self, track: MotionBuffer) -> MotionBuffer:
+        track = track if self._imu is None else MotionWithImu(track, self._imu)
         self._made.append(track)
         return track
 
 
-class EitherTrack:
+class MovingOrStatic:
     """The smoothed motion where there is one, and poses held still where there is not.
 
     A motion that is smoothed knows more; but poses may come so rarely that there is none. The two are kept up to date
     by whoever made them.
     """
 
-    def __init__(self, moving: Track, still: RestTrack) -> None:
+    def __init__(self, moving: MotionBuffer, still: StaticPoseBuffer) -> None:
         self._moving, self._still = moving, still
 
     @property

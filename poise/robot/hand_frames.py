@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.parameters import Array
+from poise.types import Array
 
 
 class HandFrames:

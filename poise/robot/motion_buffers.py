@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.buffer import Stamps
-from poise.inertia.parameters import Array
-from poise.inertia.sources import MotionSource
 from poise.recording.alignment import interpolate, interpolate_rotations
-from poise.robot import SensorMotion
 from poise.robot.differentiation import GAP
+from poise.robot.motion import SensorMotion
+from poise.robot.sources import MotionSource
+from poise.types import Array, Mask, Stamps
 
 Reasons = NDArray[np.str_]
 BEGINNING = -(2**62)
@@ -47,7 +46,7 @@ class PairingSettings:
     memory: float = 3.0
 
 
-class Track(Protocol):
+class MotionBuffer(Protocol):
     """Motion that is known for good, from a source that grows.
 
     `decided` is the stamp (ns) up to which `pair` has its final answer; None before anything is known.
@@ -91,7 +90,7 @@ class Samples:
             self.stamps, self.rotation = self.stamps[keep:].copy(), self.rotation[keep:].copy()
             self.columns = self.columns[keep:].copy()
 
-    def reasons(self, stamps: Stamps, known: NDArray[np.bool_]) -> Reasons:
+    def reasons(self, stamps: Stamps, known: Mask) -> Reasons:
         """(N,) used where known; else why not."""
         reasons = np.where(known, USED, NO_KINEMATICS).astype("<U16")
         if self.forgotten is not None:
@@ -100,14 +99,14 @@ class Samples:
 
 
 def pair_moving(samples: Samples, stamps: Stamps, gap: float) -> tuple[SensorMotion, Reasons]:
-    """Interpolate samples with omega, alpha, a in their columns; across `gap` s at the most. See `Track.pair`."""
+    """Interpolate samples with omega, alpha, a in their columns; across at most `gap` s. See `MotionBuffer.pair`."""
     rotation = interpolate_rotations(samples.stamps, samples.rotation, stamps, max_gap=gap)
     rates = interpolate(samples.stamps, samples.columns, stamps, max_gap=gap)
     motion = SensorMotion(stamps, rotation.values, *np.hsplit(rates.values, 3))
     return motion, samples.reasons(stamps, rotation.found & rates.found)
 
 
-class RestTrack:
+class StaticPoseBuffer:
     """The sensor's attitude as sampled, and where it holds still.
 
     At rest means that the interpolated poses from `rest_window` before a stamp until as long after it turn and move
@@ -162,7 +161,7 @@ class RestTrack:
         return turning, np.linalg.norm(steps[:, :, 9:], axis=2).sum(axis=1) / seconds
 
 
-class MotionTrack:
+class SmoothedMotion:
     """The smoothed motion with its rates, worked out in blocks that begin and end at fixed stamps.
 
     A block is differentiated together with its neighbourhood. Because the blocks depend on stamps alone, a recording

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.buffer import StampedBuffer, Stamps
-from poise.inertia.parameters import Array
 from poise.recording.alignment import interpolate, interpolate_rotations
-from poise.robot import RobotModel, SensorMotion, frame_poses, motion_from_joints, motion_from_poses
-from poise.robot.measured import MeasuredMotion
+from poise.robot.kinematics import frame_poses
+from poise.robot.measured import MeasuredMotion, motion_from_joints, motion_from_poses
+from poise.robot.model import RobotModel
+from poise.robot.motion import SensorMotion
+from poise.robot.stamped_buffer import StampedBuffer
+from poise.types import Array, Stamps
 
 JUMP = 500_000_000
 """ns; stamps that go back by more are no late messages: the clock was set, or a recording started over."""

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.buffer import Stamps
-from poise.inertia.sources import FrameSource, JointSource, MotionSource
 from poise.recording import PoseStream, Recording
-from poise.robot import RobotModel
+from poise.robot.model import RobotModel
+from poise.robot.sources import FrameSource, JointSource, MotionSource
+from poise.types import Stamps
 
 
 @dataclass

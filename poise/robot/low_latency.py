@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from poise.inertia.buffer import Stamps
-from poise.inertia.sources import MotionSource
-from poise.inertia.tracks import BEGINNING, PairingSettings, Reasons, Samples, pair_moving
-from poise.robot import SensorMotion
 from poise.robot.differentiation import GAP, MIN_SAMPLES, continuous_quaternions, turning
+from poise.robot.motion import SensorMotion
+from poise.robot.motion_buffers import BEGINNING, PairingSettings, Reasons, Samples, pair_moving
+from poise.robot.sources import MotionSource
 from poise.robot.splines import DEGREE, Grid, SplineFit
+from poise.types import Stamps
 
 SPAN = 600_000_000
 """ns of poses that take part; what is older would not change the answer."""
@@ -19,8 +19,8 @@ LAG = 50_000_000
 """ns that answers stay behind the newest pose; nearer to it, accelerations are far more uncertain."""
 
 
-class FreshTrack:
-    """A `Track` that splines the newest poses again and again, and takes of it what is no longer quite new."""
+class LowLatencyMotion:
+    """A `MotionBuffer` that splines the newest poses again and again, and takes of it what is no longer quite new."""
 
     def __init__(self, source: MotionSource, settings: PairingSettings) -> None:
         self._source, self._settings = source, settings

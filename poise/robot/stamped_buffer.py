@@ -1,11 +1,9 @@
 """Stamped rows in the order of time, of which the oldest can be forgotten."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from poise.inertia.parameters import Array
-
-Stamps = NDArray[np.int64]
+from poise.types import Array, Stamps
 
 
 class StampedBuffer:

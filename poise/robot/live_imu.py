@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.inertia.buffer import StampedBuffer, Stamps
-from poise.inertia.hand_frames import HandFrames
-from poise.inertia.imu import Imu
-from poise.inertia.parameters import Array
-from poise.inertia.tracks import NO_KINEMATICS, USED, Reasons, Track
-from poise.robot import SensorMotion
+from poise.robot.hand_frames import HandFrames
+from poise.robot.imu import Imu
+from poise.robot.motion import SensorMotion
+from poise.robot.motion_buffers import NO_KINEMATICS, USED, MotionBuffer, Reasons
+from poise.robot.stamped_buffer import StampedBuffer
+from poise.types import Array, Stamps
 
 LONGEST_DELAY, LAG_STEP = 0.012, 0.003
 """s, see `PoiseEstimator`: an IMU follows vibrations, and a delay of a whole period of one looks like none."""
@@ -78,24 +78,24 @@ class LiveImu:
         self._buffer.clear()
 
 
-class ImuTrack:
+class MotionWithImu:
     """Motion as another track knows it, but with the linear acceleration that an IMU measured."""
 
-    def __init__(self, track: Track, imu: LiveImu) -> None:
+    def __init__(self, track: MotionBuffer, imu: LiveImu) -> None:
         self._track, self._imu = track, imu
 
     @property
     def decided(self) -> int | None:
-        """See `Track`."""
+        """See `MotionBuffer`."""
         known = self._track.decided, self._imu.newest
         return None if known[0] is None or known[1] is None else min(known[0], known[1])
 
     def update(self, flush: bool = False) -> None:
-        """See `Track`."""
+        """See `MotionBuffer`."""
         self._track.update(flush)
 
     def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
-        """See `Track`."""
+        """See `MotionBuffer`."""
         motion, reasons = self._track.pair(stamps)
         motion = self._imu.measured.applied(motion, self._imu.gravity)
         known = np.isfinite(motion.linear_acceleration_in_sensor).all(axis=1)
@@ -103,10 +103,10 @@ class ImuTrack:
         return motion, reasons
 
     def forget_before(self, stamp: int) -> None:
-        """See `Track`."""
+        """See `MotionBuffer`."""
         self._track.forget_before(stamp)
         self._imu.forget_before(stamp)
 
     def needs_from(self) -> int | None:
-        """See `Track`."""
+        """See `MotionBuffer`."""
         return self._track.needs_from()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from poise.inertia.parameters import Array
+from poise.types import Array
 
 QUIET = 25
 """Percentile over blocks that counts: others may hold shaking, which is no noise."""

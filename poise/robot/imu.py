@@ -7,14 +7,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.buffer import Stamps
-from poise.inertia.parameters import Array
-from poise.inertia.scatter import scatter
-from poise.inertia.sources import Poses
 from poise.recording import Recording
 from poise.recording.alignment import interpolate
-from poise.robot import SensorMotion
 from poise.robot.differentiation import differentiate
+from poise.robot.motion import SensorMotion
+from poise.robot.scatter import scatter
+from poise.robot.sources import Poses
+from poise.types import Array, Stamps
 
 LARGEST_GAP = 0.1
 """s between samples across which nothing is interpolated."""
