@@ -13,7 +13,7 @@ from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia import InertialParameters
 from poise.nodes.parameters import WORDS, Parameter
 from poise.robot import RobotModel, find_urdf, read_urdf
-from poise.simulation import FourierTrajectory, JointNoise, World, check_limits, read_trajectory, wrench_noise
+from poise.simulation import FourierTrajectory, IdealRobot, JointNoise, check_limits, read_trajectory, wrench_noise
 
 MODES = ("replay", "arm")
 PAYLOAD = ("payload.mass", "payload.com", "payload.inertia")

@@ -16,7 +16,7 @@ from benchmarks.concealed.score import read_json
 from benchmarks.concealed.seals import open_seals
 from benchmarks.concealed.table import brier, calibration_error
 from benchmarks.concealed.tally import judge
-from poise.mismatch.answer import MOST_SURE, Basis
+from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis
 from poise.types import Array
 
 WIDTH = 3.0

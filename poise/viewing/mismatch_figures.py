@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from poise.mismatch.answer import Examination, ResidualWindow
-from poise.mismatch.inference import Shape, spoken
+from poise.mismatch.answer import ResidualWindow, SignalDiagnosis
+from poise.mismatch.inference import DependenceCurve, state_description
 from poise.types import Array
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
 from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals

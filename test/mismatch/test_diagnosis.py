@@ -10,7 +10,7 @@ from cases import Case, make_case
 from poise.mismatch.answer import Diagnosis, diagnose
 from poise.mismatch.answer.diagnosis import with_model_effects
 from poise.mismatch.reading import dump_model, parse_model
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 # Effect, and which of its numbers is the size that is compared, within what share of it.

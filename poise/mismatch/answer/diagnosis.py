@@ -32,8 +32,8 @@ from poise.mismatch.inference import (
     tail,
     wrench_problem,
 )
-from poise.mismatch.reading import Component, NominalModel, with_components, without
-from poise.mismatch.recorded import World, channel_names
+from poise.mismatch.reading import ModelEffect, NominalModel, with_model_effects, without
+from poise.mismatch.recorded import RecordedMotion, channel_names
 from poise.types import Array, Mask
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
@@ -100,9 +100,9 @@ class SignalDiagnosis:
     unknown: UnknownPhysics | None
     rest: ResidualTest
     where: tuple[ResidualWindow, ...]
-    small: tuple[Small, ...]
+    small: tuple[CalibrationEstimate, ...]
     last: Mask
-    proof: HeldOut
+    proof: HeldOutProof
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,12 +180,12 @@ def diagnose(
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
 
 
-def _at_stamps(world: World, last: Mask, seconds: Array) -> Mask:
+def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
     """A mask of wrench samples at the stamps of another signal."""
     return last if seconds is recorded.seconds else np.asarray(seconds >= recorded.seconds[int(np.argmax(last))])
 
 
-def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> Examination:
+def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> SignalDiagnosis:
     seen, looked = problem, problem
     if last is not None:
         # The last of several recordings is not so much as looked at before the proof.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
-from poise.mismatch.inference import Problem, hats
+from poise.mismatch.inference import Problem, linear_bspline_basis
 from poise.types import Array
 
 MATERIAL = 0.05

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.inference import Noise, hats
-from poise.mismatch.recorded import World
+from poise.mismatch.inference import SignalNoise, linear_bspline_basis
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 STRETCH = 0.25

@@ -6,8 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.geometry import STANDARD_GRAVITY
-from poise.mismatch.reading import Motion, NominalModel, base_joints, effort_track, with_components, world_from_motion
-from poise.mismatch.recorded import World
+from poise.mismatch.reading import (
+    Motion,
+    NominalModel,
+    base_joints,
+    effort_track,
+    recorded_from_motion,
+    with_model_effects,
+)
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import Trajectory

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from poise.mismatch.effects.base import Parameter, Values
+from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.part_wrench import shaking, shaking_columns
 from poise.mismatch.effects.starts import smoothed, spectrum
-from poise.mismatch.recorded import World, at_times
+from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
 LOWEST = 2.0

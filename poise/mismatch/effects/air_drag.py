@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
-from poise.mismatch.recorded import World, forces_at
+from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
 

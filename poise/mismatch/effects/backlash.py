@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers
 from poise.mismatch.effects.part_motion import between_stops
-from poise.mismatch.recorded import World, white_level
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
 LOUD = 1.1

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.recorded import World, directed
+from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
 

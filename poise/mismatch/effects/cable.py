@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, forces_at
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
 ANCHOR = ("anchor_x", "anchor_y", "anchor_z")

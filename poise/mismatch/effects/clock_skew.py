@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import best_fit
-from poise.mismatch.recorded import World, at_times
+from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
 LARGEST = 0.02

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.starts import bursts
-from poise.mismatch.recorded import World, directed, forces_at
+from poise.mismatch.recorded import RecordedMotion, directed, forces_at
 from poise.types import Array
 
 POINT = ("x", "y", "z")

@@ -1,8 +1,8 @@
 """Coulomb friction: a joint needs a constant torque against its motion, whatever its speed."""
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, listed, numbers, sense, torque_sizes
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 

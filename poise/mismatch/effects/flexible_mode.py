@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import (
     AXIS,
@@ -22,7 +22,7 @@ from poise.mismatch.effects.part_wrench import (
     specific_at,
     spin_square,
 )
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))

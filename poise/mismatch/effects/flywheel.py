@@ -3,8 +3,8 @@
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, directed
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
 NAMES = ("momentum_x", "momentum_y", "momentum_z")

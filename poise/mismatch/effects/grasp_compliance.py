@@ -6,10 +6,10 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.inertia.parameters import symmetric
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import specific_at
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 MOST_ROUNDS = 8

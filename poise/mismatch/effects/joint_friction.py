@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from poise.mismatch.recorded import EffortTrack, World
+from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
 CREEPING = 0.005

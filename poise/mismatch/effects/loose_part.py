@@ -8,7 +8,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.knocks import Knocks, find_knocks
 from poise.mismatch.effects.part_motion import between_stops, travelled
 from poise.mismatch.effects.part_wrench import (
@@ -24,7 +24,7 @@ from poise.mismatch.effects.part_wrench import (
     sliding_wrench,
     specific_at,
 )
-from poise.mismatch.recorded import World, white_level
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
 BLURS = (15, 5, 2)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.geometry import cross
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 PLACE = ("x", "y", "z")

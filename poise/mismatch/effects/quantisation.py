@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, lattice, white_level
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, lattice, white_level
 from poise.types import Array
 
 FINEST = (1e-3, 1e-5)

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
 GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
@@ -47,7 +47,7 @@ class Saturation(Effect):
         return np.asarray(np.clip(recorded.prediction, -limit, limit) - recorded.prediction)
 
     @staticmethod
-    def passes(world: World, values: Values) -> Mask:
+    def passes(recorded: RecordedMotion, values: Values) -> Mask:
         """(N, 6) False where the reading stands at its limit and says nothing about what comes before it."""
         limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
         return np.asarray(np.abs(recorded.wrench) < limit * (1.0 - 1e-9))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, directed
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
 AXES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")

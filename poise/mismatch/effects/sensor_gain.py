@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")

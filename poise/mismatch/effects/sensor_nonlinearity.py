@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
 from poise.mismatch.effects.sensor_gain import CHANNELS
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 TYPICAL = ((0.06, 0.08), (20.0, 2.0))

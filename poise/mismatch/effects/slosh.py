@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import hanging
 from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of, specific_at
-from poise.mismatch.recorded import World, white_level
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 

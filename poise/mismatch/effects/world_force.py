@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, directed
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
 POINT = ("x", "y", "z")

@@ -13,7 +13,7 @@ from poise.inertia.parameters import InertialParameters, about_com_jacobian
 from poise.inertia.regressor import regressor
 from poise.mismatch.effects import joint_columns, rotation_columns
 from poise.mismatch.reading import Tolerance
-from poise.mismatch.recorded import World, at_times
+from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
 SIGMAS = 0.5

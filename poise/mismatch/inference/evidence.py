@@ -138,7 +138,9 @@ def flat_width(information: Array) -> float:
     return float(np.minimum(0.5 * np.log(2.0 * np.pi / np.maximum(strength, 1e-9)), 0.0).sum())
 
 
-def laplace_evidence(frame: Frame, beside: Beside, precision: Array, mean: Array, linear: Mask) -> float:
+def laplace_evidence(
+    frame: WhitenedRegression, beside: ProjectedColumns, precision: Array, mean: Array, linear: Mask
+) -> float:
     """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
     if not len(linear):
         return frame.log_evidence

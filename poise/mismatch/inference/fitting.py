@@ -14,8 +14,8 @@ from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.damping import Damping
 from poise.mismatch.inference.evidence import ProjectedColumns, WhitenedRegression, flat_width, laplace_evidence
 from poise.mismatch.inference.linearised import SCALES, STEP, Linearised, columns_of, linearised, slope_of
-from poise.mismatch.inference.problem import Part, Problem
-from poise.mismatch.recorded import World
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 MOST_STEPS = 12

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.mismatch.inference.coarse import thinned
-from poise.mismatch.inference.fitting import Fit, fit
-from poise.mismatch.inference.problem import Part, Problem
+from poise.mismatch.inference.fitting import HypothesisFit, fit
+from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.types import Array, Mask
 
 STEPS = 4
@@ -33,7 +33,7 @@ class HeldOutProof:
     by_channel: Array
 
 
-def held_out(problem: Problem, best: Fit, last: Mask) -> HeldOut:
+def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     """Fit the model without some samples, and measure its error there.
 
     Events that happen among the held-out samples cannot be foretold: they are taken as the whole recording shows them.

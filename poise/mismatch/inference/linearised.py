@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.mismatch.effects import Effect, Parameter, Values
-from poise.mismatch.inference.evidence import Frame
-from poise.mismatch.inference.problem import Part, Problem
-from poise.mismatch.recorded import World
+from poise.mismatch.effects import Effect, EffectParameter, Values
+from poise.mismatch.inference.evidence import WhitenedRegression
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 SCALES = (1 / 3, 1.0, 3.0)

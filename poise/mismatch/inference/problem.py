@@ -13,7 +13,7 @@ from poise.mismatch.inference.calibration import CalibrationGroup, calibration, 
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import World, lattice
+from poise.mismatch.recorded import RecordedMotion, lattice
 from poise.types import Array, Mask
 
 BREAK = 2.0
@@ -67,8 +67,10 @@ class Problem:
     noise: SignalNoise
     signal: Literal["wrench", "effort"] = "wrench"
     judged: Mask | None = None
-    blocks: Blocks | None = None
-    _made: list[tuple[World, tuple[Group, ...]]] = field(default_factory=list, init=False, repr=False)
+    blocks: SampleBlocks | None = None
+    _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
+        default_factory=list, init=False, repr=False
+    )
 
     @cached_property
     def measured(self) -> Array:
@@ -202,7 +204,7 @@ def signal_noise(
     signal: Literal["wrench", "effort"],
     residual: Array | None,
     active: Mask | None = None,
-) -> Noise:
+) -> SignalNoise:
     """Noise of a signal: white of the measured level when `residual` is None, else of the most likely kind."""
     if signal == "wrench" or recorded.effort is None:
         seconds, speed, measured = recorded.seconds, recorded.speed, recorded.wrench - recorded.prediction

@@ -22,7 +22,7 @@ from poise.mismatch.inference.fitting import (
 )
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence, dependences
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 PROMISING = 3

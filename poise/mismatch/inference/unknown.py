@@ -11,8 +11,8 @@ from functools import partial
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects import Effect, Parameter, Values
-from poise.mismatch.recorded import World, channel_names, white_level
+from poise.mismatch.effects import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, channel_names, white_level
 from poise.types import Array
 
 CURVE = 8

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Mask
 
 PAUSE = 5.0
 """s between the last sample of a recording and the first of the next, on the joint clock."""
 
 
-def joined(worlds: Sequence[World]) -> tuple[World, Mask]:
+def joined(worlds: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     """One world, and (N,) which of its samples are the last recording's.
 
     Seconds count from the first recording's first sample; what only some recordings have (joints, effort) is dropped.
@@ -55,7 +55,7 @@ def spans(worlds: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
     return found
 
 
-def without(world: World, last: Mask) -> World:
+def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
     """The world without its last recording, joint efforts too.
 
     Args:

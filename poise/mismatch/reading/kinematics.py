@@ -7,7 +7,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
-from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, World, load_wrench
+from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.types import Array
 

@@ -7,7 +7,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.inertia.regressor import regressor
 from poise.mismatch.reading.nominal_model import Tolerance
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 SCALE = np.array([3.0, *[0.3] * 3, *[0.05] * 6, *[10.0] * 3, *[1.0] * 3])

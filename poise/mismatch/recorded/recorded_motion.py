@@ -163,7 +163,7 @@ class RecordedMotion:
         """The same recording under a model that says something else of the joint efforts (M, J)."""
         return self if self.effort is None else replace(self, effort=replace(self.effort, prediction=prediction))
 
-    def select(self, rows: Mask) -> "World":
+    def select(self, rows: Mask) -> "RecordedMotion":
         """The samples that a mask (N,) picks; joint efforts, which have stamps of their own, are kept."""
         arrays = {
             field.name: getattr(self, field.name)[rows]

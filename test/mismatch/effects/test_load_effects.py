@@ -13,8 +13,8 @@ from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
-from poise.mismatch.reading import Motion, world_from_motion
-from poise.simulation import FourierTrajectory, JointMotion, World
+from poise.mismatch.reading import Motion, recorded_from_motion
+from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
 DOWN = np.array([0.0, 0.0, -STANDARD_GRAVITY])
 POINT = np.array([PLACE[axis] for axis in "xyz"])
