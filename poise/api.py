@@ -8,7 +8,7 @@ from poise.assembly import Analysis, Assembly, Assessment, Push, RigidObject, as
 from poise.inertia import Identification
 from poise.inertia import identify as _identify
 from poise.inertia.object_shape import load_object
-from poise.mismatch import Diagnosis, NominalModel, joined, load_model, read_world
+from poise.mismatch import Diagnosis, NominalModel, joined, load_model, read_recording
 from poise.mismatch import diagnose as _diagnose
 from poise.placement import Options, Placement, plan_placement
 from poise.recording import Recording, open_recording
@@ -155,10 +155,10 @@ def diagnose(
     several = [recordings] if isinstance(recordings, str | Path | Recording) else list(recordings)
     if not isinstance(model, NominalModel):
         model = NominalModel() if model is None else load_model(Path(model))
-    first = read_world(_recording(several[0]), model)
-    readings = [first, *(read_world(_recording(other), first.model) for other in several[1:])]
-    world, last = joined([reading.world for reading in readings])
-    return _diagnose(world, first.model, last if last.any() else None)
+    first = read_recording(_recording(several[0]), model)
+    readings = [first, *(read_recording(_recording(other), first.model) for other in several[1:])]
+    recorded, last = joined([reading.recorded for reading in readings])
+    return _diagnose(recorded, first.model, last if last.any() else None)
 
 
 def _recording(source: Source | Recording) -> Recording:
