@@ -7,7 +7,13 @@
 - `rejection`: samples that were not used. `metrics`: errors of an estimate.
 """
 
-from poise.inertia.model.object_shape import CLOUD_ACCURACY, ObjectShape, load_object, parts_of_segmentation, parts_of_solid
+from poise.inertia.model.object_shape import (
+    CLOUD_ACCURACY,
+    ObjectShape,
+    load_object,
+    parts_of_segmentation,
+    parts_of_solid,
+)
 from poise.inertia.model.parameters import (
     PARAMETER_NAMES,
     UPPER,
