@@ -20,10 +20,11 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.placement.scenes import FRICTION, GLUED, box, glued
-from poise.assembly import Analysis, Assembly, Pose, RigidObject
+from poise.assembly import Analysis, Assembly, RigidObject
 from poise.errors import NoAnswerError, PoiseError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.files import write_whole
+from poise.geometry import Pose
 from poise.manipulation import Arm, Grasp, Phase, Reach, Transfer, plan_transfer
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.cell import Cell

@@ -31,7 +31,7 @@ from poise.files import write_whole  # noqa: E402
 from poise.inertia.bayes import PoiseEstimator  # noqa: E402
 from poise.inertia.online import OnlineEstimator  # noqa: E402
 from poise.inertia.problem import NoiseLevels  # noqa: E402
-from poise.inertia.sources import JointSource  # noqa: E402
+from poise.robot import JointSource  # noqa: E402
 
 NOISE = NoiseLevels(0.1, 0.005, 0.02, 0.05)
 PERIOD = 0.05

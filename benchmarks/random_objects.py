@@ -8,16 +8,13 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from benchmarks.identification.objects import BenchmarkObject, load_tools
 from poise.inertia.parameters import InertialParameters
 from poise.inertia.parts import Parts
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+from poise.types import Array, Indices, Mask
 
 FIRST_TEST_SEED = 1000
 POINTS, DENSE, INNER = 2000, 100_000, 2000
@@ -59,7 +56,7 @@ class Piece:
         hull = ConvexHull(corners)
         return cls(part, corners[hull.vertices], corners[hull.simplices], np.unique(hull.equations.round(12), axis=0))
 
-    def holds(self, points: Array) -> NDArray[np.bool_]:
+    def holds(self, points: Array) -> Mask:
         """Whether (N, 3) points are inside."""
         inside = np.all((points >= self.corners.min(axis=0)) & (points <= self.corners.max(axis=0)), axis=1)
         some = points[inside]

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -27,7 +26,6 @@ from poise.assembly import (
     Assembly,
     Box,
     Mesh,
-    Pose,
     Push,
     RigidObject,
     RobustnessMap,
@@ -36,8 +34,9 @@ from poise.assembly import (
     robustness_map,
     sample_surface,
 )
+from poise.geometry import Pose
+from poise.types import Array
 
-Array = NDArray[np.float64]
 Row = dict[str, Any]
 GRAVITY = np.array([0.0, 0.0, -9.81])
 QUERY_GOALS = {"cube": 0.12, "stack3": 0.3, "table": 0.4}

@@ -20,9 +20,10 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from poise.assembly import Assembly, Box, Pose, RigidObject, sample_surface, write_scene
+from poise.assembly import Assembly, Box, RigidObject, sample_surface, write_scene
 from poise.assembly.graph import Structure
 from poise.errors import ErrorCode
+from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message
 from poise.nodes.runtime import EventsExecutor
 from poise_msgs.msg import Push as PushMessage

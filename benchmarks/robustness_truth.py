@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog, minimize
 
-Array = NDArray[np.float64]
+from poise.types import Array
+
 STEPS = 200
 HALVINGS = 50
 SIDES = 32

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
@@ -24,9 +23,9 @@ from poise.fake_robots.sweep_bag import FakeSweep, arm_sweep, fake_views
 from poise.robot import RobotModel
 from poise.scanning import Scan, ScanOptions, View, scan
 from poise.shape.segmentation import segment
+from poise.types import Array, Mask
 from tools.make_scan_bag import tool_body
 
-Array = NDArray[np.float64]
 TOOLS = ("hammer", "screwdriver", "adjustable_wrench", "c_clamp", "ruler", "measuring_tape")
 SPOT = (0.45, 0.0)
 GAP = (40, 60)
@@ -115,7 +114,7 @@ def thesis_volume(found: Scan) -> float:
     return segment(points).solid.volume
 
 
-def _edge(flat: Array) -> NDArray[np.bool_]:
+def _edge(flat: Array) -> Mask:
     """Points on the outline, seen from above: those whose neighbours all lie to one side."""
     near = cKDTree(flat).query(flat, k=12)[1]
     return np.asarray(np.linalg.norm((flat[near] - flat[:, None]).mean(axis=1), axis=1) > 4e-4)

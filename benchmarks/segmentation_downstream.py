@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 from benchmarks.identification.objects import BenchmarkObject, load_tools
 from benchmarks.identification.scenarios import DEVELOPMENT_SEEDS, Scenario, make_trial
 from benchmarks.random_objects import FIRST_TEST_SEED, GRIP, as_benchmark_object, make_composite
-from benchmarks.segmentation_truth import NOISE, SHIPPED, Array, Indices, Subject, ToolCloud, load_clouds
+from benchmarks.segmentation_truth import NOISE, SHIPPED, Subject, ToolCloud, load_clouds
 from poise.inertia.bayes import SHAPE_ACCURACY, PoiseEstimator
 from poise.inertia.hps import hps
 from poise.inertia.metrics import errors
@@ -28,6 +28,7 @@ from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem
 from poise.shape.independent import independent_parts
 from poise.shape.segmentation import segment
+from poise.types import Array, Indices
 
 STILL = Scenario("stop-and-go")
 Solve = Callable[[IdentificationProblem, Parts, float], InertialParameters]

@@ -6,15 +6,13 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import Delaunay, cKDTree
 
 from poise.shape.carving import carve
 from poise.shape.metrics import scaled_distances, scaled_hausdorff
 from poise.shape.solid import FACES, Solid
+from poise.types import Array, Indices, Mask
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 SHIPPED = Path(__file__).resolve().parent / "data" / "workshop_clouds.npz"
 NOISE = 3e-4  # m, of the clouds that are sampled anew
 SAMPLES, SEEN = 100_000, 20_000
@@ -72,7 +70,7 @@ class Reference:
         self.outer = sample(self._seen.vertices, self._seen.surface[0], rng, SAMPLES)
 
     @cached_property
-    def _cells(self) -> tuple[Delaunay, NDArray[np.bool_]]:
+    def _cells(self) -> tuple[Delaunay, Mask]:
         """All tetrahedra of the seen points, and which of them are inside; outside of them all is the last."""
         delaunay = Delaunay(self._seen.vertices - self._seen.vertices.mean(axis=0))
         inside = {tuple(sorted(cell)) for cell in self._seen.tetrahedra.tolist()}

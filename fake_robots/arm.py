@@ -15,7 +15,6 @@ from poise.fake_robots.gripper import SimulatedGripper
 from poise.fake_robots.stream import Message, TopicInfo, in_order
 from poise.recording.encoding import encode_stream, encode_text, typestore
 from poise.recording.streams import JointStream, WrenchStream
-from poise.robot.motion import Array
 from poise.simulation import (
     JointMotion,
     JointNoise,
@@ -28,6 +27,7 @@ from poise.simulation import (
     check_limits,
     home,
 )
+from poise.types import Array
 
 BLOCK = 0.02  # s simulated at a time: also how late a command can be heeded
 STOP_TIME = 0.5  # s to stop in when a command says so

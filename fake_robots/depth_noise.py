@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, maximum_filter, minimum_filter
 
-from poise.fake_robots.rasteriser import Array, Rendering
+from poise.fake_robots.rasteriser import Rendering
+from poise.types import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ def measured(
     return np.where(gone, 0, np.clip(np.round(depth / noise.step), 0, 65535)).astype(np.uint16)
 
 
-def _shadow(depth: Array, scale: float) -> NDArray[np.bool_]:
+def _shadow(depth: Array, scale: float) -> Mask:
     """What the second imager cannot see because something nearer is in front of it."""
     disparity = np.divide(scale, depth, out=np.zeros_like(depth), where=depth > 0)
     across = np.arange(depth.shape[1]) - disparity

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from poise.robot.motion import Array
+from poise.types import Array
 
 
 class SimulatedGripper:

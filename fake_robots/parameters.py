@@ -9,11 +9,10 @@ from poise.errors import ErrorCode, InputError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.fake_robots.bag_replay import BagSource
 from poise.fake_robots.gripper import SimulatedGripper
+from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia import InertialParameters
 from poise.nodes.parameters import WORDS, Parameter
-from poise.robot import GRAVITY_IN_WORLD, RobotModel
-from poise.robot.model import find_urdf
-from poise.robot.urdf import read_urdf
+from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import FourierTrajectory, JointNoise, World, check_limits, read_trajectory, wrench_noise
 
 MODES = ("replay", "arm")

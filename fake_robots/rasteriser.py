@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.scanning.camera import Camera
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from poise.types import Array, Indices
 
 NEAR = 0.02
 """m: what comes closer to the camera is cut away."""
@@ -56,7 +54,7 @@ class Rendering:
     """
 
     depth: Array
-    shown: Integers
+    shown: Indices
     facing: Array
     colours: NDArray[np.uint8]
 
@@ -81,7 +79,7 @@ def render(scene: Scene, camera: Camera, rotation: Array, translation: Array) ->
     return Rendering(depth, shown, np.where(seen, facing, 0.0), painted[row])
 
 
-def _table(scene: Scene, rays: Array, rotation: Array, translation: Array) -> tuple[Array, Integers]:
+def _table(scene: Scene, rays: Array, rotation: Array, translation: Array) -> tuple[Array, Indices]:
     """1/z of the table in each pixel, 0 beside it."""
     shown = np.full(rays.shape[:2], NOTHING, dtype=np.int64)
     if scene.table is None:
@@ -94,7 +92,7 @@ def _table(scene: Scene, rays: Array, rotation: Array, translation: Array) -> tu
     return np.where(on, closeness, 0.0), shown
 
 
-def _draw(corners: Array, camera: Camera, rays: Array, closeness: Array, shown: Integers) -> Array:
+def _draw(corners: Array, camera: Camera, rays: Array, closeness: Array, shown: Indices) -> Array:
     """Draw triangles (T, 3, 3) of the optical frame over what is there; (T, 3) normals."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
@@ -113,7 +111,7 @@ def _draw(corners: Array, camera: Camera, rays: Array, closeness: Array, shown: 
     return normals
 
 
-def _pixels(u: Array, v: Array, camera: Camera) -> tuple[Integers, Integers, Integers]:
+def _pixels(u: Array, v: Array, camera: Camera) -> tuple[Indices, Indices, Indices]:
     """All pixels whose centres lie in triangles (T, 3): which triangle, column, row."""
     order = np.argsort(v, axis=1)
     u, v = np.take_along_axis(u, order, axis=1), np.take_along_axis(v, order, axis=1)
@@ -135,7 +133,7 @@ def _pixels(u: Array, v: Array, camera: Camera) -> tuple[Integers, Integers, Int
     return which[span], column, row[span]
 
 
-def _spread(first: Array, count: Array) -> tuple[Integers, Integers]:
+def _spread(first: Array, count: Array) -> tuple[Indices, Indices]:
     """Counting from `first`, `count` steps each: which one, and the numbers."""
     steps = np.maximum(count, 0).astype(np.int64)
     which = np.repeat(np.arange(len(first)), steps)

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from poise.fake_robots.depth_noise import D435, StereoNoise, measured
-from poise.fake_robots.rasteriser import Array, Scene, render
+from poise.fake_robots.rasteriser import Scene, render
 from poise.recording import JointStream, PoseStream, RecordingWriter
 from poise.recording.encoding import encode_stream, encode_text, typestore
-from poise.robot import RobotModel, frame_poses
-from poise.robot.model import find_urdf
+from poise.robot import RobotModel, find_urdf, frame_poses
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame, View, depth_in_metres
 from poise.scanning.poses import Transform
 from poise.scanning.sweep import Ring, plan_sweep
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 OPTICAL = "camera_color_optical_frame"
 HAND_EYE = Transform(

@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from poise.types import Array
 
 
 class WrenchSource:
@@ -28,6 +30,6 @@ class WrenchSource:
         grid = np.arange(0.0, time[-1], 1.0 / rate)
         return cls(np.column_stack([np.interp(grid, time, axis) for axis in stream.wrench_in_sensor.T]))
 
-    def samples(self, first: int, count: int) -> NDArray[np.float64]:
+    def samples(self, first: int, count: int) -> Array:
         """Samples number `first` to `first + count - 1`, (count, 6)."""
         return self._wrench[np.arange(first, first + count) % len(self._wrench)]

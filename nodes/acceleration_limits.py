@@ -10,9 +10,10 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from poise.assembly import AccelerationLimits, Analysis, Pose, Structure, acceleration_limits
+from poise.assembly import AccelerationLimits, Analysis, Structure, acceleration_limits
 from poise.assembly.turning_base import TurningBase
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_of
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import weighed

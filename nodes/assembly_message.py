@@ -18,7 +18,6 @@ from poise.assembly import (
     Cylinder,
     FrictionPair,
     Mesh,
-    Pose,
     Push,
     RigidObject,
     Robustness,
@@ -26,6 +25,7 @@ from poise.assembly import (
     read_object,
 )
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
 from poise.shape.meshes import check_mesh
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject

@@ -33,7 +33,7 @@ from poise.nodes.runtime import end_goal, guarded, to_message
 from poise.nodes.trajectory_message import trajectory_message
 from poise.recording.streams import stamp_of
 from poise.robot import RobotModel
-from poise.robot.motion import Array
+from poise.types import Array
 from poise_msgs.action import IdentifyPayload as Action
 
 TICK = 0.02

@@ -2,7 +2,6 @@
 
 import time
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
@@ -13,6 +12,7 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import PoiseError
+from poise.geometry import rotation_of_quaternion
 from poise.inertia.live import LiveEstimator
 from poise.inertia.parts import Parts
 from poise.inertia.status import status_of
@@ -22,7 +22,6 @@ from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run
-from poise.recording.decoding import rotation_from_quaternion
 from poise.recording.streams import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
@@ -91,7 +90,7 @@ class InertialEstimator(Node):
                 stamp_of(transform),
                 transform.header.frame_id,
                 transform.child_frame_id,
-                rotation_from_quaternion(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0],
+                rotation_of_quaternion([turn.x, turn.y, turn.z, turn.w]),
                 (shift.x, shift.y, shift.z),
                 fixed,
                 now,

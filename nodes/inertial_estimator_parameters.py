@@ -9,9 +9,9 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia.live import IMUS, SOURCES, LiveOptions
 from poise.inertia.object_shape import load_object
 from poise.inertia.problem import NoiseLevels
-from poise.inertia.tracks import PairingSettings
 from poise.inertia.weighers import METHODS
 from poise.nodes.parameters import Parameter
+from poise.robot import PairingSettings
 
 SETTINGS = ("max_gap", "rest_gap", "rest_window", "rest_turning", "rest_speed", "block", "margin")
 NOISE = ("force", "torque", "linear_acceleration", "angular_acceleration")

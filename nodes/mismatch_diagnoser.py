@@ -5,7 +5,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
@@ -18,17 +17,14 @@ from std_srvs.srv import Trigger
 
 from poise.errors import InputError, PoiseError
 from poise.files import write_whole
-from poise.mismatch.diagnosis import Diagnosis, diagnose
-from poise.mismatch.joining import joined
-from poise.mismatch.live import Window, effects_called, examine
-from poise.mismatch.model import NominalModel, dump_model, load_model
-from poise.mismatch.reading import read_world
+from poise.geometry import rotation_of_quaternion
+from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
+from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_world
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.recording import open_recording
-from poise.recording.decoding import rotation_from_quaternion
 from poise.recording.streams import stamp_of
 from poise_msgs.msg import MismatchReport
 
@@ -67,7 +63,7 @@ class MismatchDiagnoser(Node):
         self._period, self._share = values["period"], values["share"]
         self._keep = Path(values["keep"]) if values["keep"] else None
         self._save = Path(values["save"]) if values["save"] else None
-        self._window = Window(values["window"])
+        self._window = LiveWindow(values["window"])
         self._full: float = values["window"]
         self._busy, self._due, self._seen = False, 0.0, 0
         self._count, self._spent = 0, 0.0
@@ -112,7 +108,7 @@ class MismatchDiagnoser(Node):
 
     def _on_odometry(self, message: Odometry) -> None:
         turn, place = message.pose.pose.orientation, message.pose.pose.position
-        rotation = rotation_from_quaternion(np.array([[turn.x, turn.y, turn.z, turn.w]]))[0]
+        rotation = rotation_of_quaternion([turn.x, turn.y, turn.z, turn.w])
         frames = (message.header.frame_id, message.child_frame_id)
         self._window.add_odometry(stamp_of(message), frames, rotation, (place.x, place.y, place.z))
 

@@ -1,7 +1,7 @@
 """A diagnosis of the core -> the message MismatchReport."""
 
 from poise.errors import PoiseError
-from poise.mismatch.diagnosis import Diagnosis, Finding
+from poise.mismatch.answer import Diagnosis, Finding
 from poise.nodes.estimate_message import time_message
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import EffectFinding, MismatchReport

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from poise.assembly import Pose, RigidObject
+from poise.assembly import RigidObject
+from poise.geometry import Pose
 from poise.inertia.parameters import frame_change, symmetric
 from poise_msgs.msg import InertialEstimate
 

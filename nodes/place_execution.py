@@ -24,8 +24,8 @@ from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
 from poise.placement import Options, Placement, Progress, plan_placement
 from poise.recording.streams import stamp_of
-from poise.robot.motion import Array
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 ARM_TOPIC, GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
 

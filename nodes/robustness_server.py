@@ -17,7 +17,6 @@ from visualization_msgs.msg import MarkerArray
 from poise.assembly import (
     MAX_MAP_POINTS,
     Analysis,
-    Pose,
     RigidObject,
     Robustness,
     RobustnessMap,
@@ -30,6 +29,7 @@ from poise.assembly.analysis import unstable
 from poise.assembly.changes import analysis_after
 from poise.assembly.deadline import Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.geometry import Pose
 from poise.nodes.assembly_markers import MOST_DRAWN, cleared, map_markers, mechanism_markers, scene_markers
 from poise.nodes.assembly_message import (
     assembly_message,

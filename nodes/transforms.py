@@ -2,8 +2,8 @@
 
 from tf2_msgs.msg import TFMessage
 
-from poise.assembly import Pose
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
 
 
 class Frames:

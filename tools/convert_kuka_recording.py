@@ -13,18 +13,16 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 
 from poise.errors import ErrorCode, InputError, PoiseError
+from poise.geometry import STANDARD_GRAVITY
 from poise.recording import ImuStream, PoseStream, Stream, WrenchStream, open_recording, write_recording
+from poise.types import Array, Stamps
 
-Floats = npt.NDArray[np.float64]
-Stamps = npt.NDArray[np.int64]
-Columns = dict[str, Floats]
+Columns = dict[str, Array]
 
 GRAVITY = 9.82085  # m/s2 where it was recorded: the length of (gx, gy, gz) in the calibration file
-STANDARD_GRAVITY = 9.80665  # m/s2 in 1 g, the unit of the accelerations
 WRENCH_RATE, IMU_RATE = 700.0, 254.0  # Hz, of the steady-state files, which have no times
 DWELL, PERIOD = 800_000_000, 1_000_000_000  # ns, invented for the static poses, which have no times either
 # x_imu = -z_sensor, y_imu = -x_sensor, z_imu = y_sensor: the only signed permutation that fits the 24 static poses.
@@ -95,7 +93,7 @@ def imu_mounting(stamp: int) -> PoseStream:
     return PoseStream(np.array([stamp]), ROTATION_SENSOR_IMU[None], np.zeros((1, 3)), "ft_sensor", "imu")
 
 
-def stack(columns: Columns, names: str) -> Floats:
+def stack(columns: Columns, names: str) -> Array:
     return np.stack([columns[name] for name in names.split(",")], axis=1)
 
 

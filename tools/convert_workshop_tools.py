@@ -17,8 +17,8 @@ from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 from poise.inertia.parameters import InertialParameters, phi_of_pseudo_inertia
+from poise.types import Array
 
-Array = NDArray[np.float64]
 TARGET = Path(__file__).resolve().parents[1] / "benchmarks" / "data" / "workshop_tools.npz"
 VOXELS = 400_000
 OBLIQUE = (0.5, 0.2, 0.3)  # rad

@@ -9,12 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from poise.inertia import InertialParameters
-from poise.mismatch.components import with_components
-from poise.mismatch.diagnosis import Diagnosis, diagnose
-from poise.mismatch.kinematics import Motion, world_from_motion
-from poise.mismatch.model import Component, NominalModel, parse_model
-from poise.mismatch.reading import read_world
-from poise.mismatch.world import World
+from poise.mismatch.answer import Diagnosis, diagnose
+from poise.mismatch.reading import (
+    Component,
+    Motion,
+    NominalModel,
+    parse_model,
+    read_world,
+    with_components,
+    world_from_motion,
+)
+from poise.mismatch.recorded import World
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory

@@ -1,6 +1,6 @@
 """What the probabilities are worth: `python -m benchmarks.concealed.calibrate DIR DIR.seals.json`.
 
-Fits the weights of `poise.mismatch.belief` (Platt's scaling: logistic in what speaks for a name) on answers to
+Fits the weights of `poise.mismatch.answer.belief` (Platt's scaling: logistic in what speaks for a name) on answers to
 recordings made with the seeds `calibration`. A half of the cases is fitted and the other half judges, then the halves
 change places; the weights of all cases together go into belief.py.
 """
@@ -9,7 +9,6 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from benchmarks.concealed.run import ANSWERS
@@ -17,9 +16,8 @@ from benchmarks.concealed.score import read_json
 from benchmarks.concealed.seals import open_seals
 from benchmarks.concealed.table import brier, calibration_error
 from benchmarks.concealed.tally import judge
-from poise.mismatch.belief import MOST_SURE, Basis
-
-Array = NDArray[np.float64]
+from poise.mismatch.answer import MOST_SURE, Basis
+from poise.types import Array
 
 WIDTH = 3.0
 """One sigma of the weights' prior: what is never seen must not become infinitely sure."""

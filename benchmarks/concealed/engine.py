@@ -8,8 +8,10 @@ import numpy as np
 
 from benchmarks.concealed.changes.base import Change
 from benchmarks.concealed.motions import DURATION, Motion
-from benchmarks.concealed.payload import Array, Payload
-from benchmarks.concealed.robot import ARM_LINKS, ARMATURE, DRIVEN, LOAD, SENSOR, STANDARD_GRAVITY, build
+from benchmarks.concealed.payload import Payload
+from benchmarks.concealed.robot import ARM_LINKS, ARMATURE, DRIVEN, LOAD, SENSOR, build
+from poise.geometry import STANDARD_GRAVITY
+from poise.types import Array
 
 SETTLING = 1.5  # s at rest before the recording, with heavy damping, in which what hangs loose finds its place
 HEAVY = 30.0  # rad/s (or 1/s), damping over inertia while settling

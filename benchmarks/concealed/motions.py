@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.concealed.payload import Array
 from benchmarks.concealed.robot import SPEED_LIMITS
+from poise.types import Array
 
 DURATION = 35.0  # s, as the thesis' motion and the probe's
 HOME = np.array([0.0, -1.9, 2.0, -np.pi / 2 - 0.1, -np.pi / 2, 0.0])

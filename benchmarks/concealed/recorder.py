@@ -11,9 +11,10 @@ from scipy.signal import lfilter
 from benchmarks.concealed.changes.base import Change
 from benchmarks.concealed.engine import Engine, Log
 from benchmarks.concealed.motions import DURATION, Motion
-from benchmarks.concealed.payload import Array, Payload
+from benchmarks.concealed.payload import Payload
 from benchmarks.concealed.robot import ARM_JOINTS, SENSOR, description
 from poise.recording import ImuStream, JointStream, PoseStream, Stream, WrenchStream, write_recording
+from poise.types import Array
 
 FORCE, TORQUE = 0.1, 0.005
 """N and N m, one sigma of white noise: the thesis' moderate noise, after the specification of an FT-300."""

@@ -7,7 +7,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from benchmarks.concealed.payload import Array, Payload
+from benchmarks.concealed.payload import Payload
+from poise.types import Array
 
 URDF = Path(__file__).parents[2] / "poise" / "robot" / "models" / "ridgeback_ur10.urdf"
 SENSOR = "ft_sensor"
@@ -33,7 +34,6 @@ ARMATURE = 1e12
 The force sensor does not see it: MuJoCo leaves armature out of the forces between bodies.
 """
 
-STANDARD_GRAVITY = 9.80665
 
 # Left out: the base's joints (the base moves by odom) and the gripper (all beyond the sensor is payload).
 LEFT_OUT_LINKS = ("odom", "base_x_link", "base_y_link", "gripper", "tcp")

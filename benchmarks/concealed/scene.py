@@ -7,7 +7,8 @@ import numpy as np
 
 from benchmarks.concealed.engine import Engine, Log
 from benchmarks.concealed.motions import Motion
-from benchmarks.concealed.payload import Array, Payload
+from benchmarks.concealed.payload import Payload
+from poise.types import Array
 
 
 @dataclass(frozen=True)

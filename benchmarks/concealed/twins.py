@@ -10,8 +10,8 @@ from benchmarks.concealed.changes.ground import Slope
 from benchmarks.concealed.changes.outside import Pull
 from benchmarks.concealed.changes.weight import OtherPayload, PointMass
 from benchmarks.concealed.motions import DURATION, HOME, Motion, fourier, still, through
-from benchmarks.concealed.payload import Array
 from benchmarks.concealed.scene import Scene
+from poise.types import Array
 
 Twin = tuple[list[Change], list[str], Motion]
 """The changes, the names that are as right as theirs, and the motion that cannot tell them apart."""

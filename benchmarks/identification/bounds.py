@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from benchmarks.identification.objects import Array
 from benchmarks.identification.scenarios import Trial
 from poise.inertia.metrics import expected_errors
 from poise.inertia.regressor import regressor
+from poise.types import Array
 
 BOUNDS = {
     "bound": "Cramer-Rao, no prior, each acceleration measured once",

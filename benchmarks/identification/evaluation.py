@@ -9,14 +9,15 @@ import numpy as np
 
 from benchmarks.identification.bounds import bounds
 from benchmarks.identification.motions import wrist_motion
-from benchmarks.identification.objects import Array, BenchmarkObject
+from benchmarks.identification.objects import BenchmarkObject
 from benchmarks.identification.scenarios import Scenario, Trial, make_trial
 from poise.errors import PoiseError
 from poise.inertia.least_squares import Solution
 from poise.inertia.metrics import effort_error, errors
 from poise.inertia.parameters import InertialParameters
 from poise.inertia.problem import Method
-from poise.robot.motion import SensorMotion
+from poise.robot import SensorMotion
+from poise.types import Array
 
 # An unseen motion, along which predicted torques are compared (thesis fig. 3.8).
 EFFORT_SPEED = 2.0  # rad/s

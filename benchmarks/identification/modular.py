@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.identification.objects import Array, BenchmarkObject
+from benchmarks.identification.objects import BenchmarkObject
 from poise.inertia.parameters import InertialParameters, frame_change
+from poise.types import Array
 
 PLATE = np.array([0.26, 0.18, 0.03])  # m
 PLATE_DENSITY = 300.0  # kg/m3: PLA, printed with a quarter of infill

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from benchmarks.identification.objects import Array
-from poise.robot.motion import SensorMotion
+from poise.robot import SensorMotion
+from poise.types import Array
 
 AMPLITUDE = np.deg2rad(45.0)
 # Hz. Eq. 3.14 prints sin(2 pi f t / 240) and calls t the time; 240 is the number of samples a second (of the

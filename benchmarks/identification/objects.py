@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.parameters import InertialParameters, frame_change
-from poise.robot.motion import SensorMotion
+from poise.robot import SensorMotion
+from poise.types import Array
 
-Array = NDArray[np.float64]
 SHIPPED = Path(__file__).resolve().parents[1] / "data" / "workshop_tools.npz"
 ENVIRONMENT = "POISE_TOOLS"
 

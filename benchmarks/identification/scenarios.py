@@ -7,12 +7,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from benchmarks.identification.motions import wrist_motion
-from benchmarks.identification.objects import Array, BenchmarkObject
+from benchmarks.identification.objects import BenchmarkObject
 from poise.errors import ErrorCode, InputError
 from poise.inertia.metrics import predict_wrench
 from poise.inertia.pmd import spread
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
-from poise.robot.motion import SensorMotion
+from poise.robot import SensorMotion
+from poise.types import Array
 
 # Thesis tables 3.2 and 3.7 (one and the same). Its code has 0.2 N and 0.01 N m for `high`; the print is followed.
 NOISE = {

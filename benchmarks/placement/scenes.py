@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from poise.assembly import Assembly, Box, Mesh, Pose, RigidObject, write_scene
+from poise.assembly import Assembly, Box, Mesh, RigidObject, write_scene
 from poise.files import write_whole
+from poise.geometry import Pose
+from poise.types import Array
 
-Array = NDArray[np.float64]
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "scenes" / "placement"
 DENSITY = 415.0
 """kg/m3, of basswood (thesis section 5.7)."""

@@ -5,16 +5,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from benchmarks.placement.scenes import Array
-from poise.assembly import Analysis, Assembly, Pose, RigidObject
+from poise.assembly import Analysis, Assembly, RigidObject
 from poise.assembly.deadline import NEVER_LATE
-from poise.assembly.geometry import rotation_about
 from poise.assembly.models import limit
 from poise.assembly.pushes import Loads
 from poise.errors import PoiseError
+from poise.geometry import Pose, rotation_about
 from poise.placement import Options, Placement, Uncertainty
 from poise.placement.planners import PLANNERS
 from poise.placement.rivals.engine import Engine, holds
+from poise.types import Array
 
 STILL = 1e-3
 """m: a corner that moves less in two seconds is at rest."""

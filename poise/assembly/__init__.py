@@ -13,7 +13,6 @@ from poise.assembly.analysis import Analysis, Mechanism
 from poise.assembly.assess import Assessment, Robustness, assess
 from poise.assembly.contacts import CONTACT_MARGIN, Interface, find_interfaces
 from poise.assembly.disassembly import Disassembly, plan_disassembly
-from poise.assembly.geometry import Pose
 from poise.assembly.graph import Structure
 from poise.assembly.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
 from poise.assembly.models import MODELS
@@ -41,7 +40,6 @@ __all__ = [
     "Mechanism",
     "Mesh",
     "MotionProbability",
-    "Pose",
     "Push",
     "RigidObject",
     "Robustness",

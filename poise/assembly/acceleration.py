@@ -8,12 +8,13 @@ from scipy.spatial import ConvexHull, QhullError
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array, unit
 from poise.assembly.gravity_cone import GravityCone
 from poise.assembly.models import default
 from poise.assembly.pushes import Loads
 from poise.assembly.scene import Assembly
 from poise.errors import ErrorCode, InputError
+from poise.geometry import unit
+from poise.types import Array
 
 FASTEST = 1000.0
 """Accelerations above this are not looked into, m/s2."""

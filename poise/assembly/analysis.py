@@ -6,16 +6,16 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.block import BlockGeometry, Integers
+from poise.assembly.block import BlockGeometry
 from poise.assembly.block_solvers import BlockKey, BlockSolvers
 from poise.assembly.contacts import CONTACT_MARGIN, Interface
 from poise.assembly.deadline import NEVER_LATE, Deadline
-from poise.assembly.geometry import Array
 from poise.assembly.graph import Block, Structure
 from poise.assembly.pushes import Loads
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.assembly.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
+from poise.types import Array, Indices
 
 STILL = 1e-4
 """Bodies slower than this share of the fastest are at rest in a mechanism."""
@@ -48,7 +48,7 @@ class BlockAnalysis:
         """The body of the block that moves with each object, by its place in `Assembly.objects`."""
         return {place: body for body, members in enumerate(self.block.members) for place in members}
 
-    def bodies_of(self, place: Integers) -> Integers:
+    def bodies_of(self, place: Indices) -> Indices:
         """(N,) the body of the block that moves with each object, by places (N,) in `Assembly.objects`; -1 for none."""
         body = np.full(len(self.structure.assembly.objects), -1, dtype=np.int64)
         body[list(self.body_of)] = list(self.body_of.values())

@@ -9,11 +9,11 @@ import numpy as np
 from poise.assembly.analysis import Analysis
 from poise.assembly.collapses import Collapses, Model, Movement
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array
 from poise.assembly.models import MODELS
 from poise.assembly.pushes import Loads, Push, loads_of
 from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)

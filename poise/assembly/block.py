@@ -5,13 +5,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array, csc_array
 
-from poise.assembly.geometry import Array, plane_axes
 from poise.assembly.graph import FIXED, Block, Structure
+from poise.geometry import plane_axes
+from poise.types import Array, Indices
 
-Integers = NDArray[np.int64]
 Sparse = Any
 """A sparse array of scipy, which publishes no types of its own."""
 
@@ -71,13 +70,13 @@ class BlockGeometry:
         gravity: (n, 6) wrench of gravity on each body with all that hangs on it.
     """
 
-    supports: Integers
+    supports: Indices
     units: Units
     points: Array
     frames: Array
     friction: Array
-    bodies: Integers
-    interface: Integers
+    bodies: Indices
+    interface: Indices
     gravity: Array
 
     @property
@@ -97,7 +96,7 @@ class BlockGeometry:
         return self.count == 1 and len(self.supports) == 1
 
 
-def assembled(wrenches: Array, bodies: Integers, count: int) -> Sparse:
+def assembled(wrenches: Array, bodies: Indices, count: int) -> Sparse:
     """(6 count, R K) wrenches (K, R, 6) between bodies (K, 2), + on the second and - on the first, one per column."""
     size, each, _ = wrenches.shape
     rows, columns, values = [], [], []

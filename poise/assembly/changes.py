@@ -3,9 +3,9 @@
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.shapes import Mesh, Shape
+from poise.types import Array
 
 
 def analysis_after(before: Analysis | None, assembly: Assembly) -> Analysis:

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array
 from poise.assembly.pushes import Loads
+from poise.types import Array, Mask
 
 
 class Movement(Protocol):
@@ -47,7 +47,7 @@ class Collapses:
     lower: Array
     upper: Array
     mechanisms: list[Movement | None]
-    checked: NDArray[np.bool_]
+    checked: Mask
     complete: bool = True
 
     @classmethod

@@ -6,13 +6,14 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from poise.assembly.geometry import Array, plane_axes, unit
 from poise.assembly.penetration import penetration_depth
 from poise.assembly.placed import Patch, PlacedBody, placed, triangle_areas
 from poise.assembly.round_contacts import round_patches
 from poise.assembly.scene import Assembly
 from poise.assembly.touching import FACE_ANGLE, touching_patches
 from poise.errors import ErrorCode, InputError
+from poise.geometry import plane_axes, unit
+from poise.types import Array
 
 CONTACT_MARGIN = 1.5e-3
 """Gaps and overlaps up to this, in m, count as touching: what a scan leaves between bodies that touch."""

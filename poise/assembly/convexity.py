@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from poise.assembly.geometry import Array
+from poise.types import Array
 
 
 def upper_planes(points: Array, values: Array) -> Array:

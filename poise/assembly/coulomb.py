@@ -16,7 +16,8 @@ from poise.assembly.block import BlockGeometry, Sparse, assembled
 from poise.assembly.contacts import Interface
 from poise.assembly.deadline import NEVER_LATE, Deadline
 from poise.assembly.friction_surface import patch_friction
-from poise.assembly.geometry import Array, plane_axes
+from poise.geometry import plane_axes
+from poise.types import Array, Mask
 
 # Stiffness of the ground that catches what nothing holds, per mean contact stiffness.
 CATCH = 1e-8
@@ -188,9 +189,7 @@ class CoulombBlock:
         blocks[:, 1:, 0] = -(self._friction * k * (slips & closed))[:, None] * direction
         return self._assembled(blocks)
 
-    def _tangent(
-        self, relative: Array, slide: Array, bounds: Array, closed: NDArray[np.bool_]
-    ) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def _tangent(self, relative: Array, slide: Array, bounds: Array, closed: Mask) -> tuple[Array, Array, Mask]:
         """Stiffness (P, 3, 3) with friction bounds held, directions of slip (P, 2), and which points slip (P,)."""
         k = self._stiffness
         slips = k * slide > bounds

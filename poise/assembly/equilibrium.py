@@ -6,9 +6,9 @@ import numpy as np
 from scipy.sparse import block_diag, csc_array, diags_array, eye_array, hstack, vstack
 
 from poise.assembly.block import BlockGeometry, Sparse
-from poise.assembly.geometry import Array
 from poise.assembly.solvers import Cones, ConicProgram, Outcome
 from poise.errors import ErrorCode, NoAnswerError
+from poise.types import Array
 
 MARGINAL = 1e-6
 """Margins below this share of the block's weight are 0: as good as rounding lets one know."""

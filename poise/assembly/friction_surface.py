@@ -6,8 +6,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from poise.assembly.contacts import Interface
-from poise.assembly.geometry import Array, plane_axes
 from poise.assembly.placed import triangle_areas
+from poise.geometry import plane_axes
+from poise.types import Array
 
 QUADRATURE = 500
 # Grid of the tabulated gauge: azimuth of the force, and elevation of the moment above it.

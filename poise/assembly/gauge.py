@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.assembly.block import Sparse
-from poise.assembly.geometry import Array
 from poise.assembly.solvers import TOLERANCE, Cones, ConicProgram, Outcome
+from poise.types import Array
 
 NEVER = 1e-7
 """Gauges below this mean never: the load would have to exceed ten million times the block's weight."""

@@ -4,8 +4,8 @@ import numpy as np
 
 from poise.assembly.contacts import Interface
 from poise.assembly.friction_surface import patch_friction
-from poise.assembly.geometry import Array
 from poise.assembly.single_patch import hull_edges
+from poise.types import Array
 
 
 class GravityCone:

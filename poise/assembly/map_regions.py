@@ -4,18 +4,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from poise.assembly.analysis import BlockAnalysis, Mechanism
 from poise.assembly.convexity import upper_planes
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array, plane_axes, wrench_of_force
 from poise.assembly.surface import SurfacePoints
+from poise.geometry import plane_axes, wrench_of_force
+from poise.types import Array, Indices, Mask
 
-Integers = NDArray[np.int64]
-
-# Fewer points than this in one plane are treated as part of a curved surface.
 FLAT = 12
 # Points of curved surfaces solved in one round.
 ROUND = 96
@@ -30,7 +27,7 @@ def chunks(count: int) -> Iterator[slice]:
     return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
 
 
-def group_rows(key: Array) -> Integers:
+def group_rows(key: Array) -> Indices:
     """(N,) group number of each row of a key (N, K <= 5); rows are equal to about 1e-6."""
     # One number for each row of the key: far faster to sort than rows.
     weights = np.array([1.0, np.e, np.pi, np.sqrt(2), np.sqrt(3)])[: key.shape[1]]
@@ -50,8 +47,8 @@ class Bounds:
 
     lower: Array
     upper: Array
-    block: Integers
-    mechanism: Integers
+    block: Indices
+    mechanism: Indices
     mechanisms: list[Mechanism] = field(default_factory=list)
     solves: int = 0
 
@@ -59,7 +56,7 @@ class Bounds:
     def none(cls, count: int) -> "Bounds":
         return cls(np.zeros(count), np.zeros(count), np.full(count, -1), np.full(count, -1))
 
-    def raise_to(self, rows: Integers, lower: Array, upper: Array, block: int, mechanism: Integers) -> None:
+    def raise_to(self, rows: Indices, lower: Array, upper: Array, block: int, mechanism: Indices) -> None:
         """A block has these gauges at least and at most; the weakest block counts."""
         stronger = lower > self.lower[rows]
         self.block[rows[stronger]] = block
@@ -67,7 +64,7 @@ class Bounds:
         self.lower[rows] = np.maximum(self.lower[rows], lower)
         self.upper[rows] = np.maximum(self.upper[rows], upper)
 
-    def give_up(self, rows: Integers) -> None:
+    def give_up(self, rows: Indices) -> None:
         """Record that the deadline passed before a block was asked about these points."""
         self.upper[rows] = np.inf
 
@@ -108,7 +105,7 @@ class Pool:
             self.numbers.append(len(self.bounds.mechanisms))
             self.bounds.mechanisms.append(Mechanism(self.block, twist))
 
-    def cuts(self, body: int, wrenches: Array, start: int = 0) -> tuple[Array, Integers]:
+    def cuts(self, body: int, wrenches: Array, start: int = 0) -> tuple[Array, Indices]:
         """Largest lower bound (n,) that mechanisms from `start` on give for wrenches (n, 6), and its number."""
         if len(self.twists) <= start:
             return np.zeros(len(wrenches)), np.full(len(wrenches), -1)
@@ -140,7 +137,7 @@ class Region:
 
     pool: Pool
     body: int
-    rows: Integers
+    rows: Indices
     wrenches: Array
 
     def __post_init__(self) -> None:
@@ -157,7 +154,7 @@ class Region:
         better = values > self.lower
         self.lower[better], self.mechanism[better] = values[better], numbers[better]
 
-    def open(self, tolerance: float, floor: float) -> NDArray[np.bool_]:
+    def open(self, tolerance: float, floor: float) -> Mask:
         """(n,) whether the bounds are still too far apart to tell the robustness to the tolerance."""
         known = np.maximum(self.lower, self.pool.bounds.lower[self.rows])
         return (self.upper > (1 + tolerance) * known) & (self.upper > floor) & ~self.solved
@@ -220,7 +217,7 @@ def bound_flat(
         region.learn()
 
 
-def _widest(region: Region, facet: Integers, tolerance: float, floor: float) -> Integers:
+def _widest(region: Region, facet: Indices, tolerance: float, floor: float) -> Indices:
     """For each facet of the upper bound with points still open, the one with the widest gap."""
     rows = np.flatnonzero(region.open(tolerance, floor))
     gap = region.upper[rows] - np.maximum(region.lower[rows], region.pool.bounds.lower[region.rows[rows]])
@@ -281,7 +278,7 @@ def _between(region: Region, values: Array, rest: Array) -> None:
 
 
 def bound_block(
-    pool: Pool, surface: SurfacePoints, rows: Integers, wrenches: Array, tolerance: float, floor: float
+    pool: Pool, surface: SurfacePoints, rows: Indices, wrenches: Array, tolerance: float, floor: float
 ) -> bool:
     """Bound all points (rows) whose pushes load a block; wrenches (N, 6) of all points, N and N m.
 

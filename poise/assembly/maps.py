@@ -4,16 +4,16 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array, wrench_of_force
-from poise.assembly.map_regions import Bounds, Integers, Pool, bound_block, chunks, group_rows
+from poise.assembly.map_regions import Bounds, Pool, bound_block, chunks, group_rows
 from poise.assembly.models import HUGE, NEARLY
 from poise.assembly.scene import Assembly
 from poise.assembly.surface import SurfacePoints, sample_surface
 from poise.errors import ErrorCode, InputError
+from poise.geometry import wrench_of_force
+from poise.types import Array, Indices, Mask
 
 CEILING = 100.0
 """Points that hold this many weights of the assembly are strong enough: how much more is not looked into."""
@@ -47,10 +47,10 @@ class RobustnessMap:
     surface: SurfacePoints
     lower: Array
     upper: Array
-    block: Integers
-    mechanism: Integers
+    block: Indices
+    mechanism: Indices
     mechanisms: tuple[Mechanism, ...]
-    doubtful: NDArray[np.bool_]
+    doubtful: Mask
     complete: bool
     solves: int
     seconds: float
@@ -103,7 +103,7 @@ def robustness_map(
     analysis = Analysis.of(assembly)
     analysis.require_stable(clock)
     if isinstance(surface, int):
-        surface = sample_surface(analysis.structure, surface, clock)
+        surface = sample_surface(analysis.structure, surface)
     bounds, complete, doubtful = _bounded(analysis, surface, tolerance, name, clock)
     weight = _weight(analysis)
     with np.errstate(divide="ignore"):
@@ -129,7 +129,7 @@ def _weight(analysis: Analysis) -> float:
 
 def _bounded(
     analysis: Analysis, surface: SurfacePoints, tolerance: float, model: str, clock: Deadline
-) -> tuple[Bounds, bool, NDArray[np.bool_]]:
+) -> tuple[Bounds, bool, Mask]:
     """Bounds on the gauges of all points, whether they meet the tolerance, and which faces are doubtful."""
     bounds = Bounds.none(len(surface.points))
     wrenches = wrench_of_force(surface.directions, surface.points)
@@ -157,8 +157,8 @@ def _bounded(
 
 
 def _doubtful(
-    block: BlockAnalysis, surface: SurfacePoints, rows: Integers, wrenches: Array, upper: Array, deadline: Deadline
-) -> NDArray[np.bool_]:
+    block: BlockAnalysis, surface: SurfacePoints, rows: Indices, wrenches: Array, upper: Array, deadline: Deadline
+) -> Mask:
     """(r,) of points (rows), the faces where elastic contacts do not hold what the map says.
 
     The weakest point of each object is asked about; where the block may lean on self-stress, the weakest, middle and
@@ -185,8 +185,8 @@ def _doubtful(
 
 
 def _single_patch(
-    block: BlockAnalysis, number: int, rows: Integers, wrenches: Array, bounds: Bounds, less: float, deadline: Deadline
-) -> tuple[Integers, bool]:
+    block: BlockAnalysis, number: int, rows: Indices, wrenches: Array, bounds: Bounds, less: float, deadline: Deadline
+) -> tuple[Indices, bool]:
     """Blocks of one body on one interface need no bounds under `patch`: all points (rows) have a closed form.
 
     Returns:

@@ -3,21 +3,18 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism, PatchMechanism
 from poise.assembly.collapses import Collapses, Model
 from poise.assembly.coulomb import BISECTED
 from poise.assembly.deadline import Deadline
 from poise.assembly.gauge import NEVER, Gauge
-from poise.assembly.geometry import Array
 from poise.assembly.pushes import Loads
 from poise.assembly.rivals.approximate import approx
 from poise.assembly.rivals.bullet import pybullet
 from poise.assembly.rivals.linear import lp4, lp8
 from poise.assembly.rivals.thesis import thesis
-
-Integers = NDArray[np.int64]
+from poise.types import Array, Indices, Mask
 
 NEARLY = 0.98
 """Elastic contacts are asked at this share of the robustness found: nearer to collapse nothing converges."""
@@ -102,7 +99,7 @@ def _both_gauges(block: BlockAnalysis, load: Array) -> list[Gauge]:
 def _ask(
     collapses: Collapses,
     block: BlockAnalysis,
-    questions: Integers,
+    questions: Indices,
     loads: Array,
     deadline: Deadline,
     gauges: Callable[[BlockAnalysis, Array], list[Gauge]],
@@ -118,7 +115,7 @@ def _ask(
                 collapses.limit_by(question, 1 / gauge.upper, 1 / gauge.value, Mechanism(block, gauge.twist))
 
 
-def _ask_single_patch(collapses: Collapses, block: BlockAnalysis, questions: Integers, loads: Array) -> None:
+def _ask_single_patch(collapses: Collapses, block: BlockAnalysis, questions: Indices, loads: Array) -> None:
     """Ask a block of one body on one interface about all loads at once; other blocks are left alone."""
     single = block.solvers.single_patch
     if single is None:
@@ -135,7 +132,7 @@ def _check_elastic(
     collapses: Collapses,
     analysis: Analysis,
     loads: Loads,
-    wanted: NDArray[np.bool_],
+    wanted: Mask,
     deadline: Deadline,
     nearly: float = NEARLY,
 ) -> None:

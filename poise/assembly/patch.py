@@ -7,13 +7,13 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import block_array, coo_array, csc_array
 
-from poise.assembly.block import BlockGeometry, Integers, assembled
+from poise.assembly.block import BlockGeometry, assembled
 from poise.assembly.contacts import Interface
 from poise.assembly.equilibrium import contact_forces
 from poise.assembly.friction_surface import patch_friction
 from poise.assembly.gauge import NEVER, Gauge, GaugeProgram
-from poise.assembly.geometry import Array
 from poise.assembly.solvers import Cones
+from poise.types import Array, Indices
 
 PRESSED = 1e-6
 """An interface pressed by less than this, in the block's units, has no centre of pressure."""
@@ -41,7 +41,7 @@ class _Cells:
         reach: (M,) lever arm of the patch against turning.
     """
 
-    interface: Integers
+    interface: Indices
     share: Array
     places: Array
     axes: Array
@@ -181,7 +181,7 @@ class PatchProgram:
         return block_array(rows, format="csc")
 
     @cached_property
-    def _affine(self) -> tuple[Array, Array, Integers]:
+    def _affine(self) -> tuple[Array, Array, Indices]:
         """Stored entries of `_rows` at 0, their slopes (nnz, 3), and the interface whose centre each depends on."""
         zero = np.zeros_like(self._centres)
         base = self._rows(zero)

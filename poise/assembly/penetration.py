@@ -8,9 +8,9 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.assembly.geometry import Array
 from poise.assembly.placed import PlacedBody, meeting
 from poise.assembly.shapes import Box, Cylinder, Shape
+from poise.types import Array, Mask
 
 CROSSINGS, PRODUCTS = 60_000, 2_000_000
 """Edges times triangles, and points times planes, looked at together."""
@@ -78,7 +78,7 @@ def _deepest(body: PlacedBody, other: PlacedBody) -> float:
     return deepest
 
 
-def _inside(points: Array, body: PlacedBody, bounds: Array) -> NDArray[np.bool_]:
+def _inside(points: Array, body: PlacedBody, bounds: Array) -> Mask:
     """(N,) which points are within bounds (2, 3) and in a body."""
     inside = np.all((points >= bounds[0]) & (points <= bounds[1]), axis=1)
     rows = np.flatnonzero(inside)

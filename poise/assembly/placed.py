@@ -5,11 +5,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from poise.assembly.geometry import Array, plane_axes
 from poise.assembly.scene import RigidObject
-from poise.assembly.shapes import Cylinder, Indices, Polyhedron
+from poise.assembly.shapes import Cylinder, Polyhedron
+from poise.geometry import plane_axes
+from poise.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ def bounds_of(corners: Array) -> Array:
     return np.stack([corners.min(axis=1), corners.max(axis=1)])
 
 
-def meeting(bounds: Array, others: Array) -> NDArray[np.bool_]:
+def meeting(bounds: Array, others: Array) -> Mask:
     """(N,) which of the bounds (2, N, 3) meet others (2, 3)."""
     (low, high), (floor, top) = bounds, others
     meets = (low[:, 0] <= top[0]) & (high[:, 0] >= floor[0])

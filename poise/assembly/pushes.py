@@ -7,11 +7,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from poise.assembly.geometry import Array, wrench_of_force
 from poise.assembly.penetration import distance_to_triangles
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.shapes import Box, Cylinder
 from poise.errors import ErrorCode, InputError
+from poise.geometry import wrench_of_force
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,10 +3,11 @@
 import numpy as np
 import shapely
 
-from poise.assembly.geometry import Array, unit
 from poise.assembly.placed import Patch, PlacedBody
 from poise.assembly.shapes import Cylinder
 from poise.assembly.touching import NO_TRIANGLES, overlap, touching_patches
+from poise.geometry import unit
+from poise.types import Array
 
 # A side within this angle of a facet lies on it along a line, rad.
 LINE_ANGLE = np.radians(1.0)

@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.geometry import Array, Pose
 from poise.assembly.shapes import Shape
 from poise.errors import ErrorCode, InputError
+from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.types import Array
 
-STANDARD_GRAVITY = 9.80665
 INERTIA_ROUNDING = 1e-9
 """Share of the largest entry by which an inertia tensor may miss symmetry and the triangle inequality."""
 

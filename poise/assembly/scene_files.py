@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from poise.assembly.geometry import Array, Pose
 from poise.assembly.mesh_files import load_mesh
-from poise.assembly.scene import STANDARD_GRAVITY, Assembly, FrictionPair, RigidObject
+from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.assembly.shapes import Box, Cylinder, Mesh, Shape
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
+from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.types import Array
 
 MAX_BYTES = 16_000_000
 UPPER = np.triu_indices(3)

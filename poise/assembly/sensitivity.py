@@ -6,9 +6,10 @@ import numpy as np
 
 from poise.assembly.analysis import Analysis, BlockAnalysis
 from poise.assembly.gauge import NEVER, Gauge
-from poise.assembly.geometry import Array, wrench_of_force
 from poise.assembly.pushes import Push, loads_of
 from poise.assembly.scene import Assembly
+from poise.geometry import wrench_of_force
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,16 +6,13 @@ from typing import Protocol
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from poise.assembly.geometry import Array, unit
 from poise.errors import ErrorCode, InputError
+from poise.geometry import unit
+from poise.types import Array, Indices
 
-Indices = NDArray[np.int64]
-
-# Sides of the polygon that stands for a circle. Its vertices lie on the circle.
 CIRCLE_SIDES = 64
 # Neighbouring triangles within this angle are one facet, rad.
 COPLANAR_ANGLE = 1e-3

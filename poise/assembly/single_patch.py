@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.assembly.contacts import Interface
 from poise.assembly.friction_surface import PatchFriction, patch_friction
 from poise.assembly.gauge import NEVER
-from poise.assembly.geometry import Array, move_wrench
+from poise.geometry import move_wrench
+from poise.types import Array, Mask
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
 COARSE, FINE = 8, 9
@@ -24,7 +24,7 @@ class PatchCollapse:
     """
 
     factor: Array
-    slips: NDArray[np.bool_]
+    slips: Mask
 
 
 class SinglePatch:
@@ -73,7 +73,7 @@ class SinglePatch:
         factor[size == 0] = np.inf
         return PatchCollapse(factor, slips)
 
-    def allowed_by_limit(self, loads: Array, factor: Array) -> NDArray[np.bool_]:
+    def allowed_by_limit(self, loads: Array, factor: Array) -> Mask:
         """(Q,) whether limit analysis surely holds loads (Q, 6) at these factors (Q,); a sufficient test.
 
         Two distributions that limit analysis may choose from, both with the given centre of pressure: uniform pressure

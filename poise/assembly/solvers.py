@@ -8,8 +8,8 @@ import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from poise.assembly.geometry import Array
 from poise.errors import ErrorCode, NoAnswerError
+from poise.types import Array
 
 MAX_ITERATIONS = 200
 TIME_LIMIT = 30.0

@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.assembly.deadline import NEVER_LATE, Deadline
-from poise.assembly.geometry import Array, plane_axes
 from poise.assembly.graph import Structure
 from poise.assembly.placed import triangle_areas
+from poise.geometry import plane_axes
+from poise.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,16 +20,13 @@ class SurfacePoints:
         directions: (N, 3) unit vectors.
     """
 
-    place: NDArray[np.int64]
+    place: Indices
     points: Array
     directions: Array
 
 
-def sample_surface(structure: Structure, count: int, deadline: Deadline = NEVER_LATE) -> SurfacePoints:
-    """About `count` points on the movable objects, evenly by area, with the inward normals; none where bodies touch.
-
-    After the deadline the points around the remaining interfaces are left out without a closer look.
-    """
+def sample_surface(structure: Structure, count: int) -> SurfacePoints:
+    """About `count` points on the movable objects, evenly by area, with the inward normals; none where bodies touch."""
     objects = structure.assembly.objects
     corners, places, normals = [], [], []
     for movable in structure.movable:
@@ -51,11 +47,11 @@ def sample_surface(structure: Structure, count: int, deadline: Deadline = NEVER_
     square = np.where(square.sum(axis=1, keepdims=True) > 1, 1 - square, square)
     first, second, third = np.moveaxis(triangles[which], 1, 0)
     points = first + square[:, :1] * (second - first) + square[:, 1:] * (third - first)
-    free = ~_covered(structure, points, place[which], deadline)
+    free = ~_covered(structure, points, place[which])
     return SurfacePoints(place[which][free], points[free], -normal[which][free])
 
 
-def _covered(structure: Structure, points: Array, place: NDArray[np.int64], deadline: Deadline) -> NDArray[np.bool_]:
+def _covered(structure: Structure, points: Array, place: Indices) -> Mask:
     """(N,) whether another body touches the surface there."""
     covered = np.zeros(len(points), dtype=bool)
     for interface in structure.interfaces:
@@ -72,9 +68,6 @@ def _covered(structure: Structure, points: Array, place: NDArray[np.int64], dead
         a, b, c = np.moveaxis(interface.triangles @ axes.T, 1, 0)
         inside = np.zeros(len(rows), dtype=bool)
         for p, q, r in zip(a, b, c, strict=True):
-            if deadline.passed:
-                inside[:] = True
-                break
             turns = np.stack([_side(p, q, plane), _side(q, r, plane), _side(r, p, plane)])
             inside |= np.all(turns >= 0, axis=0) | np.all(turns <= 0, axis=0)
         covered[rows[inside]] = True

@@ -3,9 +3,9 @@
 import numpy as np
 import shapely
 
-from poise.assembly.geometry import Array, plane_axes, unit
 from poise.assembly.placed import Patch, PlacedBody
-from poise.assembly.shapes import Indices
+from poise.geometry import plane_axes, unit
+from poise.types import Array, Indices
 
 # Facets within this angle of opposite may lie flat on each other, rad (a scan's pose is not better).
 FACE_ANGLE = np.radians(3.0)

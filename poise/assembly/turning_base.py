@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.assembly.geometry import Array, rotation_of_quaternion
 from poise.errors import ErrorCode, InputError
+from poise.geometry import rotation_of_quaternion
+from poise.types import Array
 
 SMOOTHING = 0.2
 """s: time constant of the angular speed before it is differentiated."""

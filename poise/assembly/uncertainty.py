@@ -7,11 +7,12 @@ import numpy as np
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array, Pose
 from poise.assembly.graph import Structure
 from poise.assembly.pushes import Push, loads_of
 from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
+from poise.types import Array
 
 # Masses are sampled so often for each draw of friction and poses.
 MASSES_PER_DRAW = 20

@@ -26,8 +26,8 @@ from poise.excitation.plan_file import write_plan
 from poise.inertia.parameters import about_com_jacobian
 from poise.inertia.parts import Parts
 from poise.robot import RobotModel
-from poise.robot.motion import Array
 from poise.simulation import home
+from poise.types import Array
 
 RobotArgument = Annotated[
     str, typer.Argument(metavar="ROBOT", help="A URDF file, or fr3, xarm7 or ridgeback_ur10.", show_default=False)
@@ -88,7 +88,7 @@ def excite(
     picture: PictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Plan the motion that tells most about what a robot holds, and that keeps everything slow.
+    """Plan a slow joint motion that reveals the inertial parameters of the payload.
 
     From where the robot is, and back to rest there: joint motions with the most information about mass, centre of
     mass, inertia and sensor bias, within the joints' limits, and with both the tool centre point and the object's

@@ -122,7 +122,7 @@ def identify(
     report: ReportOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Weigh what a force-torque sensor carries: mass, centre of mass, inertia, each with its uncertainty.
+    """Estimate mass, centre of mass and inertia of the payload on a force-torque sensor.
 
     The recording needs the wrench, and one of: joint_states with robot_description; tf up to the sensor; imu with a
     gyroscope. Poses held still in three attitudes or more give mass, centre of mass and the sensor's bias; motion also

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from poise.commands.output import warn
-from poise.mismatch.model import load_model
-from poise.mismatch.taking_out import TakenOut, take_out
+from poise.mismatch.application import TakenOut, take_out
+from poise.mismatch.reading import load_model
 from poise.recording import open_recording, rewrite_recording
 
 

@@ -6,12 +6,13 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
-from poise.assembly import AccelerationLimits, Analysis, Pose, acceleration_limits
+from poise.assembly import AccelerationLimits, Analysis, acceleration_limits
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.mismatch.known_load import loads_about
-from poise.mismatch.model import load_model
+from poise.geometry import Pose
+from poise.mismatch.application import loads_about
+from poise.mismatch.reading import load_model
+from poise.types import Array
 
 LoadOption = Annotated[
     str | None,
@@ -53,7 +54,7 @@ def loaded(
     return first, others
 
 
-def least_limits(found: AccelerationLimits, others: Sequence[Analysis], deadline: float | None) -> NDArray[np.float64]:
+def least_limits(found: AccelerationLimits, others: Sequence[Analysis], deadline: float | None) -> Array:
     """(D,) the least limit of a scene and of others like it; zero where one of these does not even stand."""
     least = np.array(found.limits, dtype=np.float64)
     for other in others:

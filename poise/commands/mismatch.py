@@ -12,10 +12,8 @@ from rich.table import Table
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
 from poise.commands.output import add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
-from poise.mismatch.diagnosis import Diagnosis, Finding, Quantity, diagnose
-from poise.mismatch.joining import joined, spans
-from poise.mismatch.model import NominalModel, dump_model, load_model
-from poise.mismatch.reading import Reading, read_world
+from poise.mismatch.answer import Diagnosis, Finding, Quantity, diagnose
+from poise.mismatch.reading import NominalModel, Reading, dump_model, joined, load_model, read_world, spans
 from poise.recording import open_recording
 from poise.viewing.wording import readable, rounded
 
@@ -69,7 +67,7 @@ def mismatch(
     separate: SeparateOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Say where a recording and the simulation part, what physics was left out, and prove it on held-out samples.
+    """Identify the physical effects that a recording shows and the simulation lacks.
 
     The recordings need the wrench, joint_states and robot_description (or tf up to the sensor); odom and joint efforts
     are used where they are. Effects of a library compete by evidence, with small calibration errors always allowed

@@ -7,8 +7,7 @@ import numpy as np
 
 from poise.commands.output import progress_bar
 from poise.excitation.plan_file import write_waypoints
-from poise.mismatch.diagnosis import Diagnosis
-from poise.mismatch.separating import Separation, separating_motion
+from poise.mismatch.answer import Diagnosis, Separation, separating_motion
 from poise.robot import RobotModel
 
 STEP = 0.1

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.assembly import Push
 from poise.errors import ErrorCode, InputError
+from poise.types import Array
 
 MAX_BYTES = 100_000_000
 
@@ -45,7 +45,7 @@ def _push(entry: Any, where: str) -> Push:
     return Push(entry["object"], entry["point"], entry["direction"])
 
 
-def read_vectors(path: Path) -> NDArray[np.float64]:
+def read_vectors(path: Path) -> Array:
     """Read a JSON list of [x, y, z].
 
     Raises:

@@ -12,8 +12,7 @@ from poise.commands.segment import write_picture
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.recording import open_recording
-from poise.robot.model import find_urdf
-from poise.robot.urdf import read_urdf
+from poise.robot import find_urdf, read_urdf
 from poise.scanning import Scan, ScanOptions, Sweep, SweepOptions, Transform, read_sweep
 from poise.scanning import scan as scan_views
 from poise.scanning.cloud_files import scan_ply
@@ -90,7 +89,7 @@ def scan(
     depth_topic: TopicOption = "",
     json_target: JsonOption = None,
 ) -> None:
-    """What does an object on a table look like from all sides, and which parts is it made of?
+    """Reconstruct an object on a table from a camera sweep and segment it into parts.
 
     The bag holds aligned depth and colour images with camera_info (or a PointCloud2), joint_states, robot_description
     and, for the camera on the hand, tf_static. The cloud is in the frame of the robot's base.

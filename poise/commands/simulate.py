@@ -11,14 +11,10 @@ from rich.table import Table
 
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.components import absent, effect_of
-from poise.mismatch.model import NominalModel, load_model
-from poise.mismatch.reading import read_world
-from poise.mismatch.running import Run, run_planned, run_recorded
+from poise.mismatch.application import Run, run_planned, run_recorded
+from poise.mismatch.reading import NominalModel, absent, effect_of, load_model, read_world
 from poise.recording import open_recording, rewrite_recording, write_recording
-from poise.robot import RobotModel
-from poise.robot.model import find_urdf
-from poise.robot.urdf import read_urdf
+from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import read_trajectory
 
 PLANNED = (".csv", ".yaml", ".yml")
@@ -55,7 +51,7 @@ def simulate(
         typer.Option("--json", metavar="FILE", help="Write a summary as JSON; - for stdout.", show_default=False),
     ] = None,
 ) -> None:
-    """Run the simulation along a motion: what the sensor and the joints should say, as a recording.
+    """Simulate the sensor and the joints along a motion and write a recording.
 
     With a model that `poise mismatch --save` wrote, the effects that were found act: the recording made here is then
     what the diagnosis expects, and holding it against the plain model finds them again. Of a recording the wrench is

@@ -5,8 +5,8 @@ import numpy as np
 from poise.excitation.certificate import certify
 from poise.excitation.limits import Guard, MotionLimits
 from poise.robot import RobotModel
-from poise.robot.motion import Array
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 STOP_TIMES = (0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 """s, tried from the shortest."""

@@ -8,8 +8,8 @@ from scipy.special import comb
 from poise.excitation.hand import hand_motion
 from poise.excitation.limits import Guard, MotionLimits, position_range
 from poise.robot import RobotModel
-from poise.robot.motion import Array
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 STEP = 1e-3
 """s between the instants whose neighbourhoods cover a motion."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline
 
-from poise.robot.motion import Array
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 DEGREE = 5
 KNOT_SPACING = 0.125

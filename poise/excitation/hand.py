@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from poise.robot import GRAVITY_IN_WORLD, RobotModel
-from poise.robot.kinematics import state
-from poise.robot.motion import Array
+from poise.geometry import GRAVITY_IN_WORLD
+from poise.robot import RobotModel, pinocchio_state
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +52,7 @@ class HandSlopes:
 
 def hand_motion(model: RobotModel, position: Array, velocity: Array, acceleration: Array) -> HandMotion:
     """Where the sensor is and how it moves along joints (N, J)."""
-    motion = state(model, position, velocity, acceleration)
+    motion = pinocchio_state(model, position, velocity, acceleration)
     pinocchio, data, frame = model.pinocchio, model.pinocchio.createData(), model.frame_id(model.sensor_frame)
     n = len(motion.q)
     rotation, rows = np.empty((n, 3, 3)), np.empty((n, 5, 3))
@@ -70,7 +70,7 @@ def hand_slopes(
     model: RobotModel, position: Array, velocity: Array, acceleration: Array
 ) -> tuple[HandMotion, HandSlopes]:
     """The motion along joints (N, J), and its derivatives."""
-    motion = state(model, position, velocity, acceleration)
+    motion = pinocchio_state(model, position, velocity, acceleration)
     pinocchio, data, frame = model.pinocchio, model.pinocchio.createData(), model.frame_id(model.sensor_frame)
     n, m = motion.v.shape
     rotation, rows, slopes = np.empty((n, 3, 3)), np.empty((n, 5, 3)), np.empty((n, 4, 6, m))

@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.inertia.parameters import Array, InertialParameters, frame_change
+from poise.inertia.parameters import InertialParameters, frame_change
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.signals import ENTRIES, residual_covariance
+from poise.types import Array
 
 SENSOR = NoiseLevels(force_bias=5.0, torque_bias=0.25)
 """The noise of thesis table 3.2, moderate, on a sensor that nobody has zeroed."""

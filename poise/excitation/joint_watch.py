@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
-from poise.robot.motion import Array
+from poise.types import Array
 
 REST_SPAN, REST_TRAVEL = 0.1, 2e-3
 """s within which a resting arm's joints move by less than this, rad or m."""

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
 from poise.robot import RobotModel
-from poise.robot.motion import Array
+from poise.types import Array
 
 COLLABORATIVE_SPEED = 0.25
 """m/s: the reduced speed of ISO 10218-1, which ISO/TS 15066 takes over for work beside people."""

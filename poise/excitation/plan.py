@@ -17,8 +17,8 @@ from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.signals import motion_signals
 from poise.robot import RobotModel
-from poise.robot.motion import Array
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 SHORTEST, LONGEST = 0.5, 60.0
 """s of a motion."""

@@ -9,8 +9,8 @@ import yaml
 
 from poise.excitation.plan import ExcitationPlan
 from poise.files import write_whole
-from poise.robot.motion import Array
 from poise.simulation import JointMotion
+from poise.types import Array
 
 DIGITS = 9
 

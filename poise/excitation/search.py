@@ -13,7 +13,7 @@ from poise.excitation.information import Information
 from poise.excitation.limits import Guard, MotionLimits, position_range
 from poise.inertia.signals import motion_signals
 from poise.robot import RobotModel
-from poise.robot.motion import Array
+from poise.types import Array
 
 SAMPLES_A_SECOND = 50
 MOST_SAMPLES = 400

@@ -12,8 +12,8 @@ from poise.excitation.limits import Guard, MotionLimits, position_range
 from poise.excitation.search import Cancelled, Progress, check
 from poise.inertia.signals import motion_signals
 from poise.robot import RobotModel
-from poise.robot.motion import Array
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 TILT = np.deg2rad(60.0)
 AZIMUTHS = 8

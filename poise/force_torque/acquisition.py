@@ -21,6 +21,7 @@ from poise.force_torque.health import Health, Report
 from poise.force_torque.link import Link
 from poise.force_torque.samples import Samples
 from poise.force_torque.sequence import SequenceCounter
+from poise.types import Array
 
 LONGEST_WAIT = 0.05
 """s of one read at the most: how soon a stop is heeded."""
@@ -57,7 +58,7 @@ class AcquisitionOptions:
     batch_rate: float = 0.0
     silence: float = 0.05
     publish_saturated: bool = False
-    bias: NDArray[np.float64] = field(default_factory=lambda: np.zeros(6))
+    bias: Array = field(default_factory=lambda: np.zeros(6))
 
 
 class Acquisition:

@@ -9,6 +9,7 @@ from poise.force_torque.clock import SampleClock
 from poise.force_torque.decimation import Stamped
 from poise.force_torque.samples import Samples
 from poise.force_torque.sequence import SequenceCounter
+from poise.types import Array
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class Batch:
     stamp: int
     period: float
     sequence: NDArray[np.uint32]
-    wrench_in_sensor: NDArray[np.float64]
+    wrench_in_sensor: Array
     status: NDArray[np.uint32]
     received: int
     lost: int

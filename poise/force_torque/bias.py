@@ -4,9 +4,9 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, NoAnswerError, SensorError
+from poise.types import Array
 
 PARTS = 10
 """Rest is judged by the means of this many consecutive parts: noise averages out of them, motion does not."""
@@ -25,13 +25,13 @@ class Bias:
         count: samples.
     """
 
-    wrench_in_sensor: NDArray[np.float64]
-    spread: NDArray[np.float64]
-    drift: NDArray[np.float64]
+    wrench_in_sensor: Array
+    spread: Array
+    drift: Array
     count: int
 
 
-def estimate_bias(wrench_in_sensor: NDArray[np.float64], max_drift: NDArray[np.float64] = MAX_DRIFT) -> Bias:
+def estimate_bias(wrench_in_sensor: Array, max_drift: Array = MAX_DRIFT) -> Bias:
     """Average samples that were taken at rest.
 
     Args:
@@ -68,10 +68,10 @@ class BiasJob:
     def __init__(self, count: int) -> None:
         self.future: Future[Bias] = Future()
         self._count = count
-        self._parts: list[NDArray[np.float64]] = []
+        self._parts: list[Array] = []
         self._collected = 0
 
-    def feed(self, wrench_in_sensor: NDArray[np.float64], usable: bool) -> None:
+    def feed(self, wrench_in_sensor: Array, usable: bool) -> None:
         """Take the samples of a read, (N, 6); `usable` is False when any is saturated or faulty."""
         if self.future.done():
             return

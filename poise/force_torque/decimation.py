@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.types import Array, Mask
+
 
 @dataclass(frozen=True)
 class Stamped:
@@ -23,9 +25,9 @@ class Stamped:
 
     position: NDArray[np.int64]
     stamps: NDArray[np.int64]
-    wrench_in_sensor: NDArray[np.float64]
-    saturated: NDArray[np.bool_]
-    faulty: NDArray[np.bool_]
+    wrench_in_sensor: Array
+    saturated: Mask
+    faulty: Mask
 
     def __len__(self) -> int:
         return len(self.position)
@@ -61,15 +63,15 @@ class Blocks:
     """
 
     stamps: NDArray[np.int64]
-    wrench_in_sensor: NDArray[np.float64]
+    wrench_in_sensor: Array
     count: NDArray[np.int64]
-    saturated: NDArray[np.bool_]
-    faulty: NDArray[np.bool_]
+    saturated: Mask
+    faulty: Mask
 
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def take(self, which: NDArray[np.bool_]) -> "Blocks":
+    def take(self, which: Mask) -> "Blocks":
         """The blocks marked, (B,) bool."""
         return Blocks(
             self.stamps[which],

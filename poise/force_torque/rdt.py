@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, SensorError
+from poise.types import Mask
 
 PORT = 49152
 HEADER = 0x1234
@@ -81,9 +82,9 @@ class Family(Enum):
         return ", ".join(names) or "healthy"
 
 
-def is_fault(status: NDArray[np.uint32]) -> NDArray[np.bool_]:
+def is_fault(status: NDArray[np.uint32]) -> Mask:
     """Which status words call their sample wrong: the error summary, for more than a threshold that was passed."""
-    fault: NDArray[np.bool_] = (status >= ERROR_SUMMARY) & (status != (ERROR_SUMMARY | MONITOR_CONDITION))
+    fault: Mask = (status >= ERROR_SUMMARY) & (status != (ERROR_SUMMARY | MONITOR_CONDITION))
     return fault
 
 

@@ -14,6 +14,7 @@ from poise.errors import ErrorCode, SensorError
 from poise.force_torque import rdt
 from poise.force_torque.rdt_settings import RdtSettings, fetch_settings
 from poise.force_torque.samples import Calibration, Reports, Samples, no_samples
+from poise.types import Array
 
 DEFAULT_RATE = 7000.0
 """Records a second of a device whose page does not say."""
@@ -47,7 +48,7 @@ class RdtOptions:
     http_port: int = 80
     calibration: Calibration | None = None
     reports: Reports = Reports.LOAD_ON_SENSOR
-    limit: NDArray[np.float64] = field(default_factory=lambda: np.full(6, np.inf))
+    limit: Array = field(default_factory=lambda: np.full(6, np.inf))
     rate: float = 0.0
     family: rdt.Family | None = None
     buffered: bool = False

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.force_torque.units import newton_metres_per, newtons_per
+from poise.types import Array, Mask
 
 
 class Reports(Enum):
@@ -25,7 +26,7 @@ class Reports(Enum):
         return 1 if self is Reports.LOAD_ON_SENSOR else -1
 
 
-def _unlimited() -> NDArray[np.float64]:
+def _unlimited() -> Array:
     return np.full(6, np.inf)
 
 
@@ -41,7 +42,7 @@ class Calibration:
 
     force_per_count: float
     torque_per_count: float
-    limit: NDArray[np.float64] = field(default_factory=_unlimited)
+    limit: Array = field(default_factory=_unlimited)
 
     @classmethod
     def from_counts(
@@ -80,17 +81,17 @@ class Calibration:
         sign = reports.sign
         return cls(sign * newtons / counts_per_force, sign * newton_metres / counts_per_torque, si_limit)
 
-    def with_limit(self, limit: NDArray[np.float64]) -> "Calibration":
+    def with_limit(self, limit: Array) -> "Calibration":
         """The same with other rated loads, (6,) N and N m, where those are finite."""
         return replace(self, limit=np.where(np.isfinite(limit), limit, self.limit))
 
     @cached_property
-    def _scale(self) -> NDArray[np.float64]:
+    def _scale(self) -> Array:
         return np.repeat([self.force_per_count, self.torque_per_count], 3)
 
-    def wrench(self, counts: ArrayLike) -> NDArray[np.float64]:
+    def wrench(self, counts: ArrayLike) -> Array:
         """Convert (N, 6) counts to (N, 6) N and N m, what the load exerts on the sensor."""
-        wrench: NDArray[np.float64] = np.multiply(counts, self._scale, dtype=np.float64)
+        wrench: Array = np.multiply(counts, self._scale, dtype=np.float64)
         return wrench
 
 
@@ -110,10 +111,10 @@ class Samples:
     """
 
     sequence: NDArray[np.uint32]
-    wrench_in_sensor: NDArray[np.float64]
+    wrench_in_sensor: Array
     status: NDArray[np.uint32]
-    saturated: NDArray[np.bool_]
-    faulty: NDArray[np.bool_]
+    saturated: Mask
+    faulty: Mask
     arrival: int
     measured: int | None = None
     rejected: int = 0

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import STANDARD_GRAVITY
 
-STANDARD_GRAVITY = 9.80665
 """m/s2, by which kilogram-force is defined (CGPM 1901)."""
 POUND_FORCE = 0.45359237 * STANDARD_GRAVITY
 """N; the international pound of 1959 is 0.45359237 kg."""

@@ -4,16 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.inertia.first_guess import EXPECTED
 from poise.inertia.hypotheses import Hypotheses
 from poise.inertia.mass_model import MassModel
-from poise.inertia.parameters import Array
 from poise.inertia.sensor_bias import WithoutBias
 from poise.inertia.signals import N_UNKNOWNS, NormalEquations, mixed
-
-Cases = NDArray[np.int64]
+from poise.types import Array, Indices, Mask
 
 ANY_MASS = 100.0
 """Variance of the logarithm of the mass: it may be e^10 times the first guess, or e^-10."""
@@ -47,8 +44,8 @@ class Posterior:
     unknowns: Array
     covariance: Array
     states: Array
-    left: Cases
-    bias_cases: Cases
+    left: Indices
+    bias_cases: Indices
     log_weights: Array
 
     @property
@@ -117,7 +114,7 @@ class ModelAverage:
         self._left = np.array(cases or range(len(self.hypotheses)), dtype=np.int64)
 
     def refine(
-        self, normals: NormalEquations, likelihood: Callable[[Array, Cases], Array], effort: Effort
+        self, normals: NormalEquations, likelihood: Callable[[Array, Indices], Array], effort: Effort
     ) -> Posterior:
         """Solve every hypothesis that is left, from where it was left, and average.
 
@@ -192,7 +189,7 @@ class ModelAverage:
                 variances[case] = weights @ self.hypotheses.state_variances[posterior.left[same]]
         return states, variances
 
-    def _climb(self, states: Array, variances: Array, reduced: WithoutBias, case: Cases, effort: Effort) -> "_Mode":
+    def _climb(self, states: Array, variances: Array, reduced: WithoutBias, case: Indices, effort: Effort) -> "_Mode":
         """Gauss-Newton on H hypotheses at once, each until it has settled; a step for the worse is shortened.
 
         Args:
@@ -271,7 +268,7 @@ class ModelAverage:
         phi, jacobian = self.model.evaluate(states)
         return phi / self._scale, jacobian / self._scale
 
-    def _prior(self, jacobian: Array, variances: Array, free: "NDArray[np.bool_] | None" = None) -> Array:
+    def _prior(self, jacobian: Array, variances: Array, free: "Mask | None" = None) -> Array:
         """(H, 10, 10) covariance of phi, when the total mass of the free parts may be anything."""
         if free is not None:
             jacobian = jacobian * free[:, None]

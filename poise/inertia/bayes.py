@@ -4,10 +4,11 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.averaging import ModelAverage
 from poise.inertia.blocks import BLOCK, Blocks
 from poise.inertia.delay import LAG_STEP, LagGrid
@@ -24,13 +25,14 @@ from poise.inertia.hypotheses import bias_variances, hypotheses_for_blob, hypoth
 from poise.inertia.information import root_mean_square
 from poise.inertia.least_squares import Solution
 from poise.inertia.mass_model import MassModel
-from poise.inertia.parameters import Array, InertialParameters
+from poise.inertia.parameters import InertialParameters
 from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
 from poise.inertia.recorder import BlockRecorder
 from poise.inertia.search import Contradiction, Search
 from poise.inertia.signals import mixed, normal_equations
-from poise.robot.motion import GRAVITY_IN_WORLD, SensorMotion
+from poise.robot import SensorMotion
+from poise.types import Array, Mask
 
 LONGEST_DELAY = 0.06
 """s, either way."""
@@ -249,7 +251,7 @@ class PoiseEstimator:
         return replace(solution, findings=tuple(finding for finding in findings if finding is not None))
 
 
-def pushed(blocks: Blocks, keep: NDArray[np.bool_]) -> list[RejectedInterval]:
+def pushed(blocks: Blocks, keep: Mask) -> list[RejectedInterval]:
     """Stretches of blocks that were not kept."""
     spans: list[RejectedInterval] = []
     edges = np.flatnonzero(np.diff(~keep, prepend=False, append=False))

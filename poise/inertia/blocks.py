@@ -3,12 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.inertia.parameters import Array
 from poise.inertia.signals import N_SIGNALS
-
-Stamps = NDArray[np.int64]
+from poise.types import Array, Mask, Stamps
 
 BLOCK = 100_000_000
 """ns: a push lasts longer, and a clean tenth of a second beside it is worth keeping."""
@@ -46,7 +43,7 @@ class Blocks:
             *(np.zeros(capacity, dtype=np.int64) for _ in range(3)),
         )
 
-    def select(self, which: "NDArray[np.bool_] | slice") -> "Blocks":
+    def select(self, which: "Mask | slice") -> "Blocks":
         """Some of them."""
         return Blocks(self.moments[which], self.counts[which], self.sizes[which], self.start[which], self.end[which])
 

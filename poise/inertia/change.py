@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike
 
 from poise.errors import NoAnswerError
 from poise.inertia.bayes import BayesSolution, PoiseEstimator
-from poise.inertia.blocks import Stamps
-from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.robot import SensorMotion
+from poise.types import Array, Stamps
 
 BLOCK = 50_000_000
 """ns: a change begins within one, and only the next one is all of the new payload."""

@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from poise.inertia.buffer import Stamps
 from poise.inertia.delay import Delay
-from poise.inertia.parameters import Array
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.samples import RecordedSamples
 from poise.inertia.signals import N_SIGNALS, motion_signals, normal_equations, residual_moments
 from poise.recording.alignment import interpolate
+from poise.types import Array, Stamps
 
 LONGEST, STEP = 0.06, 0.002
 """s: how far, and how finely lags are looked at. Shaking at 40 Hz turns around within 12 ms."""

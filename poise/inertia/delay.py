@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.inertia.parameters import Array
+from poise.types import Array
 
 LAG_STEP = 0.02
 """s: what a robot does hardly changes in this time, so that three lags tell what lies between them."""

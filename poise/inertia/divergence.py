@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
-from poise.inertia.parameters import Array, InertialParameters, phi_of_pseudo_inertia, pseudo_inertia
+from poise.inertia.parameters import InertialParameters, phi_of_pseudo_inertia, pseudo_inertia
+from poise.types import Array
 
 MAX_ITERATIONS = 200
 MAX_HALVINGS = 50

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from poise.inertia.findings import Finding, RejectedInterval
 from poise.inertia.least_squares import Solution
-from poise.inertia.parameters import Array, InertialParameters, about_com_jacobian
+from poise.inertia.parameters import InertialParameters, about_com_jacobian
 from poise.robot import SensorMotion
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.inertia.parameters import PARAMETER_NAMES, Array, InertialParameters, about_com_jacobian
-from poise.inertia.regressor import cross_matrix
+from poise.geometry import cross_matrix
+from poise.inertia.parameters import PARAMETER_NAMES, InertialParameters, about_com_jacobian
+from poise.types import Array
 
 SURELY = 5.0
 """Standard deviations."""

@@ -3,8 +3,8 @@
 import numpy as np
 
 from poise.inertia.mass_model import MassModel
-from poise.inertia.parameters import Array
 from poise.inertia.signals import N_UNKNOWNS, NormalEquations
+from poise.types import Array
 
 LEAST_MASS = 0.3
 """In its own standard deviations, when the samples show none."""

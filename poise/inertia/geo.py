@@ -7,9 +7,10 @@ import numpy as np
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.divergence import DIVERGENCES, Objective, minimise, unwhitening
 from poise.inertia.least_squares import Solution
-from poise.inertia.parameters import Array, InertialParameters
+from poise.inertia.parameters import InertialParameters
 from poise.inertia.pmd import unit_points
 from poise.inertia.problem import IdentificationProblem, answer
+from poise.types import Array
 
 
 def geo(

@@ -5,9 +5,9 @@ from scipy.optimize import nnls
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.least_squares import Solution
-from poise.inertia.parameters import Array
 from poise.inertia.problem import IdentificationProblem, answer
 from poise.inertia.regressor import regressor
+from poise.types import Array
 
 MAX_PARTS = 4
 """At rest the data matrix has rank four (thesis, footnote 3): more parts cannot be told apart."""

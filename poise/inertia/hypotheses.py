@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.inertia.mass_model import N_DEFORMATIONS, MassModel
-from poise.inertia.parameters import Array
 from poise.inertia.problem import NoiseLevels
+from poise.types import Array, Mask
 
 DENSITIES = ((0.03, 0.5), (1.0, 0.5))
 """(spread of the log densities of parts, probability): one material, or several (wood and steel differ by e^2.4)."""
@@ -70,7 +70,7 @@ class Hypotheses:
     bias_case: NDArray[np.int64]
     bias_variances: Array
     log_probability: Array
-    wrong_shape: NDArray[np.bool_]
+    wrong_shape: Mask
     twins: NDArray[np.int64]
     scouts: NDArray[np.int64]
 

@@ -7,25 +7,32 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.buffer import Stamps
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.estimate import Identification, InertialEstimate
 from poise.inertia.findings import RejectedInterval
-from poise.inertia.imu import Imu, ImuSource, find_imu
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import solve
 from poise.inertia.methods import OWN_METHOD, method_names
 from poise.inertia.offline import weigh
 from poise.inertia.online import MAX_GRAVITY, OnlineEstimator
-from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts
-from poise.inertia.recorded_kinematics import Kinematics, find_kinematics, has_topic
 from poise.inertia.recorder import NOT_FINITE
 from poise.inertia.samples import Progress, collect
-from poise.inertia.tracks import USED, PairingSettings
 from poise.inertia.weighers import AUTO, LEAST_SQUARES, OLS, joined, model_matrix
 from poise.inertia.weighing import PairedSamples
 from poise.recording import Recording, WrenchStream
-from poise.robot import STANDARD_GRAVITY, RobotModel
+from poise.robot import (
+    USED,
+    Imu,
+    ImuSource,
+    Kinematics,
+    PairingSettings,
+    RobotModel,
+    find_imu,
+    find_kinematics,
+    has_topic,
+)
+from poise.types import Array, Stamps
 
 __all__ = [
     "METHODS",

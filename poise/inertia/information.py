@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.inertia.parameters import Array
+from poise.types import Array
 
 N_UNKNOWNS = 16
 """phi (10), then the bias of force (3) and torque (3)."""

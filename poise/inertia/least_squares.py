@@ -16,7 +16,8 @@ from poise.inertia.information import (
     quadratic,
     root_mean_square,
 )
-from poise.inertia.parameters import PARAMETER_NAMES, Array
+from poise.inertia.parameters import PARAMETER_NAMES
+from poise.types import Array
 
 # Eigenvalues of the scaled information matrix below this are rounding: the direction was not excited.
 NULL_EIGENVALUE = 1e-11

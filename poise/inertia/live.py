@@ -8,18 +8,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.bayes import SHAPE_ACCURACY
 from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
-from poise.inertia.hand_frames import HandFrames
-from poise.inertia.imu_track import LiveImu
 from poise.inertia.online import WINDOW, OnlineEstimator
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
-from poise.inertia.sources import FrameSource, JointSource, MotionSource
-from poise.inertia.tracks import PairingSettings
 from poise.inertia.weighers import AUTO, LEAST_SQUARES, check_method
-from poise.robot import STANDARD_GRAVITY, RobotModel
+from poise.robot import FrameSource, HandFrames, JointSource, LiveImu, MotionSource, PairingSettings, RobotModel
 
 JOINTS, FRAMES = "joint_states", "tf"
 SOURCES = (AUTO, JOINTS, FRAMES)

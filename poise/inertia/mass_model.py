@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.inertia.parameters import UPPER, Array, phi_of_pseudo_inertia, pseudo_inertia
+from poise.inertia.parameters import UPPER, phi_of_pseudo_inertia, pseudo_inertia
+from poise.types import Array
 
 N_DEFORMATIONS = 9
 """Six ways to stretch, three to shift."""

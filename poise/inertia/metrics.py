@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.parameters import UPPER, Array, InertialParameters, pseudo_inertia
+from poise.geometry import GRAVITY_IN_WORLD
+from poise.inertia.parameters import UPPER, InertialParameters, pseudo_inertia
 from poise.inertia.regressor import regressor
-from poise.robot.motion import GRAVITY_IN_WORLD, SensorMotion
+from poise.robot import SensorMotion
+from poise.types import Array
 
 
 @dataclass(frozen=True)

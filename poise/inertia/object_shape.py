@@ -12,7 +12,6 @@ from scipy.spatial import QhullError, cKDTree
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts, cells_of, likeness_of_colours, surface_moments
 from poise.inertia.pmd import spread
 from poise.shape.clouds import read_cloud
@@ -20,6 +19,7 @@ from poise.shape.independent import independent_parts
 from poise.shape.meshes import FORMATS, read_triangles
 from poise.shape.segmentation import Segmentation, segment
 from poise.shape.solid import Solid, tetrahedron_moments
+from poise.types import Array
 
 SAMPLED = 6000
 """Points on a surface that is not closed."""

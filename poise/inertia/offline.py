@@ -15,14 +15,13 @@ from poise.inertia.findings import SURELY, Finding
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import Solution, solve
 from poise.inertia.methods import OWN_METHOD, method
-from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem
 from poise.inertia.rejection import RejectionLog
 from poise.inertia.samples import LEAST_NOISE, RecordedSamples
-from poise.inertia.tracks import USED
 from poise.recording.alignment import interpolate, interpolate_rotations
-from poise.robot import SensorMotion
+from poise.robot import USED, SensorMotion
+from poise.types import Array
 
 HISTORY = 12
 """Points that show the estimate closing in."""

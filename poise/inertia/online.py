@@ -2,25 +2,32 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.bayes import SHAPE_ACCURACY
 from poise.inertia.change import PayloadChange
 from poise.inertia.estimate import InertialEstimate
-from poise.inertia.imu_track import LAG_STEP, LONGEST_DELAY, LiveImu
 from poise.inertia.methods import OWN_METHOD
 from poise.inertia.parts import Parts
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.recorder import OUT_OF_ORDER
-from poise.inertia.shared_tracks import SharedTracks
-from poise.inertia.sources import MotionSource, went_back
-from poise.inertia.tracks import NO_KINEMATICS, PairingSettings
 from poise.inertia.weighers import AUTO, WATCH, Continuous, Prior, Weigher
-from poise.inertia.weighing import PairedSamples, Run, Weighing
-from poise.robot import STANDARD_GRAVITY
+from poise.inertia.weighing import PairedSamples, Run, Weighing, buffer_for
+from poise.robot import (
+    LAG_STEP,
+    LONGEST_DELAY,
+    NO_KINEMATICS,
+    LiveImu,
+    MotionSource,
+    PairingSettings,
+    SharedBuffers,
+    went_back,
+)
 
 MAX_GRAVITY = 1000.0
 """m/s2; more is a slip of the finger, and far more would overflow the sums."""
@@ -94,7 +101,7 @@ class OnlineEstimator:
         self._newest: int | None = None
         self.imu: LiveImu | None = None
         """That tells the linear acceleration; None: the source does."""
-        self._tracks = SharedTracks(source, self._settings)
+        self._tracks = SharedBuffers(source, self._settings)
         self._watch: Run | None = None
         self._coming: Parts | None = None
         self._continuous = continuous and method == OWN_METHOD
@@ -124,7 +131,7 @@ class OnlineEstimator:
     def _begin(self, method: str, prior: Prior) -> None:
         self._running = self._weighing(method, prior)
         if self._continuous:
-            self._watch = Run(WATCH, self._tracks.of(WATCH), Continuous(prior))
+            self._watch = Run(WATCH, buffer_for(WATCH, self._tracks), Continuous(prior))
 
     def change_source(self, source: MotionSource) -> None:
         """Take the motion from elsewhere from now on; what was learnt and what waits stays."""
@@ -261,12 +268,12 @@ class OnlineEstimator:
         return [run for weighing in weighings for run in weighing.runs.values()] + watch
 
     def _weighing(self, method: str, prior: Prior) -> Weighing:
-        return Weighing(method, self._tracks.of, prior, self._max_intervals)
+        return Weighing(method, partial(buffer_for, buffers=self._tracks), prior, self._max_intervals)
 
     def _renew_tracks(self) -> None:
-        self._tracks = SharedTracks(self.source, self._settings, self.imu)
+        self._tracks = SharedBuffers(self.source, self._settings, self.imu)
         for run in self._runs:
-            run.track = self._tracks.of(run.name)
+            run.track = buffer_for(run.name, self._tracks)
 
     def _notice_change(self) -> None:
         """Begin anew with the new payload; what is known of the sensor's bias stays."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.inertia.parameters import Array
 from poise.inertia.signals import residual_moments
+from poise.types import Array, Mask
 
 UNLIKELY = 6.0
 """Standard deviations at which a block is held for a push; noise comes there once in a billion."""
@@ -73,7 +73,7 @@ def sample_excess(found: Residuals, sizes: NDArray[np.int64]) -> Array:
     return np.where(np.abs(median - 1) > NOTABLE * by_chance, median, 1.0)
 
 
-def slow_excess(found: Residuals, usable: NDArray[np.bool_]) -> Array:
+def slow_excess(found: Residuals, usable: Mask) -> Array:
     """(2,) by how much more means over blocks vary than white noise lets expect; 1 where chance explains it.
 
     Errors that hang together in time (a vibration, a model that does not fit) do that. Parameters change no faster

@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 PARAMETER_NAMES = ("m", "cx", "cy", "cz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """Names of the ten parameters, in the order of phi."""

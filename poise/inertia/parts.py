@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.parameters import Array, frame_change, phi_of_pseudo_inertia, pseudo_inertia
+from poise.inertia.parameters import frame_change, phi_of_pseudo_inertia, pseudo_inertia
 from poise.shape.solid import tetrahedron_moments
+from poise.types import Array
 
 # Cells that a shape is cut into before each is given to a part.
 CELLS = 8000

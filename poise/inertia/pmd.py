@@ -8,8 +8,9 @@ from scipy.spatial.distance import cdist
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.hps import static_regressor
 from poise.inertia.least_squares import Solution
-from poise.inertia.parameters import Array, phi_of_pseudo_inertia
+from poise.inertia.parameters import phi_of_pseudo_inertia
 from poise.inertia.problem import IdentificationProblem, answer
+from poise.types import Array
 
 NOISE_AMPLITUDES = (1.0, 1.0, 0.5)
 """n_1 m/s2, n_2 rad/s2 and n_3 rad/s of thesis eq. 3.5."""

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.information import root_mean_square
 from poise.inertia.least_squares import NULL_EIGENVALUE, Solution
-from poise.inertia.parameters import Array
 from poise.inertia.regressor import regressor
-from poise.robot.motion import GRAVITY_IN_WORLD, SensorMotion
+from poise.robot import SensorMotion
+from poise.types import Array
 
 
 @dataclass(frozen=True)

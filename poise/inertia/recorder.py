@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.blocks import BLOCK, Blocks, BlockStore, Stamps
+from poise.inertia.blocks import BLOCK, Blocks, BlockStore
 from poise.inertia.delay import LagGrid
-from poise.inertia.parameters import Array
 from poise.inertia.rejection import RejectionLog
 from poise.inertia.signals import N_MOTION, N_SIGNALS, motion_signals
+from poise.types import Array, Mask, Stamps
 
 LARGEST_GAP = 100_000_000
 """ns between kinematics across which nothing is interpolated."""
@@ -140,7 +140,7 @@ class BlockRecorder:
         reasons[stamps <= latest[:-1]] = OUT_OF_ORDER
         return reasons
 
-    def _asleep(self, rows: Array) -> NDArray[np.bool_]:
+    def _asleep(self, rows: Array) -> Mask:
         """(N,) bool: the sensor moves, and the wrench has been the same for some time."""
         wrench = rows[:, WRENCH]
         before = np.concatenate([self._last_wrench[None], wrench[:-1]])

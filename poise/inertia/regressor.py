@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.inertia.parameters import Array
+from poise.geometry import cross_matrix
+from poise.types import Array
 
 
 def regressor(
@@ -32,15 +33,6 @@ def regressor(
     matrix[..., :3, 1:4] = -cross_matrix(alpha) - omega_cross @ omega_cross
     matrix[..., 3:, 1:4] = -cross_matrix(specific)
     matrix[..., 3:, 4:] = -inertia_product(alpha) - omega_cross @ inertia_product(omega)
-    return matrix
-
-
-def cross_matrix(vector: Array) -> Array:
-    """(..., 3, 3) [v]x with [v]x u = v x u."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    matrix = np.zeros((*vector.shape, 3))
-    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
-    matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
     return matrix
 
 

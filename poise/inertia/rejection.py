@@ -4,9 +4,9 @@ from collections import Counter, deque
 
 import numpy as np
 
-from poise.inertia.buffer import Stamps
 from poise.inertia.findings import RejectedInterval
-from poise.inertia.tracks import USED, Reasons
+from poise.robot import USED, Reasons
+from poise.types import Stamps
 
 
 class RejectionLog:

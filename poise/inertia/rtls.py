@@ -5,9 +5,9 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.least_squares import Solution
-from poise.inertia.parameters import Array
 from poise.inertia.problem import IdentificationProblem, NoiseLevels, answer
 from poise.inertia.regressor import regressor
+from poise.types import Array
 
 # A smallest singular vector with less of the measurement in it than this stands for no solution at all.
 NONGENERIC = 1e-10

@@ -4,23 +4,30 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.errors import InputError, NoAnswerError
-from poise.inertia.buffer import Stamps
-from poise.inertia.imu import Imu
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import solve
-from poise.inertia.parameters import Array
 from poise.inertia.problem import NoiseLevels
-from poise.inertia.recorded_kinematics import Kinematics
 from poise.inertia.recorder import NOT_FINITE, OUT_OF_ORDER, SATURATED
-from poise.inertia.scatter import scatter
-from poise.inertia.sources import FrameSource, JointSource, MotionSource
-from poise.inertia.tracks import NO_KINEMATICS, USED, MotionTrack, PairingSettings, Reasons, RestTrack
 from poise.inertia.weighers import model_matrix
 from poise.recording import WrenchStream
-from poise.robot import SensorMotion
+from poise.robot import (
+    NO_KINEMATICS,
+    USED,
+    FrameSource,
+    Imu,
+    JointSource,
+    Kinematics,
+    MotionSource,
+    PairingSettings,
+    Reasons,
+    SensorMotion,
+    SmoothedMotion,
+    StaticPoseBuffer,
+    scatter,
+)
+from poise.types import Array, Mask, Stamps
 
 CHUNKS = 20
 """A recording is worked on in this many pieces, so that progress shows."""
@@ -68,7 +75,7 @@ class RecordedSamples:
     frame_id: str
 
     @property
-    def used(self) -> NDArray[np.bool_]:
+    def used(self) -> Mask:
         """(N,) bool."""
         return np.asarray(self.reasons == USED)
 
@@ -134,9 +141,9 @@ _RATES = ("angular_velocity_in_sensor", "angular_acceleration_in_sensor", "linea
 
 def _paired(
     stamps: Stamps, kinematics: Kinematics, settings: PairingSettings, progress: Progress
-) -> tuple[SensorMotion, Reasons, NDArray[np.bool_]]:
+) -> tuple[SensorMotion, Reasons, Mask]:
     """Motion at stamps (N,), NaN where there is none; why; and where it is a pose held still."""
-    moving, still = MotionTrack(kinematics.source, settings), RestTrack(kinematics.source, settings)
+    moving, still = SmoothedMotion(kinematics.source, settings), StaticPoseBuffer(kinematics.source, settings)
     ends = [int(part[-1]) for part in np.array_split(stamps, CHUNKS) if len(part)]
     begin: int | None = None
     for number, end in enumerate([*ends[:-1], None]):
@@ -152,7 +159,7 @@ def _paired(
     return _chosen(held, rest, motion), reasons, held
 
 
-def _chosen(which: NDArray[np.bool_], yes: SensorMotion, no: SensorMotion) -> SensorMotion:
+def _chosen(which: Mask, yes: SensorMotion, no: SensorMotion) -> SensorMotion:
     """Sample by sample the one motion or the other."""
     rates = [np.where(which[:, None], getattr(yes, name), getattr(no, name)) for name in _RATES]
     rotation = np.where(which[:, None, None], yes.rotation_world_sensor, no.rotation_world_sensor)

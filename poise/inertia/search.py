@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.inertia.averaging import Cases, Effort, ModelAverage, Posterior
+from poise.inertia.averaging import Effort, ModelAverage, Posterior
 from poise.inertia.blocks import Blocks
 from poise.inertia.delay import Delay, LagGrid
 from poise.inertia.outliers import UNLIKELY, residuals, sample_excess, slow_excess
-from poise.inertia.parameters import Array
 from poise.inertia.problem import NoiseLevels
 from poise.inertia.signals import (
     N_MOTION,
@@ -20,6 +18,7 @@ from poise.inertia.signals import (
     normal_equations,
     residual_covariance,
 )
+from poise.types import Array, Indices, Mask
 
 COARSE, FINE = Effort(0.1, 10, 0.0), Effort(0.003, 25, 1e-4)
 """Of the first rounds, and of the last ones."""
@@ -79,7 +78,7 @@ class Search:
         total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
         self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
-        self.keep: NDArray[np.bool_] = np.ones(len(blocks), dtype=bool)
+        self.keep: Mask = np.ones(len(blocks), dtype=bool)
         """(B,) blocks that a payload explains."""
         self.slow = np.ones(2)
         """(2,) how many samples of force and of torque weigh as much as one, see `slow_excess`."""
@@ -191,7 +190,7 @@ class Search:
         totals = mixed(weights, self._total)
         by_delay = np.array([delay.log_integral for delay in self._delays])
 
-        def likelihood(unknowns: Array, cases: Cases) -> Array:
+        def likelihood(unknowns: Array, cases: Indices) -> Array:
             inflation = self._sample * self.slow
             samples = log_likelihood(totals[cases], unknowns, self.noise, inflation)
             return np.asarray(samples + by_delay[cases])

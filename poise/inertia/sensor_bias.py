@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.inertia.parameters import Array
 from poise.inertia.signals import N_UNKNOWNS, NormalEquations
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)

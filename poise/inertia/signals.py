@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.inertia.parameters import UPPER, Array
+from poise.geometry import cross_matrix
+from poise.inertia.parameters import UPPER
 from poise.inertia.problem import NoiseLevels
-from poise.inertia.regressor import cross_matrix, regressor
+from poise.inertia.regressor import regressor
+from poise.types import Array
 
 N_MOTION = 13
 """u (3), alpha (3), omega omega as xx xy xz yy yz zz (6), one."""

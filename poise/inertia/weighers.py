@@ -8,18 +8,18 @@ from typing import Any, Protocol
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.bayes import LONGEST_DELAY, SHAPE_ACCURACY, PoiseEstimator
 from poise.inertia.change import ContinuousEstimator, PayloadChange
 from poise.inertia.delay import LAG_STEP
 from poise.inertia.information import InformationAccumulator
 from poise.inertia.least_squares import Solution, solve
 from poise.inertia.methods import OWN_METHOD, method, method_names
-from poise.inertia.parameters import Array
 from poise.inertia.parts import Parts
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
 from poise.inertia.regressor import regressor
 from poise.robot import SensorMotion
-from poise.robot.motion import GRAVITY_IN_WORLD
+from poise.types import Array
 
 STATIC, OLS, AUTO = "static", "ols", "auto"
 LEAST_SQUARES = (AUTO, STATIC, OLS)

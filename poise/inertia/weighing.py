@@ -6,14 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import NoAnswerError
-from poise.inertia.buffer import StampedBuffer, Stamps
 from poise.inertia.estimate import InertialEstimate
-from poise.inertia.parameters import Array
 from poise.inertia.recorder import NOT_FINITE, SATURATED
 from poise.inertia.rejection import RejectionLog
-from poise.inertia.tracks import USED, Reasons, Track
-from poise.inertia.weighers import AUTO, OLS, STATIC, Prior, Weigher, check_method, weigher
-from poise.robot import SensorMotion
+from poise.inertia.weighers import AUTO, OLS, STATIC, WATCH, Prior, Weigher, check_method, weigher
+from poise.robot import USED, MotionBuffer, Reasons, SensorMotion, SharedBuffers, StampedBuffer
+from poise.types import Array, Stamps
 
 REST_SHARE = 0.5
 """From this share of samples at rest on, `auto` weighs the held poses alone."""
@@ -32,6 +30,15 @@ class PairedSamples:
 NOTHING = SensorMotion.at_rest(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))), np.zeros(0, dtype="<U16")
 
 
+def buffer_for(method: str, buffers: SharedBuffers) -> MotionBuffer:
+    """The motion that a method needs."""
+    if method == STATIC:
+        return buffers.still
+    if method == OLS:
+        return buffers.moving
+    return buffers.fresh if method == WATCH else buffers.either
+
+
 class Run:
     """One method at work: wrenches wait until the track knows the motion around them, then go to the weigher.
 
@@ -44,7 +51,12 @@ class Run:
     """
 
     def __init__(
-        self, name: str, track: Track, weigher: Weigher, since: int | None = None, max_intervals: int | None = 100
+        self,
+        name: str,
+        track: MotionBuffer,
+        weigher: Weigher,
+        since: int | None = None,
+        max_intervals: int | None = 100,
     ) -> None:
         self.name = name
         self.track = track
@@ -124,7 +136,9 @@ class Weighing:
         InputError: BAD_INPUT for a method that does not exist.
     """
 
-    def __init__(self, method: str, track: Callable[[str], Track], prior: Prior, max_intervals: int | None) -> None:
+    def __init__(
+        self, method: str, track: Callable[[str], MotionBuffer], prior: Prior, max_intervals: int | None
+    ) -> None:
         check_method(method)
         self.method = method
         self.prior = prior

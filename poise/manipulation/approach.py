@@ -5,11 +5,12 @@ import numpy as np
 
 from poise.assembly.analysis import Analysis
 from poise.assembly.assess import assess
-from poise.assembly.geometry import Array, Pose, plane_axes, rotation_about, unit
 from poise.assembly.pushes import Push
 from poise.assembly.scene import RigidObject
 from poise.errors import PoiseError
+from poise.geometry import Pose, plane_axes, rotation_about, unit
 from poise.manipulation.bodies import geometry_of
+from poise.types import Array
 
 NEAR = 0.02
 """m from an object that moves within which another one may be touched by mistake."""

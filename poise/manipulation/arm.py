@@ -9,12 +9,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.geometry import Array, Pose, rotation_about
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose, rotation_about
 from poise.manipulation.bodies import se3_of
 from poise.manipulation.hand import Hand
-from poise.robot.model import find_urdf
-from poise.robot.urdf import parse_urdf, read_urdf
+from poise.robot import find_urdf, parse_urdf, read_urdf
+from poise.types import Array
 
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 """A mobile base stands still while its arm works."""

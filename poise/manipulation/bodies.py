@@ -8,9 +8,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.geometry import Pose
 from poise.assembly.penetration import convex_geometry
 from poise.assembly.shapes import Box, Cylinder, Shape
+from poise.geometry import Pose
 
 
 def se3_of(pose: Pose) -> pin.SE3:

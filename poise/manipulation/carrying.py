@@ -7,7 +7,6 @@ from itertools import chain
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array
 from poise.assembly.scene import RigidObject
 from poise.errors import ErrorCode, NoAnswerError
 from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
@@ -16,6 +15,7 @@ from poise.manipulation.reach import NARROW, Ends, Margins, Reach
 from poise.manipulation.rrt import find_way, shortened
 from poise.manipulation.timing import Limits, timed
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 GENTLY = 0.1
 """m/s of the tool on the straight ways."""

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.geometry import Array
 from poise.assembly.scene import RigidObject
 from poise.manipulation.arm import Arm
 from poise.manipulation.bodies import geometry_of, se3_of
 from poise.manipulation.hand import Grasp
+from poise.types import Array
 
 MARGIN = 0.003
 """m between the robot and anything else."""

@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 import shapely
 
-from poise.assembly.geometry import Array, plane_axes
 from poise.assembly.shapes import Polyhedron, Shape
+from poise.geometry import plane_axes
 from poise.manipulation.hand import Grasp, Hand
+from poise.types import Array
 
 FACETS = 64
 """The largest facets are looked at."""

@@ -6,8 +6,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.geometry import Array, unit
 from poise.assembly.scene import RigidObject
+from poise.geometry import unit
+from poise.types import Array
 
 HALF_TURN = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 

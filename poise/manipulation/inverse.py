@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg.lapack import dposv
 
-from poise.assembly.geometry import Array
 from poise.manipulation.arm import Arm
+from poise.types import Array
 
 ITERATIONS = 60
 DAMPING = 0.03

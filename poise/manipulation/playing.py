@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.assembly.geometry import Array
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
 from poise.excitation.brake import stop_along
 from poise.excitation.joint_watch import Jointed, JointWatch
@@ -18,6 +17,7 @@ from poise.excitation.session import HELD_UP, LAG, LEAD, MOVED, PATIENCE, STALE,
 from poise.manipulation.carrying import Transfer
 from poise.manipulation.gripper import FingerWatch, Gripper
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "return": "placing"}
 """Of the phases of a transfer; those before are picking."""

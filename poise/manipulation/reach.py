@@ -10,9 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, unit
 from poise.assembly.scene import RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import unit
 from poise.manipulation.approach import approach_directions
 from poise.manipulation.arm import Arm
 from poise.manipulation.bodies import geometry_of, overlap, se3_of
@@ -21,6 +21,7 @@ from poise.manipulation.grasps import SIDES, antipodal_grasps
 from poise.manipulation.hand import Grasp
 from poise.manipulation.inverse import follow, solutions
 from poise.placement.validation import Look, Test, require_new
+from poise.types import Array
 
 STRAIGHT_STEP = 0.01
 TOUCHING = 0.01

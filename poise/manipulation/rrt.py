@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from poise.assembly.geometry import Array
+from poise.types import Array
 
 REACH = 0.4
 """rad of one extension."""

@@ -6,10 +6,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from poise.assembly.geometry import Array
 from poise.manipulation.arm import Arm
 from poise.manipulation.cell import STEP, Cell
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 SAMPLES = 400
 """Places in time at which limits are looked at."""

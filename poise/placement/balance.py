@@ -6,9 +6,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, Pose, plane_axes
 from poise.assembly.scene import RigidObject
+from poise.geometry import Pose, plane_axes
 from poise.placement.matching import Contact
+from poise.types import Array
 
 BALANCED = 1e-6
 """Of the object's weight: what is left over by less is rounding."""

@@ -7,8 +7,9 @@ import numpy as np
 import shapely
 from scipy.spatial import ConvexHull
 
-from poise.assembly.geometry import Array, plane_axes, unit
-from poise.assembly.shapes import Indices, Polyhedron, Shape, merge_facets
+from poise.assembly.shapes import Polyhedron, Shape, merge_facets
+from poise.geometry import plane_axes, unit
+from poise.types import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)

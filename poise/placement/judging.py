@@ -6,10 +6,11 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from poise.assembly.analysis import Analysis, BlockAnalysis
-from poise.assembly.geometry import Array, plane_axes, unit, wrench_of_force
 from poise.assembly.maps import robustness_map
 from poise.assembly.surface import SurfacePoints
 from poise.errors import ErrorCode, InputError
+from poise.geometry import plane_axes, unit, wrench_of_force
+from poise.types import Array
 
 TOLERANCE = 0.02
 """Relative; between the certified bounds of a robustness."""

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.assembly.geometry import Array, Pose, rotation_about, rotation_between, unit
+from poise.geometry import Pose, rotation_about, rotation_between, unit
 from poise.placement.features import Face, Features
+from poise.types import Array
 
 ANGLE = np.radians(1.0)
 """Two pairs of normals match when the angles between them differ by less."""

@@ -9,9 +9,9 @@ from itertools import islice
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Pose, unit
 from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.geometry import Pose, unit
 from poise.placement.balance import Fit
 from poise.placement.features import Features
 from poise.placement.judging import Merit, check_criterion, estimate, judge

@@ -5,11 +5,12 @@ from collections.abc import Callable
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, Pose, plane_axes, rotation_about, unit
 from poise.assembly.scene import RigidObject
 from poise.errors import NoAnswerError
+from poise.geometry import Pose, plane_axes, rotation_about, unit
 from poise.placement.judging import Merit, estimate
 from poise.placement.validation import Validator
+from poise.types import Array
 
 FIRST_STEP = 0.15
 """Of the object's size; and in radians for turns."""

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis, Mechanism
-from poise.assembly.geometry import Array, Pose, rotation_about
 from poise.assembly.scene import RigidObject
 from poise.errors import InputError
+from poise.geometry import Pose, rotation_about
+from poise.types import Array
 
 MOST_STEPS = 25
 FIRST_STEP = 0.05

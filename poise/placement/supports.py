@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from poise.assembly.analysis import Analysis
 from poise.assembly.assess import assess
-from poise.assembly.geometry import Array, unit
 from poise.assembly.maps import robustness_map
 from poise.assembly.pushes import Push
 from poise.assembly.scene import RigidObject
 from poise.assembly.surface import SurfacePoints
 from poise.errors import ErrorCode, InputError, PoiseError
+from poise.geometry import unit
 from poise.placement.features import PARALLEL, is_convex
 from poise.placement.matching import Contact
+from poise.types import Array, Mask
 
 FACES_UP = 0.02
 """Least cosine between a carrying surface's normal and up."""
@@ -57,7 +58,7 @@ class Supports:
     normals: Array
     robustness: Array
     nearness: Array
-    sharp: NDArray[np.bool_]
+    sharp: Mask
     reach: float
     trust: Array = field(init=False)
     draws: int = 0
@@ -143,9 +144,7 @@ def find_supports(
     return supports
 
 
-def _uncovered(
-    objects: Sequence[RigidObject], places: NDArray[np.int64], points: Array, normals: Array
-) -> NDArray[np.bool_]:
+def _uncovered(objects: Sequence[RigidObject], places: NDArray[np.int64], points: Array, normals: Array) -> Mask:
     """(N,) whether a place is open: not inside a convex body that lies on it."""
     over = points + ABOVE * normals
     free = np.ones(len(points), dtype=bool)
@@ -161,9 +160,7 @@ def _uncovered(
     return free
 
 
-def _places(
-    item: RigidObject, up: Array, count: int, rng: np.random.Generator
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _places(item: RigidObject, up: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array, Mask]:
     """Points and normals on one body, faces by area, every ridge and peak that looks straight up; which are sharp."""
     polyhedron = item.shape.polyhedron
     normals = polyhedron.normals @ item.pose.rotation.T

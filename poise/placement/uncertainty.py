@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, plane_axes, rotation_about, unit
 from poise.assembly.scene import RigidObject
+from poise.geometry import plane_axes, rotation_about, unit
+from poise.types import Array
 
 DIRECTIONS = 8
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, Pose
 from poise.assembly.scene import RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose
 from poise.placement.balance import BALANCED, unbalanced
 from poise.placement.settling import settle
 from poise.placement.uncertainty import Uncertainty, stands_anyway
+from poise.types import Array
 
 Test = Callable[[Analysis, RigidObject], bool]
 """A condition on a placement, asked when the assembly with the object in it is known to stand."""

@@ -13,7 +13,8 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.recording.streams import Floats, Stamps, Stream, flat_rows
+from poise.recording.streams import Stream, flat_rows
+from poise.types import Array, Mask, Stamps
 
 Reasons = npt.NDArray[np.uint8]
 StreamT = TypeVar("StreamT", bound=Stream)
@@ -40,11 +41,11 @@ class Pairing:
     """
 
     index: npt.NDArray[np.int64]
-    distance: Floats
+    distance: Array
     reason: Reasons
 
     @property
-    def found(self) -> npt.NDArray[np.bool_]:
+    def found(self) -> Mask:
         """(M,) where there is a sample."""
         return np.asarray(self.reason == Reason.FOUND)
 
@@ -58,11 +59,11 @@ class Interpolated:
         reason: (M,) of Reason.
     """
 
-    values: Floats
+    values: Array
     reason: Reasons
 
     @property
-    def found(self) -> npt.NDArray[np.bool_]:
+    def found(self) -> Mask:
         """(M,) where there is a value."""
         return np.asarray(self.reason == Reason.FOUND)
 
@@ -94,7 +95,7 @@ def nearest(stamps: Stamps, wanted: Stamps, *, max_gap: float, clock_offset: flo
 
 
 def interpolate(
-    stamps: Stamps, values: Floats, wanted: Stamps, *, max_gap: float, clock_offset: float = 0.0
+    stamps: Stamps, values: Array, wanted: Stamps, *, max_gap: float, clock_offset: float = 0.0
 ) -> Interpolated:
     """Interpolate linearly; a stamp that hits a sample takes that sample (the last of several), whatever is around.
 
@@ -121,7 +122,7 @@ def interpolate(
 
 
 def interpolate_rotations(
-    stamps: Stamps, rotations: Floats, wanted: Stamps, *, max_gap: float, clock_offset: float = 0.0
+    stamps: Stamps, rotations: Array, wanted: Stamps, *, max_gap: float, clock_offset: float = 0.0
 ) -> Interpolated:
     """Interpolate rotations at constant angular velocity along the shorter way (slerp; Shoemake 1985).
 
@@ -150,7 +151,7 @@ def interpolate_rotations(
     return Interpolated(result, reason)
 
 
-def _slerp(low: Floats, high: Floats, share: Floats) -> Floats:
+def _slerp(low: Array, high: Array, share: Array) -> Array:
     """Turn from low towards high by a share (K, 1) of the way."""
     try:
         start = Rotation.from_matrix(low)
@@ -219,7 +220,7 @@ def _outside(stamps: Stamps, wanted: Stamps) -> Reasons:
 
 def _neighbours(
     stamps: Stamps, samples: int, wanted: Stamps, max_gap: float, clock_offset: float
-) -> tuple[npt.NDArray[np.int64], Floats, Reasons]:
+) -> tuple[npt.NDArray[np.int64], Array, Reasons]:
     """Find the sample at or before each wanted stamp, the weight of the one after it, and whether they may be used."""
     stamps, wanted, limit = _checked(stamps, wanted, max_gap, clock_offset)
     if len(stamps) != samples:
@@ -235,12 +236,12 @@ def _neighbours(
     return before, elapsed / np.maximum(gap, 1), reason
 
 
-def _ends(values: Floats, before: npt.NDArray[np.int64], weight: Floats) -> tuple[Floats, Floats]:
+def _ends(values: Array, before: npt.NDArray[np.int64], weight: Array) -> tuple[Array, Array]:
     """Return the samples before and after; a stamp that hits its sample does not ask for the one after."""
     after = np.where(weight > 0, before + 1, before)
     return values[before], values[after]
 
 
-def _finite(values: Floats) -> npt.NDArray[np.bool_]:
+def _finite(values: Array) -> Mask:
     """(M,) whether all of a row is finite."""
     return np.asarray(np.isfinite(values).all(axis=tuple(range(1, values.ndim))))

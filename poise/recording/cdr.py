@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from poise.types import Indices
+
 STAMP, STRING, STRINGS, FLOATS = "stamp", "string", "strings", "floats"
 Kind = str | int  # a number: so many float64
 Spec = tuple[tuple[str, Kind], ...]
-Places = npt.NDArray[np.int64]
-
 _HEADER: Spec = (("stamp", STAMP), ("frame_id", STRING))
 _POSE: Spec = (("translation", 3), ("rotation", 4))
 SPECS: dict[str, Spec] = {
@@ -93,7 +93,7 @@ class _Layout:
     fixed: list[int] = field(default_factory=list)  # bytes that must be the same for the layout to hold
 
 
-def decode(message_type: str, data: bytes, starts: Places, sizes: Places) -> Iterator[Batch]:
+def decode(message_type: str, data: bytes, starts: Indices, sizes: Indices) -> Iterator[Batch]:
     """Decode the messages of this type that lie at these places.
 
     Args:
@@ -118,7 +118,7 @@ def decode(message_type: str, data: bytes, starts: Places, sizes: Places) -> Ite
 
 
 def _decode_first(
-    message_type: str, data: bytes, starts: Places, sizes: Places, candidates: npt.NDArray[np.int64]
+    message_type: str, data: bytes, starts: Indices, sizes: Indices, candidates: npt.NDArray[np.int64]
 ) -> Batch:
     """Decode the first of some messages of one size, and all of them that have its layout."""
     first = int(candidates[0])

@@ -7,9 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import rotation_of_quaternion
 from poise.recording.cdr import Batch
-from poise.recording.streams import Floats, ImuStream, JointStream, PoseStream, Stamps, WrenchStream
+from poise.recording.streams import ImuStream, JointStream, PoseStream, WrenchStream
 from poise.recording.timeline import in_time_order
+from poise.types import Array, Stamps
 
 NoteLate = Callable[[str, int], None]
 Part = tuple[npt.NDArray[np.int64], dict[str, Any]]  # which messages of the topic, and their columns
@@ -59,7 +61,7 @@ def joint_stream(
     return JointStream(stamps, names, position, velocity, effort)
 
 
-def _joint_columns(topic: str, index: npt.NDArray[np.int64], values: Floats, joints: int) -> Floats:
+def _joint_columns(topic: str, index: npt.NDArray[np.int64], values: Array, joints: int) -> Array:
     """Give a field that a message leaves out as NaN."""
     if values.shape[1] == joints:
         return values
@@ -81,21 +83,7 @@ def pose_stream(
     parent = _only(topic, parts, "frame_id")
     child = _only(topic, parts, "child_frame_id")
     stamps, (translation, quaternion) = _in_order(topic, parts, ["translation", "rotation"], note_late)
-    return PoseStream(stamps, rotation_from_quaternion(quaternion), translation, parent, child)
-
-
-def rotation_from_quaternion(quaternion: Floats) -> Floats:
-    """Return the (N, 3, 3) rotations of (N, 4) quaternions x y z w, brought to length 1; NaN where that cannot be."""
-    with np.errstate(over="ignore"):
-        length = np.linalg.norm(quaternion, axis=1, keepdims=True)
-    length[(length == 0) | ~np.isfinite(length)] = np.nan
-    x, y, z, w = (quaternion / length).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return PoseStream(stamps, rotation_of_quaternion(quaternion), translation, parent, child)
 
 
 def _parts(topic: str, batches: Iterable[Batch]) -> list[Part]:
@@ -114,7 +102,7 @@ def _only(topic: str, parts: list[Part], name: str) -> str:
     return texts[0]
 
 
-def _in_order(topic: str, parts: list[Part], names: list[str], note_late: NoteLate) -> tuple[Stamps, list[Floats]]:
+def _in_order(topic: str, parts: list[Part], names: list[str], note_late: NoteLate) -> tuple[Stamps, list[Array]]:
     """Join the parts, in the order of arrival first, then of the stamps."""
     arrival = np.argsort(np.concatenate([index for index, _ in parts]), kind="stable")
     stamps = np.concatenate([columns["stamp"] for _, columns in parts])[arrival]

@@ -12,7 +12,8 @@ from rosbags.typesys.store import Typestore
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.recording.streams import Floats, ImuStream, JointStream, PoseStream, Stream, WrenchStream
+from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
+from poise.types import Array
 
 LATCHED = ("tf_static", "robot_description")  # late subscribers get the last message
 Encoded = tuple[int, bytes]  # stamp ns, CDR
@@ -125,9 +126,9 @@ def _joint_messages(stream: JointStream) -> Iterator[Any]:
         )
 
 
-def _or_nothing(values: Floats, row: int) -> Floats:
+def _or_nothing(values: Array, row: int) -> Array:
     """Leave a field out of the message when all of the row is NaN."""
-    chosen: Floats = values[row][:0] if np.isnan(values[row]).all() else values[row]
+    chosen: Array = values[row][:0] if np.isnan(values[row]).all() else values[row]
     return chosen
 
 

@@ -8,9 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
-
-Floats = npt.NDArray[np.float64]
-Stamps = npt.NDArray[np.int64]
+from poise.types import Array, Stamps
 
 
 def stamp_of(message: Any) -> int:
@@ -60,7 +58,7 @@ class Stream:
         return len(self.stamps)
 
     @property
-    def seconds(self) -> Floats:
+    def seconds(self) -> Array:
         """(N,) seconds since the first stamp."""
         return np.asarray((self.stamps - self.stamps[:1]) * 1e-9, dtype=np.float64)
 
@@ -109,7 +107,7 @@ class WrenchStream(Stream):
         frame_id: the sensor frame.
     """
 
-    wrench_in_sensor: Floats
+    wrench_in_sensor: Array
     frame_id: str
 
     def __post_init__(self) -> None:
@@ -130,9 +128,9 @@ class JointStream(Stream):
     """
 
     names: tuple[str, ...]
-    position: Floats
-    velocity: Floats
-    effort: Floats
+    position: Array
+    velocity: Array
+    effort: Array
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -153,8 +151,8 @@ class PoseStream(Stream):
         child: frame name.
     """
 
-    rotation_parent_child: Floats
-    translation_parent_child: Floats
+    rotation_parent_child: Array
+    translation_parent_child: Array
     parent: str
     child: str
 
@@ -175,8 +173,8 @@ class ImuStream(Stream):
         frame_id: the IMU frame.
     """
 
-    angular_velocity: Floats
-    linear_acceleration: Floats
+    angular_velocity: Array
+    linear_acceleration: Array
     frame_id: str
 
     def __post_init__(self) -> None:

@@ -1,38 +1,88 @@
-"""From a URDF and joint states to how the sensor moved.
+"""How a frame of the robot moved, and how well that is known.
 
-- `motion`: `SensorMotion`, what every wrench model needs to know.
-- `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and what hangs beyond it.
+- `motion`: `SensorMotion`, the motion that every wrench model needs.
+- `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
-- `splines`, `differentiation`, `sliding`: positions or rotations -> rates and accelerations, with honest noise.
+- `splines`, `differentiation`: positions or rotations -> velocities and accelerations with their noise.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
+- `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
+  recording; `imu`, `live_imu` take accelerations from an IMU.
+- `motion_buffers`, `low_latency`, `shared_buffers`: the motion at the stamps of wrenches, for each need.
 - `models/`: URDFs of an FR3, an xArm7 and a UR10 on a Ridgeback.
 """
 
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
-from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, sensor_motion
+from poise.robot.hand_frames import HandFrames
+from poise.robot.imu import Imu, ImuSource, find_imu
+from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
+from poise.robot.live_imu import LAG_STEP, LONGEST_DELAY, LiveImu
 from poise.robot.measured import MeasuredMotion, motion_from_derivatives, motion_from_joints, motion_from_poses
-from poise.robot.model import RobotModel, inertia_of, phi_of
-from poise.robot.motion import GRAVITY_IN_WORLD, STANDARD_GRAVITY, SensorMotion
+from poise.robot.model import RobotModel, find_urdf, inertia_of, phi_of
+from poise.robot.motion import SensorMotion
+from poise.robot.motion_buffers import (
+    NO_KINEMATICS,
+    USED,
+    MotionBuffer,
+    PairingSettings,
+    Reasons,
+    SmoothedMotion,
+    StaticPoseBuffer,
+)
+from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
+from poise.robot.scatter import scatter
+from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sliding import SlidingDifferentiator
+from poise.robot.sources import FrameSource, JointSource, MotionSource, went_back
+from poise.robot.splines import Grid, SplineFit
+from poise.robot.stamped_buffer import StampedBuffer
+from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
-    "GRAVITY_IN_WORLD",
-    "STANDARD_GRAVITY",
+    "LAG_STEP",
+    "LONGEST_DELAY",
+    "NO_KINEMATICS",
+    "USED",
     "BaseMotion",
     "Derivatives",
+    "FrameSource",
+    "Grid",
+    "HandFrames",
+    "Imu",
+    "ImuSource",
+    "JointSource",
+    "Kinematics",
+    "LiveImu",
     "MeasuredMotion",
+    "MotionBuffer",
+    "MotionSource",
+    "PairingSettings",
+    "Reasons",
     "RobotModel",
     "RotationDerivatives",
     "SensorMotion",
+    "SharedBuffers",
     "SlidingDifferentiator",
+    "SmoothedMotion",
+    "SplineFit",
+    "StampedBuffer",
+    "StaticPoseBuffer",
     "differentiate",
     "differentiate_rotations",
+    "find_imu",
+    "find_kinematics",
+    "find_urdf",
     "frame_poses",
+    "has_topic",
     "inertia_of",
     "motion_from_derivatives",
     "motion_from_joints",
     "motion_from_poses",
     "motion_sigma",
+    "parse_urdf",
     "phi_of",
+    "pinocchio_state",
+    "read_urdf",
+    "scatter",
     "sensor_motion",
+    "went_back",
 ]

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.robot.motion import Array
 from poise.robot.splines import DEGREE, Design, Grid, SplineFit
+from poise.types import Array
 
 _Made = TypeVar("_Made")
 

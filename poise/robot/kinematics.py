@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.model import RobotModel
-from poise.robot.motion import Array, SensorMotion
+from poise.robot.motion import SensorMotion
+from poise.types import Array
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class BaseMotion:
 
 
 @dataclass(frozen=True)
-class State:
+class PinocchioState:
     """Joint and base motion in pinocchio's coordinates: q (N, nq), v (N, nv), a (N, nv)."""
 
     q: Array
@@ -62,9 +63,9 @@ class State:
     a: Array
 
 
-def state(
+def pinocchio_state(
     model: RobotModel, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike, base: BaseMotion | None = None
-) -> State:
+) -> PinocchioState:
     """Pinocchio's coordinates of (N, J) joint positions, velocities, accelerations and the motion of the base.
 
     Raises:
@@ -86,13 +87,13 @@ def state(
     if base is not None and model.base == "fixed":
         raise InputError(ErrorCode.UNSUPPORTED, "the base moves: build the robot model with base='floating'")
     if model.base == "fixed":
-        return State(q, v, a)
+        return PinocchioState(q, v, a)
     base = base or _at_rest(len(q))
     quaternion = np.array([pin.Quaternion(rotation).coeffs() for rotation in base.rotation_world_base])
     omega, linear = base.angular_velocity_in_base, base.linear_velocity_in_base
     # A spatial acceleration's linear part is the classical one minus omega x v (Featherstone 2008, section 2.11).
     spatial = base.linear_acceleration_in_base - np.cross(omega, linear)
-    return State(
+    return PinocchioState(
         np.hstack([base.translation_world_base, quaternion.reshape(-1, 4), q]),
         np.hstack([linear, omega, v]),
         np.hstack([spatial, base.angular_acceleration_in_base, a]),
@@ -118,7 +119,7 @@ def sensor_motion(
     Raises:
         InputError: as `state`.
     """
-    motion = state(model, position, velocity, acceleration, base)
+    motion = pinocchio_state(model, position, velocity, acceleration, base)
     pinocchio, data, frame = model.pinocchio, model.pinocchio.createData(), model.frame_id(model.sensor_frame)
     n = len(motion.q)
     rotation, vectors = np.empty((n, 3, 3)), np.empty((3, n, 3))
@@ -141,7 +142,7 @@ def frame_poses(
         InputError: FRAME_UNKNOWN, or as `state`.
     """
     zeros = np.zeros_like(np.atleast_2d(np.asarray(position, dtype=np.float64)))
-    motion = state(model, position, zeros, zeros, base)
+    motion = pinocchio_state(model, position, zeros, zeros, base)
     pinocchio, data, index = model.pinocchio, model.pinocchio.createData(), model.frame_id(frame or model.sensor_frame)
     rotation, translation = np.empty((len(zeros), 3, 3)), np.empty((len(zeros), 3))
     for i in range(len(zeros)):
@@ -164,7 +165,7 @@ def motion_sigma(
         position: (N, J).
         velocity_sigma, acceleration_sigma: (N, J) as `differentiate` gives them.
     """
-    q = state(model, position, velocity_sigma, acceleration_sigma).q
+    q = pinocchio_state(model, position, velocity_sigma, acceleration_sigma).q
     pinocchio, data, frame = model.pinocchio, model.pinocchio.createData(), model.frame_id(model.sensor_frame)
     jacobian = np.array([pin.computeFrameJacobian(pinocchio, data, q_i, frame, pin.LOCAL) for q_i in q])
     squared = (jacobian @ model.coupling) ** 2

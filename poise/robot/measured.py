@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from poise.robot.differentiation import Derivatives, differentiate, differentiate_rotations
 from poise.robot.kinematics import motion_sigma, sensor_motion
 from poise.robot.model import RobotModel
-from poise.robot.motion import Array, SensorMotion
+from poise.robot.motion import SensorMotion
+from poise.types import Array
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.robot.motion import Array
 from poise.robot.urdf import Inertial, Mimic, UrdfTree, parse_urdf, read_urdf
+from poise.types import Array
 
 MODELS = Path(__file__).parent / "models"
 """The URDFs that come with Poise: fr3, xarm7, ridgeback_ur10."""

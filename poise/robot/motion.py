@@ -7,14 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
-
-STANDARD_GRAVITY = 9.80665
-"""m/s2 (3rd CGPM, 1901)."""
-
-GRAVITY_IN_WORLD = (0.0, 0.0, -STANDARD_GRAVITY)
-"""The default gravity vector: world z is up."""
-
-Array = NDArray[np.float64]
+from poise.geometry import GRAVITY_IN_WORLD
+from poise.types import Array
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.differentiation import MIN_SAMPLES, Derivatives
-from poise.robot.motion import Array
 from poise.robot.splines import Grid, SplineFit
+from poise.types import Array
 
 WINDOW = 32
 """Knot intervals kept before an answer: what is older would change it by a millionth of its error."""

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from scipy.sparse import csr_array
 
-from poise.robot.motion import Array
+from poise.types import Array
 
 DEGREE = 5
 ORDER = DEGREE + 1

@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-
-Array = NDArray[np.float64]
-Single = NDArray[np.float32]
+from poise.types import Array, Single
 
 MODELS = ("", "plumb_bob", "rational_polynomial")
 COEFFICIENTS = (0, 4, 5, 8)

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.streams import stamp_of
-from poise.scanning.camera import Array, Camera
+from poise.scanning.camera import Camera
 from poise.scanning.frames import FARTHEST, NEAREST, SANE, Frame
+from poise.types import Array, Mask
 
 KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 MOST_POINTS = 4_000_000
@@ -91,7 +92,7 @@ def frame_of_cloud(message: Any, name: str = "cloud") -> Frame:
     return Frame(stamp_of(message), frame_id, camera, depth.reshape(camera.height, camera.width), paint)
 
 
-def _camera(points: Array, ahead: NDArray[np.bool_], width: int, height: int) -> Camera:
+def _camera(points: Array, ahead: Mask, width: int, height: int) -> Camera:
     """The pinhole camera that an organised cloud came from; for others, one that gives each point about a pixel."""
     directions = points[ahead, :2] / points[ahead, 2:]
     if height > 1:

@@ -9,15 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from poise.scanning.camera import Array
 from poise.scanning.frames import View
 from poise.scanning.fusion import BAND, Surface
 from poise.scanning.looking import each, look
 from poise.scanning.support import CELL, Footprint
+from poise.types import Array, Mask
 
 VIEWS = 64
 """That are asked whether they look through."""
@@ -92,15 +91,13 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     return Completed(in_world, normals @ axes, area, *shares, _unknown(footprint), covers)
 
 
-def _carved(
-    solid: NDArray[np.bool_], views: Sequence[View], axes: Array, offset: float, low: Array, cell: float
-) -> NDArray[np.bool_]:
+def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low: Array, cell: float) -> Mask:
     """Without the cells behind which the views see on average (a truncated signed distance, as in `fusion`)."""
     index = np.argwhere(solid)
     asked = (low + cell * (index + 0.5) + np.array([0, 0, offset])) @ axes
     chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, VIEWS).round().astype(int))]
 
-    def ask(view: View) -> tuple[NDArray[np.bool_], Array]:
+    def ask(view: View) -> tuple[Mask, Array]:
         beyond = look(view, asked).beyond
         tells = beyond > -BAND  # deeper is hidden
         return tells, np.where(tells, np.minimum(beyond, BAND), 0.0)
@@ -113,7 +110,7 @@ def _carved(
     return carved
 
 
-def _faces(solid: NDArray[np.bool_], low: Array, cell: float) -> tuple[Array, Array]:
+def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:
     """Middles (F, 3) m and normals (F, 3) of the cells' sides that face outwards."""
     padded = np.pad(solid, 1)
     points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
@@ -125,7 +122,7 @@ def _faces(solid: NDArray[np.bool_], low: Array, cell: float) -> tuple[Array, Ar
     return np.concatenate(points), np.concatenate(normals).astype(np.float64)
 
 
-def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> NDArray[np.bool_]:
+def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> Mask:
     """Which faces lie along a surface that was seen."""
     distance, near = cKDTree(seen).query(points, k=6, distance_upper_bound=NEAR * cell)
     there = np.isfinite(distance)

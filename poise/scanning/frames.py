@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.scanning.camera import Array, Camera, Single, rotated
+from poise.scanning.camera import Camera, rotated
+from poise.types import Array, Single
 
 MILLIMETRE = 1e-3
 NEAREST, FARTHEST = 0.05, 5.0

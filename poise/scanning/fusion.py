@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError
-from poise.scanning.camera import Array, Single, rotated
+from poise.scanning.camera import rotated
 from poise.scanning.frames import View
 from poise.scanning.looking import WORKERS, each, look
 from poise.scanning.support import Footprint
+from poise.types import Array, Mask, Single
 
 COARSE, COARSE_PIXELS = 8, 600_000
 """Pixels between those of the first look, at the most, and how many it takes of all views together."""
@@ -186,7 +187,7 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> 
     return _merged(surface)
 
 
-def _first_look(view: View, points: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Single]:
+def _first_look(view: View, points: Array) -> tuple[Mask, Mask, Single]:
     looked = look(view, points)
     agree = np.abs(looked.beyond) < BAND
     through = looked.beyond > BAND

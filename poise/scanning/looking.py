@@ -9,8 +9,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.scanning.camera import Single, rotated
+from poise.scanning.camera import rotated
 from poise.scanning.frames import View
+from poise.types import Single
 
 Result = TypeVar("Result")
 WORKERS = min(2, os.cpu_count() or 1)

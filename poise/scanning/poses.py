@@ -5,14 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import quaternion_of_rotation, rotation_of_quaternion
 from poise.recording import JointStream, Reason, interpolate
-from poise.recording.decoding import rotation_from_quaternion
-from poise.robot import RobotModel, frame_poses
-from poise.robot.urdf import parse_urdf
-from poise.scanning.camera import Array
+from poise.robot import RobotModel, frame_poses, parse_urdf
+from poise.types import Array, Mask
 
 GAP, WIDE_GAP = 0.1, 3.0
 """s between joint states across which a pose is trusted, and across which it is guessed."""
@@ -41,7 +39,7 @@ class Transform:
                 f"transform {parent} -> {child}: {values.tolist()} is no pose; give x y z in m and a unit quaternion"
                 " x y z w",
             )
-        return cls(parent, child, rotation_from_quaternion(values[None, 3:])[0], values[:3])
+        return cls(parent, child, rotation_of_quaternion(values[3:]), values[:3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +55,8 @@ class Poses:
 
     rotation: Array
     translation: Array
-    sure: NDArray[np.bool_]
-    known: NDArray[np.bool_]
+    sure: Mask
+    known: Mask
 
 
 def hand_eye_of(description: str, camera_frame: str, fixed: Sequence[Transform]) -> Transform:
@@ -121,4 +119,4 @@ def camera_poses(
 
 def as_pose(rotation: Array, translation: Array) -> list[float]:
     """x y z (m) and quaternion x y z w."""
-    return [*translation.tolist(), *Rotation.from_matrix(rotation).as_quat(canonical=True).tolist()]
+    return [*translation.tolist(), *quaternion_of_rotation(rotation).tolist()]

@@ -10,11 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poise.scanning.camera import Array, rotated
+from poise.scanning.camera import rotated
 from poise.scanning.frames import View
 from poise.scanning.fusion import COARSE, SLANT, Surface, fuse
 from poise.scanning.looking import each, look
 from poise.scanning.support import Footprint, Plane
+from poise.types import Array
 
 SURE, UNSURE = (1.5e-3, np.deg2rad(0.3)), (2e-2, np.deg2rad(3.0))
 """One sigma, m and rad, of a pose by kinematics, and of one interpolated over a gap."""

@@ -5,17 +5,16 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.scanning.camera import Array
 from poise.scanning.completion import Completed, complete
 from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
 from poise.shape.solid import Solid
+from poise.types import Array, Mask
 
 LEAST_DEPTH = 0.05
 """Share of the pixels that have to have depth, in the middle one of the frames."""
@@ -79,7 +78,7 @@ class Scan:
     points: Array
     colours: Array | None
     normals: Array
-    seen: NDArray[np.bool_]
+    seen: Mask
     plane: Plane
     n_objects: int
     n_views: int

@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from poise.errors import ErrorCode, InputError
-from poise.scanning.camera import Array, rotated
-
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+from poise.scanning.camera import rotated
+from poise.types import Array, Indices, Mask
 
 TILT = np.deg2rad(12.0)
 """A table leans no more than this against gravity."""

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.robot import RobotModel, frame_poses
-from poise.robot.motion import Array
+from poise.types import Array
 
 TOLERANCE, OFF_AXIS = 0.03, 0.15
 """m that the camera may be off its place, and rad that it may look past the object."""

@@ -12,7 +12,8 @@ from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.solid import FACES, Array, Indices, Solid, tetrahedron_volumes
+from poise.shape.solid import FACES, Solid, tetrahedron_volumes
+from poise.types import Array, Indices
 
 BALL = 2.4
 """Radius of the ball in spacings of the points: it passes no hole of random sampling, yet enters what is concave."""

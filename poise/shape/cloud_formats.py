@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.solid import Array
+from poise.types import Array
 
 MAX_POINTS = 5_000_000
 MAX_HEADER = 65_536

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.cloud_formats import MAX_POINTS, READERS, Table
-from poise.shape.solid import Array, Indices
+from poise.types import Array, Indices
 
 MAX_BYTES = 400_000_000
 SMALLEST, LARGEST = 2e-3, 5.0

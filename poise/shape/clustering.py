@@ -13,8 +13,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from poise.shape.solid import Array, Indices
 from poise.shape.surface_graph import folds
+from poise.types import Array, Indices
 
 MOST_ROUNDS = 80
 SMOOTHINGS, ALIKE, LEAST_NOISE = 3, 1.5, 1e-3

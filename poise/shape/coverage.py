@@ -5,8 +5,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.solid import Array, Indices, Solid
+from poise.shape.solid import Solid
 from poise.shape.surface_graph import facing_of
+from poise.types import Array, Indices
 
 BARE_ERROR, BARE_NOTE = 0.12, 0.045
 """Shares of points without anything behind them: complete clouds had at most 0.03, half ones 0.2 or more."""

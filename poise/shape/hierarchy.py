@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
-from poise.shape.solid import Array, Indices, Solid
+from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
+from poise.types import Array, Indices
 
 FEWEST_EDGES = 2
 """A border of fewer edges says little about a fold."""

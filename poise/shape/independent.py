@@ -8,7 +8,7 @@ The thesis' own suggestion is followed: the hierarchy of merges is undone where 
 import numpy as np
 
 from poise.shape.segmentation import Segmentation
-from poise.shape.solid import Array, Indices
+from poise.types import Array, Indices
 
 MOST_PARTS = 4
 LEAST_SPREAD = 0.03

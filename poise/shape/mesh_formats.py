@@ -8,7 +8,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.cloud_formats import PlyHeader, corrupt, read_ply_header, read_ply_vertices
-from poise.shape.solid import Array, Indices
+from poise.types import Array, Indices
 
 MAX_TRIANGLES = 2_000_000
 STL_HEADER, STL_FACET = 84, 50

@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.solid import Array, Indices
+from poise.types import Array, Indices
 
 WELD = 1e-7
 """Corners closer than this share of the mesh's size are one."""

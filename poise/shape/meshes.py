@@ -11,7 +11,7 @@ from poise.errors import ErrorCode, InputError
 from poise.shape.mesh_formats import MAX_TRIANGLES
 from poise.shape.mesh_repair import repair
 from poise.shape.mesh_worker import MeshWorker
-from poise.shape.solid import Array, Indices
+from poise.types import Array, Indices
 
 MAX_BYTES = 100_000_000
 FORMATS = (".stl", ".obj", ".ply")

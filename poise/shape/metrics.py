@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from poise.shape.solid import Array
+from poise.types import Array
 
 
 def undersegmentation_error(labels: ArrayLike, truth: ArrayLike) -> float:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from poise.shape.solid import Array, Indices, Solid
+from poise.shape.solid import Solid
+from poise.types import Array, Indices
 
 
 def part_surface(solid: Solid, labels: Indices, part: int) -> tuple[Array, Indices]:

@@ -10,10 +10,11 @@ from poise.shape.carving import carve, spacing_of
 from poise.shape.clustering import Features, Weights, initial_clusters, smooth_colours
 from poise.shape.coverage import check_coverage
 from poise.shape.hierarchy import Hierarchy, MergeCosts, build_hierarchy
-from poise.shape.solid import Array, Indices, Solid
+from poise.shape.solid import Solid
 from poise.shape.surface_graph import surface_graph
 from poise.shape.thinning import thin
 from poise.shape.unbiased import unbiased
+from poise.types import Array, Indices
 
 
 @dataclass(frozen=True)

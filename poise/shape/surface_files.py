@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poise.shape.segmentation import Segmentation
-from poise.shape.solid import Array, Indices
+from poise.types import Array, Indices
 
 PALETTE = np.array(
     [

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from poise.shape.solid import Array, Indices, Solid
+from poise.shape.solid import Solid
+from poise.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ def surface_edges(solid: Solid) -> Indices:
     return np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
 
 
-def unit_normals(solid: Solid) -> tuple[Array, NDArray[np.bool_]]:
+def unit_normals(solid: Solid) -> tuple[Array, Mask]:
     """(V, 3) outward where a vertex is on the surface, zero elsewhere; and (V,) whether it is."""
     normals, _ = facing_of(solid)
     lengths = np.linalg.norm(normals, axis=1)

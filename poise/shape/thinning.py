@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from poise.shape.solid import Array, Indices
+from poise.types import Array, Indices
 
 ROUNDS = 12
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poise.shape.solid import Array, Indices, Solid, tetrahedron_moments
+from poise.shape.solid import Solid, tetrahedron_moments
 from poise.shape.surface_graph import surface_edges, unit_normals
+from poise.types import Array, Indices
 
 PUSH = 0.5
 """Of how far a point of the surface stands out from the middle of its neighbours."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.robot.motion import Array
+from poise.types import Array
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from poise.errors import ErrorCode, InputError
 from poise.robot import RobotModel
-from poise.robot.motion import Array
+from poise.types import Array
 
 
 class JointMotion(NamedTuple):

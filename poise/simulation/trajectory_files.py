@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
 from poise.robot import RobotModel
-from poise.robot.motion import Array
 from poise.simulation.trajectories import FourierTrajectory, SplineTrajectory, Trajectory, WaypointTrajectory, home
+from poise.types import Array
 
 MAX_BYTES = 50_000_000
 FOURIER = ("duration", "speed", "amplitude", "frequency", "harmonics", "centre")

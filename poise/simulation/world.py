@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
+from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.regressor import regressor
-from poise.robot import GRAVITY_IN_WORLD, BaseMotion, RobotModel, SensorMotion, inertia_of, sensor_motion
-from poise.robot.kinematics import state
-from poise.robot.motion import Array
+from poise.robot import BaseMotion, RobotModel, SensorMotion, inertia_of, pinocchio_state, sensor_motion
 from poise.simulation.trajectories import JointMotion
+from poise.types import Array
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class World:
 
     def effort(self, joints: JointMotion, base: BaseMotion | None = None) -> Array:
         """(N, J) by the recursive Newton-Euler algorithm (Featherstone 2008, section 5.3), payload included."""
-        motion = state(self.model, *joints, base=base)
+        motion = pinocchio_state(self.model, *joints, base=base)
         data = self._loaded.createData()
         moving = len(self.model.coupling)
         torque = np.empty((len(motion.q), moving))

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from poise.assembly import Analysis, Assembly, Pose, RobustnessMap
+from poise.assembly import Analysis, Assembly, RobustnessMap
+from poise.geometry import Pose
+from poise.types import Array, Mask
 from poise.viewing.canvas import PALETTE
 from poise.viewing.z_buffer import NOTHING, Camera, see
-
-Array = NDArray[np.float64]
 
 TOWARD = (-1.0, -1.7, 0.9)
 """From the middle of the picture to the viewer."""
@@ -168,7 +168,7 @@ def _enlarged(picture: Array) -> Array:
     return picture.repeat(SUPERSAMPLED, axis=0).repeat(SUPERSAMPLED, axis=1)
 
 
-def _edges(place: NDArray[np.int64], normals: Array) -> NDArray[np.bool_]:
+def _edges(place: NDArray[np.int64], normals: Array) -> Mask:
     """(H, W) pixels at which the body or the direction of its face changes."""
     edges = np.zeros(place.shape, dtype=bool)
     for axis in (0, 1):

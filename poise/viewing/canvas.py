@@ -11,9 +11,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from poise.inertia.estimate import Identification
+from poise.types import Array
 from poise.viewing.decimation import break_at_gaps, envelope
 
-Array = NDArray[np.float64]
 Draw = Callable[[FigureBase], None]
 
 # Names of roles; the report turns them into CSS colours that follow the reader's light or dark scheme.

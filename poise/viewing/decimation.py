@@ -3,9 +3,8 @@
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from poise.types import Array
 
 GAP = 10.0
 """A pause longer than this many median sample times is a gap: a line across it would be invented."""

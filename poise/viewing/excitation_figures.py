@@ -2,15 +2,14 @@
 
 import numpy as np
 from matplotlib.figure import FigureBase
-from numpy.typing import NDArray
 
 from poise.excitation import ExcitationPlan, Guard
 from poise.excitation.hand import HandMotion, hand_motion
 from poise.inertia.parameters import PARAMETER_NAMES
 from poise.robot import RobotModel
+from poise.types import Array
 from poise.viewing.canvas import PALETTE, Panel, add_axes
 
-Array = NDArray[np.float64]
 SAMPLES = 600
 
 

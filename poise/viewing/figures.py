@@ -2,11 +2,11 @@
 
 import numpy as np
 from matplotlib.figure import FigureBase
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poise.inertia.estimate import Identification
 from poise.inertia.parameters import PARAMETER_NAMES
+from poise.types import Array
 from poise.viewing.canvas import PALETTE, Panel, add_axes, mark_rejected, trace
 from poise.viewing.sphere import VIEWS, draw_sphere
 from poise.viewing.summary import (
@@ -18,7 +18,6 @@ from poise.viewing.summary import (
     shown_sigmas,
 )
 
-Array = NDArray[np.float64]
 CHANNELS = ("Force x", "Force y", "Force z", "Torque x", "Torque y", "Torque z")
 CHANNEL_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 PARAMETER_TITLES = (

@@ -3,15 +3,12 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
-from numpy.typing import NDArray
 
-from poise.mismatch.diagnosis import Examination
-from poise.mismatch.unknown import Shape, spoken
-from poise.mismatch.where import Window
+from poise.mismatch.answer import Examination, ResidualWindow
+from poise.mismatch.inference import Shape, spoken
+from poise.types import Array
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
 from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals
-
-Array = NDArray[np.float64]
 
 WIDE = 1110
 """Points: the width of a page."""
@@ -20,7 +17,7 @@ WHOLE = 0.9
 TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
 
 
-def marked(examination: Examination) -> tuple[Window, ...]:
+def marked(examination: Examination) -> tuple[ResidualWindow, ...]:
     """The windows worth a mark: none where nothing was found."""
     return examination.where if examination.findings or examination.unknown else ()
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from poise.files import write_whole
-from poise.mismatch.diagnosis import Diagnosis, Examination, Finding
+from poise.mismatch.answer import Diagnosis, Examination, Finding
 from poise.viewing import mismatch_figures as figures
 from poise.viewing.mismatch_summary import headline, labelled, remaining, remarks, residuals
 from poise.viewing.page import drawn, making, origin, render_page

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from poise.mismatch.diagnosis import Diagnosis, Examination
+from poise.mismatch.answer import Diagnosis, Examination
 from poise.viewing.mismatch_summary import headline, remarks, residuals
 from poise.viewing.rerun_file import RerunFile
 from poise.viewing.wording import readable

@@ -4,16 +4,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.diagnosis import Diagnosis, Examination
-from poise.mismatch.search import left_over, names
-from poise.mismatch.unknown import spoken
-from poise.mismatch.wording import channel_names
+from poise.mismatch.answer import Diagnosis, Examination
+from poise.mismatch.inference import left_over, names, spoken
+from poise.mismatch.recorded import channel_names
+from poise.types import Array, Mask
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
-
-Array = NDArray[np.float64]
 
 STRETCH = 0.25
 """s over which a residual's size is averaged for the eye."""
@@ -45,7 +42,7 @@ class Residuals:
     before: Array
     after: Array
     noise: Array
-    held: NDArray[np.bool_]
+    held: Mask
 
     def size(self, residual: Array) -> Array:
         """(N,) root mean square over channels and a quarter of a second, in units of the noise."""

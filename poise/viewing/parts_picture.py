@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from poise.errors import ErrorCode, InputError
 from poise.shape.segmentation import Segmentation
-from poise.shape.solid import Array
 from poise.shape.surface_files import colour_of
+from poise.types import Array
 
 FORMATS = {".png": "png", ".svg": "svg", ".pdf": "pdf"}
 LIGHT = np.array([0.3, 0.4, 0.87])

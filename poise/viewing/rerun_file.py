@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
-
-Array = NDArray[np.float64]
+from poise.types import Array
 
 
 class RerunFile:

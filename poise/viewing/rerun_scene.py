@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from poise.inertia.estimate import Identification
 from poise.inertia.parameters import PARAMETER_NAMES
+from poise.types import Array
 from poise.viewing.rerun_file import RerunFile
 from poise.viewing.summary import (
     SCALES,
@@ -20,8 +21,6 @@ from poise.viewing.summary import (
     shown_sigmas,
 )
 from poise.viewing.wording import readable, rounded
-
-Array = NDArray[np.float64]
 
 CHANNELS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 PATHS = ("mass", "com_x", "com_y", "com_z", *(f"inertia_{axes}" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")))

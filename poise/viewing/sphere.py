@@ -4,11 +4,9 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from poise.types import Array
 from poise.viewing.canvas import PALETTE, SPARSE
-
-Array = NDArray[np.float64]
 
 _EYE = np.array([0.75, 0.5, 0.45]) / np.linalg.norm([0.75, 0.5, 0.45])
 

@@ -3,13 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.inertia.estimate import Identification, InertialEstimate
 from poise.inertia.parameters import PARAMETER_NAMES, UPPER, about_com_jacobian, symmetric
+from poise.types import Array
 from poise.viewing.wording import NOT_IDENTIFIABLE, rounded
-
-Array = NDArray[np.float64]
 
 WHITENESS_LAGS = 20
 # Of 20 autocorrelations of N samples of white noise one exceeds 3.5/sqrt(N) in 1 % of cases.

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from poise.types import Array, Indices
 
 NOTHING = -1
 
@@ -56,7 +55,7 @@ class Seen:
         points: (H, W, 3) m; NaN where nothing is seen.
     """
 
-    triangle: Integers
+    triangle: Indices
     points: Array
 
 

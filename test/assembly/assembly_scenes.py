@@ -4,7 +4,8 @@ import itertools
 
 import numpy as np
 
-from poise.assembly import Assembly, Box, Cylinder, Mesh, Pose, RigidObject
+from poise.assembly import Assembly, Box, Cylinder, Mesh, RigidObject
+from poise.geometry import Pose
 
 G = 9.81
 GRAVITY = np.array([0.0, 0.0, -G])

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from assembly_scenes import FLOOR, G, box, on_floor
 
-from poise.assembly import Analysis, Assembly, Pose, RigidObject, acceleration_limits
+from poise.assembly import Analysis, Assembly, RigidObject, acceleration_limits
 from poise.assembly.acceleration import _inertial_loads
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose
 
 
 def slant(mu=1.2):

@@ -6,10 +6,11 @@ import pytest
 from assembly_scenes import FLOOR, box, fixed_box, on_floor, turned
 from scipy.spatial.transform import Rotation
 
-from poise.assembly import Assembly, Pose, RigidObject, Structure, find_interfaces
+from poise.assembly import Assembly, RigidObject, Structure, find_interfaces
 from poise.assembly.contacts import CONTACT_MARGIN
 from poise.assembly.placed import PlacedBody, triangle_areas
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
 
 
 def only(assembly):

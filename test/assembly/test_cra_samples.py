@@ -14,7 +14,7 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from poise.assembly import Analysis, Assembly, Mesh, RigidObject
-from poise.assembly.geometry import plane_axes
+from poise.geometry import plane_axes
 
 CONTENT = json.loads((Path(__file__).parent / "cra_samples.json").read_text(encoding="utf-8"))
 CASES = CONTENT["cases"]

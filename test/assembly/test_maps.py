@@ -14,7 +14,6 @@ from poise.assembly import (
     MAX_MAP_POINTS,
     Analysis,
     Mesh,
-    Pose,
     Push,
     RigidObject,
     SurfacePoints,
@@ -26,6 +25,7 @@ from poise.assembly.convexity import upper_planes
 from poise.assembly.deadline import Deadline
 from poise.assembly.pushes import loads_of
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose
 
 SCENES = {
     "cube": scenes.cube,
@@ -207,7 +207,7 @@ def test_a_deadline_in_the_middle_leaves_bounds_that_hold(model, monkeypatch):
     full = robustness_map(analysis, 500, model=model)
     monkeypatch.setattr("poise.assembly.map_regions.CHUNK", 20)
     looks = itertools.count()
-    monkeypatch.setattr(Deadline, "passed", property(lambda _: next(looks) > 30))
+    monkeypatch.setattr(Deadline, "passed", property(lambda _: next(looks) > 45))
     early = robustness_map(analysis, sample_surface(analysis.structure, 500), model=model)
     reached = early.lower > 0
     assert not early.complete

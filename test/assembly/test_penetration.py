@@ -7,11 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.placement.scenes import CELL, GLUED, glued
-from poise.assembly import Pose, RigidObject
+from poise.assembly import RigidObject
 from poise.assembly.contacts import CONTACT_MARGIN
 from poise.assembly.penetration import penetration_depth
 from poise.assembly.placed import PlacedBody
 from poise.assembly.shapes import Box, Cylinder, Mesh
+from poise.geometry import Pose
 
 
 def cuboids(item: RigidObject) -> tuple[np.ndarray, np.ndarray]:

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 import yaml
 
-from poise.assembly import Analysis, Assembly, Box, Cylinder, Mesh, Pose, RigidObject, load_scene, write_scene
-from poise.assembly.geometry import quaternion_of_rotation, rotation_of_quaternion
+from poise.assembly import Analysis, Assembly, Box, Cylinder, Mesh, RigidObject, load_scene, write_scene
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose, quaternion_of_rotation, rotation_of_quaternion
 
 SCENE = """
 gravity: [0, 0, -9.81]

@@ -5,9 +5,9 @@ import pytest
 from assembly_scenes import G, box, cube, on_floor
 
 from poise.assembly import Analysis, acceleration_limits
-from poise.assembly.geometry import rotation_of_quaternion
 from poise.assembly.turning_base import SMOOTHING, TurningBase
 from poise.errors import ErrorCode, InputError
+from poise.geometry import rotation_of_quaternion
 
 LEVEL = TurningBase(np.array([0.0, 0.0, 1.0]))
 

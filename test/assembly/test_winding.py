@@ -5,8 +5,8 @@ import pytest
 
 from benchmarks.placement.scenes import bowl, glued
 from poise.assembly import RigidObject
-from poise.assembly.geometry import Array
 from poise.assembly.penetration import winding_number
+from poise.types import Array
 
 
 def solid_angles(points: Array, corners: Array) -> Array:

@@ -3,15 +3,14 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from poise.inertia.mass_model import MassModel
 from poise.inertia.parts import Parts, box_moments
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
 from poise.inertia.regressor import regressor
+from poise.types import Array
 
-Array = npt.NDArray[np.float64]
 GRAVITY = 9.80665
 
 

@@ -9,8 +9,7 @@ from simulated_motion import HOME, fr3
 from poise.inertia import InertialParameters, regressor
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel, sensor_motion
-
-Array = npt.NDArray[np.float64]
+from poise.types import Array
 
 START = 1_700_000_000_000_000_000
 GRASP = 0.06

@@ -3,15 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 from simulated_loads import GRAVITY, random_body
 
 from poise.inertia.parameters import InertialParameters
 from poise.inertia.pmd import unit_points
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
+from poise.types import Array
 
-Array = npt.NDArray[np.float64]
 EXACT = NoiseLevels(force=1e-3, torque=1e-4, linear_acceleration=1e-3, angular_acceleration=1e-3)
 BOX = np.array([0.2, 0.1, 0.05])  # m
 AT = (0.05, -0.02, 0.1)  # m, the centre of the box

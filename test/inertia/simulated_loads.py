@@ -1,15 +1,13 @@
 """Loads, motions and wrenches made up for the tests, with every random number from a given generator."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from poise.inertia import InertialParameters, regressor
+from poise.types import Array
 
 GRAVITY = 9.80665
 BIAS = np.array([9.0, -1.0, 10.0, 0.4, -0.7, -0.15])
-
-Array = npt.NDArray[np.float64]
 
 
 def random_body(rng: np.random.Generator) -> InertialParameters:

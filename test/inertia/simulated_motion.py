@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from poise.inertia import InertialParameters, regressor
 from poise.recording import JointStream, PoseStream, WrenchStream
 from poise.robot import RobotModel, frame_poses, sensor_motion
+from poise.types import Array
 
 GRAVITY = 9.80665
 BIAS = np.array([5.0, -3.0, 8.0, 0.2, -0.1, 0.3])
@@ -15,8 +15,6 @@ LOAD = InertialParameters(
     1.2, np.array([0.02, -0.03, 0.08]), np.array([[6, 0.5, 0.3], [0.5, 5, -0.4], [0.3, -0.4, 3]]) * 1e-3
 )
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

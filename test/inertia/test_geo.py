@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import BOX, EXACT, Array, box_body, box_points, problem_of, wild_problem
+from problems import BOX, EXACT, box_body, box_points, problem_of, wild_problem
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from simulated_loads import BIAS, random_body
@@ -15,6 +15,7 @@ from poise.inertia.geo import geo, homogeneous_prior
 from poise.inertia.metrics import errors, riemannian_error
 from poise.inertia.parameters import InertialParameters, frame_change, phi_of_pseudo_inertia, pseudo_inertia
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
+from poise.types import Array
 
 RANDOM_INPUTS = int(os.environ.get("POISE_RANDOM_INPUTS", "500"))
 DIVERGENCES = ("entropic", "geodesic")

@@ -12,8 +12,9 @@ import pytest
 import yaml
 
 from poise.cli import run
-from poise.inertia import bayes, recorder, tracks
-from poise.inertia.tracks import PairingSettings
+from poise.inertia import bayes, recorder
+from poise.robot import motion_buffers as tracks
+from poise.robot.motion_buffers import PairingSettings
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "identify.md").read_text(encoding="utf-8")

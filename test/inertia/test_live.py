@@ -7,9 +7,9 @@ from simulated_motion import LOAD, Scene, record, steps
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.identification import Kinematics, identify_wrenches
 from poise.inertia.live import GRACE, QUIET, LiveEstimator, LiveOptions
-from poise.inertia.sources import JointSource
 from poise.inertia.status import Level, status_of
 from poise.robot.model import find_urdf
+from poise.robot.sources import JointSource
 
 URDF = find_urdf("fr3").read_text()
 ALL = ("wrench", "joints", "tf")

@@ -10,7 +10,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.identification import Kinematics, identify_wrenches
 from poise.inertia.online import OnlineEstimator
 from poise.inertia.problem import NoiseLevels
-from poise.inertia.sources import FrameSource, JointSource
+from poise.robot.sources import FrameSource, JointSource
 
 SECOND = 10**9
 

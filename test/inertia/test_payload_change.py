@@ -7,7 +7,7 @@ from ordinary_work import START, Nuisance, Work, work
 from poise.inertia.change import PayloadChange
 from poise.inertia.online import OnlineEstimator
 from poise.inertia.problem import NoiseLevels
-from poise.inertia.sources import JointSource
+from poise.robot.sources import JointSource
 
 PERIOD = 0.05
 NOISE = NoiseLevels(0.1, 0.005, 0.02, 0.05)

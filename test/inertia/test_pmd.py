@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import Array, box_body, box_points, problem_of, wild_problem
+from problems import box_body, box_points, problem_of, wild_problem
 from scipy.optimize import minimize
 from simulated_loads import random_body
 
@@ -15,6 +15,7 @@ from poise.inertia.metrics import errors
 from poise.inertia.parameters import InertialParameters
 from poise.inertia.pmd import dynamism, full_model_weight, minimise_sum_of_norms, pmd, spread, unit_points
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
+from poise.types import Array
 
 RANDOM_INPUTS = int(os.environ.get("POISE_RANDOM_INPUTS", "200"))
 

@@ -6,8 +6,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 from simulated_loads import random_body, random_motion
 
+from poise.geometry import cross_matrix
 from poise.inertia import frame_change, regressor
-from poise.inertia.regressor import cross_matrix
 
 
 @pytest.fixture

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from problems import EXACT, Array, motion, problem_of
+from problems import EXACT, motion, problem_of
 from simulated_loads import BIAS, random_body
 
 from poise.errors import ErrorCode, NoAnswerError
@@ -12,6 +12,7 @@ from poise.inertia.ols import ols
 from poise.inertia.problem import IdentificationProblem, NoiseLevels
 from poise.inertia.regressor import regressor
 from poise.inertia.rtls import RecursiveTotalLeastSquares, rtls
+from poise.types import Array
 
 BIASED = replace(EXACT, force_bias=np.inf, torque_bias=np.inf)
 

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poise.assembly import Pose, load_scene
+from poise.assembly import load_scene
 from poise.cli import run
+from poise.geometry import Pose
 from poise.manipulation import Arm
 from poise.manipulation.bodies import se3_of
 

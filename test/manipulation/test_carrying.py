@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from poise.assembly import Analysis, Assembly, Box, Cylinder, Pose, Push, RigidObject, assess
+from poise.assembly import Analysis, Assembly, Box, Cylinder, Push, RigidObject, assess
 from poise.errors import ErrorCode, NoAnswerError
+from poise.geometry import Pose
 from poise.manipulation import Arm, Reach, plan_transfer
 from poise.manipulation.approach import approach_directions
 from poise.manipulation.bodies import se3_of

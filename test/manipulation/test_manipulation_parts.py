@@ -7,8 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from poise.assembly import Box, Cylinder, Pose, RigidObject
+from poise.assembly import Box, Cylinder, RigidObject
 from poise.assembly.pushes import surface_distance
+from poise.geometry import Pose
 from poise.manipulation import Arm, Grasp, Hand, Limits
 from poise.manipulation.cell import Cell
 from poise.manipulation.grasps import antipodal_grasps

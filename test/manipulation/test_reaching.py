@@ -7,8 +7,9 @@ import coal
 import numpy as np
 import pytest
 
-from poise.assembly import Analysis, Assembly, Box, Cylinder, Pose, RigidObject, load_scene
+from poise.assembly import Analysis, Assembly, Box, Cylinder, RigidObject, load_scene
 from poise.errors import ErrorCode, NoAnswerError
+from poise.geometry import Pose
 from poise.manipulation import Arm, Reach
 from poise.manipulation.approach import _least, approach_directions
 from poise.manipulation.bodies import geometry_of, se3_of

@@ -9,23 +9,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poise.inertia import InertialParameters
-from poise.mismatch.calibration import payload_steps
 from poise.mismatch.effects import effect_named
-from poise.mismatch.kinematics import Motion, world_from_motion
-from poise.mismatch.model import NominalModel, Tolerance
-from poise.mismatch.problem import Part, Problem
-from poise.mismatch.reading import world_from_streams
-from poise.mismatch.sanity import without_spikes
-from poise.mismatch.world import World
+from poise.mismatch.inference import Part, Problem, payload_steps
+from poise.mismatch.reading import Motion, NominalModel, Tolerance, world_from_motion
+from poise.mismatch.reading.recordings import world_from_streams
+from poise.mismatch.reading.sanity import without_spikes
+from poise.mismatch.recorded import World
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory
+from poise.types import Array
 
-Array = NDArray[np.float64]
 DURATION = 35.0
 ROBOT = RobotModel.from_file("ridgeback_ur10")
 ARM_HOME = np.array([0.0, 0.0, 0.0, 0.0, -1.9, 2.0, -1.67, -1.5708, 0.0])

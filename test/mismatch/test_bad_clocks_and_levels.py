@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from cases import make_case
 
-from poise.mismatch.belief import MOST_SURE, Basis
-from poise.mismatch.clocks import regular
-from poise.mismatch.diagnosis import diagnose
-from poise.mismatch.noise import white_level
+from poise.mismatch.answer import MOST_SURE, Basis, diagnose
+from poise.mismatch.reading.clocks import regular
+from poise.mismatch.recorded import white_level
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1])

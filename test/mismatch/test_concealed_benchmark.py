@@ -25,7 +25,7 @@ from benchmarks.concealed.seals import open_seals, private_file, sealed, write_s
 from benchmarks.concealed.table import brier, calibration_error, score
 from benchmarks.concealed.tally import judge, overlap, parameter_errors, removed_share, states_of
 from benchmarks.concealed.twins import TWINS
-from poise.mismatch.model import load_model
+from poise.mismatch.reading import load_model
 from poise.recording import WrenchStream, open_recording
 
 ISSUE = [

@@ -5,11 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 import yaml
-from cases import Array, Case, make_case
+from cases import Case, make_case
 
-from poise.mismatch.diagnosis import Diagnosis, diagnose, with_components
-from poise.mismatch.model import dump_model, parse_model
-from poise.mismatch.world import World
+from poise.mismatch.answer import Diagnosis, diagnose
+from poise.mismatch.answer.diagnosis import with_components
+from poise.mismatch.reading import dump_model, parse_model
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 # Effect, and which of its numbers is the size that is compared, within what share of it.
 PLAIN = {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poise.mismatch.noise import white_level
+from poise.mismatch.recorded import white_level
 
 
 def test_knocks_are_no_noise_where_the_signal_is_finely_resolved() -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from poise.mismatch.evidence import Frame
+from poise.mismatch.inference.evidence import Frame
 
 
 def test_columns_that_are_there_already_gain_nothing_however_large_they_are():

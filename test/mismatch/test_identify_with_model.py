@@ -10,7 +10,7 @@ from cases import Case, make_case
 
 from poise.cli import run
 from poise.inertia import InertialParameters
-from poise.mismatch.model import Component, NominalModel, dump_model
+from poise.mismatch.reading import Component, NominalModel, dump_model
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf

@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from poise.cli import run
-from poise.mismatch.effects.payload_parameters import ROWS
-from poise.mismatch.known_load import known_load
-from poise.mismatch.model import parse_model
+from poise.mismatch.application.known_load import known_load
+from poise.mismatch.effects import ROWS
+from poise.mismatch.reading import parse_model
 
 GRAVITY = 9.81
 SIDE = 0.2

@@ -7,8 +7,8 @@ import pytest
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
-from poise.mismatch.live import Window, effects_called, examine
-from poise.mismatch.model import NominalModel
+from poise.mismatch.answer import LiveWindow, effects_called, examine
+from poise.mismatch.reading import NominalModel
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf
@@ -29,7 +29,7 @@ def fed(window, seconds, start=0, rate=100, frame="ft_sensor"):
 
 
 def test_only_the_last_seconds_are_kept():
-    window = fed(Window(10.0), 25.0)
+    window = fed(LiveWindow(10.0), 25.0)
     assert window.seconds == pytest.approx(10.0, abs=0.02)
     streams = window.streams()
     assert streams["wrench"].stamps[-1] == window.newest
@@ -38,7 +38,7 @@ def test_only_the_last_seconds_are_kept():
 
 
 def test_it_says_what_it_waits_for():
-    window = Window(10.0)
+    window = LiveWindow(10.0)
     assert "wrench" in window.lacks
     window.add_wrench(0, "ft", (0,) * 6)
     assert "joint state" in window.lacks
@@ -50,7 +50,7 @@ def test_it_says_what_it_waits_for():
 
 
 def test_late_messages_are_counted_and_a_clock_that_began_anew_begins_anew():
-    window = fed(Window(10.0), 9.0, start=100 * SECOND)
+    window = fed(LiveWindow(10.0), 9.0, start=100 * SECOND)
     newest = window.newest
     window.add_wrench(newest - SECOND, "ft_sensor", (0,) * 6)
     assert (window.late, window.newest) == (1, newest)
@@ -60,14 +60,14 @@ def test_late_messages_are_counted_and_a_clock_that_began_anew_begins_anew():
 
 
 def test_wrenches_of_another_sensor_are_left_out():
-    window = fed(Window(10.0), 1.0)
+    window = fed(LiveWindow(10.0), 1.0)
     window.add_wrench(5 * SECOND, "other", (9,) * 6)
     assert window.foreign == 1
     assert window.newest < SECOND
 
 
 def test_joint_states_come_in_the_order_of_the_last_and_lacking_ones_are_left_out():
-    window = Window(10.0)
+    window = LiveWindow(10.0)
     window.add_wrench(0, "ft", (0,) * 6)
     window.add_joint_state(0, ["b", "a", "c"], [2.0, 1.0, 3.0], [0.2, 0.1, 0.3], [])
     window.add_joint_state(1, ["a"], [9.0], [], [])

@@ -5,7 +5,7 @@ import pytest
 from cases import make_case
 
 from poise.mismatch.effects.base_motion import MOST, BaseMotion
-from poise.mismatch.reading import LEAST_RATE, MAX_RATE, MOST_SAMPLES, usable
+from poise.mismatch.reading.recordings import LEAST_RATE, MAX_RATE, MOST_SAMPLES, usable
 from poise.recording import WrenchStream
 
 

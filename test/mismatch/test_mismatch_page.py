@@ -8,8 +8,8 @@ import yaml
 
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import Effect, all_effects
-from poise.mismatch.kinematics import Motion, world_from_motion
-from poise.mismatch.model import TOLERANCE_KEYS, Tolerance, parse_model
+from poise.mismatch.reading import Motion, Tolerance, parse_model, world_from_motion
+from poise.mismatch.reading.nominal_model import TOLERANCE_KEYS
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 

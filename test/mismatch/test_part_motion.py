@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from poise.mismatch.knocks import find_knocks
-from poise.mismatch.part_motion import Oscillator, between_stops, crept, hanging, travelled
+from poise.mismatch.effects.knocks import find_knocks
+from poise.mismatch.effects.part_motion import Oscillator, between_stops, crept, hanging, travelled
 
 GRAVITY = 9.80665
 

@@ -6,17 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import make_case
-from numpy.typing import NDArray
 
 from poise.inertia import identify
-from poise.mismatch import felt_vibration
-from poise.mismatch.diagnosis import Diagnosis, Finding, diagnose
-from poise.mismatch.effects import effect_named
+from poise.mismatch.answer import Diagnosis, Finding, diagnose
+from poise.mismatch.effects import accelerometer_input, effect_named
 from poise.mismatch.effects.external_vibration import ExternalVibration
-from poise.mismatch.load import load_wrench
-from poise.mismatch.model import parse_model
-from poise.mismatch.reading import read_world
+from poise.mismatch.reading import parse_model, read_world
+from poise.mismatch.recorded import load_wrench
 from poise.recording import open_recording
+from poise.types import Array
 
 BAGS = Path(__file__).parents[2] / "bags"
 STATIC = {"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}}
@@ -70,8 +68,8 @@ def test_the_arm_shakes_at_forty_hertz_and_the_accelerometers_clock_is_late(free
 
 
 def test_only_the_shaken_run_has_blows(free: Diagnosis, shaken: Diagnosis) -> None:
-    assert felt_vibration.blows_in(free.main.problem.world) == []
-    blows = felt_vibration.blows_in(shaken.main.problem.world)
+    assert accelerometer_input.blows_in(free.main.problem.world) == []
+    blows = accelerometer_input.blows_in(shaken.main.problem.world)
     # Where the raw accelerometer jumps by more than 5 m/s2 from one sample to the next.
     imu = open_recording(BAGS / "kuka_vibration.mcap").imu()
     start = shaken.main.problem.world.start
@@ -91,7 +89,7 @@ def test_a_felt_vibration_is_the_payload_carried_along_by_it() -> None:
     """Thesis eq. 2.97 with the shaking in the acceleration; the accelerometer's clock late by three samples."""
     world = make_case(3, duration=10.0).world()
 
-    def shaken_at(seconds: NDArray[np.float64]) -> NDArray[np.float64]:
+    def shaken_at(seconds: Array) -> Array:
         at = seconds[:, None]
         return np.asarray(np.sin(2 * np.pi * 10.0 * at + np.arange(3)) * np.exp(-(((at - 5.0) / 2.0) ** 2)))
 

@@ -10,13 +10,11 @@ import yaml
 from cases import ARM_HOME, ROBOT, make_case
 
 from poise.cli import run
-from poise.mismatch.effects import effect_named
-from poise.mismatch.effects.base import Values
-from poise.mismatch.kinematics import Motion, world_from_motion
-from poise.mismatch.model import NominalModel, dump_model
-from poise.mismatch.problem import Part, wrench_problem
-from poise.mismatch.separating import distance
-from poise.mismatch.world import World
+from poise.mismatch.answer.discriminating_motion import distance
+from poise.mismatch.effects import Values, effect_named
+from poise.mismatch.inference import Part, wrench_problem
+from poise.mismatch.reading import Motion, NominalModel, dump_model, world_from_motion
+from poise.mismatch.recorded import World
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf

@@ -9,11 +9,11 @@ import pytest
 from cases import ROBOT, make_case
 
 from poise.cli import run
+from poise.mismatch.application import run_planned
 from poise.mismatch.effects import Effect, all_effects
-from poise.mismatch.joining import PAUSE, joined, spans
-from poise.mismatch.model import Component, NominalModel, dump_model
-from poise.mismatch.running import run_planned
-from poise.mismatch.world import World
+from poise.mismatch.reading import Component, NominalModel, dump_model, joined, spans
+from poise.mismatch.reading.joining import PAUSE
+from poise.mismatch.recorded import World
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf

@@ -8,10 +8,8 @@ import yaml
 
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.components import with_components
 from poise.mismatch.effects import effect_named
-from poise.mismatch.model import Component, load_model
-from poise.mismatch.reading import read_world
+from poise.mismatch.reading import Component, load_model, read_world, with_components
 from poise.recording import open_recording
 
 PAYLOAD = {"mass": 2.1, "com": [0.0, 0.01, 0.1], "inertia": [0.01, 0, 0, 0.01, 0, 0.005]}

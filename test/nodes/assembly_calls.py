@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from geometry_msgs.msg import Point, Vector3
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from poise.assembly import Assembly, Box, Pose, RigidObject
+from poise.assembly import Assembly, Box, RigidObject
+from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import Push

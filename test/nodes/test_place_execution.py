@@ -12,8 +12,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from poise.assembly import Analysis, Assembly, Cylinder, Pose, RigidObject, load_scene
+from poise.assembly import Analysis, Assembly, Cylinder, RigidObject, load_scene
 from poise.errors import ErrorCode
+from poise.geometry import Pose
 from poise.manipulation import Arm, Limits, Reach, plan_transfer
 from poise.manipulation.bodies import se3_of
 from poise.manipulation.gripper import Gripper

@@ -11,8 +11,9 @@ from assembly_calls import CUBE, FLOOR, FRAME, LATCHED, box, message, wall
 from geometry_msgs.msg import Point
 from shape_msgs.msg import MeshTriangle
 
-from poise.assembly import Analysis, Assembly, Pose, write_scene
+from poise.assembly import Analysis, Assembly, write_scene
 from poise.errors import ErrorCode
+from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message, assembly_of, mesh_message, object_of
 from poise.placement import Options, plan_placement
 from poise_msgs.action import PlaceObject

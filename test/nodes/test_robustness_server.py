@@ -25,9 +25,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from poise.assembly import Analysis, Assembly, Box, Cylinder, FrictionPair, Mesh, Pose, Push, RigidObject, write_scene
+from poise.assembly import Analysis, Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject, write_scene
 from poise.assembly import assess as assess_in_core
 from poise.errors import ErrorCode
+from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message, assembly_of
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import Robustness

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.placement import scenes
-from poise.assembly import Analysis, Pose
+from poise.assembly import Analysis
+from poise.geometry import Pose
 from poise.placement.validation import Validator
 
 

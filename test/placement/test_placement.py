@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poise.assembly import Analysis, Assembly, Pose, assess, read_object, read_scene
+from poise.assembly import Analysis, Assembly, assess, read_object, read_scene
 from poise.assembly.pushes import Push
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose
 from poise.placement import CancelledError, KeptFree, Options, Uncertainty, judge, plan_placement
 from poise.placement.features import Features
 from poise.placement.matching import Contact, poses_on_one, poses_on_two

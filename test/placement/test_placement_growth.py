@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from benchmarks.placement import growth, scenes
-from poise.assembly import Analysis, Pose, Push, assess
-from poise.assembly.geometry import plane_axes, rotation_about
+from poise.assembly import Analysis, Push, assess
+from poise.geometry import Pose, plane_axes, rotation_about
 from poise.placement import Options, plan_placement
 from poise.placement.balance import Fit, left_over, unbalanced
 from poise.placement.judging import estimate

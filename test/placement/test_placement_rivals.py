@@ -11,9 +11,9 @@ from scipy.spatial import ConvexHull
 
 from benchmarks.placement import run as benchmark
 from benchmarks.placement import scenes
-from poise.assembly import Analysis, Assembly, Pose, load_scene
-from poise.assembly.geometry import rotation_about
+from poise.assembly import Analysis, Assembly, load_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose, rotation_about
 from poise.placement import Options
 from poise.placement.planners import PLANNERS, find_planner
 from poise.placement.rivals.heightmap import raster

@@ -4,15 +4,14 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.fake_robots.depth_noise import D435, StereoNoise
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.fake_robots.sweep_bag import FakeSweep, fake_views
 from poise.scanning import Camera, View
 from poise.scanning.sweep import Ring
+from poise.types import Array
 
-Array = NDArray[np.float64]
 SMALL = Camera(200, 150, 190.0, 190.0, 99.5, 74.5)
 EXACT = replace(D435, subpixel=0.0, step=1e-4, holes=0.0, flying=0.0, lost=0.0)
 CUBE = np.array(

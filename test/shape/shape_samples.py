@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from poise.types import Array
 
 
 def box(rng: np.random.Generator, sides: tuple[float, float, float], count: int, middle: Array | None = None) -> Array:

@@ -9,8 +9,9 @@ from poise.inertia.object_shape import parts_of_segmentation, parts_of_solid
 from poise.inertia.parameters import pseudo_inertia
 from poise.shape.carving import carve, spacing_of
 from poise.shape.segmentation import segment
-from poise.shape.solid import Array, Solid
+from poise.shape.solid import Solid
 from poise.shape.unbiased import unbiased
+from poise.types import Array
 
 COUNT = 2000
 

@@ -1,6 +1,7 @@
 """A can on a cube on a floor: a small assembly to draw."""
 
-from poise.assembly import Box, Cylinder, Pose, RigidObject
+from poise.assembly import Box, Cylinder, RigidObject
+from poise.geometry import Pose
 
 UPRIGHT = (0, 0, 0, 1)
 FLOOR = RigidObject("floor", Box((4, 4, 0.1)), Pose.from_vector([0, 0, -0.05, *UPRIGHT]), fixed=True)

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia import InformationAccumulator, regressor, solve
 from poise.inertia.estimate import Identification, InertialEstimate, RejectedInterval
 from poise.inertia.parameters import InertialParameters
-from poise.robot import GRAVITY_IN_WORLD, SensorMotion
+from poise.robot import SensorMotion
 
 START = 1_708_857_503_000_000_000
 TRUTH = InertialParameters(0.932, np.array([0.001, -0.002, 0.0439]), np.diag([1.1e-3, 1.4e-3, 0.7e-3]))

@@ -11,10 +11,9 @@ import pytest
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
-from poise.mismatch.diagnosis import diagnose
+from poise.mismatch.answer import diagnose
 from poise.mismatch.effects import effect_named
-from poise.mismatch.kinematics import Motion, world_from_motion
-from poise.mismatch.model import NominalModel
+from poise.mismatch.reading import Motion, NominalModel, world_from_motion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 from poise.viewing.mismatch_report import write_mismatch_report

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from benchmarks.concealed.payload import Array, Payload
+from benchmarks.concealed.payload import Payload
+from poise.types import Array, Mask
 
 if TYPE_CHECKING:
     from benchmarks.concealed.engine import Engine, Log
@@ -78,7 +78,7 @@ class Change:
         """(K, 6) what the motors give beyond what rigid links need."""
         return None
 
-    def lost(self, topic: str, seconds: Array, rng: np.random.Generator) -> NDArray[np.bool_] | None:
+    def lost(self, topic: str, seconds: Array, rng: np.random.Generator) -> Mask | None:
         """(N,) bool, the messages of a topic that never arrive."""
         return None
 

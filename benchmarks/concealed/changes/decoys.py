@@ -4,11 +4,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.concealed.changes.base import Change
 from benchmarks.concealed.motions import DURATION, HOME, Curve, Motion, pick_and_place, still, through
-from benchmarks.concealed.payload import Array
+from poise.types import Array, Mask
 
 if TYPE_CHECKING:
     from benchmarks.concealed.scene import Scene
@@ -21,7 +20,7 @@ class Losses(Change):
     share: float = 0.0
     bursts: int = 0
 
-    def lost(self, topic: str, seconds: Array, rng: np.random.Generator) -> NDArray[np.bool_] | None:
+    def lost(self, topic: str, seconds: Array, rng: np.random.Generator) -> Mask | None:
         if topic not in ("wrench", "joint_states"):
             return None
         gone = rng.random(len(seconds)) < self.share

@@ -12,7 +12,7 @@ from benchmarks.concealed.changes.friction import SIZES, Torque
 from benchmarks.concealed.changes.moving import Rotor, Slider, room_for
 from benchmarks.concealed.changes.outside import Force
 from benchmarks.concealed.motions import DURATION
-from benchmarks.concealed.payload import Array
+from poise.types import Array
 
 if TYPE_CHECKING:
     from benchmarks.concealed.engine import Engine, Log

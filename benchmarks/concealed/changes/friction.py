@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks.concealed.changes.base import Change
-from benchmarks.concealed.payload import Array
+from poise.types import Array
 
 if TYPE_CHECKING:
     from benchmarks.concealed.engine import Engine, Log

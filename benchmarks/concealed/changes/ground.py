@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.concealed.changes.base import Change, direction, named
 from benchmarks.concealed.motions import DURATION
-from benchmarks.concealed.payload import Array
+from poise.types import Array
 
 if TYPE_CHECKING:
     from benchmarks.concealed.scene import Scene

@@ -7,12 +7,12 @@ import numpy as np
 from benchmarks.concealed.changes.base import Change
 from benchmarks.concealed.changes.chain import Bias, Clock, Coarse, Encoders, Gain, Turned
 from benchmarks.concealed.changes.weight import OtherPayload
-from benchmarks.concealed.payload import Array
+from poise.types import Array
 
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What model.yaml declares good enough; see the issue and `poise.mismatch.model`."""
+    """What model.yaml declares good enough; see the issue and `poise.mismatch.reading.nominal_model`."""
 
     mass: float = 0.01
     com: float = 0.002

@@ -7,8 +7,10 @@ import mujoco
 import numpy as np
 
 from benchmarks.concealed.changes.base import Change, direction, flat, named, place_in
-from benchmarks.concealed.payload import Array, Payload, steiner
-from benchmarks.concealed.robot import LOAD, STANDARD_GRAVITY, set_inertia
+from benchmarks.concealed.payload import Payload, steiner
+from benchmarks.concealed.robot import LOAD, set_inertia
+from poise.geometry import STANDARD_GRAVITY
+from poise.types import Array
 
 if TYPE_CHECKING:
     from benchmarks.concealed.engine import Engine

@@ -8,8 +8,9 @@ import numpy as np
 
 from benchmarks.concealed.changes.base import Change, direction, named, place_in
 from benchmarks.concealed.motions import DURATION
-from benchmarks.concealed.payload import Array, Payload
+from benchmarks.concealed.payload import Payload
 from benchmarks.concealed.robot import LOAD
+from poise.types import Array
 
 if TYPE_CHECKING:
     from benchmarks.concealed.engine import Engine

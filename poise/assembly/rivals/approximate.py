@@ -3,15 +3,15 @@
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.block import BlockGeometry, Integers
+from poise.assembly.block import BlockGeometry
 from poise.assembly.collapses import Collapses, PlainMovement
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array
 from poise.assembly.pushes import Loads
 from poise.assembly.rivals.sampled import Contacts, single_pushes, whole_geometry
 from poise.assembly.rivals.slipping import point_robustness
 from poise.assembly.rivals.thesis import topple
 from poise.assembly.rivals.toppling import toppling_axes
+from poise.types import Array, Indices
 
 
 def approx(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
@@ -52,7 +52,7 @@ def _alone(geometry: BlockGeometry, body: int, place: int) -> Contacts:
     rows = np.flatnonzero((geometry.bodies == body).any(axis=1))
     side = np.where(geometry.bodies[rows, 0] == body, 1.0, -1.0)
     frames = side[:, None, None] * geometry.frames[rows]
-    bodies: Integers = np.stack([np.full(len(rows), place), np.full(len(rows), -1)], axis=1)
+    bodies: Indices = np.stack([np.full(len(rows), place), np.full(len(rows), -1)], axis=1)
     return Contacts(
         points=geometry.points[rows] * geometry.units.length + geometry.units.origin,
         frames=frames,

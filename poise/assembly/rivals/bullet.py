@@ -8,11 +8,12 @@ import numpy as np
 from poise.assembly.analysis import Analysis
 from poise.assembly.collapses import Collapses, PlainMovement
 from poise.assembly.deadline import Deadline
-from poise.assembly.geometry import Array, quaternion_of_rotation
 from poise.assembly.pushes import Loads
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.shapes import Box, Cylinder
 from poise.errors import ErrorCode, InputError
+from poise.geometry import quaternion_of_rotation
+from poise.types import Array
 
 MOST = 100.0
 """N: the upper bound of the thesis' search."""

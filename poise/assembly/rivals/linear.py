@@ -11,11 +11,11 @@ from poise.assembly.block import BlockGeometry
 from poise.assembly.collapses import Collapses, Model, PlainMovement
 from poise.assembly.deadline import Deadline
 from poise.assembly.equilibrium import polygon_rows
-from poise.assembly.geometry import Array
 from poise.assembly.graph import Structure
 from poise.assembly.pushes import Loads
 from poise.assembly.rivals.sampled import whole_geometry
 from poise.errors import ErrorCode, NoAnswerError
+from poise.types import Array
 
 MOST = 1e7
 """Weights of the assembly; what holds these is held for ever."""

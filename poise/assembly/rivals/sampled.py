@@ -4,14 +4,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.assembly.block import BlockGeometry, Integers, block_geometry
+from poise.assembly.block import BlockGeometry, block_geometry
 from poise.assembly.contacts import Interface
 from poise.assembly.equilibrium import contact_forces
-from poise.assembly.geometry import Array
 from poise.assembly.graph import FIXED, Block, Structure
 from poise.assembly.placed import triangle_areas
 from poise.assembly.pushes import Loads
 from poise.errors import ErrorCode, InputError
+from poise.types import Array, Indices
 
 POINTS = 20
 """Per interface, as in the thesis' experiments."""
@@ -35,12 +35,12 @@ class Contacts:
     points: Array
     frames: Array
     friction: Array
-    bodies: Integers
-    starts: Integers
+    bodies: Indices
+    starts: Indices
     forces: Array
 
     @property
-    def pairs(self) -> Integers:
+    def pairs(self) -> Indices:
         """(I, 2) bodies of each interface."""
         return self.bodies[self.starts]
 

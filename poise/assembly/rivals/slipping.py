@@ -6,9 +6,9 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from poise.assembly.geometry import Array
 from poise.assembly.graph import FIXED, Structure
 from poise.assembly.rivals.sampled import Contacts
+from poise.types import Array
 
 # The maximum flow of scipy counts in whole numbers of 32 bits: the largest capacity of a network becomes this.
 WHOLE = 1 << 28

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from poise.assembly.analysis import Analysis
 from poise.assembly.collapses import Collapses, PlainMovement
 from poise.assembly.deadline import NEVER_LATE, Deadline
-from poise.assembly.geometry import Array
 from poise.assembly.graph import Structure
 from poise.assembly.pushes import Loads
 from poise.assembly.rivals.sampled import Contacts, sampled_contacts, single_pushes
 from poise.assembly.rivals.slipping import Slipping
 from poise.assembly.rivals.toppling import Axes, cuts, toppling_axes
+from poise.types import Array
 
 # Pushes whose contact conditions are worked out at once.
 BATCH = 256

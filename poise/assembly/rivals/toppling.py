@@ -7,10 +7,9 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from poise.assembly.block import Integers
-from poise.assembly.geometry import Array
 from poise.assembly.graph import FIXED, Structure
 from poise.assembly.rivals.sampled import Contacts
+from poise.types import Array, Indices
 
 SUBSETS = 50_000
 """Connected sets of objects looked at; they grow exponentially with the objects."""
@@ -151,7 +150,7 @@ def hull_axes(points: Array) -> tuple[Array, Array]:
     return np.concatenate([starts, starts]), np.concatenate([runs, -runs])
 
 
-def _ridges(hull: ConvexHull) -> Integers:
+def _ridges(hull: ConvexHull) -> Indices:
     """(E, 2) edges at which a hull's facets bend; those that only triangulate a facet are left out."""
     found = set()
     for facet, (corners, others) in enumerate(zip(hull.simplices, hull.neighbors, strict=True)):

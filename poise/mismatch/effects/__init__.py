@@ -1,6 +1,7 @@
 """The library of effects: one file each, found by looking through this folder.
 
 - `base`: `Effect`, `Parameter`: what an effect is.
+- `joint_friction`, `knocks`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`: what several effects share.
 - every other file: one effect.
 """
 
@@ -9,9 +10,25 @@ import inspect
 import pkgutil
 from functools import cache
 
-from poise.mismatch.effects.base import LAYERS, Effect, Parameter
+from poise.mismatch.effects.accelerometer_input import LOWEST, slow_part
+from poise.mismatch.effects.base import LAYERS, Effect, Parameter, Values
+from poise.mismatch.effects.joint_offset import joint_columns
+from poise.mismatch.effects.payload_parameters import ROWS
+from poise.mismatch.effects.sensor_rotation import rotation_columns
 
-__all__ = ["LAYERS", "Effect", "Parameter", "all_effects", "effect_named"]
+__all__ = [
+    "LAYERS",
+    "LOWEST",
+    "ROWS",
+    "Effect",
+    "Parameter",
+    "Values",
+    "all_effects",
+    "effect_named",
+    "joint_columns",
+    "rotation_columns",
+    "slow_part",
+]
 
 
 @cache

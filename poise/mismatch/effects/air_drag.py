@@ -4,10 +4,11 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, forces_at
-from poise.mismatch.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
+from poise.mismatch.recorded import World, forces_at
+from poise.types import Array
 
 
 class AirDrag(Effect):

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.joint_friction import column_of, efforts, joint_called, numbers
-from poise.mismatch.noise import white_level
-from poise.mismatch.part_motion import between_stops
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers
+from poise.mismatch.effects.part_motion import between_stops
+from poise.mismatch.recorded import World, white_level
+from poise.types import Array
 
 LOUD = 1.1
 """Residual in units of white noise from which a joint is looked at."""

@@ -15,11 +15,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World
+from poise.types import Array
 
-Array = NDArray[np.float64]
 Layer = Literal["kinematics", "load", "event", "sensor", "friction"]
 Values = Mapping[str, float]
 
@@ -96,7 +95,7 @@ class Effect(ABC):
         transfers: its parameters hold in another recording; False for events.
         made_of: names of effects that it is together with more; where the more is nothing, these are the answer.
         direct: readings show it by themselves (`shown`), whatever the model says: it does not compete with others.
-        widens: name of the calibration group (poise.mismatch.calibration) that it is the excess of, or "".
+        widens: name of the calibration group (poise.mismatch.inference.calibration) that it is the excess of, or "".
     """
 
     name: ClassVar[str]

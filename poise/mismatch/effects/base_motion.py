@@ -5,10 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.part_wrench import shaking, shaking_columns
-from poise.mismatch.starts import bursts, smoothed
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_wrench import shaking, shaking_columns
+from poise.mismatch.effects.starts import bursts, smoothed
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 FEWEST, MOST = 10, 36
 """Splines of a speed: a single move needs few, a base that goes on swaying many."""

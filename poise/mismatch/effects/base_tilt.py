@@ -5,10 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.part_wrench import best_fit
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_wrench import best_fit
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 NAMES = ("rotation_x", "rotation_y")
 

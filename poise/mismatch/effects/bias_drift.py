@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World, directed
+from poise.types import Array
 
 
 class BiasDrift(Effect):

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import forces_at
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, forces_at
+from poise.types import Array
 
 ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
 HOOK = ("x", "y", "z")

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.dynamics import at_times
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, at_times
+from poise.types import Array
 
 LARGEST = 0.3
 """s that are searched."""

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.dynamics import at_times
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.part_wrench import best_fit
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_wrench import best_fit
+from poise.mismatch.recorded import World, at_times
+from poise.types import Array
 
 LARGEST = 0.02
 

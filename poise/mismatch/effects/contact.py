@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, forces_at
-from poise.mismatch.starts import bursts
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.starts import bursts
+from poise.mismatch.recorded import World, directed, forces_at
+from poise.types import Array
 
 POINT = ("x", "y", "z")
 KNOTS = 7

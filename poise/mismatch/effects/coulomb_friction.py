@@ -1,8 +1,9 @@
 """Coulomb friction: a joint needs a constant torque against its motion, whatever its speed."""
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.joint_friction import each_joint, listed, numbers, sense, torque_sizes
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.joint_friction import each_joint, listed, numbers, sense, torque_sizes
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 
 class CoulombFriction(Effect):

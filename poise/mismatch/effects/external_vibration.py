@@ -3,12 +3,12 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch import felt_vibration as felt
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.part_wrench import shaking, shaking_columns
-from poise.mismatch.world import World
+import poise.mismatch.effects.accelerometer_input as felt
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_wrench import shaking, shaking_columns
+from poise.mismatch.recorded import World
+from poise.types import Array, Mask
 
 PHASES = ("sine", "cosine")
 LOWEST = 2.0
@@ -140,7 +140,7 @@ class ExternalVibration(Effect):
         return bool(amplitude > CLEAR * own)
 
     @staticmethod
-    def _span(world: World, shake: Array, frequency: float, inside: NDArray[np.bool_]) -> tuple[float, float]:
+    def _span(world: World, shake: Array, frequency: float, inside: Mask) -> tuple[float, float]:
         """Most likely first and last moment of a sine whose amplitude is that of the samples inside."""
         wave = np.exp(-2j * np.pi * frequency * world.seconds)
         amplitude = 2.0 * (shake[inside] * wave[inside, None]).mean(axis=0)

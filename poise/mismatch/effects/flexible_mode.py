@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.part_motion import Oscillator
-from poise.mismatch.part_wrench import (
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_motion import Oscillator
+from poise.mismatch.effects.part_wrench import (
     AXIS,
     PLACE,
     REACH,
@@ -22,7 +22,8 @@ from poise.mismatch.part_wrench import (
     specific_at,
     spin_square,
 )
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 

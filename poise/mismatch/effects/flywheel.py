@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, directed
+from poise.types import Array
 
 NAMES = ("momentum_x", "momentum_y", "momentum_z")
 

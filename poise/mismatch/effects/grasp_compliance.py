@@ -4,12 +4,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from poise.geometry import cross
 from poise.inertia.parameters import symmetric
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.part_motion import Oscillator
-from poise.mismatch.part_wrench import specific_at
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_motion import Oscillator
+from poise.mismatch.effects.part_wrench import specific_at
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 MOST_ROUNDS = 8
 SETTLED = 2e-5

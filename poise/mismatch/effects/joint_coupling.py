@@ -4,9 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.joint_friction import column_of, efforts, joint_called, numbers, per, sense
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers, per, sense
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 
 class JointCoupling(Effect):

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross, motion_response
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, motion_response
+from poise.types import Array
 
 
 class JointOffset(Effect):

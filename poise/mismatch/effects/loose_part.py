@@ -7,12 +7,11 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.knocks import Knocks, find_knocks
-from poise.mismatch.load import cross
-from poise.mismatch.noise import white_level
-from poise.mismatch.part_motion import between_stops, travelled
-from poise.mismatch.part_wrench import (
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.knocks import Knocks, find_knocks
+from poise.mismatch.effects.part_motion import between_stops, travelled
+from poise.mismatch.effects.part_wrench import (
     AXIS,
     PLACE,
     REACH,
@@ -25,7 +24,8 @@ from poise.mismatch.part_wrench import (
     sliding_wrench,
     specific_at,
 )
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World, white_level
+from poise.types import Array
 
 BLURS = (15, 5, 2)
 """Samples."""

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.inertia.regressor import regressor
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.noise import white_level
-from poise.mismatch.part_wrench import PLACE, REACH, best_fit, payload_centre, place_of, point_wrench
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_wrench import PLACE, REACH, best_fit, payload_centre, place_of, point_wrench
+from poise.mismatch.recorded import World, white_level
+from poise.types import Array
 
 
 class MassLeak(Effect):

@@ -5,9 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.inertia.regressor import regressor
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.starts import steps
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.starts import steps
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 ROWS = ("mass", "moment_x", "moment_y", "moment_z")
 

@@ -1,8 +1,9 @@
 """Motor inertia: behind its gear a rotor must be accelerated too."""
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.joint_friction import each_joint, efforts, listed, numbers, per
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 
 class MotorInertia(Effect):

@@ -4,8 +4,9 @@ import numpy as np
 
 from poise.inertia.parameters import InertialParameters
 from poise.inertia.regressor import regressor
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 ROWS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.noise import lattice, white_level
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, lattice, white_level
+from poise.types import Array
 
 FINEST = (1e-3, 1e-5)
 """N, N m: finer steps do not matter to anyone."""

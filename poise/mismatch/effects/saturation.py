@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World
+from poise.types import Array, Mask
 
 GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
 HIGHEST = 1e4
@@ -47,7 +47,7 @@ class Saturation(Effect):
         return np.asarray(np.clip(world.prediction, -limit, limit) - world.prediction)
 
     @staticmethod
-    def passes(world: World, values: Values) -> NDArray[np.bool_]:
+    def passes(world: World, values: Values) -> Mask:
         """(N, 6) False where the reading stands at its limit and says nothing about what comes before it."""
         limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
         return np.asarray(np.abs(world.wrench) < limit * (1.0 - 1e-9))
@@ -58,7 +58,7 @@ class Saturation(Effect):
         return f"The reading stops at {' and '.join(stops)} while the load goes on: the nominal sensor has no limit."
 
 
-def plateau(values: NDArray[np.float64]) -> float:
+def plateau(values: Array) -> float:
     """The largest magnitude when readings stand at it as they do not by chance, else 0.
 
     Readings that are rounded repeat too: there must be far more at the limit than on any step just below it.

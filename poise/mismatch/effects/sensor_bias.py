@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, directed
+from poise.types import Array
 
 AXES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 

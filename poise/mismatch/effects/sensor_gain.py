@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
 LEVER = 0.1

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, Parameter, Values
 from poise.mismatch.effects.sensor_bias import AXES
 from poise.mismatch.effects.sensor_gain import CHANNELS
-from poise.mismatch.world import World
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 TYPICAL = ((0.06, 0.08), (20.0, 2.0))
 """Share of the load that the quadratic and the cubic part make, at this force (N) and torque (N m)."""

@@ -5,9 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World
+from poise.types import Array
 
 NAMES = ("rotation_x", "rotation_y", "rotation_z")
 

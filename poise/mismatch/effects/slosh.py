@@ -4,12 +4,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.noise import white_level
-from poise.mismatch.part_motion import hanging
-from poise.mismatch.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of, specific_at
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.part_motion import hanging
+from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of, specific_at
+from poise.mismatch.recorded import World, white_level
+from poise.types import Array
 
 
 class Slosh(Effect):

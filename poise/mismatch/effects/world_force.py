@@ -4,10 +4,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Array, Effect, Parameter, Values
-from poise.mismatch.load import cross
-from poise.mismatch.wording import directed
-from poise.mismatch.world import World
+from poise.geometry import cross
+from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.recorded import World, directed
+from poise.types import Array
 
 POINT = ("x", "y", "z")
 FORCE = ("force_x", "force_y", "force_z")

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Pose
 from poise.assembly.scene import RigidObject
+from poise.geometry import Pose
 from poise.placement.rivals.trials import at_random, radius, surroundings
 
 

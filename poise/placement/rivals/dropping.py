@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Pose
 from poise.assembly.scene import RigidObject
+from poise.geometry import Pose
 from poise.placement.rivals.engine import Engine
 from poise.placement.rivals.trials import at_random, radius, surroundings
 

@@ -5,11 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from poise.assembly.geometry import Array, Pose, quaternion_of_rotation
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.shapes import Box, Cylinder
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose, quaternion_of_rotation
 from poise.placement.rivals.pieces import convex_pieces
+from poise.types import Array
 
 STIFF = (0.004, 1.0)
 """Time constant, s, and damping ratio of contacts."""

@@ -11,11 +11,12 @@ from itertools import product
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, Pose, plane_axes, rotation_about, rotation_between, unit
 from poise.assembly.scene import RigidObject
 from poise.assembly.shapes import Polyhedron
+from poise.geometry import Pose, plane_axes, rotation_about, rotation_between, unit
 from poise.placement.features import Features
 from poise.placement.rivals.trials import radius, surroundings
+from poise.types import Array
 
 CELL = 0.004
 """m, of the heightmap."""

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from poise.assembly.geometry import Array
 from poise.assembly.penetration import winding_number
 from poise.assembly.placed import bounds_of
 from poise.assembly.shapes import Polyhedron
 from poise.errors import ErrorCode, InputError
+from poise.types import Array
 
 MOST_PIECES = 60
 THIN = 1e-7

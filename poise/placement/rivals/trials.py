@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from poise.assembly.analysis import Analysis
-from poise.assembly.geometry import Array, Pose
 from poise.assembly.scene import Assembly, RigidObject
 from poise.errors import ErrorCode, NoAnswerError
+from poise.geometry import Pose
 from poise.placement.planner import CancelledError, Options, Placement, Progress
 from poise.placement.validation import Validator
+from poise.types import Array
 
 Proposals = Callable[[Analysis, RigidObject, np.random.Generator], Iterator[Pose | str]]
 """Poses to try, or why there was none in this attempt."""

@@ -8,8 +8,8 @@ from scipy.optimize import least_squares
 
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
-from poise.mismatch.kinematics import Motion, effort_track, world_from_motion
-from poise.mismatch.part_wrench import chart
+from poise.mismatch.effects.part_wrench import chart
+from poise.mismatch.reading import Motion, effort_track, world_from_motion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory
 

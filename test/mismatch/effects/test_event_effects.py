@@ -5,7 +5,7 @@ import pytest
 from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, trajectory, world
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.kinematics import Motion, world_from_motion
+from poise.mismatch.reading import Motion, world_from_motion
 
 SECONDS = np.arange(0.0, 20.0, 0.005)
 

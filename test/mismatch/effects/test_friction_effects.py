@@ -6,9 +6,9 @@ import pytest
 from effect_worlds import HOME, PAYLOAD, ROBOT, TYPICAL, effort_world, filled
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.joint_friction import CREEPING
-from poise.mismatch.kinematics import Motion, effort_track
-from poise.mismatch.part_motion import between_stops
+from poise.mismatch.effects.joint_friction import CREEPING
+from poise.mismatch.effects.part_motion import between_stops
+from poise.mismatch.reading import Motion, effort_track
 
 JOINTS = range(1, 7)
 

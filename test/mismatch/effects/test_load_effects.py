@@ -7,13 +7,13 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.parameters import symmetric
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.grasp_compliance import _turns
-from poise.mismatch.kinematics import Motion, world_from_motion
-from poise.mismatch.part_motion import between_stops, hanging
-from poise.mismatch.part_wrench import point_wrench, specific_at
-from poise.robot import STANDARD_GRAVITY
+from poise.mismatch.effects.part_motion import between_stops, hanging
+from poise.mismatch.effects.part_wrench import point_wrench, specific_at
+from poise.mismatch.reading import Motion, world_from_motion
 from poise.simulation import FourierTrajectory, JointMotion, World
 
 DOWN = np.array([0.0, 0.0, -STANDARD_GRAVITY])

@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.saturation import plateau
-from poise.mismatch.load import load_wrench
-from poise.mismatch.noise import lattice
+from poise.mismatch.recorded import lattice, load_wrench
 from poise.robot import inertia_of, phi_of
 
 

@@ -1,0 +1,36 @@
+"""Ground floor: rigid poses, rotations, vectors and gravity, used by every room.
+
+- `pose`: `Pose`, the rigid pose of a frame in its parent.
+- `rotations`: rotation matrices from and to quaternions, about an axis, between two vectors.
+- `vectors`: unit vectors, axes in a plane, cross products, wrenches of forces.
+- `gravity`: the standard acceleration, and the default gravity vector.
+"""
+
+from poise.geometry.gravity import GRAVITY_IN_WORLD, STANDARD_GRAVITY
+from poise.geometry.pose import Pose
+from poise.geometry.rotations import (
+    are_rotations,
+    cross_matrix,
+    quaternion_of_rotation,
+    rotation_about,
+    rotation_between,
+    rotation_of_quaternion,
+)
+from poise.geometry.vectors import cross, move_wrench, plane_axes, unit, wrench_of_force
+
+__all__ = [
+    "GRAVITY_IN_WORLD",
+    "STANDARD_GRAVITY",
+    "Pose",
+    "are_rotations",
+    "cross",
+    "cross_matrix",
+    "move_wrench",
+    "plane_axes",
+    "quaternion_of_rotation",
+    "rotation_about",
+    "rotation_between",
+    "rotation_of_quaternion",
+    "unit",
+    "wrench_of_force",
+]

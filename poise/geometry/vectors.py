@@ -1,0 +1,43 @@
+"""Unit vectors, axes in a plane, cross products, and wrenches of forces."""
+
+import numpy as np
+
+from poise.types import Array
+
+
+def unit(vector: Array) -> Array:
+    """The vectors (..., 3) at length 1."""
+    length: Array = np.linalg.norm(vector, axis=-1, keepdims=True)
+    return vector / length
+
+
+def cross(a: Array, b: Array, axis: int = -1) -> Array:
+    """a x b along an axis of length three, broadcast; `numpy.cross` is slower on small arrays."""
+    (a0, a1, a2), (b0, b1, b2) = (np.moveaxis(v, axis, 0) if axis != 0 else v for v in (a, b))
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=axis)
+
+
+def plane_axes(normals: Array) -> Array:
+    """(..., 2, 3) two unit vectors that make a right-handed frame (u, v, n) with each unit normal (..., 3).
+
+    Duff et al. 2017, "Building an orthonormal basis, revisited": no branch, no loss of digits.
+    """
+    x, y, z = np.moveaxis(normals, -1, 0)
+    sign = np.where(z >= 0, 1.0, -1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    u = np.stack([1 + sign * x * x * a, sign * b, -sign * x], axis=-1)
+    v = np.stack([b, sign + y * y * a, -y], axis=-1)
+    return np.stack([u, v], axis=-2)
+
+
+def wrench_of_force(force: Array, point: Array) -> Array:
+    """(..., 6) force, and its moment about the origin, of forces (..., 3) at points (..., 3)."""
+    force, point = np.broadcast_arrays(force, point)
+    return np.concatenate([force, np.cross(point, force)], axis=-1)
+
+
+def move_wrench(wrench: Array, origin: Array) -> Array:
+    """(..., 6) wrenches with their moments taken about another origin (3,)."""
+    force = wrench[..., :3]
+    return np.concatenate([force, wrench[..., 3:] - np.cross(origin, force)], axis=-1)

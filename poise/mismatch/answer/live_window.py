@@ -1,0 +1,193 @@
+"""Diagnosing a running robot: messages are kept for a while, and their last stretch is examined as a recording."""
+
+import tempfile
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.answer.diagnosis import Diagnosis, diagnose
+from poise.mismatch.effects import Effect, all_effects, effect_named
+from poise.mismatch.reading import NominalModel, Reading, read_world
+from poise.recording import JointStream, PoseStream, Stream, WrenchStream, open_recording, write_recording
+
+MOST_SAMPLES = 200_000
+"""Of each topic that are kept at the most: a window of a minute at more than 3 kHz."""
+LEAST_WINDOW = 8.0
+"""s of wrenches, with joint motion, that can be examined."""
+
+
+@dataclass(frozen=True)
+class Examined:
+    """What came of one window.
+
+    Args:
+        found: the diagnosis; its seconds count from `start`.
+        reading: how the window was read.
+    """
+
+    found: Diagnosis
+    reading: Reading
+
+    @property
+    def start(self) -> int:
+        """ns, the stamp that the seconds of the diagnosis count from."""
+        return self.reading.world.start
+
+
+class LiveWindow:
+    """The last seconds of a running robot; add messages as they come, in any order of topics.
+
+    Args:
+        seconds: that are kept.
+    """
+
+    def __init__(self, seconds: float) -> None:
+        self._length = round(seconds * 1e9)
+        self.frame_id = ""
+        """Of the wrench, by its first message."""
+        self.description = ""
+        """URDF."""
+        self.late = 0
+        """Messages that came after a younger one of their topic, and were left out."""
+        self.foreign = 0
+        """Wrenches of another frame than the first one's, left out."""
+        self._wrenches: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
+        self._joints: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
+        self._poses: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
+        self._frames = ("odom", "base_link")
+
+    def add_wrench(self, stamp: int, frame_id: str, wrench: Sequence[float]) -> None:
+        """Take a wrench (6,), N and N m, stamped in ns."""
+        self.frame_id = self.frame_id or frame_id
+        if frame_id != self.frame_id:
+            self.foreign += 1
+            return
+        self._add(self._wrenches, stamp, wrench)
+
+    def add_joint_state(
+        self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float], effort: Any
+    ) -> None:
+        """Take a joint state, (K,) each; what was not measured is empty."""
+        self._add(self._joints, stamp, (tuple(names), position, velocity, effort))
+
+    def add_odometry(self, stamp: int, frames: tuple[str, str], rotation: ArrayLike, translation: ArrayLike) -> None:
+        """Take a pose of the base, (3, 3) and (3,) m, of frames (parent, child)."""
+        self._frames = frames
+        self._add(self._poses, stamp, (rotation, translation))
+
+    def clear(self) -> None:
+        """Forget what was kept."""
+        for kept in (self._wrenches, self._joints, self._poses):
+            kept.clear()
+
+    @property
+    def seconds(self) -> float:
+        """s from the first wrench that is kept to the last."""
+        return (self._wrenches[-1][0] - self._wrenches[0][0]) * 1e-9 if self._wrenches else 0.0
+
+    @property
+    def newest(self) -> int:
+        """ns, stamp of the last wrench; 0 for none."""
+        return self._wrenches[-1][0] if self._wrenches else 0
+
+    @property
+    def lacks(self) -> str:
+        """What is still waited for; "" when the window can be examined."""
+        if not self._wrenches:
+            return "no wrench has come yet"
+        if not self._joints:
+            return "no joint state has come yet"
+        if not self.description:
+            return "no robot_description has come yet"
+        if self.seconds < LEAST_WINDOW:
+            return f"{self.seconds:.0f} of {LEAST_WINDOW:.0f} s of wrenches have come"
+        return ""
+
+    def streams(self) -> dict[str, Stream]:
+        """What is kept, by topic; joint states with the joints of the last one."""
+        wrenches, joints, poses = (list(kept) for kept in (self._wrenches, self._joints, self._poses))
+        made: dict[str, Stream] = {
+            "wrench": WrenchStream(_stamps(wrenches), np.array([value for _, value in wrenches]), self.frame_id),
+            "joint_states": _joint_stream(joints),
+        }
+        if len(poses) > 1:
+            rotation, translation = (np.array([value[k] for _, value in poses]) for k in (0, 1))
+            made["odom"] = PoseStream(_stamps(poses), rotation, translation, *self._frames)
+        return made
+
+    def _add(self, kept: deque[tuple[int, Any]], stamp: int, value: Any) -> None:
+        if kept and stamp <= kept[-1][0]:
+            if kept[-1][0] - stamp < self._length:
+                self.late += 1
+                return
+            self.clear()  # time began anew: a simulation, or a replay, was started again
+        kept.append((stamp, value))
+        while stamp - kept[0][0] > self._length:
+            kept.popleft()
+
+
+def examine(
+    streams: dict[str, Stream],
+    description: str,
+    model: NominalModel,
+    library: Sequence[Effect] | None = None,
+    keep: Path | None = None,
+) -> Examined:
+    """Hold a window against the model, as `poise mismatch` does a bag.
+
+    Args:
+        streams: of `LiveWindow.streams`.
+        description: URDF.
+        model: the nominal simulation.
+        library: effects to look for; None: all.
+        keep: folder in which the window is kept as a bag when something is found in it; None: nowhere.
+
+    Raises:
+        InputError: as `read_world`.
+    """
+    with tempfile.TemporaryDirectory(prefix="poise-window-") as folder:
+        path = Path(folder) / f"window_{int(streams['wrench'].stamps[0])}.mcap"
+        write_recording(path, streams, robot_description=description, compression="none")
+        reading = read_world(open_recording(path), model)
+        made = Examined(diagnose(reading.world, reading.model, None, library), reading)
+        if keep is not None and made.found.verdict != "none":
+            keep.mkdir(parents=True, exist_ok=True)
+            write_recording(keep / path.name, streams, robot_description=description)
+    return made
+
+
+def effects_called(names: Sequence[str]) -> list[Effect] | None:
+    """Effects of the library by their names; None, all, for no names.
+
+    Raises:
+        InputError: BAD_INPUT for a name that the library does not have, naming those that it has.
+    """
+    found = [effect_named(name) for name in names]
+    unknown = [name for name, effect in zip(names, found, strict=True) if effect is None]
+    if unknown:
+        there = ", ".join(effect.name for effect in all_effects())
+        raise InputError(ErrorCode.BAD_INPUT, f"there is no effect {', '.join(unknown)}; there are {there}")
+    return [effect for effect in found if effect is not None] or None
+
+
+def _joint_stream(joints: list[tuple[int, Any]]) -> JointStream:
+    """Joint states of the joints of the last; rows that lack some are left out, what was not measured is NaN."""
+    names = joints[-1][1][0]
+    chosen = [(stamp, value) for stamp, value in joints if set(names) <= set(value[0])]
+    out = np.full((3, len(chosen), len(names)), np.nan)
+    for row, (_, (own, *parts)) in enumerate(chosen):
+        columns = slice(None) if own == names else [own.index(name) for name in names]
+        for kind, part in enumerate(parts):
+            if len(part) == len(own):
+                out[kind, row] = np.asarray(part)[columns]
+    return JointStream(_stamps(chosen), names, *out)
+
+
+def _stamps(kept: list[tuple[int, Any]]) -> NDArray[np.int64]:
+    return np.array([stamp for stamp, _ in kept], dtype=np.int64)

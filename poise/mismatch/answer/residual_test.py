@@ -1,0 +1,92 @@
+"""What a model leaves: is it noise, or structure that nothing named explains - and what does that go with?
+
+The gate is absolute: the residual is held against the size that sensor noise may have, not against itself whitened
+(an autoregressive filter can make any residual white).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.mismatch.answer.residual_windows import explained, goes_with
+from poise.mismatch.inference import Problem, hats
+from poise.types import Array
+
+MATERIAL = 0.05
+"""Excess energy of the residual, relative to the noise's, from which it is no longer noise."""
+LOUDER = 1.3
+"""Fast noise that is this much louder in fast motion than in slow is no sensor noise."""
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """What remains.
+
+    Args:
+        excess: energy of the residual over that of the noise, less one.
+        structured: it is more than noise may be.
+        louder: its fast part grows with the speed.
+        depends_on: states that it goes with, the best first.
+        whiteness: largest autocorrelation of the whitened residual at one to twenty samples, any channel.
+    """
+
+    excess: float
+    structured: bool
+    louder: bool
+    depends_on: tuple[str, ...]
+    whiteness: float
+
+    @property
+    def only_louder(self) -> bool:
+        """Nothing but fast noise that grows with the speed: no larger than noise may be, it casts no doubt on names."""
+        return self.louder and self.excess <= MATERIAL
+
+
+def leftover(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> Leftover:
+    """Judge a residual (N, C), and the whitened one (R,); rounding (C,) of the readings, one sigma, is no structure."""
+    rows = problem.active
+    scaled = (residual / problem.noise.total)[rows]
+    seconds = problem.seconds[rows]
+    # A few spikes are no structure: what is beyond five sigmas counts as five.
+    excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
+    loud = _louder_when_fast(problem, residual)
+    allowed = MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
+    structured = excess > allowed or loud
+    depends = _depends(problem, seconds, residual, scaled, loud) if structured else ()
+    return Leftover(excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1)))
+
+
+def _depends(problem: Problem, seconds: Array, residual: Array, scaled: Array, loud: bool) -> tuple[str, ...]:
+    if loud:
+        return ("joint_velocity",)
+    direct = goes_with(problem.world, seconds, scaled, slice(None)) if len(seconds) == len(problem.world) else []
+    if direct:
+        return tuple(direct)
+    energy = np.clip(scaled**2, 0.0, 25.0).sum(axis=1, keepdims=True)
+    energy = energy - energy.mean()
+    rows = problem.active
+    speed, load = problem.noise.speed[rows], np.linalg.norm(problem.predicted(problem.world)[rows], axis=1)
+    curves = {"joint_velocity": speed, "load": load, "time": seconds}
+    shares = {name: explained(hats(values, 10), energy) for name, values in curves.items()}
+    best = max(shares, key=lambda name: shares[name])
+    return (best,) if shares[best] > 0.1 else ("time",)
+
+
+def _louder_when_fast(problem: Problem, residual: Array) -> bool:
+    """Third differences, blind to all that is slow, grow with the speed."""
+    fast = np.abs(np.diff(residual, n=3, axis=0)) / np.sqrt(20.0) / problem.noise.sigma
+    level = np.sqrt(np.mean(np.clip(fast, 0.0, 8.0) ** 2, axis=1))
+    speed = problem.noise.speed[2:-1]
+    slow, quick = np.quantile(speed, [0.3, 0.7])
+    if quick - slow < 0.1:
+        return False
+    before, after = level[speed <= slow], level[speed >= quick]
+    return bool(np.sqrt(np.mean(after**2)) > LOUDER * np.sqrt(np.mean(before**2)))
+
+
+def _strongest_correlation(whitened: Array) -> float:
+    """Of (C, N) channels, the largest magnitude among the first twenty autocorrelations."""
+    centred = whitened - whitened.mean(axis=1, keepdims=True)
+    power = np.maximum(np.sum(centred**2, axis=1), 1e-12)
+    lags = [np.abs(np.sum(centred[:, :-lag] * centred[:, lag:], axis=1) / power).max() for lag in range(1, 21)]
+    return float(max(lags))

@@ -1,0 +1,81 @@
+"""Knocks in a force: when each began, along which axis, with what impulse, and how fast they die away."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.effects.part_motion import knock_acceleration
+from poise.types import Array
+
+LOUD = 8.0
+"""Jumps of the force over its noise that are knocks."""
+APART = 0.06
+"""s at least between two."""
+MOST = 60
+SETTLINGS = tuple(0.002 * 2.0 ** (k / 4) for k in range(17))
+"""s: 2 to 32 ms."""
+PLACES = 21
+"""Moments between two samples at which a knock is tried to begin."""
+
+
+@dataclass(frozen=True, eq=False)
+class Knocks:
+    """K knocks of one part.
+
+    Args:
+        axis: (3,) unit vector.
+        moments: (K,) s.
+        impulses: (K,) N s along the axis.
+        settling: s, of a critically damped stop.
+        rows: (R,) between which samples the force jumps, for all jumps.
+    """
+
+    axis: Array
+    moments: Array
+    impulses: Array
+    settling: float
+    rows: NDArray[np.intp]
+
+
+def find_knocks(seconds: Array, force: Array, sigma: Array) -> list[Knocks]:
+    """The knocks in a force (N, 3) with white noise of sigma (3,); none when it does not jump.
+
+    Few samples show how fast knocks die away, and later ones that die away slowly look like earlier ones that are
+    short: each settling time that fits better than its neighbours is a reading of its own, the best first.
+    """
+    jumps = np.diff(force, axis=0)
+    size = np.linalg.norm(jumps / sigma, axis=1)
+    rows = np.flatnonzero(size > LOUD)
+    if len(rows) < 2:
+        return []
+    axis = np.linalg.eigh(jumps[rows].T @ jumps[rows])[1][:, 2]
+    onsets = rows[np.concatenate([[True], np.diff(seconds[rows]) > APART])]
+    onsets = np.sort(onsets[np.argsort(-size[onsets])[:MOST]])
+    along = force @ axis
+    tried = [[_knock(seconds, along, int(onset), settling) for onset in onsets] for settling in SETTLINGS]
+    misfit = np.array([sum(float(np.log(one[0] + 1e-12)) for one in found) for found in tried])
+    walled = np.concatenate([[np.inf], misfit, [np.inf]])
+    valleys = np.flatnonzero((misfit <= walled[:-2]) & (misfit <= walled[2:]))
+    readings = []
+    for i in sorted(valleys.tolist(), key=lambda i: float(misfit[i])):
+        moments, impulses = np.array([one[1:] for one in tried[i]]).T
+        readings.append(Knocks(axis, moments, impulses, SETTLINGS[i], rows))
+    return readings
+
+
+def _knock(seconds: Array, along: Array, onset: int, settling: float) -> tuple[float, float, float]:
+    """(square left, moment, impulse) of the knock between two samples that fits the eight after them best.
+
+    The force of a critically damped stop, beside a constant.
+    """
+    rows = slice(onset + 1, min(onset + 9, len(seconds)))
+    starts = np.linspace(seconds[onset], seconds[onset + 1], PLACES)
+    shape = -knock_acceleration(seconds[rows] - starts[:, None], settling)
+    shape -= shape.mean(axis=1, keepdims=True)
+    wanted = along[rows] - along[rows].mean()
+    power = np.maximum((shape**2).sum(axis=1), 1e-12)
+    impulse = shape @ wanted / power
+    left = float(wanted @ wanted) - impulse**2 * power
+    best = int(np.argmin(left))
+    return float(left[best]), float(starts[best]), float(impulse[best])

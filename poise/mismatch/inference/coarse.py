@@ -1,0 +1,43 @@
+"""A recording at a fifth of its rate, for looking through many hypotheses before few are fitted in full."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.inference.noise import Colour, Noise
+from poise.mismatch.inference.problem import Blocks, Problem
+
+TOGETHER = 5
+"""Samples that become one. Odd, so that one of them is in the middle."""
+ENOUGH = 500
+"""Samples that a thinned recording has at the least; shorter ones stay as they are."""
+
+
+def thinned(problem: Problem) -> Problem:
+    """The problem with every five samples made one.
+
+    Measurement, prediction and responses are averaged alike, after they were made at the full rate: nothing but what
+    is faster than the averages is lost.
+    """
+    seconds = problem.seconds
+    count = len(seconds) // TOGETHER
+    if count < ENOUGH:
+        return problem
+    rows = np.arange(count * TOGETHER).reshape(count, TOGETHER)
+    period = float(np.median(np.diff(seconds)))
+    rows = rows[seconds[rows[:, -1]] - seconds[rows[:, 0]] < 1.5 * TOGETHER * period]
+    return replace(problem, blocks=Blocks(rows, _thinned_noise(problem.noise, rows, TOGETHER * period)))
+
+
+def _thinned_noise(noise: Noise, rows: NDArray[np.intp], span: float) -> Noise:
+    """White noise falls with the root of the number; what is slower than a group stays (Ornstein-Uhlenbeck mean)."""
+
+    def kept(colour: Colour) -> Colour:
+        x = span / colour.tau
+        factor = float(np.sqrt(TOGETHER * 2.0 * (x - 1.0 + np.exp(-x)) / x**2))
+        return Colour(colour.floor * factor, colour.slope * factor, colour.tau)
+
+    colours = tuple(kept(colour) for colour in noise.colours)
+    middle = rows[:, TOGETHER // 2]
+    return Noise(noise.sigma / np.sqrt(TOGETHER), noise.groups, colours, noise.seconds[middle], noise.speed[middle])

@@ -1,0 +1,82 @@
+"""A hypothesis linearised at its values: what the fit's steps and its evidence are made from."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poise.mismatch.effects import Effect, Parameter, Values
+from poise.mismatch.inference.evidence import Frame
+from poise.mismatch.inference.problem import Part, Problem
+from poise.mismatch.recorded import World
+from poise.types import Array
+
+SCALES = (1 / 3, 1.0, 3.0)
+STEP = 1e-4
+"""Of the unit interval, for derivatives by differences."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A hypothesis linearised at its values; the columns count from there."""
+
+    parts: tuple[Part, ...]
+    worlds: list[World]
+    whole: World
+    calibration: Frame
+    columns: Array
+    square: float
+
+    def parameters(self) -> list[tuple[int, Parameter]]:
+        """(part, parameter) of the columns."""
+        return [
+            (i, p)
+            for i, (part, world) in enumerate(zip(self.parts, self.worlds, strict=True))
+            for p in shown(part.effect, world)
+        ]
+
+    def priors(self, scale: float) -> tuple[Array, Array]:
+        """Precision and mean of the columns' coefficients, which count from the present values."""
+        own = self.parameters()
+        precision = np.array([(scale * p.scale) ** -2.0 if p.linear else 0.0 for _, p in own])
+        mean = np.array([-self.parts[i].values[p.name] if p.linear else 0.0 for i, p in own])
+        return precision, mean
+
+
+def linearised(problem: Problem, parts: tuple[Part, ...], calibration: Frame | None, slopes: bool = True) -> Linearised:
+    """Linearise; a calibration frame that is given is kept, with the residual of these parts as its target."""
+    worlds, whole = problem.compose(parts)
+    if calibration is None:
+        calibration = problem.frame(parts, whole)
+    else:
+        target = problem.whiten(problem.measured - problem.predicted(whole))
+        calibration = calibration.aimed(target)
+    columns = columns_of(problem, parts, worlds) if slopes else np.zeros((0, len(calibration.target)))
+    about = Linearised(parts, worlds, whole, calibration, columns, 0.0)
+    precision, mean = about.priors(SCALES[-1])
+    return replace(about, square=calibration.square + float(precision @ mean**2))
+
+
+def shown(effect: Effect, world: World) -> list[Parameter]:
+    """Its parameters that have a column: all but those that move in steps."""
+    return [p for p in effect.parameters(world) if p.linear or not (p.choice or p.resolution)]
+
+
+def columns_of(problem: Problem, parts: tuple[Part, ...], worlds: list[World]) -> Array:
+    """(k, R) whitened response to each parameter of each part."""
+    columns: list[Array] = []
+    for part, world in zip(parts, worlds, strict=True):
+        effect, values, own = part.effect, part.values, shown(part.effect, world)
+        straight = iter(np.moveaxis(effect.columns(world, values), 2, 0) if any(p.linear for p in own) else ())
+        here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(world, values)
+        columns += [next(straight) if p.linear else slope_of(effect, world, values, p, here) for p in own]
+    if not columns:
+        return np.zeros((0, problem.whiten(problem.measured).size))
+    return problem.whiten(np.stack(columns, axis=2))
+
+
+def slope_of(effect: Effect, world: World, values: Values, p: Parameter, here: Array) -> Array:
+    """(N, C) derivative of the response by the place of a parameter in its prior."""
+    place = p.to_unit(values[p.name])
+    ahead = place + STEP if place + STEP <= 1.0 else place - STEP
+    there = effect.simulate(world, {**values, p.name: p.from_unit(ahead)})
+    return np.asarray((there - here) / (ahead - place))

@@ -1,0 +1,224 @@
+"""One signal of one recording, held against the nominal model: what every hypothesis about it starts from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.effects import LAYERS, Effect, Values
+from poise.mismatch.inference.calibration import Group, calibration, effort_calibration
+from poise.mismatch.inference.evidence import Frame
+from poise.mismatch.inference.noise import Noise, fit_noise
+from poise.mismatch.reading import NominalModel
+from poise.mismatch.recorded import World, lattice
+from poise.types import Array, Mask
+
+BREAK = 2.0
+"""s without a sample after which a recording begins anew."""
+RUN_UP, RUN_OUT = 0.4, 0.1
+"""s at the start and the end of a recording that are predicted, but not judged."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """An effect with values for its parameters: one piece of a hypothesis."""
+
+    effect: Effect
+    values: Values
+
+    @property
+    def order(self) -> tuple[int, int, str]:
+        """In which the parts of a hypothesis act."""
+        return LAYERS.index(self.effect.layer), self.effect.order, self.effect.name
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Samples that are averaged before they are judged: (M, b) rows of each block, and the noise of the averages."""
+
+    rows: NDArray[np.intp]
+    noise: Noise
+
+    def middle(self, count: int) -> Mask:
+        """(N,) of `count` samples those in the middle of a block."""
+        mask = np.zeros(count, dtype=bool)
+        mask[self.rows[:, self.rows.shape[1] // 2]] = True
+        return mask
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A signal with its noise.
+
+    Args:
+        world: the recording; its predictions are the nominal model's.
+        model: tolerances and stated noise.
+        noise: of the signal.
+        signal: wrench or effort.
+        judged: (N,) samples that count besides those at the ends that never do; None: all.
+        blocks: samples that are judged as one; None: each by itself.
+    """
+
+    world: World
+    model: NominalModel
+    noise: Noise
+    signal: Literal["wrench", "effort"] = "wrench"
+    judged: Mask | None = None
+    blocks: Blocks | None = None
+    _made: list[tuple[World, tuple[Group, ...]]] = field(default_factory=list, init=False, repr=False)
+
+    @cached_property
+    def measured(self) -> Array:
+        """(N, C)."""
+        return self.world.wrench if self.world.effort is None or self.signal == "wrench" else self.world.effort.measured
+
+    @cached_property
+    def active(self) -> Mask:
+        """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
+        at = self.seconds
+        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > BREAK) + 1])
+        first = at[begun][np.searchsorted(begun, np.arange(len(at)), side="right") - 1]
+        inner = np.asarray((at >= first + RUN_UP) & (at <= at[-1] - RUN_OUT))
+        return inner if self.judged is None else inner & self.judged
+
+    @cached_property
+    def _counting(self) -> Mask:
+        """Which of the samples, or of their blocks, count."""
+        return self.active if self.blocks is None else np.asarray(self.active[self.blocks.rows].all(axis=1))
+
+    @cached_property
+    def _rows(self) -> slice | NDArray[np.intp]:
+        """Those, as a slice when they are in a row."""
+        index = np.flatnonzero(self._counting)
+        in_a_row = len(index) == index[-1] - index[0] + 1
+        return slice(int(index[0]), int(index[-1]) + 1) if in_a_row else index
+
+    @property
+    def _judging(self) -> Noise:
+        return self.noise if self.blocks is None else self.blocks.noise
+
+    @cached_property
+    def log_scale(self) -> float:
+        """What whitening divides by, see `Noise.log_divisor`."""
+        return float(self._judging.log_divisor[self._counting].sum())
+
+    @cached_property
+    def seconds(self) -> Array:
+        """(N,)."""
+        return self.noise.seconds
+
+    def predicted(self, world: World) -> Array:
+        """(N, C) what a world says."""
+        return world.prediction if world.effort is None or self.signal == "wrench" else world.effort.prediction
+
+    def said(self, world: World, prediction: Array) -> World:
+        """The world that says this of the signal."""
+        return world.with_prediction(prediction) if self.signal == "wrench" else world.with_effort(prediction)
+
+    def compose(self, parts: Sequence[Part]) -> tuple[list[World], World]:
+        """The world that each part acts in, in the order given, and the world after all of them."""
+        world = self.world
+        before: dict[int, World] = {}
+        for index, part in sorted(enumerate(parts), key=lambda item: item[1].order):
+            before[index] = world
+            world = self.said(world, self.predicted(world) + part.effect.simulate(world, part.values))
+        return [before[index] for index in range(len(parts))], world
+
+    def groups(self, world: World, parts: Sequence[Part] = ()) -> tuple[Group, ...]:
+        """The calibration errors around a world, without those whose tolerance a part exceeds."""
+        widened = {part.effect.widens for part in parts} - {""}
+        if not self._made or self._made[0][0] is not world:
+            make = calibration if self.signal == "wrench" else effort_calibration
+            self._made[:] = [(world, make(world, self.model.tolerance))]
+        return tuple(group for group in self._made[0][1] if group.name not in widened)
+
+    def frame(self, parts: Sequence[Part] = (), world: World | None = None) -> Frame:
+        """Whitened residual of these parts, with the calibration columns around what they say."""
+        world = self.compose(parts)[1] if world is None else world
+        groups = self.groups(world, parts)
+        columns = np.concatenate([group.columns for group in groups], axis=2)
+        keep = _seen(columns)
+        sigma = np.concatenate([group.sigma for group in groups])[keep]
+        white = self.whiten(columns[:, :, keep])
+        target = self.whiten(self.measured - self.predicted(world))
+        return Frame(white, sigma**-2.0, np.zeros(len(sigma)), target)
+
+    def whiten(self, values: Array) -> Array:
+        """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""
+        wide = values if values.ndim == 3 else values[:, :, None]
+        if self.blocks is not None and len(wide) != len(self.blocks.rows):
+            rows = self.blocks.rows
+            wide = sum(wide[column] for column in rows.T) / rows.shape[1]
+        white = self._judging.whiten(wide)
+        kept = white[:, :, self._rows].reshape(len(white), -1)
+        return kept[0] if values.ndim == 2 else kept
+
+    def calibrated(self, groups: Sequence[Group], coefficients: Array) -> Array:
+        """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""
+        columns = np.concatenate([group.columns for group in groups], axis=2)
+        return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
+
+    def with_noise(self, noise: Noise) -> "Problem":
+        """The same under other noise."""
+        return replace(self, noise=noise)
+
+    def fitted_noise(self, residual: Array) -> Noise:
+        """The most likely noise for a residual (N, C)."""
+        return signal_noise(self.world, self.model, self.signal, residual, self.active)
+
+
+def _seen(columns: Array) -> Mask:
+    """(k,) which calibration errors show at all."""
+    return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
+
+
+def wrench_problem(world: World, model: NominalModel) -> Problem:
+    """The wrench against the nominal model; its noise as after a first fit of the calibration."""
+    return _begun(world, model, "wrench")
+
+
+def effort_problem(world: World, model: NominalModel) -> Problem:
+    """Joint efforts against the rigid arm."""
+    return _begun(world, model, "effort")
+
+
+def _begun(world: World, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
+    rough = Problem(world, model, signal_noise(world, model, signal, None), signal)
+    groups = rough.groups(world)
+    fitted = rough.calibrated(groups, rough.frame().coefficients())
+    return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(world) - fitted))
+
+
+def signal_noise(
+    world: World,
+    model: NominalModel,
+    signal: Literal["wrench", "effort"],
+    residual: Array | None,
+    active: Mask | None = None,
+) -> Noise:
+    """Noise of a signal: white of the measured level when `residual` is None, else of the most likely kind."""
+    if signal == "wrench" or world.effort is None:
+        seconds, speed, measured = world.seconds, world.speed, world.wrench - world.prediction
+        groups: tuple[slice, ...] = (slice(0, 3), slice(3, 6))
+        given: tuple[float | None, ...] = (model.noise_force, model.noise_torque)
+    else:
+        track = world.effort
+        seconds, speed = track.seconds, np.linalg.norm(track.velocity, axis=1)
+        measured = track.measured - track.prediction
+        groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
+        given = (None,) * len(groups)
+    coarse = signal == "wrench"  # gears knock, and motor currents are finely resolved
+    if signal == "wrench":
+        # What is rounded off is noise as well, even where readings stand still.
+        given = tuple(
+            max(stated or 0.0, 2.0 * lattice(world.wrench[:, part]) / np.sqrt(12.0)) or None
+            for stated, part in zip(given, groups, strict=True)
+        )
+    if residual is None:
+        return fit_noise(seconds, speed, measured, groups, given, white=True, coarse=coarse)
+    rows = slice(None) if active is None else active
+    found = fit_noise(seconds[rows], speed[rows], residual[rows], groups, given, coarse=coarse)
+    return replace(found, seconds=seconds, speed=speed)

@@ -1,0 +1,73 @@
+"""Stamps of a regular clock that came with jitter: when the samples were really taken, through lost samples."""
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+
+from poise.types import Array
+
+MAX_JITTER = 0.27
+"""Periods; stamps without any clock behind them would have 0.29."""
+SHORT, LONG = 128, 512
+"""Samples over which a period is found roughly, and then finely; also those whose mean phase is followed."""
+
+
+def regular(seconds: Array) -> Array | None:
+    """(N,) the times of a clock that ticks evenly and drifts slowly, or None when the stamps are not like that.
+
+    Samples are numbered by the phase of the clock, which the mean over many stamps tells however badly each of them
+    is late (a lost sample skips a number; counting rows or rounding differences does not survive loss and jitter
+    together); a line with a slow wander (one knot in 10 s) is then fitted to the numbers.
+    """
+    steps = np.diff(seconds)
+    if len(seconds) < 50 or not (steps > 0).all():
+        return None
+    period = _period(seconds, float(np.median(steps)))
+    ticks = _numbered(seconds, period)
+    fitted = _wandering(ticks, seconds)
+    jitter = float(np.std(seconds - fitted))
+    if jitter > MAX_JITTER * period or not (np.diff(fitted) > 0).all():
+        return None
+    return fitted
+
+
+def _phasors(seconds: Array, period: float, length: int) -> Array:
+    """(W,) mean of exp(2 pi i t / period) over stretches of samples: as long as the stamps are even."""
+    turns = np.exp(2j * np.pi * (seconds - seconds[0]) / period)
+    return np.asarray([part.mean() for part in np.array_split(turns, max(len(turns) // length, 1))])
+
+
+def _period(seconds: Array, rough: float) -> float:
+    """s, the period under which stretches of stamps are most even."""
+    for length, reach in ((SHORT, 0.1), (LONG, 0.002)):
+        tried = rough * (1.0 + np.arange(-reach, reach, 0.2 / length))
+        rough = float(max(tried, key=lambda period: np.sum(np.abs(_phasors(seconds, period, length)) ** 2)))
+    return rough
+
+
+def _numbered(seconds: Array, period: float) -> Array:
+    """(N,) tick numbers: the stamps rounded to the clock whose phase is followed from stretch to stretch."""
+    phasors = _phasors(seconds, period, SHORT)
+    middles = np.array([part.mean() for part in np.array_split(seconds, len(phasors))])
+    phase = np.interp(seconds, middles, np.unwrap(np.angle(phasors)) / (2.0 * np.pi))
+    rows = np.arange(len(seconds))
+    ticks = np.round((seconds - seconds[0]) / period - phase)
+    # Stamps that are off by nearly half a period may fall on the same tick: never fewer ticks than samples.
+    return np.asarray(np.round(isotonic_regression(ticks - rows).x) + rows)
+
+
+def _wandering(ticks: Array, seconds: Array) -> Array:
+    """(N,) least-squares line with hat functions of 10 s, twice: stamps that are far off do not pull."""
+    knots = np.linspace(ticks[0], ticks[-1], max(int((seconds[-1] - seconds[0]) / 10.0), 1) + 1)
+    place = np.clip(np.searchsorted(knots, ticks, side="right") - 1, 0, len(knots) - 2)
+    share = (ticks - knots[place]) / (knots[place + 1] - knots[place])
+    basis = np.zeros((len(ticks), len(knots)))
+    rows = np.arange(len(ticks))
+    basis[rows, place], basis[rows, place + 1] = 1.0 - share, share
+    kept = np.ones(len(ticks), dtype=bool)
+    fitted = seconds
+    for _ in range(2):
+        level = np.linalg.lstsq(basis[kept], seconds[kept] - seconds[0], rcond=None)[0]
+        fitted = basis @ level + seconds[0]
+        off = np.abs(seconds - fitted)
+        kept = off <= max(4.0 * 1.4826 * float(np.median(off)), 1e-7)
+    return np.asarray(fitted)

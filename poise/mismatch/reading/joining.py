@@ -1,0 +1,86 @@
+"""Several recordings as one world, one after the other, with a break between them."""
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.recorded import World
+from poise.types import Mask
+
+PAUSE = 5.0
+"""s between the last sample of a recording and the first of the next, on the joint clock."""
+
+
+def joined(worlds: Sequence[World]) -> tuple[World, Mask]:
+    """One world, and (N,) which of its samples are the last recording's.
+
+    Seconds count from the first recording's first sample; what only some recordings have (joints, effort) is dropped.
+
+    Raises:
+        InputError: BAD_INPUT when the recordings' joints differ.
+    """
+    if len(worlds) == 1:
+        return worlds[0], np.zeros(len(worlds[0]), dtype=bool)
+    for kind in ("joints", "effort"):
+        named = {getattr(world, kind).names for world in worlds if getattr(world, kind) is not None}
+        if len(named) > 1:
+            raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
+    moved = []
+    for world, (begin, _) in zip(worlds, spans(worlds), strict=True):
+        shift = begin - float(world.seconds[0])
+        effort = world.effort
+        moved.append(
+            replace(
+                world,
+                seconds=world.seconds + shift,
+                effort=None if effort is None else replace(effort, seconds=effort.seconds + shift),
+            )
+        )
+    whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(worlds)[1:]))
+    last = np.arange(len(whole)) >= len(whole) - len(worlds[-1])
+    return whole, last
+
+
+def spans(worlds: Sequence[World]) -> list[tuple[float, float]]:
+    """(first, last) s of each recording on the clock of the joined world; of a single one as it is."""
+    if len(worlds) == 1:
+        return [(float(worlds[0].seconds[0]), float(worlds[0].seconds[-1]))]
+    found, begin = [], 0.0
+    for world in worlds:
+        found.append((begin, begin + world.duration))
+        begin += world.duration + PAUSE
+    return found
+
+
+def without(world: World, last: Mask) -> World:
+    """The world without its last recording, joint efforts too.
+
+    Args:
+        world: of several recordings.
+        last: (N,) the samples of the last.
+    """
+    kept, effort = world.select(~last), world.effort
+    end = world.begins[-1]
+    if effort is not None:
+        rows = effort.seconds < end
+        arrays = {field.name: getattr(effort, field.name) for field in fields(effort)}
+        effort = replace(effort, **{name: value[rows] for name, value in arrays.items() if name != "names"})
+    return replace(kept, effort=effort, begins=world.begins[:-1])
+
+
+def _stacked(parts: Sequence[Any]) -> Any:
+    """Dataclasses of one kind: arrays (N, ...) one after the other, tracks likewise, all else as in the first."""
+    first = parts[0]
+    changes: dict[str, Any] = {}
+    for field in fields(first):
+        values = [getattr(part, field.name) for part in parts]
+        if any(value is None for value in values):
+            changes[field.name] = None
+        elif isinstance(values[0], np.ndarray) and field.name != "phi":
+            changes[field.name] = np.concatenate(values)
+        elif hasattr(values[0], "__dataclass_fields__"):
+            changes[field.name] = _stacked(values)
+    return replace(first, **changes)

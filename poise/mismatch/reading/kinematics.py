@@ -1,0 +1,210 @@
+"""From joint motion to a `World`: one pass of forward kinematics with its derivatives by each joint."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from poise.geometry import STANDARD_GRAVITY, cross
+from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, World, load_wrench
+from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
+from poise.types import Array
+
+STILL = 1e-3
+"""m/s or rad/s below which a base rests."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Position, velocity and acceleration (N, J) of a robot's joints, and of its root link when that moves."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    base: BaseMotion | None = None
+
+
+def world_from_motion(
+    robot: RobotModel,
+    seconds: Array,
+    motion: Motion,
+    phi: ArrayLike,
+    wrench: Array | None = None,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+    start: int = 0,
+    effort: EffortTrack | None = None,
+) -> World:
+    """A world along a known motion.
+
+    Args:
+        robot: with `base="floating"` when `motion.base` is given.
+        seconds: (N,).
+        motion: at these times, joints in the robot's order.
+        phi: (10,) everything that the sensor carries.
+        wrench: (N, 6) measured; None: NaN, a world that is only simulated.
+        gravity: m/s2, downwards.
+        start: ns, the stamp of second zero.
+        effort: joint efforts, see `effort_track`.
+    """
+    rows = _forward(robot, motion)
+    down = np.array([0.0, 0.0, -gravity])
+    payload = np.asarray(phi, dtype=np.float64)
+    rotation = rows.rotation
+    nominal = load_wrench(payload, down @ rotation - rows.linear, rows.omega, rows.alpha)
+    return World(
+        start=start,
+        seconds=seconds,
+        wrench=np.full((len(seconds), 6), np.nan) if wrench is None else wrench,
+        phi=payload,
+        prediction=nominal,
+        gravity=np.asarray(down @ rotation),
+        linear_acceleration=rows.linear,
+        angular_velocity=rows.omega,
+        angular_acceleration=rows.alpha,
+        rotation_world_sensor=rotation,
+        position_in_world=rows.position,
+        velocity_in_world=rows.velocity,
+        joints=_joint_track(robot, motion, rows),
+        base=rows.base if rows.base is not None and _moves(rows.base) else None,
+        effort=effort,
+    )
+
+
+def _joint_track(robot: RobotModel, motion: Motion, rows: "_Rows") -> JointTrack | None:
+    """The arm's own joints, and how the sensor hangs on them; None for a sensor on a base alone."""
+    arm = slice(base_joints(robot), None)
+    if not robot.joint_names[arm]:
+        return None
+    coupling = robot.coupling[:, arm]
+    return JointTrack(
+        robot.joint_names[arm],
+        motion.position[:, arm],
+        motion.velocity[:, arm],
+        motion.acceleration[:, arm],
+        rows.jacobian @ coupling,
+        rows.by_position @ coupling,
+    )
+
+
+def base_joints(robot: RobotModel) -> int:
+    """How many of the first joints belong to a mobile base (x, y, turn) or to a rail, not to the arm."""
+    kinds = [joint.shortname() for joint in robot.pinocchio.joints[robot.pinocchio.njoints - len(robot.coupling) :]]
+    straight = next((i for i, kind in enumerate(kinds) if not kind.startswith("JointModelP")), len(kinds))
+    turning = straight < len(kinds) and straight >= 2  # after x and y, the next one turns the base
+    return straight + int(turning)
+
+
+def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Array, phi: ArrayLike) -> EffortTrack:
+    """What the joints gave, and what a rigid arm with its payload needs (Featherstone 2008, section 5.3).
+
+    With its derivatives (Carpentier and Mansard 2018).
+
+    Args:
+        robot: fixed base, or the root link's motion in `motion.base`.
+        seconds: (M,).
+        motion: of the joints at these times.
+        measured: (M, J) N m of all the robot's joints; columns with NaN are left out.
+        phi: (10,) the payload; what the URDF fixes beyond the sensor is carried besides.
+    """
+    loaded = robot.pinocchio.copy()
+    frame = loaded.frames[robot.frame_id(robot.sensor_frame)]
+    loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(phi))
+    data = loaded.createData()
+    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    moving = len(robot.coupling)
+    torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
+    for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
+        slopes = pin.computeRNEADerivatives(loaded, data, q, v, a)
+        torque[i] = data.tau[-moving:]
+        by_q[i] = slopes[0][-moving:, -moving:]
+        upper = np.triu(slopes[2][-moving:, -moving:])
+        inertia[i] = upper + np.triu(upper, 1).T
+    known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= base_joints(robot)))
+    rigid = (torque @ robot.coupling)[:, known]
+    slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
+    names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
+    parts = (motion.position[:, known], motion.velocity[:, known], motion.acceleration[:, known])
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    rotation: Array
+    position: Array
+    velocity: Array
+    omega: Array
+    alpha: Array
+    linear: Array
+    jacobian: Array
+    by_position: Array
+    base: BaseTrack | None
+
+
+def _forward(robot: RobotModel, motion: Motion) -> _Rows:
+    """Everything about the sensor's frame, in one pass."""
+    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    model, frame = robot.pinocchio, robot.frame_id(robot.sensor_frame)
+    data, n, moving = model.createData(), len(whole.q), len(robot.coupling)
+    rotation, position = np.empty((n, 3, 3)), np.empty((n, 3))
+    velocity, acceleration = np.empty((n, 6)), np.empty((n, 6))
+    by_q, jacobian, a_by_q = (np.empty((n, 6, moving)) for _ in range(3))
+    base = _BaseRows(robot, n) if base_joints(robot) or motion.base is not None else None
+    for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
+        pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
+        pose = pin.updateFramePlacement(model, data, frame)
+        rotation[i], position[i] = pose.rotation, pose.translation
+        velocity[i] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).vector
+        acceleration[i] = pin.getFrameAcceleration(model, data, frame, pin.LOCAL).vector
+        v_by_q, a_by_position, _, a_by_a = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
+        by_q[i], a_by_q[i], jacobian[i] = v_by_q[:, -moving:], a_by_position[:, -moving:], a_by_a[:, -moving:]
+        if base is not None:
+            base.take(i, model, data)
+    linear, omega = velocity[:, :3], velocity[:, 3:]
+    # A spatial acceleration lacks omega x v of the classical one (Featherstone 2008, section 2.11).
+    by_position = np.empty((n, 9, moving))
+    by_position[:, :3] = (
+        a_by_q[:, :3] + cross(by_q[:, 3:], linear[:, :, None], axis=1) + cross(omega[:, :, None], by_q[:, :3], axis=1)
+    )
+    by_position[:, 3:6], by_position[:, 6:] = by_q[:, 3:], a_by_q[:, 3:]
+    return _Rows(
+        rotation,
+        position,
+        np.asarray(np.einsum("nij,nj->ni", rotation, linear)),
+        omega,
+        acceleration[:, 3:],
+        acceleration[:, :3] + cross(omega, linear),
+        jacobian,
+        by_position,
+        None if base is None else base.track(),
+    )
+
+
+class _BaseRows:
+    """The base link's motion: behind the joints of a mobile base, or the root link that moves."""
+
+    def __init__(self, robot: RobotModel, n: int) -> None:
+        first = robot.pinocchio.njoints - len(robot.coupling)
+        self._joint = first - 1 + base_joints(robot)
+        self._rotation, self._place = np.empty((n, 3, 3)), np.empty((n, 3))
+        self._rates = np.empty((2, n, 6))
+
+    def take(self, i: int, model: pin.Model, data: pin.Data) -> None:
+        pose = data.oMi[self._joint]
+        self._rotation[i], self._place[i] = pose.rotation, pose.translation
+        self._rates[0, i], self._rates[1, i] = data.v[self._joint].vector, data.a[self._joint].vector
+
+    def track(self) -> BaseTrack:
+        linear, angular = self._rates[..., :3], self._rates[..., 3:]
+        classical = linear[1] + cross(angular[0], linear[0])
+
+        def in_world(vectors: Array) -> Array:
+            return np.asarray(np.einsum("nij,nj->ni", self._rotation, vectors))
+
+        return BaseTrack(self._rotation, self._place, in_world(linear[0]), in_world(classical), angular[0], angular[1])
+
+
+def _moves(base: BaseTrack) -> bool:
+    fastest = max(np.abs(base.velocity_in_world).max(), np.abs(base.angular_velocity_in_base).max())
+    return bool(fastest > STILL)

@@ -1,0 +1,261 @@
+"""model.yaml: the nominal simulation that a recording is held against, and how far it may be off."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from poise.errors import ErrorCode, InputError
+from poise.geometry import STANDARD_GRAVITY
+from poise.inertia.parameters import InertialParameters, symmetric
+from poise.types import Array
+
+MAX_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What is declared good enough: a deviation inside it is no finding.
+
+    Args:
+        payload_mass: relative. payload_com: m. payload_inertia: relative, of the trace.
+        bias_force, bias_torque: N, N m, each axis. drift_force, drift_torque: the same, over the recording.
+        sensor_gain: relative, of each axis and across axes. sensor_rotation, joint_offset: rad. clock_offset: s.
+    """
+
+    payload_mass: float = 0.01
+    payload_com: float = 0.002
+    payload_inertia: float = 0.1
+    bias_force: float = 0.4
+    bias_torque: float = 0.025
+    drift_force: float = 0.12
+    drift_torque: float = 0.008
+    sensor_gain: float = 0.01
+    sensor_rotation: float = 0.004
+    joint_offset: float = 0.001
+    clock_offset: float = 0.004
+
+
+# Where each tolerance stands in the file.
+TOLERANCE_KEYS = {
+    "payload_mass": ("payload", "mass"),
+    "payload_com": ("payload", "com"),
+    "payload_inertia": ("payload", "inertia"),
+    "bias_force": ("sensor_bias", "force"),
+    "bias_torque": ("sensor_bias", "torque"),
+    "drift_force": ("bias_drift", "force"),
+    "drift_torque": ("bias_drift", "torque"),
+    "sensor_gain": ("sensor_gain",),
+    "sensor_rotation": ("sensor_rotation",),
+    "joint_offset": ("joint_offset",),
+    "clock_offset": ("clock_offset",),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """An effect that is part of a model: its values, and their covariance in the order of `values`."""
+
+    name: str
+    values: dict[str, float]
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class NominalModel:
+    """What the simulation knows.
+
+    Args:
+        sensor_frame: None: what the wrench messages say.
+        urdf: None: the recording's robot_description.
+        phi: (10,) payload about the sensor's origin, sensor axes; None: identified from the recording.
+        gravity: m/s2; None: what the recording's metadata says, else the standard.
+        tool_in_wrench: the wrench also carries what the URDF fixes beyond the sensor (a gripper that was not tared).
+        noise_force, noise_torque: N and N m of one sample; None: estimated.
+        effects: what an earlier diagnosis added.
+        payload_identified: the payload is the recording's own: it cannot be found wrong there.
+    """
+
+    sensor_frame: str | None = None
+    urdf: Path | None = None
+    phi: Array | None = None
+    gravity: float | None = None
+    tool_in_wrench: bool = False
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    noise_force: float | None = None
+    noise_torque: float | None = None
+    effects: tuple[Component, ...] = ()
+    payload_identified: bool = False
+
+
+def load_model(path: Path) -> NominalModel:
+    """Read model.yaml.
+
+    Raises:
+        InputError: FILE_UNREADABLE; BAD_INPUT for anything in it that makes no sense, with its place.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {MAX_BYTES} bytes, not a model")
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(ErrorCode.FILE_UNREADABLE, f"cannot read the model {path}: {error.strerror}") from error
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(ErrorCode.BAD_INPUT, f"{path}: not YAML ({' '.join(str(error).split())})") from error
+    try:
+        return parse_model({} if content is None else content, path.parent)
+    except InputError as error:
+        raise InputError(error.code, f"{path}: {error.message}", **error.data) from error
+
+
+def parse_model(content: Any, folder: Path = Path()) -> NominalModel:
+    """A model from the content of its file; paths in it start at `folder`.
+
+    Raises:
+        InputError: BAD_INPUT.
+    """
+    known = ("sensor_frame", "urdf", "payload", "gravity", "tool_in_wrench", "tolerance", "noise", "effects")
+    top = _mapping(content, "the model", known)
+    noise = _mapping(top.get("noise", {}), "noise", ("force", "torque"))
+    urdf = _text(top, "urdf")
+    tool = top.get("tool_in_wrench", False)
+    if not isinstance(tool, bool):
+        raise _bad("tool_in_wrench must be true or false")
+    return NominalModel(
+        sensor_frame=_text(top, "sensor_frame"),
+        urdf=None if urdf is None else folder / urdf if (folder / urdf).is_file() else Path(urdf),
+        phi=_payload(top["payload"]) if top.get("payload") is not None else None,
+        gravity=_positive(top["gravity"], "gravity") if "gravity" in top else None,
+        tool_in_wrench=tool,
+        tolerance=_tolerance(top.get("tolerance", {})),
+        noise_force=_positive(noise["force"], "noise.force") if "force" in noise else None,
+        noise_torque=_positive(noise["torque"], "noise.torque") if "torque" in noise else None,
+        effects=tuple(_component(entry, i) for i, entry in enumerate(_list(top.get("effects", []), "effects"))),
+    )
+
+
+def dump_model(model: NominalModel) -> str:
+    """The text of model.yaml; `parse_model` of it is the same model."""
+    content: dict[str, Any] = {}
+    if model.sensor_frame is not None:
+        content["sensor_frame"] = model.sensor_frame
+    if model.urdf is not None:
+        content["urdf"] = str(model.urdf)
+    if model.phi is not None:
+        body = InertialParameters.from_phi(model.phi)
+        com = [0.0, 0.0, 0.0] if body.mass == 0 else body.com.tolist()
+        inertia = [0.0] * 6 if body.mass == 0 else body.inertia_vector.tolist()
+        content["payload"] = {"mass": body.mass, "com": com, "inertia": inertia}
+    if model.gravity is not None and model.gravity != STANDARD_GRAVITY:
+        content["gravity"] = model.gravity
+    if model.tool_in_wrench:
+        content["tool_in_wrench"] = True
+    tolerance: dict[str, Any] = {}
+    for name, keys in TOLERANCE_KEYS.items():
+        place = tolerance if len(keys) == 1 else tolerance.setdefault(keys[0], {})
+        place[keys[-1]] = getattr(model.tolerance, name)
+    content["tolerance"] = tolerance
+    noise = {"force": model.noise_force, "torque": model.noise_torque}
+    if any(noise.values()):
+        content["noise"] = {key: value for key, value in noise.items() if value is not None}
+    if model.effects:
+        content["effects"] = [
+            {"name": part.name, "parameters": dict(part.values), "covariance": part.covariance.tolist()}
+            for part in model.effects
+        ]
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True)
+
+
+def _payload(value: Any) -> Array:
+    payload = _mapping(value, "payload", ("mass", "com", "inertia"))
+    mass = _number(payload.get("mass"), "payload.mass")
+    com = _numbers(payload.get("com", [0.0, 0.0, 0.0]), 3, "payload.com")
+    inertia = symmetric(_numbers(payload.get("inertia", [0.0] * 6), 6, "payload.inertia"))
+    if mass < 0:
+        raise _bad(f"payload.mass is {mass:g} kg: it must not be negative; 0 is no payload")
+    moments = np.linalg.eigvalsh(inertia)
+    if moments[0] < -1e-9 or moments[0] + moments[1] < moments[2] * (1 - 1e-6) - 1e-12:
+        raise _bad(
+            "no body has payload.inertia: ixx ixy ixz iyy iyz izz about the centre of mass need a positive sum of any "
+            "two principal moments over the third; leave it out when it is not known"
+        )
+    return InertialParameters(mass, com, inertia).phi
+
+
+def _tolerance(value: Any) -> Tolerance:
+    groups = {keys[0] for keys in TOLERANCE_KEYS.values()}
+    given = _mapping(value, "tolerance", sorted(groups))
+    found: dict[str, float] = {}
+    for group in groups & given.keys():
+        members = {keys[-1]: name for name, keys in TOLERANCE_KEYS.items() if keys[0] == group and len(keys) == 2}
+        if members:
+            entries = _mapping(given[group], f"tolerance.{group}", sorted(members))
+            found |= {members[key]: _positive(entry, f"tolerance.{group}.{key}") for key, entry in entries.items()}
+        else:
+            found[group] = _positive(given[group], f"tolerance.{group}")
+    return Tolerance(**found)
+
+
+def _component(value: Any, index: int) -> Component:
+    entry = _mapping(value, f"effects[{index}]", ("name", "parameters", "covariance"))
+    name = _text(entry, "name")
+    if name is None:
+        raise _bad(f"effects[{index}] has no name")
+    parameters = entry.get("parameters")
+    if not isinstance(parameters, Mapping):
+        raise _bad(f"effects[{index}].parameters must be a mapping")
+    values = {str(key): _number(number, f"effects[{index}].{key}") for key, number in parameters.items()}
+    size = len(values)
+    rows = _list(entry.get("covariance", [[0.0] * size] * size), f"effects[{index}].covariance")
+    matrix = [_numbers(row, size, f"effects[{index}].covariance") for row in rows]
+    if len(matrix) != size:
+        raise _bad(f"effects[{index}].covariance must have {size} rows")
+    return Component(name, values, np.array(matrix).reshape(size, size))
+
+
+def _mapping(value: Any, what: str, known: Any) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise _bad(f"{what} must be a mapping")
+    unknown = [str(key) for key in value if key not in known]
+    if unknown:
+        raise _bad(f"{what} knows {', '.join(known)}; not {', '.join(unknown)}")
+    return value
+
+
+def _list(value: Any, what: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise _bad(f"{what} must be a list")
+    return value
+
+
+def _text(content: Mapping[str, Any], key: str) -> str | None:
+    value = content.get(key)
+    if value is not None and not (isinstance(value, str) and value):
+        raise _bad(f"{key} must be a text")
+    return value
+
+
+def _number(value: Any, what: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise _bad(f"{what} must be a number, got {value!r}")
+    return float(value)
+
+
+def _positive(value: Any, what: str) -> float:
+    number = _number(value, what)
+    if number <= 0:
+        raise _bad(f"{what} must be positive, got {number:g}")
+    return number
+
+
+def _numbers(value: Any, count: int, what: str) -> Array:
+    if not isinstance(value, list) or len(value) != count:
+        raise _bad(f"{what} must be {count} numbers")
+    return np.array([_number(item, what) for item in value])
+
+
+def _bad(reason: str) -> InputError:
+    return InputError(ErrorCode.BAD_INPUT, reason)

@@ -1,0 +1,121 @@
+"""Wrenches that cannot be what they claim: wrong units, the opposite sign, single samples that jump out."""
+
+import warnings
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.recorded import World, channel_names
+from poise.recording import JointStream, WrenchStream
+from poise.robot import RobotModel
+from poise.types import Array
+
+NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
+"""Samples that say what one in their middle should be like."""
+PARTS = ("force", "torque")
+OUTSIDE = 1.0
+"""rad or m beyond its range at which a joint cannot be; ranges in descriptions are often a little narrow."""
+SHORTEST, SLOWEST = 4.0, 15.0
+"""s of wrenches, and Hz of joint states, at the least."""
+MAX_SPIKES = 0.03
+"""Share of samples that may be spikes; more of them are no accidents."""
+
+
+def check_wrench(world: World, name: str) -> None:
+    """Refuse a wrench whose units or sign are not the contract's.
+
+    Force and torque are each regressed on the prediction, both without their means.
+
+    Raises:
+        InputError: BAD_INPUT, with what to do.
+    """
+    stuck = np.flatnonzero(np.ptp(world.wrench, axis=0) == 0.0)
+    if len(stuck):
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"{name}: {', '.join(channel_names()[c] for c in stuck)} of the wrench reads the same in every sample: is "
+            "the sensor on, and its driver running?",
+        )
+    read, said = (values - values.mean(axis=0) for values in (world.wrench, world.prediction))
+    gains, likeness = [], []
+    for part in (slice(0, 3), slice(3, 6)):
+        a, b = read[:, part], said[:, part]
+        gains.append(float(np.sum(a * b) / max(np.sum(b * b), 1e-12)))
+        likeness.append(float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), 1e-12)))
+    turned = [what for what, like, gain in zip(PARTS, likeness, gains, strict=True) if like < -0.9 and -2 < gain < -0.5]
+    if turned:
+        what = "wrench" if "force" in turned else "torque alone"
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"{name}: the {what} has the opposite sign: it is what the sensor exerts on the load (weight reads up); "
+            "negate it, the contract is what the load exerts on the sensor",
+            gain=min(gains),
+        )
+    for index, (what, unit, small) in enumerate((("force", "N", "mN"), ("torque", "N m", "N mm"))):
+        if abs(likeness[index]) > 0.9 and abs(gains[index]) > 200.0:
+            raise InputError(
+                ErrorCode.BAD_INPUT,
+                f"{name}: the {what} is {abs(gains[index]):.0f} times what the model says: it seems to be in {small}; "
+                f"the contract is {unit}",
+                gain=gains[index],
+            )
+
+
+def check_positions(robot: RobotModel, position: Array) -> None:
+    """Refuse joint positions (N, J) that lie far outside their range: degrees, or another robot's description.
+
+    Raises:
+        InputError: BAD_INPUT, with the joint that is farthest out.
+    """
+    with np.errstate(invalid="ignore"):
+        beyond = np.fmax(robot.lower - position, position - robot.upper)
+    farthest = np.nan_to_num(np.where(np.isnan(beyond), -np.inf, beyond), neginf=-1.0)
+    row, joint = np.unravel_index(int(np.argmax(farthest)), farthest.shape)
+    if farthest[row, joint] > OUTSIDE:
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            f"joint {robot.joint_names[joint]} is at {position[row, joint]:.2f}, its range in the description is "
+            f"{robot.lower[joint]:.2f} to {robot.upper[joint]:.2f} rad (or m): are the positions in degrees, or is the "
+            "description another robot's?",
+        )
+
+
+def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
+    """Refuse what is too short, or too coarse for accelerations.
+
+    Raises:
+        InputError: TOO_FEW_SAMPLES.
+    """
+    length = float(wrench.stamps[-1] - wrench.stamps[0]) * 1e-9
+    if length < SHORTEST:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"the wrench lasts {length:.1f} s: record ten seconds or more, {SHORTEST:.0f} s at the least",
+        )
+    period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else np.inf
+    if period > 1.0 / SLOWEST:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"joint states come every {period:.2f} s, which tells no accelerations: record at 50 Hz or more, "
+            f"{SLOWEST:.0f} Hz at the least",
+        )
+
+
+def without_spikes(world: World) -> tuple[World, list[str]]:
+    """The world without single samples that stand far out of their neighbours (lost bits, not physics)."""
+    residual = world.wrench - world.prediction
+    out = np.zeros(len(world), dtype=bool)
+    for _ in range(2):  # what was found does not hide its neighbours
+        calm = np.where(out[:, None], np.nan, residual)
+        with warnings.catch_warnings():  # where no neighbour is good, nothing is known: NaN is right
+            warnings.simplefilter("ignore", RuntimeWarning)
+            around = np.nanmedian(np.stack([np.roll(calm, shift, axis=0) for shift in NEIGHBOURS]), axis=0)
+        off = residual - around
+        spread = 1.4826 * np.nanmedian(np.abs(off), axis=0)
+        out = np.nan_to_num(np.abs(off / np.maximum(spread, 1e-9)).max(axis=1)) > 8.0
+        out[:6] = out[-6:] = False
+    beside = np.convolve(out.astype(float), np.ones(5), mode="same") > 2.5
+    out &= ~beside
+    if not out.any() or out.mean() > MAX_SPIKES:
+        return world, []
+    return world.select(~out), [f"{int(out.sum())} wrench samples stand alone far out of line and were left out"]

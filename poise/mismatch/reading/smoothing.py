@@ -1,0 +1,183 @@
+"""Sampled positions to position, velocity and acceleration at other stamps, by splines that choose their knots."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.reading.clocks import regular
+from poise.robot import Grid, SplineFit
+from poise.types import Array, Mask
+
+GAP = 6.0
+"""Median sample intervals that make a gap."""
+MIN_SAMPLES = 30
+EDGE = 0.08
+"""s at the ends of a stretch where accelerations are too uncertain."""
+SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
+"""s between knots that are tried: 0.03 to 0.51."""
+LOCAL = 0.7
+"""s around a sample that say which spline suits it."""
+LOUD = 0.8
+"""Quantile of the noise around a sample that stands for all."""
+FINER = 2.5
+"""How much closer than the knots that suit the whole recording those of some moment may be."""
+PRICE = 2.0
+"""log likelihood that a coefficient must win; Akaike's 1 buys noise where it is louder than elsewhere."""
+HONEST = 2.5
+"""Measured rates whose means over 25 samples scatter by this much more than white noise would are not used."""
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """Values (N, J), rates and second rates at the wanted times; NaN where the samples do not reach.
+
+    Args:
+        known: (N,) where there are values.
+        jitter: s, one sigma of the stamps' error that was taken out; 0 when they were used as they are.
+        noise: (J,) one sigma of a sample about the spline.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    known: Mask
+    jitter: float
+    noise: Array
+
+
+def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> Smoothed:
+    """Differentiate samples and evaluate at other times, never across a gap.
+
+    Splines with close knots follow a jerk, splines with wide knots are quiet: each is used where it suits the samples
+    around (a weighted mean by local likelihood). The stamps are taken as they are or as those of a regular clock with
+    jitter, whichever the splines follow better.
+
+    Args:
+        seconds: (M,) not descending.
+        values: (M, J) finite.
+        wanted: (N,).
+        rates: (M, J) measured first derivatives; columns with NaN, or with more than white noise, are left out.
+
+    Raises:
+        InputError: TOO_FEW_SAMPLES.
+    """
+    fresh = np.concatenate([[True], np.diff(seconds) > 0])
+    seconds, values = seconds[fresh], values[fresh]
+    rates = None if rates is None else rates[fresh]
+    seconds, jitter = taken(seconds, values)
+    out = np.full((3, len(wanted), values.shape[1]), np.nan)
+    noise = np.zeros(values.shape[1])
+    for part in _stretches(seconds):
+        begin, end = seconds[part][0], seconds[part][-1]
+        inside = (wanted >= begin + EDGE) & (wanted <= end - EDGE)
+        blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
+        noise = np.maximum(noise, blend.noise)
+        out[:, inside] = blend(wanted[inside])
+    return Smoothed(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+
+
+def taken(seconds: Array, values: Array) -> tuple[Array, float]:
+    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
+    even = regular(seconds)
+    if even is None or _roughness(even, values) >= _roughness(seconds, values):
+        return seconds, 0.0
+    return even, float(np.std(seconds - even))
+
+
+class _Blend:
+    """Splines of several knot spacings through one stretch, and how well each suits each moment, column by column."""
+
+    def __init__(self, seconds: Array, values: Array, rates: Array | None) -> None:
+        span = float(seconds[-1] - seconds[0])
+        sizes = sorted({max(round(span / spacing), 1) for spacing in SPACINGS})
+        grids = [Grid.across(seconds, size) for size in sizes if size <= max(len(seconds) * 2 // 3 - 5, 1)]
+        plain = [SplineFit(grid, seconds, values) for grid in grids]
+        best = np.argmin([fit.score() for fit in plain], axis=0)
+        columns = np.arange(values.shape[1])
+        self.noise = np.array([fit.sigma for fit in plain])[best, columns]
+        self.noise = np.maximum(self.noise, 1e-12)
+        self._seconds = seconds
+        # A base's odometry is loud while it drives and silent while it rests: what counts is the former.
+        local = self._around((values - plain[-1](seconds)) ** 2)
+        self.noise *= np.sqrt(np.maximum(np.quantile(local, LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0))
+        slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
+        self._fits = plain if slopes is None else [SplineFit(g, seconds, values, slopes, weight) for g in grids]
+        self._score = np.stack([self._local(fit, values) for fit in self._fits])
+        # What is much finer than what suits the whole follows noise wherever it is a little louder.
+        fine = np.array([grid.size for grid in grids])
+        self._score -= 1e9 * (fine[:, None] > FINER * fine[best])[:, None]
+
+    def _local(self, fit: SplineFit, values: Array) -> Array:
+        """(M, J) local log likelihood, less `PRICE` for every coefficient that is spent around."""
+        square = ((values - fit(self._seconds)) / self.noise) ** 2
+        spent = float(self._window(len(values)).sum()) * fit.grid.size / len(values)
+        return self._around(-0.5 * square) - PRICE * spent
+
+    def _around(self, values: Array) -> Array:
+        """(M, J) sums over `LOCAL` seconds, smoothly weighted."""
+        window = self._window(len(values))
+        half = len(window) // 2
+        padded = np.pad(values, ((half, half), (0, 0)), mode="reflect")
+        return np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
+
+    def _window(self, count: int) -> Array:
+        period = float(np.median(np.diff(self._seconds)))
+        half = min(max(round(LOCAL / period), 3), (count - 1) // 2)
+        return np.asarray(np.hanning(2 * half + 3)[1:-1])
+
+    def __call__(self, wanted: Array) -> Array:
+        """(3, N, J) value, rate and second rate."""
+        count = self._score.shape[2]
+        score = np.stack(
+            [np.stack([np.interp(wanted, self._seconds, s[:, j]) for j in range(count)], axis=1) for s in self._score]
+        )
+        share = np.exp(score - score.max(axis=0))
+        share /= share.sum(axis=0)
+        return np.stack(
+            [sum(w * fit(wanted, order) for w, fit in zip(share, self._fits, strict=True)) for order in range(3)]
+        )
+
+
+def _trusted(
+    seconds: Array, rates: Array | None, fits: list[SplineFit], best: Array, noise: Array
+) -> tuple[Array | None, float]:
+    """Measured rates to use, with the weight (s2) that their noise earns them; None when they are no white noise."""
+    if rates is None or not np.isfinite(rates).all():
+        return None, 0.0
+    off = np.stack([rates[:, j] - fits[i](seconds, 1)[:, j] for j, i in enumerate(best)], axis=1)
+    length = len(off) // 25 * 25
+    if length < 100:
+        return None, 0.0
+    means = off[:length].reshape(-1, 25, off.shape[1]).mean(axis=1)
+    scatter = np.maximum(off.var(axis=0), 1e-18)
+    if (25.0 * np.mean(means**2, axis=0) > HONEST * scatter).any():
+        return None, 0.0
+    return rates, float(np.median(noise**2 / scatter))
+
+
+def _roughness(seconds: Array, values: Array) -> float:
+    """How badly smooth splines follow the samples with these stamps (log, summed over the columns that move)."""
+    stretch = max(_stretches(seconds), key=lambda part: part.stop - part.start)
+    part = slice(stretch.start, min(stretch.stop, stretch.start + 1500))
+    moving = np.ptp(values[part], axis=0) > 1e-4
+    if not moving.any():
+        return 0.0
+    size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
+    sigma = SplineFit(Grid.across(seconds[part], size), seconds[part], values[part][:, moving]).sigma
+    return float(np.log(np.maximum(sigma, 1e-12)).sum())
+
+
+def _stretches(seconds: Array) -> list[slice]:
+    steps = np.diff(seconds)
+    limit = GAP * float(np.median(steps)) if len(steps) else 0.0
+    edges = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(seconds)]
+    found = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
+    if not found:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"too few joint samples: of {len(seconds)} no {MIN_SAMPLES} come without a gap of {limit:.3g} s; "
+            "record at 50 Hz or more, for ten seconds or more",
+        )
+    return found

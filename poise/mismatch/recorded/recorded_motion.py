@@ -1,0 +1,191 @@
+"""One recording as effects see it: what the sensor read, what the model predicts, and every motion behind it."""
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from poise.mismatch.recorded.load_wrench import load_wrench
+from poise.types import Array, Mask
+
+
+@dataclass(frozen=True, eq=False)
+class JointTrack:
+    """The joints that move the sensor, at the wrench's stamps.
+
+    Args:
+        names: (J) from the base outwards.
+        position, velocity, acceleration: (N, J) rad or m, and their rates.
+        jacobian_in_sensor: (N, 6, J) velocity of the sensor's origin (rows 0 to 2) and angular velocity (3 to 5) per
+            unit joint speed, sensor axes; rows 3 to 5 of a column are the axis of a revolute joint.
+        motion_by_position: (N, 9, J) derivative of (linear acceleration without gravity, angular velocity, angular
+            acceleration), sensor axes, by the position of each joint, its speed and acceleration held.
+    """
+
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    acceleration: Array
+    jacobian_in_sensor: Array
+    motion_by_position: Array
+
+
+@dataclass(frozen=True, eq=False)
+class BaseTrack:
+    """How the robot's base moves in the world, at the wrench's stamps: (N, 3) m, m/s, m/s2, and in base axes rad/s.
+
+    rotation_world_base: (N, 3, 3).
+    """
+
+    rotation_world_base: Array
+    position_in_world: Array
+    velocity_in_world: Array
+    acceleration_in_world: Array
+    angular_velocity_in_base: Array
+    angular_acceleration_in_base: Array
+
+
+@dataclass(frozen=True, eq=False)
+class EffortTrack:
+    """Joint efforts, at the stamps of the joint states (M); N m, or N of prismatic joints.
+
+    Args:
+        seconds: (M,) on the clock of the world.
+        names: (J) joints with a measured effort.
+        position, velocity, acceleration: (M, J).
+        measured: (M, J) what was recorded.
+        rigid: (M, J) what the arm and its payload need without friction, by the recursive Newton-Euler algorithm.
+        prediction: (M, J) what the model says so far; begins as `rigid`.
+        by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
+    """
+
+    seconds: Array
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    acceleration: Array
+    measured: Array
+    rigid: Array
+    prediction: Array
+    by_position: Array
+    by_acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A recording at the stamps of its N good wrench samples; what was lost or not finite is absent.
+
+    Vectors are in sensor axes unless the name says `in_world`. Stamps need not be uniform.
+
+    Args:
+        start: int ns, the stamp that `seconds` count from.
+        seconds: (N,) s, ascending.
+        wrench: (N, 6) N and N m that the sensor read; NaN in a world that is only simulated.
+        phi: (10,) the nominal payload (m, m c, I about the sensor's origin).
+        prediction: (N, 6) what the model says so far; begins as the nominal wrench.
+        gravity: (N, 3) m/s2, in sensor axes.
+        linear_acceleration: (N, 3) m/s2 of the sensor's origin, without gravity.
+        angular_velocity, angular_acceleration: (N, 3).
+        rotation_world_sensor: (N, 3, 3).
+        position_in_world, velocity_in_world: (N, 3) of the sensor's origin.
+        joints: None when the motion came from tf.
+        base: None when the base rests.
+        effort: None when joint efforts were not recorded.
+        accelerometer: (N, 3) m/s2 that one on the sensor felt of its acceleration, gravity and offset taken out; its
+            clock is its own. None without one.
+        begins: s at which further recordings begin, where there are several.
+    """
+
+    start: int
+    seconds: Array
+    wrench: Array
+    phi: Array
+    prediction: Array
+    gravity: Array
+    linear_acceleration: Array
+    angular_velocity: Array
+    angular_acceleration: Array
+    rotation_world_sensor: Array
+    position_in_world: Array
+    velocity_in_world: Array
+    joints: JointTrack | None = None
+    base: BaseTrack | None = None
+    effort: EffortTrack | None = None
+    accelerometer: Array | None = None
+    begins: tuple[float, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.seconds)
+
+    @property
+    def duration(self) -> float:
+        """s from the first sample to the last."""
+        return float(self.seconds[-1] - self.seconds[0])
+
+    @cached_property
+    def period(self) -> float:
+        """s, the median time between samples."""
+        return float(np.median(np.diff(self.seconds)))
+
+    @cached_property
+    def specific(self) -> Array:
+        """(N, 3) m/s2: gravity minus acceleration, what a load feels."""
+        return self.gravity - self.linear_acceleration
+
+    @cached_property
+    def nominal(self) -> Array:
+        """(N, 6) the wrench of the nominal payload alone."""
+        return load_wrench(self.phi, self.specific, self.angular_velocity, self.angular_acceleration)
+
+    @cached_property
+    def speed(self) -> Array:
+        """(N,) rad/s: the norm of the joints' speeds (or of the sensor's turning, without joints)."""
+        rates = self.angular_velocity if self.joints is None else self.joints.velocity
+        return np.asarray(np.linalg.norm(rates, axis=1))
+
+    def has(self, what: str) -> bool:
+        """Whether the recording holds "joints", "effort", a "base" that moves, or a "load" that weighs anything."""
+        held = {"joints": self.joints, "effort": self.effort, "base": self.base}
+        return held[what] is not None if what in held else bool(abs(self.phi[0]) > 1e-3)
+
+    def recording_of(self, time: float) -> Mask:
+        """(N,) the samples of the recording that a moment falls into."""
+        edges = np.array([-np.inf, *self.begins, np.inf])
+        place = int(np.clip(np.searchsorted(edges, time, side="right"), 1, len(edges) - 1))
+        return np.asarray((self.seconds >= edges[place - 1]) & (self.seconds < edges[place]))
+
+    def with_prediction(self, prediction: Array) -> "World":
+        """The same recording under a model that says something else."""
+        return replace(self, prediction=prediction)
+
+    def with_effort(self, prediction: Array) -> "World":
+        """The same recording under a model that says something else of the joint efforts (M, J)."""
+        return self if self.effort is None else replace(self, effort=replace(self.effort, prediction=prediction))
+
+    def select(self, rows: Mask) -> "World":
+        """The samples that a mask (N,) picks; joint efforts, which have stamps of their own, are kept."""
+        arrays = {
+            field.name: getattr(self, field.name)[rows]
+            for field in fields(self)
+            if isinstance(getattr(self, field.name), np.ndarray) and field.name != "phi"
+        }
+        tracks = {
+            name: None if track is None else replace(track, **_rows(track, rows))
+            for name, track in (("joints", self.joints), ("base", self.base))
+        }
+        return replace(self, **arrays, **tracks)  # type: ignore[arg-type]
+
+    def to_world(self, vectors: Array) -> Array:
+        """(N, 3) in sensor axes -> world axes."""
+        return np.asarray(np.einsum("nij,nj->ni", self.rotation_world_sensor, vectors))
+
+    def to_sensor(self, vectors_in_world: Array) -> Array:
+        """(N, 3) or (3,) in world axes -> (N, 3) sensor axes."""
+        wide = np.broadcast_to(vectors_in_world, (len(self), 3))
+        return np.asarray(np.einsum("nji,nj->ni", self.rotation_world_sensor, wide))
+
+
+def _rows(track: JointTrack | BaseTrack, rows: Mask) -> dict[str, Any]:
+    arrays = ((field.name, getattr(track, field.name)) for field in fields(track))
+    return {name: value[rows] for name, value in arrays if isinstance(value, np.ndarray)}

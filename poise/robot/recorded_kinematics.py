@@ -1,0 +1,135 @@
+"""The kinematics of a recording, whichever it has: joint states through a robot model, or a chain of tf frames."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.recording import PoseStream, Recording
+from poise.robot.model import RobotModel
+from poise.robot.sources import FrameSource, JointSource, MotionSource
+from poise.types import Stamps
+
+
+@dataclass
+class Kinematics:
+    """The kinematics of a recording, to be fed to a source in the order of time.
+
+    Args:
+        source: takes them.
+        parts: stamps (N,) and what adds the samples of a slice to the source.
+        has_positions: False when only attitudes were recorded.
+    """
+
+    source: MotionSource
+    parts: list[tuple[Stamps, Callable[[slice], None]]]
+    has_positions: bool = True
+
+    def feed(self, begin: int | None, end: int | None) -> None:
+        """Add what is stamped after `begin` and no later than `end`; None: no limit."""
+        for stamps, add in self.parts:
+            low = 0 if begin is None else int(np.searchsorted(stamps, begin, "right"))
+            high = len(stamps) if end is None else int(np.searchsorted(stamps, end, "right"))
+            if high > low:
+                add(slice(low, high))
+
+
+def find_kinematics(
+    recording: Recording, sensor_frame: str, robot_model: RobotModel | None = None, base_frame: str | None = None
+) -> Kinematics:
+    """Joint states with a robot model where there are both, else tf.
+
+    Raises:
+        InputError: when the recording has neither, or the sensor frame is in neither.
+    """
+    joints, frames = has_topic(recording, "joint_states"), has_topic(recording, "tf")
+    if robot_model is None and joints and has_topic(recording, "robot_description"):
+        try:
+            robot_model = RobotModel.from_urdf(recording.robot_description(), sensor_frame)
+        except InputError as error:
+            if error.code is not ErrorCode.FRAME_UNKNOWN or not frames:
+                raise InputError(error.code, f"{recording.path}: {error.message}", **error.data) from error
+    if robot_model is not None:
+        return _joint_kinematics(recording, robot_model)
+    if frames:
+        return _frame_kinematics(recording, sensor_frame, base_frame)
+    if joints:
+        raise InputError(
+            ErrorCode.ROBOT_DESCRIPTION_MISSING,
+            f"{recording.path} has joint_states, but no robot_description: give a URDF file, or record it too",
+        )
+    raise InputError(
+        ErrorCode.TOPIC_MISSING,
+        f"{recording.path} does not say how {sensor_frame} moved: record joint_states with robot_description,"
+        f" or tf up to {sensor_frame}",
+    )
+
+
+def has_topic(recording: Recording, topic: str) -> bool:
+    """The recording holds messages of that name."""
+    try:
+        recording.topic(topic)
+    except InputError as error:
+        if error.code is ErrorCode.TOPIC_MISSING:
+            return False
+        raise
+    return True
+
+
+def _joint_kinematics(recording: Recording, model: RobotModel) -> Kinematics:
+    stream = recording.joint_states(names=model.joint_names)
+    source = JointSource(model)
+
+    def add(part: slice) -> None:
+        source.extend(stream.stamps[part], stream.names, stream.position[part], stream.velocity[part])
+
+    return Kinematics(source, [(stream.stamps, add)])
+
+
+def _frame_kinematics(recording: Recording, sensor_frame: str, base_frame: str | None) -> Kinematics:
+    """Every transform from the sensor up to the base."""
+    source = FrameSource(sensor_frame, base_frame)
+    streams: list[PoseStream] = []
+    frame = sensor_frame
+    while frame != base_frame:
+        try:
+            stream = recording.poses(frame)
+        except InputError as error:
+            if error.code is ErrorCode.FRAME_UNKNOWN and streams and base_frame is None:
+                break  # the top of the tree
+            raise
+        if any(stream.parent in (frame, other.child) for other in streams):
+            raise InputError(ErrorCode.FRAME_UNKNOWN, f"{recording.path}: tf goes round in a circle at {stream.parent}")
+        streams.append(stream)
+        frame = stream.parent
+    still = [_is_constant(stream) for stream in streams]
+    if all(still):  # then all is rest, which the samples of the first one may say
+        still[0] = False
+    parts: list[tuple[Stamps, Callable[[slice], None]]] = []
+    for stream, fixed in zip(streams, still, strict=True):
+        add = _adder(source, stream, fixed)
+        if fixed:
+            add(slice(None))
+        else:
+            parts.append((stream.stamps, add))
+    return Kinematics(source, parts, any(np.any(stream.translation_parent_child) for stream in streams))
+
+
+def _is_constant(stream: PoseStream) -> bool:
+    rotation, translation = stream.rotation_parent_child, stream.translation_parent_child
+    return bool(np.all(rotation == rotation[:1]) and np.all(translation == translation[:1]))
+
+
+def _adder(source: FrameSource, stream: PoseStream, fixed: bool) -> Callable[[slice], None]:
+    def add(part: slice) -> None:
+        source.extend(
+            stream.stamps[part],
+            stream.parent,
+            stream.child,
+            stream.rotation_parent_child[part],
+            stream.translation_parent_child[part],
+            fixed=fixed,
+        )
+
+    return add

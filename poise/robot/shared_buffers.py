@@ -1,0 +1,99 @@
+"""The tracks of one source, each worked out once for all methods that want it."""
+
+from dataclasses import fields
+from functools import cached_property
+
+import numpy as np
+
+from poise.robot.live_imu import LiveImu, MotionWithImu
+from poise.robot.low_latency import LowLatencyMotion
+from poise.robot.motion import SensorMotion
+from poise.robot.motion_buffers import USED, MotionBuffer, PairingSettings, Reasons, SmoothedMotion, StaticPoseBuffer
+from poise.robot.sources import MotionSource
+from poise.types import Stamps
+
+
+class SharedBuffers:
+    """Made as they are asked for.
+
+    Args:
+        source: of the kinematics.
+        settings: how wrenches and motion are brought together.
+        imu: knows the linear acceleration; None: the source does.
+    """
+
+    def __init__(self, source: MotionSource, settings: PairingSettings, imu: LiveImu | None = None) -> None:
+        self._source, self._settings, self._imu = source, settings, imu
+        self._made: list[MotionBuffer] = []
+
+    def update(self, flush: bool) -> None:
+        """See `MotionBuffer`."""
+        for track in self._made:
+            track.update(flush)
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop older motion, and what the source no longer has to keep."""
+        needed = [track.needs_from() for track in self._made]
+        for track in self._made:
+            track.forget_before(stamp)
+        self._source.forget_before(min([stamp, *(begin for begin in needed if begin is not None)]))
+
+    @cached_property
+    def still(self) -> StaticPoseBuffer:
+        self._made.append(track := StaticPoseBuffer(self._source, self._settings))
+        return track
+
+    @cached_property
+    def moving(self) -> MotionBuffer:
+        return self._kept(SmoothedMotion(self._source, self._settings))
+
+    @cached_property
+    def fresh(self) -> MotionBuffer:
+        return self._kept(LowLatencyMotion(self._source, self._settings))
+
+    @cached_property
+    def either(self) -> "MovingOrStatic":
+        return MovingOrStatic(self.moving, self.still)
+
+    def _kept(self, track: MotionBuffer) -> MotionBuffer:
+        track = track if self._imu is None else MotionWithImu(track, self._imu)
+        self._made.append(track)
+        return track
+
+
+class MovingOrStatic:
+    """The smoothed motion where there is one, and poses held still where there is not.
+
+    A motion that is smoothed knows more; but poses may come so rarely that there is none. The two are kept up to date
+    by whoever made them.
+    """
+
+    def __init__(self, moving: MotionBuffer, still: StaticPoseBuffer) -> None:
+        self._moving, self._still = moving, still
+
+    @property
+    def decided(self) -> int | None:
+        """Up to which stamp (ns) `pair` has its final answer; None before anything is known."""
+        known = self._moving.decided, self._still.decided
+        return None if known[0] is None or known[1] is None else min(known[0], known[1])
+
+    def update(self, flush: bool = False) -> None:
+        """Nothing to do."""
+
+    def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
+        motion, reasons = self._moving.pair(stamps)
+        rest, at_rest = self._still.pair(stamps)
+        held = (reasons != USED) & (at_rest == USED)
+        if not held.any():
+            return motion, reasons
+        columns = []
+        for field in fields(SensorMotion):
+            moving, still = getattr(motion, field.name), getattr(rest, field.name)
+            columns.append(np.where(held.reshape(-1, *[1] * (moving.ndim - 1)), still, moving))
+        return SensorMotion(*columns), np.where(held, USED, reasons).astype(reasons.dtype)
+
+    def forget_before(self, stamp: int) -> None:
+        """Nothing to forget."""
+
+    def needs_from(self) -> int | None:
+        return None
