@@ -19,7 +19,7 @@ from poise.errors import InputError, PoiseError
 from poise.files import write_whole
 from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
-from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_world
+from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -174,13 +174,13 @@ class MismatchDiagnoser(Node):
 
     def _examine_bags(self, bags: list[Path]) -> None:
         def work() -> MismatchReport:
-            first = read_world(open_recording(bags[0]), self._model)
-            readings = [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
-            world, last = joined([reading.world for reading in readings])
-            found = diagnose(world, first.model, last if last.any() else None, self._library)
+            first = read_recording(open_recording(bags[0]), self._model)
+            readings = [first, *(read_recording(open_recording(bag), first.model) for bag in bags[1:])]
+            recorded, last = joined([reading.recorded for reading in readings])
+            found = diagnose(recorded, first.model, last if last.any() else None, self._library)
             self._save_model(found)
-            newest = world.start + round(float(world.seconds[-1]) * 1e9)
-            return report_message(found, world.start, newest, first.model.sensor_frame or "")
+            newest = recorded.start + round(float(recorded.seconds[-1]) * 1e9)
+            return report_message(found, recorded.start, newest, first.model.sensor_frame or "")
 
         self._report(work, 0, "")
 

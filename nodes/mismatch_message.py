@@ -1,7 +1,7 @@
 """A diagnosis of the core -> the message MismatchReport."""
 
 from poise.errors import PoiseError
-from poise.mismatch.answer import Diagnosis, Finding
+from poise.mismatch.answer import Diagnosis, NamedEffect
 from poise.nodes.estimate_message import time_message
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import EffectFinding, MismatchReport
@@ -41,7 +41,7 @@ def no_report_message(error: PoiseError, newest: int, frame_id: str) -> Mismatch
     return message
 
 
-def _finding_message(finding: Finding, start: int) -> EffectFinding:
+def _finding_message(finding: NamedEffect, start: int) -> EffectFinding:
     numbers = finding.parameters
     return EffectFinding(
         name=finding.effect.name,

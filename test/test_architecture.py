@@ -1,4 +1,4 @@
-"""The house rules, read from the source: who may import whom, what no file may do, how each file begins."""
+"""Rules that the source keeps: who may import whom, what no file may do, how each file begins, names and wording."""
 
 import ast
 import re
@@ -7,6 +7,10 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+
+import pytest
+
+from tools.source_rules import imports_past_a_face, names_used_twice, private_wording
 
 ROOT = Path(__file__).resolve().parents[1]
 # Rooms with Python in them; poise/nodes and poise/fake_robots are links to the rooms of these names.
@@ -60,7 +64,7 @@ print("\\n".join(failed + [f"loaded: {name}" for name in ("rerun", "rclpy") if n
 
 @cache
 def source_files() -> tuple[Path, ...]:
-    """Every Python file of the house, each once."""
+    """Every Python file of the project, each once."""
     found = {ROOT / "setup.py"}
     for folder in FOLDERS:
         for path in (ROOT / folder).rglob("*.py"):
@@ -205,7 +209,7 @@ def test_no_core_file_imports_nodes_or_fake_robots() -> None:
     assert not offenders, "\n".join(offenders)
 
 
-def test_every_core_room_has_its_place_in_the_design() -> None:
+def test_every_core_room_has_a_level() -> None:
     unplaced = {room_of(name) for name in core_modules() if level_of(room_of(name)) < 0}
     assert not unplaced, f"add {sorted(unplaced)} to LEVELS, after agreeing where the arrows to them run"
 
@@ -329,6 +333,21 @@ def test_a_function_does_one_thing() -> None:
         and (length := (node.end_lineno or node.lineno) - node.lineno + 1) > MAX_FUNCTION_LINES
     ]
     assert not offenders, f"longer than {MAX_FUNCTION_LINES} lines:\n" + "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="rooms get their faces one by one")
+def test_rooms_import_from_faces_alone() -> None:
+    assert not (offenders := imports_past_a_face()), "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="names are made unique room by room")
+def test_no_two_public_classes_or_constants_share_a_name() -> None:
+    assert not (offenders := names_used_twice()), "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="rooms are reworded one by one")
+def test_the_wording_is_plain_engineering_english() -> None:
+    assert not (offenders := private_wording()), "\n".join(offenders)
 
 
 def test_the_core_loads_on_a_machine_without_ros() -> None:

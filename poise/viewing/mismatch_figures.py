@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from poise.mismatch.answer import Examination, ResidualWindow
-from poise.mismatch.inference import Shape, spoken
+from poise.mismatch.answer import ResidualWindow, SignalDiagnosis
+from poise.mismatch.inference import DependenceCurve, state_description
 from poise.types import Array
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
 from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals
@@ -17,19 +17,19 @@ WHOLE = 0.9
 TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
 
 
-def marked(examination: Examination) -> tuple[ResidualWindow, ...]:
+def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
     """The windows worth a mark: none where nothing was found."""
     return examination.where if examination.findings or examination.unknown else ()
 
 
-def _shaded(examination: Examination, left: Residuals) -> Array:
+def _shaded(examination: SignalDiagnosis, left: Residuals) -> Array:
     """(K, 2) s: windows, but for those that are nearly all of the recording."""
     whole = WHOLE * float(left.seconds[-1] - left.seconds[0])
     spans = [(window.start, window.end) for window in marked(examination) if window.end - window.start < whole]
     return np.array(spans).reshape(-1, 2)
 
 
-def timeline_panel(examination: Examination, key: str) -> Panel:
+def timeline_panel(examination: SignalDiagnosis, key: str) -> Panel:
     """Size of the residual before and after, over time, beside the noise; windows marked, effects named above."""
     left = residuals(examination)
     before, after = left.size(left.before), left.size(left.after)
@@ -92,7 +92,7 @@ def _name_effects(axes: Axes, bars: list[tuple[str, tuple[tuple[float, float], .
             )  # fmt: skip
 
 
-def residual_panels(examination: Examination, key: str) -> list[Panel]:
+def residual_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
     """Residual of each channel before and after, with two sigma of the noise on both sides."""
     left = residuals(examination)
     panels = []
@@ -119,7 +119,7 @@ def residual_panels(examination: Examination, key: str) -> list[Panel]:
     return panels
 
 
-def ladder_panel(examination: Examination, key: str) -> Panel:
+def ladder_panel(examination: SignalDiagnosis, key: str) -> Panel:
     """Log evidence of the best hypotheses over the nominal model, the answer in colour."""
     rungs = ladder(examination)
     height = 46 + 22 * len(rungs)
@@ -154,7 +154,7 @@ def ladder_panel(examination: Examination, key: str) -> Panel:
     return Panel(key, alt, draw, (760, height))
 
 
-def correlation_panels(examination: Examination, key: str) -> list[Panel]:
+def correlation_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
     """Autocorrelations of what remains, whitened, at one to twenty samples, with the bound that noise keeps to."""
     white, verdicts = remaining(examination)
     values = correlations(white)
@@ -178,9 +178,9 @@ def correlation_panels(examination: Examination, key: str) -> list[Panel]:
     return panels
 
 
-def shape_panel(shape: Shape, key: str) -> Panel:
+def shape_panel(shape: DependenceCurve, key: str) -> Panel:
     """The curve of an unknown dependence."""
-    what = spoken(shape.state)
+    what = state_description(shape.state)
     alt = (
         f"What was found of the unknown: {shape.channel} over {what}, {np.ptp(shape.response):.3g} {shape.unit} in all."
     )

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from poise.mismatch.answer import Diagnosis, Examination
+from poise.mismatch.answer import Diagnosis, SignalDiagnosis
 from poise.viewing.mismatch_summary import headline, remarks, residuals
 from poise.viewing.rerun_file import RerunFile
 from poise.viewing.wording import readable
@@ -28,7 +28,7 @@ def write_mismatch_scene(path: Path, found: Diagnosis) -> Path:
     Raises:
         InputError: UNSUPPORTED when rerun-sdk is not installed, FILE_UNWRITABLE.
     """
-    scene = RerunFile("poise_mismatch", found.main.problem.world.start)
+    scene = RerunFile("poise_mismatch", found.main.problem.recorded.start)
     views: dict[str, list[str]] = {}
     for examination in found.examinations:
         views[examination.problem.signal] = _send(scene, examination)
@@ -41,7 +41,7 @@ def write_mismatch_scene(path: Path, found: Diagnosis) -> Path:
     return scene.write(path, _blueprint(views))
 
 
-def _send(scene: RerunFile, examination: Examination) -> list[str]:
+def _send(scene: RerunFile, examination: SignalDiagnosis) -> list[str]:
     """One signal's curves; the paths of its views."""
     signal, left = examination.problem.signal, residuals(examination)
     stamps = scene.origin + np.round(left.seconds * 1e9).astype(np.int64)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.answer import Diagnosis, Examination
-from poise.mismatch.inference import left_over, names, spoken
+from poise.mismatch.answer import Diagnosis, SignalDiagnosis
+from poise.mismatch.inference import names, residual_of, state_description
 from poise.mismatch.recorded import channel_names
 from poise.types import Array, Mask
 from poise.viewing.page import Finding
@@ -53,14 +53,14 @@ class Residuals:
         return np.asarray(np.sqrt(np.convolve(padded, kernel, mode="valid")))
 
 
-def residuals(examination: Examination) -> Residuals:
+def residuals(examination: SignalDiagnosis) -> Residuals:
     """What the models leave of a signal."""
     problem = examination.problem
-    effort = problem.world.effort if problem.signal == "effort" else None
+    effort = problem.recorded.effort if problem.signal == "effort" else None
     channels = channel_names() if effort is None else effort.names
     units = ("N",) * 3 + ("N m",) * 3 if effort is None else ("N m",) * len(channels)
-    before = problem.measured - problem.predicted(problem.world) - examination.best.calibrated
-    after = left_over(problem, examination.best)
+    before = problem.measured - problem.predicted(problem.recorded) - examination.best.calibrated
+    after = residual_of(problem, examination.best)
     return Residuals(problem.seconds, channels, units, before, after, problem.noise.total, examination.last)
 
 
@@ -73,7 +73,7 @@ class Rung:
     answer: bool
 
 
-def ladder(examination: Examination) -> list[Rung]:
+def ladder(examination: SignalDiagnosis) -> list[Rung]:
     """The answer, the single effects that came furthest, its rivals and what would come next; the best first."""
     state = examination.state
     answer = tuple(sorted(names(examination.best)))
@@ -103,10 +103,10 @@ def labelled(parts: tuple[str, ...]) -> str:
 
 def _label(name: str) -> str:
     kind, _, state = name.partition(":")
-    return f"some function of {spoken(state)}" if kind == "unknown" else name.replace("_", " ")
+    return f"some function of {state_description(state)}" if kind == "unknown" else name.replace("_", " ")
 
 
-def remaining(examination: Examination) -> tuple[Array, list[Whiteness]]:
+def remaining(examination: SignalDiagnosis) -> tuple[Array, list[Whiteness]]:
     """Whitened residual (N, C) of the best model, and how white each channel is."""
     frame = examination.best.frame
     channels = examination.problem.measured.shape[1]

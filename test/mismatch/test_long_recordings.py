@@ -28,8 +28,8 @@ def test_few_enough_samples_are_left_and_they_are_averages(seconds: float, rate:
 
 
 def test_a_base_motion_between_two_samples_does_nothing() -> None:
-    world = make_case(3, duration=6.0).world()
-    between = float(world.seconds[50:52].mean())
-    columns = BaseMotion().columns(world, {"start": between, "length": 1e-6, "splines": 10.0})
-    assert columns.shape == (len(world), 6, 2 * MOST)
+    recorded = make_case(3, duration=6.0).recorded()
+    between = float(recorded.seconds[50:52].mean())
+    columns = BaseMotion().columns(recorded, {"start": between, "length": 1e-6, "splines": 10.0})
+    assert columns.shape == (len(recorded), 6, 2 * MOST)
     assert not columns.any()

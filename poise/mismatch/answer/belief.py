@@ -3,16 +3,16 @@
 import math
 from dataclasses import dataclass
 
-from poise.mismatch.inference import Search
+from poise.mismatch.inference import HypothesisSearch
 
 TEMPERATURE = 2.0
 """log evidences are divided by this where rivals are weighed against one another: models are never quite right."""
 PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
 WEIGHTS = (1.97, 0.33, -4.03, -1.86)
-"""Of `Basis.terms` in the log odds that a name is true, fitted by `benchmarks.concealed.calibrate` on recordings that
-nothing else was made with."""
-MOST_SURE = 0.995
+"""Of `BeliefBasis.terms` in the log odds that a name is true: fitted by `benchmarks.concealed.calibrate` on recordings
+that served no other purpose."""
+MAX_PROBABILITY = 0.995
 ALIKE = 3.0
 """Difference of log evidence (tempered) below which two hypotheses are not told apart."""
 WORTH_TELLING = 0.001
@@ -21,7 +21,7 @@ Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Belief:
+class EffectBelief:
     """What is thought of one effect of the answer.
 
     Args:
@@ -34,11 +34,11 @@ class Belief:
     probability: float
     rivals: tuple[tuple[str, float], ...]
     alike: tuple[str, ...]
-    basis: "Basis | None"
+    basis: "BeliefBasis | None"
 
 
 @dataclass(frozen=True)
-class Basis:
+class BeliefBasis:
     """What speaks for a name and against it.
 
     Args:
@@ -60,10 +60,10 @@ class Basis:
     def probability(self) -> float:
         """That the name is true."""
         odds = sum(weight * term for weight, term in zip(WEIGHTS, self.terms, strict=True))
-        return min(1.0 / (1.0 + math.exp(-odds)), MOST_SURE)
+        return min(1.0 / (1.0 + math.exp(-odds)), MAX_PROBABILITY)
 
 
-def beliefs(state: Search, answer: Names, *, beside_unknown: bool) -> dict[str, Belief]:
+def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> dict[str, EffectBelief]:
     """A belief for each effect of an answer.
 
     Args:
@@ -82,25 +82,25 @@ def beliefs(state: Search, answer: Names, *, beside_unknown: bool) -> dict[str, 
             if len(names) == len(answer) and set(without) < set(names) and names != answer
         }
         evidence = raw[answer] - max(value for names, value in raw.items() if name not in names)
-        basis = Basis(evidence, len(answer), beside_unknown)
+        basis = BeliefBasis(evidence, len(answer), beside_unknown)
         probability = basis.probability
         lacking = sum(value for names, value in weight.items() if name not in names)
         others = {rival: (1.0 - probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
         told = sorted(((rival, p) for rival, p in others.items() if p > WORTH_TELLING), key=lambda pair: -pair[1])
         alike = sorted((rival for rival, value in instead.items() if value > math.exp(-ALIKE)), key=others.__getitem__)
-        found[name] = Belief(probability, tuple(told[:5]), tuple(reversed(alike)), basis)
+        found[name] = EffectBelief(probability, tuple(told[:5]), tuple(reversed(alike)), basis)
     return found
 
 
-def sureness_of_none(state: Search) -> float:
+def probability_of_none(state: HypothesisSearch) -> float:
     """Probability that nothing of the library is there."""
     evidence = {names: (value - PER_EFFECT * len(names)) / TEMPERATURE for names, value in _evidences(state).items()}
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())
-    return min(math.exp(evidence[()] - top) / total, MOST_SURE)
+    return min(math.exp(evidence[()] - top) / total, MAX_PROBABILITY)
 
 
-def _evidences(state: Search) -> dict[Names, float]:
+def _evidences(state: HypothesisSearch) -> dict[Names, float]:
     """log evidence, up to a constant, of all hypotheses that were tried, in full or in passing."""
     found = {names: each.log_evidence for names, each in state.fits.items()}
     for (names, effect), gain in state.gains.items():

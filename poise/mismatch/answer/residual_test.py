@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
-from poise.mismatch.inference import Problem, hats
+from poise.mismatch.inference import Problem, linear_bspline_basis
 from poise.types import Array
 
 MATERIAL = 0.05
@@ -19,7 +19,7 @@ LOUDER = 1.3
 
 
 @dataclass(frozen=True)
-class Leftover:
+class ResidualTest:
     """What remains.
 
     Args:
@@ -42,7 +42,7 @@ class Leftover:
         return self.louder and self.excess <= MATERIAL
 
 
-def leftover(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> Leftover:
+def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
     """Judge a residual (N, C), and the whitened one (R,); rounding (C,) of the readings, one sigma, is no structure."""
     rows = problem.active
     scaled = (residual / problem.noise.total)[rows]
@@ -53,21 +53,23 @@ def leftover(problem: Problem, residual: Array, whitened: Array, rounding: Array
     allowed = MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
     depends = _depends(problem, seconds, residual, scaled, loud) if structured else ()
-    return Leftover(excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1)))
+    return ResidualTest(
+        excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1))
+    )
 
 
 def _depends(problem: Problem, seconds: Array, residual: Array, scaled: Array, loud: bool) -> tuple[str, ...]:
     if loud:
         return ("joint_velocity",)
-    direct = goes_with(problem.world, seconds, scaled, slice(None)) if len(seconds) == len(problem.world) else []
+    direct = goes_with(problem.recorded, seconds, scaled, slice(None)) if len(seconds) == len(problem.recorded) else []
     if direct:
         return tuple(direct)
     energy = np.clip(scaled**2, 0.0, 25.0).sum(axis=1, keepdims=True)
     energy = energy - energy.mean()
     rows = problem.active
-    speed, load = problem.noise.speed[rows], np.linalg.norm(problem.predicted(problem.world)[rows], axis=1)
+    speed, load = problem.noise.speed[rows], np.linalg.norm(problem.predicted(problem.recorded)[rows], axis=1)
     curves = {"joint_velocity": speed, "load": load, "time": seconds}
-    shares = {name: explained(hats(values, 10), energy) for name, values in curves.items()}
+    shares = {name: explained(linear_bspline_basis(values, 10), energy) for name, values in curves.items()}
     best = max(shares, key=lambda name: shares[name])
     return (best,) if shares[best] > 0.1 else ("time",)
 

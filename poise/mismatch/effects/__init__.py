@@ -1,6 +1,6 @@
 """The library of effects: one file each, found by looking through this folder.
 
-- `base`: `Effect`, `Parameter`: what an effect is.
+- `base`: `Effect`, `EffectParameter`: what an effect is.
 - `joint_friction`, `knocks`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`: what several effects share.
 - every other file: one effect.
 """
@@ -11,7 +11,7 @@ import pkgutil
 from functools import cache
 
 from poise.mismatch.effects.accelerometer_input import LOWEST, slow_part
-from poise.mismatch.effects.base import LAYERS, Effect, Parameter, Values
+from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import ROWS
 from poise.mismatch.effects.sensor_rotation import rotation_columns
@@ -21,7 +21,7 @@ __all__ = [
     "LOWEST",
     "ROWS",
     "Effect",
-    "Parameter",
+    "EffectParameter",
     "Values",
     "all_effects",
     "effect_named",

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
 GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
@@ -28,32 +28,32 @@ class Saturation(Effect):
     confused_with = ("sensor_nonlinearity", "sensor_gain")
     order = 90
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         return tuple(
-            Parameter(name, unit, low=1e-3, high=HIGHEST, linear=False, log=True, resolution=1e-3)
+            EffectParameter(name, unit, low=1e-3, high=HIGHEST, linear=False, log=True, resolution=1e-3)
             for name, unit, _ in GROUPS
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Readings that stand at one extreme value; without any there is no saturation to speak of."""
         del residual
-        found = {name: plateau(world.wrench[:, part]) or HIGHEST for name, _, part in GROUPS}
+        found = {name: plateau(recorded.wrench[:, part]) or HIGHEST for name, _, part in GROUPS}
         if min(found.values()) < HIGHEST:
             yield found
 
-    def simulate(self, world: World, values: Values) -> Array:
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
-        return np.asarray(np.clip(world.prediction, -limit, limit) - world.prediction)
+        return np.asarray(np.clip(recorded.prediction, -limit, limit) - recorded.prediction)
 
     @staticmethod
-    def passes(world: World, values: Values) -> Mask:
+    def passes(recorded: RecordedMotion, values: Values) -> Mask:
         """(N, 6) False where the reading stands at its limit and says nothing about what comes before it."""
         limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
-        return np.asarray(np.abs(world.wrench) < limit * (1.0 - 1e-9))
+        return np.asarray(np.abs(recorded.wrench) < limit * (1.0 - 1e-9))
 
-    def sentence(self, world: World, values: Values) -> str:
-        del world
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        del recorded
         stops = [f"{values[name]:.3g} {unit}" for name, unit, _ in GROUPS if values[name] < 0.99 * HIGHEST]
         return f"The reading stops at {' and '.join(stops)} while the load goes on: the nominal sensor has no limit."
 

@@ -56,7 +56,7 @@ TOLERANCE_KEYS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Component:
+class ModelEffect:
     """An effect that is part of a model: its values, and their covariance in the order of `values`."""
 
     name: str
@@ -87,7 +87,7 @@ class NominalModel:
     tolerance: Tolerance = field(default_factory=Tolerance)
     noise_force: float | None = None
     noise_torque: float | None = None
-    effects: tuple[Component, ...] = ()
+    effects: tuple[ModelEffect, ...] = ()
     payload_identified: bool = False
 
 
@@ -199,7 +199,7 @@ def _tolerance(value: Any) -> Tolerance:
     return Tolerance(**found)
 
 
-def _component(value: Any, index: int) -> Component:
+def _component(value: Any, index: int) -> ModelEffect:
     entry = _mapping(value, f"effects[{index}]", ("name", "parameters", "covariance"))
     name = _text(entry, "name")
     if name is None:
@@ -213,7 +213,7 @@ def _component(value: Any, index: int) -> Component:
     matrix = [_numbers(row, size, f"effects[{index}].covariance") for row in rows]
     if len(matrix) != size:
         raise _bad(f"effects[{index}].covariance must have {size} rows")
-    return Component(name, values, np.array(matrix).reshape(size, size))
+    return ModelEffect(name, values, np.array(matrix).reshape(size, size))
 
 
 def _mapping(value: Any, what: str, known: Any) -> Mapping[str, Any]:

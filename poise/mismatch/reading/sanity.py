@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.recorded import World, channel_names
+from poise.mismatch.recorded import RecordedMotion, channel_names
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
@@ -21,7 +21,7 @@ MAX_SPIKES = 0.03
 """Share of samples that may be spikes; more of them are no accidents."""
 
 
-def check_wrench(world: World, name: str) -> None:
+def check_wrench(recorded: RecordedMotion, name: str) -> None:
     """Refuse a wrench whose units or sign are not the contract's.
 
     Force and torque are each regressed on the prediction, both without their means.
@@ -29,14 +29,14 @@ def check_wrench(world: World, name: str) -> None:
     Raises:
         InputError: BAD_INPUT, with what to do.
     """
-    stuck = np.flatnonzero(np.ptp(world.wrench, axis=0) == 0.0)
+    stuck = np.flatnonzero(np.ptp(recorded.wrench, axis=0) == 0.0)
     if len(stuck):
         raise InputError(
             ErrorCode.BAD_INPUT,
             f"{name}: {', '.join(channel_names()[c] for c in stuck)} of the wrench reads the same in every sample: is "
             "the sensor on, and its driver running?",
         )
-    read, said = (values - values.mean(axis=0) for values in (world.wrench, world.prediction))
+    read, said = (values - values.mean(axis=0) for values in (recorded.wrench, recorded.prediction))
     gains, likeness = [], []
     for part in (slice(0, 3), slice(3, 6)):
         a, b = read[:, part], said[:, part]
@@ -101,10 +101,10 @@ def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
         )
 
 
-def without_spikes(world: World) -> tuple[World, list[str]]:
+def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]:
     """The world without single samples that stand far out of their neighbours (lost bits, not physics)."""
-    residual = world.wrench - world.prediction
-    out = np.zeros(len(world), dtype=bool)
+    residual = recorded.wrench - recorded.prediction
+    out = np.zeros(len(recorded), dtype=bool)
     for _ in range(2):  # what was found does not hide its neighbours
         calm = np.where(out[:, None], np.nan, residual)
         with warnings.catch_warnings():  # where no neighbour is good, nothing is known: NaN is right
@@ -117,5 +117,5 @@ def without_spikes(world: World) -> tuple[World, list[str]]:
     beside = np.convolve(out.astype(float), np.ones(5), mode="same") > 2.5
     out &= ~beside
     if not out.any() or out.mean() > MAX_SPIKES:
-        return world, []
-    return world.select(~out), [f"{int(out.sum())} wrench samples stand alone far out of line and were left out"]
+        return recorded, []
+    return recorded.select(~out), [f"{int(out.sum())} wrench samples stand alone far out of line and were left out"]

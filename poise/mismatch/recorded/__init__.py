@@ -3,14 +3,14 @@
 from poise.mismatch.recorded.channels import channel_names, directed
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import lattice, white_level
-from poise.mismatch.recorded.recorded_motion import BaseTrack, EffortTrack, JointTrack, World
+from poise.mismatch.recorded.recorded_motion import BaseTrack, EffortTrack, JointTrack, RecordedMotion
 from poise.mismatch.recorded.resampling import at_times
 
 __all__ = [
     "BaseTrack",
     "EffortTrack",
     "JointTrack",
-    "World",
+    "RecordedMotion",
     "at_times",
     "channel_names",
     "directed",

@@ -32,7 +32,7 @@ class Truth:
     wrench_in_sensor: Array
 
 
-class World:
+class IdealRobot:
     """A robot that holds a payload.
 
     Args:

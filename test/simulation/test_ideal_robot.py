@@ -6,7 +6,7 @@ import pytest
 
 from poise.robot import BaseMotion, RobotModel, inertia_of, phi_of
 from poise.robot.model import MODELS
-from poise.simulation import FourierTrajectory, JointMotion, World
+from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
 ROBOTS = sorted(path.stem for path in MODELS.glob("*.urdf"))
 PAYLOAD = phi_of(pin.Inertia(2.1, np.array([0.02, -0.03, 0.1]), np.diag([0.01, 0.012, 0.005]) + 1e-3))
@@ -36,7 +36,7 @@ def with_payload_on_a_joint(name, tool):
 def test_wrench_is_what_newton_and_euler_ask_of_a_joint_at_the_sensor(name, tool_in_wrench):
     robot = RobotModel.from_file(name)
     joints = random_motion(robot, 20, 1)
-    truth = World(robot, PAYLOAD, GRAVITY, tool_in_wrench).simulate(np.arange(20), joints)
+    truth = IdealRobot(robot, PAYLOAD, GRAVITY, tool_in_wrench).simulate(np.arange(20), joints)
     model = with_payload_on_a_joint(name, robot.load_in_sensor if tool_in_wrench else np.zeros(10))
     data, rest = model.createData(), np.array([0, 0, 0, 0, 0, 0, 1.0])
     q = robot.configuration(joints.position)
@@ -51,10 +51,10 @@ def test_wrench_is_what_newton_and_euler_ask_of_a_joint_at_the_sensor(name, tool
 
 def test_efforts_put_in_as_much_energy_as_the_robot_gains():
     robot = RobotModel.from_file("xarm7")
-    world = World(robot, PAYLOAD, [0, 0, -9.81])  # pinocchio's own gravity
+    ideal = IdealRobot(robot, PAYLOAD, [0, 0, -9.81])  # pinocchio's own gravity
     seconds = np.linspace(0.0, 3.0, 6001)
     joints = FourierTrajectory.random(robot, np.random.default_rng(2), duration=6.0).at(seconds)
-    power = np.sum(world.effort(joints) * joints.velocity, axis=1)
+    power = np.sum(ideal.effort(joints) * joints.velocity, axis=1)
     work = float(np.sum((power[1:] + power[:-1]) / 2 * np.diff(seconds)))
     model = robot.pinocchio.copy()
     frame = model.frames[robot.frame_id("ft_sensor")]
@@ -71,7 +71,7 @@ def test_efforts_put_in_as_much_energy_as_the_robot_gains():
 def test_a_payload_at_rest_weighs_on_the_sensor_and_turns_it():
     robot = RobotModel.from_file("fr3")
     zeros = np.zeros((1, 7))
-    truth = World(robot, PAYLOAD).simulate(np.zeros(1, dtype=np.int64), JointMotion(zeros, zeros, zeros))
+    truth = IdealRobot(robot, PAYLOAD).simulate(np.zeros(1, dtype=np.int64), JointMotion(zeros, zeros, zeros))
     downwards = truth.motion.rotation_world_sensor[0].T @ [0, 0, -2.1 * 9.80665]
     np.testing.assert_allclose(truth.wrench_in_sensor[0, :3], downwards, atol=1e-12)
     np.testing.assert_allclose(truth.wrench_in_sensor[0, 3:], np.cross([0.02, -0.03, 0.1], downwards), atol=1e-12)
@@ -82,7 +82,7 @@ def test_a_falling_payload_weighs_nothing():
     zeros = np.zeros((1, 3))
     falling = BaseMotion(np.eye(3)[None], zeros, zeros, zeros, np.array([[0, 0, -9.80665]]), zeros)
     still = np.zeros((1, 7))
-    truth = World(robot, PAYLOAD, tool_in_wrench=True).simulate(
+    truth = IdealRobot(robot, PAYLOAD, tool_in_wrench=True).simulate(
         np.zeros(1, dtype=np.int64), JointMotion(still, still, still), falling
     )
     np.testing.assert_allclose(truth.wrench_in_sensor, 0.0, atol=1e-12)
