@@ -52,6 +52,18 @@ def wander(rng: np.random.Generator, model: RobotModel, stops: int = 5) -> Waypo
     return WaypointTrajectory(times, position, rng.normal(0, 0.4, size), rng.normal(0, 2.0, size))
 
 
+def test_all_guarded_points_at_once_give_what_each_gives_alone(fr3: RobotModel) -> None:
+    motion = FourierTrajectory.random(fr3, np.random.default_rng(4), duration=2.0, speed=0.5)
+    times = np.linspace(0.0, 2.0, 41)
+    motion = WaypointTrajectory(times, *motion.at(times))
+    points = np.random.default_rng(5).normal(scale=0.2, size=(7, 3))
+    each = [certify(fr3, motion, Guard(point[None])).speed for point in points]
+    reach = [certify(fr3, motion, Guard(np.vstack([point, points]))).speed for point in points]
+    np.testing.assert_allclose(reach, reach[0], rtol=1e-12)
+    assert reach[0] == pytest.approx(max(each), rel=1e-3)  # the bound of the jerk grows with the farthest point
+    assert reach[0] >= max(each) * (1 - 1e-12)
+
+
 def fastest(model: RobotModel, motion, points: np.ndarray, count: int = 4000) -> float:
     """m/s of points (P, 3) in the sensor frame, from their places alone: chords between neighbouring instants."""
     seconds = np.linspace(0.0, motion.duration, count)
