@@ -277,6 +277,14 @@ def _between(region: Region, values: Array, rest: Array) -> None:
         region.upper[part] = np.minimum(region.upper[part], bound)
 
 
+def _split(body: Indices, surface: SurfacePoints, rows: Indices, length: float) -> list[Indices]:
+    """The rows (positions in `rows`) in groups of one body, one direction of push and one plane."""
+    offset = np.einsum("ij,ij->i", surface.points[rows], surface.directions[rows]) / length
+    key = np.column_stack([body, np.round(surface.directions[rows], 7), np.round(offset, 6)])
+    group = group_rows(key)
+    return np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+
+
 def bound_block(
     pool: Pool, surface: SurfacePoints, rows: Indices, wrenches: Array, tolerance: float, floor: float
 ) -> bool:
@@ -293,14 +301,11 @@ def bound_block(
     geometry = pool.block.geometry
     body = pool.block.bodies_of(surface.place[rows])
     scaled = geometry.units.of_wrench(wrenches[rows])
-    offset = np.einsum("ij,ij->i", surface.points[rows], surface.directions[rows]) / geometry.units.length
-    key = np.column_stack([body, np.round(surface.directions[rows], 7), np.round(offset, 6)])
-    group = group_rows(key)
-    order, sizes = np.argsort(group, kind="stable"), np.bincount(group)
-    flat = sizes[group] >= FLAT
-    complete = True
-    for part in np.split(order, np.cumsum(sizes)[:-1]):
+    groups = _split(body, surface, rows, geometry.units.length)
+    complete, curved = True, np.zeros(len(rows), dtype=bool)
+    for part in groups:
         if len(part) < FLAT:
+            curved[part] = True
             continue
         region = Region(pool, int(body[part[0]]), rows[part], scaled[part])
         direction = surface.directions[rows[part[0]]]
@@ -308,8 +313,8 @@ def bound_block(
         corner_wrenches = geometry.units.of_wrench(wrench_of_force(direction, places))
         complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
         region.record()
-    for number in np.unique(body[~flat]):
-        part = np.flatnonzero(~flat & (body == number))
+    for number in np.unique(body[curved]):
+        part = np.flatnonzero(curved & (body == number))
         region = Region(pool, int(number), rows[part], scaled[part])
         complete &= bound_curved(region, tolerance, floor)
         region.record()

@@ -95,11 +95,7 @@ def robustness_map(
     """
     start, clock = time.perf_counter(), Deadline.after(deadline)
     name = model or "default"
-    if name not in ("default", "limit", "patch"):
-        raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {name!r}")
-    count = surface if isinstance(surface, int) else len(surface.points)
-    if count > MAX_MAP_POINTS:
-        raise InputError(ErrorCode.BAD_INPUT, f"a map of {count} points is too large; ask for {MAX_MAP_POINTS} at most")
+    _check_request(name, surface if isinstance(surface, int) else len(surface.points))
     analysis = Analysis.of(assembly)
     analysis.require_stable(clock)
     if isinstance(surface, int):
@@ -121,6 +117,13 @@ def robustness_map(
         bounds.solves,
         time.perf_counter() - start,
     )
+
+
+def _check_request(model: str, count: int) -> None:
+    if model not in ("default", "limit", "patch"):
+        raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {model!r}")
+    if count > MAX_MAP_POINTS:
+        raise InputError(ErrorCode.BAD_INPUT, f"a map of {count} points is too large; ask for {MAX_MAP_POINTS} at most")
 
 
 def _weight(analysis: Analysis) -> float:
