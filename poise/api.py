@@ -7,7 +7,7 @@ from typing import Any
 from poise.assembly import Analysis, Assembly, Assessment, Push, RigidObject, assess, load_scene, read_object
 from poise.inertia import Identification
 from poise.inertia import identify as _identify
-from poise.inertia.object_shape import load_object
+from poise.inertia.model import load_object
 from poise.mismatch import Diagnosis, NominalModel, joined, load_model, read_recording
 from poise.mismatch import diagnose as _diagnose
 from poise.placement import Options, Placement, plan_placement
