@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.assembly import RigidObject
 from poise.geometry import Pose
-from poise.inertia.parameters import frame_change, symmetric
+from poise.inertia.model import frame_change, symmetric
 from poise_msgs.msg import InertialEstimate
 
 

@@ -22,7 +22,7 @@ from poise.commands.identify import (
 )
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.inertia.identification import METHODS
+from poise.inertia.pipeline import METHODS
 from poise.viewing.wording import readable, rounded
 
 

@@ -23,8 +23,7 @@ from poise.excitation import (
     tool_centre,
 )
 from poise.excitation.plan_file import write_plan
-from poise.inertia.parameters import about_com_jacobian
-from poise.inertia.parts import Parts
+from poise.inertia.model import Parts, about_com_jacobian
 from poise.robot import RobotModel
 from poise.simulation import home
 from poise.types import Array

@@ -12,9 +12,9 @@ from rich.table import Table
 from poise.commands.identify_model import say, told, without_effects
 from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
-from poise.inertia.identification import METHODS, Identification
-from poise.inertia.identification import identify as identify_recording
-from poise.inertia.object_shape import ObjectShape, load_object
+from poise.inertia.model import ObjectShape, load_object
+from poise.inertia.pipeline import METHODS, Identification
+from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
 from poise.viewing.summary import parameter_rows

@@ -7,7 +7,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from poise.geometry import GRAVITY_IN_WORLD
-from poise.inertia.regressor import regressor
+from poise.inertia.model import regressor
 from poise.robot import BaseMotion, RobotModel, SensorMotion, inertia_of, pinocchio_state, sensor_motion
 from poise.simulation.trajectories import JointMotion
 from poise.types import Array

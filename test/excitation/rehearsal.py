@@ -10,8 +10,8 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
 from poise.excitation.session import Command, Phase, Session, Task
 from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
-from poise.inertia.live import LiveEstimator, LiveOptions
-from poise.inertia.problem import NoiseLevels
+from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.pipeline.live import LiveEstimator, LiveOptions
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel, frame_poses
 from poise.robot.model import find_urdf

@@ -19,7 +19,7 @@ from benchmarks.concealed.motions import HOME, Motion, drive, fourier, pick_and_
 from benchmarks.concealed.payload import Payload
 from benchmarks.concealed.robot import description
 from benchmarks.concealed.scene import Scene
-from poise.inertia.parameters import InertialParameters
+from poise.inertia.model.parameters import InertialParameters
 from poise.robot import BaseMotion, RobotModel
 from poise.simulation import IdealRobot, JointMotion
 

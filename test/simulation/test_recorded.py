@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import kurtosis
 
 from poise.errors import InputError
-from poise.inertia import regressor
+from poise.inertia.model import regressor
 from poise.robot import RobotModel, motion_from_joints
 from poise.simulation import (
     WRENCH_NOISE,

@@ -7,7 +7,7 @@ import numpy as np
 from poise.assembly import RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.inertia.parameters import InertialParameters, frame_change
+from poise.inertia.model import InertialParameters, frame_change
 from poise.mismatch.effects import PAYLOAD_PARAMETERS
 from poise.mismatch.inference import PRIOR_SIGMA, payload_steps
 from poise.mismatch.reading import NominalModel

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from poise.geometry import cross
-from poise.inertia.parameters import symmetric
+from poise.inertia.model import symmetric
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import specific_at

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.inertia.regressor import regressor
+from poise.inertia.model import regressor
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.starts import steps
 from poise.mismatch.recorded import RecordedMotion

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.regressor import regressor
+from poise.inertia.model import InertialParameters, regressor
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array

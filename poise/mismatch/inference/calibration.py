@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from poise.inertia.parameters import InertialParameters, about_com_jacobian
-from poise.inertia.regressor import regressor
+from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import joint_columns, rotation_columns
 from poise.mismatch.reading import Tolerance
 from poise.mismatch.recorded import RecordedMotion, at_times

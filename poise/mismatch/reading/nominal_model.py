@@ -10,7 +10,7 @@ import yaml
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.parameters import InertialParameters, symmetric
+from poise.inertia.model import InertialParameters, symmetric
 from poise.types import Array
 
 _MAX_BYTES = 1_000_000

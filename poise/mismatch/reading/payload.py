@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.regressor import regressor
+from poise.inertia.model import regressor
 from poise.mismatch.reading.nominal_model import Tolerance
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array

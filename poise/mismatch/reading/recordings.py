@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.identification import find_kinematics, recorded_gravity
+from poise.inertia.pipeline import recorded_gravity
 from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, recorded_from_motion
 from poise.mismatch.reading.nominal_model import NominalModel
@@ -17,7 +17,7 @@ from poise.mismatch.reading.sanity import check_positions, check_rates, check_wr
 from poise.mismatch.reading.smoothing import smooth, taken
 from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, load_wrench
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
-from poise.robot import BaseMotion, RobotModel, find_imu, find_urdf, parse_urdf, read_urdf
+from poise.robot import BaseMotion, RobotModel, find_imu, find_kinematics, find_urdf, parse_urdf, read_urdf
 from poise.types import Array, Mask
 
 MAX_WRENCH_RATE = 250.0

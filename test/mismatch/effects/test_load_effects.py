@@ -18,7 +18,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.parameters import symmetric
+from poise.inertia.model.parameters import symmetric
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
