@@ -127,7 +127,7 @@ def assess(
     loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
     # In a hurry the pushes go first: whether any contact forces balance is known soon.
     collapses = Collapses.start(loads.count)
-    if all(block.balance.margin >= 0 for block in analysis.blocks):
+    if all(block.solvers.balance.margin >= 0 for block in analysis.blocks):
         collapses = solve(analysis, loads, clock)
     found = analysis.stability(clock)
     if not found.stable:
