@@ -16,9 +16,9 @@ from poise.mismatch.effects import Effect, all_effects, effect_named
 from poise.mismatch.reading import NominalModel, ReadRecording, read_recording
 from poise.recording import JointStream, PoseStream, Stream, WrenchStream, open_recording, write_recording
 
-MOST_SAMPLES = 200_000
+_MOST_SAMPLES = 200_000
 """Of each topic that are kept at the most: a window of a minute at more than 3 kHz."""
-LEAST_WINDOW = 8.0
+_LEAST_WINDOW = 8.0
 """s of wrenches, with joint motion, that can be examined."""
 
 
@@ -57,9 +57,9 @@ class LiveWindow:
         """Messages that came after a younger one of their topic, and were left out."""
         self.foreign = 0
         """Wrenches of another frame than the first one's, left out."""
-        self._wrenches: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
-        self._joints: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
-        self._poses: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
+        self._wrenches: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._joints: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._poses: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._frames = ("odom", "base_link")
 
     def add_wrench(self, stamp: int, frame_id: str, wrench: Sequence[float]) -> None:
@@ -105,8 +105,8 @@ class LiveWindow:
             return "no joint state has come yet"
         if not self.description:
             return "no robot_description has come yet"
-        if self.seconds < LEAST_WINDOW:
-            return f"{self.seconds:.0f} of {LEAST_WINDOW:.0f} s of wrenches have come"
+        if self.seconds < _LEAST_WINDOW:
+            return f"{self.seconds:.0f} of {_LEAST_WINDOW:.0f} s of wrenches have come"
         return ""
 
     def streams(self) -> dict[str, Stream]:

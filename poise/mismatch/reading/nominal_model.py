@@ -13,7 +13,7 @@ from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import InertialParameters, symmetric
 from poise.types import Array
 
-MAX_BYTES = 1_000_000
+_MAX_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -98,8 +98,8 @@ def load_model(path: Path) -> NominalModel:
         InputError: FILE_UNREADABLE; BAD_INPUT for anything in it that makes no sense, with its place.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {MAX_BYTES} bytes, not a model")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {_MAX_BYTES} bytes, not a model")
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"cannot read the model {path}: {error.strerror}") from error

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.pipeline import recorded_gravity
-from poise.mismatch.effects import LOWEST, slow_part
+from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, recorded_from_motion
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
@@ -20,11 +20,11 @@ from poise.recording import JointStream, PoseStream, Recording, WrenchStream
 from poise.robot import BaseMotion, RobotModel, find_imu, find_kinematics, find_urdf, parse_urdf, read_urdf
 from poise.types import Array, Mask
 
-MAX_RATE = 250.0
+MAX_WRENCH_RATE = 250.0
 """Hz; a faster wrench is averaged down to about this."""
-MOST_SAMPLES, LEAST_RATE = 15_000, 25.0
+MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE = 15_000, 25.0
 """Wrench samples of a recording that are compared, of long ones averaged further, down to this rate in Hz."""
-BESIDE = 0.1
+_BESIDE = 0.1
 """s by which an accelerometer may begin later than the wrench, or end earlier."""
 
 
@@ -88,13 +88,13 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
             ErrorCode.TOO_FEW_SAMPLES,
             f"{len(wrench)} usable wrench samples are too few to compare: record ten seconds or more at 50 Hz or more",
         )
-    longest = MOST_SAMPLES / LEAST_RATE
+    longest = MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE
     inside = wrench.stamps - wrench.stamps[0] <= longest * 1e9
     if not inside.all():
         notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
         wrench = wrench.select(inside)
     period = float(np.median(np.diff(wrench.stamps))) * 1e-9
-    rate = min(MOST_SAMPLES / (len(wrench) * period), MAX_RATE)
+    rate = min(MAX_WRENCH_SAMPLES / (len(wrench) * period), MAX_WRENCH_RATE)
     together = int(np.ceil(1.0 / period / rate - 0.05))
     if together > 1:
         count = len(wrench) // together * together
@@ -277,7 +277,9 @@ def _from_tf(
     felt, notes = _felt(recording, frame, start, seconds, down), []
     if felt is not None and not kinematics.has_positions:
         linear = slow_part(seconds, felt)
-        notes.append(f"tf has no positions: what is slower than {LOWEST:.0f} Hz of the imu is taken for the motion")
+        notes.append(
+            f"tf has no positions: the part of the imu below {SLOWEST_VIBRATION:.0f} Hz is taken for the motion"
+        )
     poses = kinematics.source.poses(int(motion.stamps[0]), int(motion.stamps[-1]))
     place = at_times(_seconds(poses.stamps, start), poses.translation, seconds)
     recorded = RecordedMotion(
@@ -304,7 +306,7 @@ def _felt(recording: Recording, frame: str, start: int, seconds: Array, down: Ar
     if imu is None:
         return None
     stamps = _seconds(imu.stamps, start)
-    if len(stamps) < 10 or stamps[0] > seconds[0] + BESIDE or stamps[-1] < seconds[-1] - BESIDE:
+    if len(stamps) < 10 or stamps[0] > seconds[0] + _BESIDE or stamps[-1] < seconds[-1] - _BESIDE:
         return None
     # A wrench sample is an average over about its period: so is what it is held against.
     period = float(np.median(np.diff(seconds)))
