@@ -112,6 +112,10 @@ class Diagnosis:
     examinations: tuple[SignalDiagnosis, ...]
     seconds: float
 
+    def __repr__(self) -> str:
+        named = [f"{each.effect.name} ({each.belief.probability:.1%})" for each in self.findings]
+        return f"Diagnosis({self.verdict}{': ' if named else ''}{', '.join(named)}, {self.seconds:.1f} s)"
+
     @property
     def main(self) -> SignalDiagnosis:
         """The signal that the nominal model is worst at."""
