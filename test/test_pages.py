@@ -4,6 +4,7 @@ import re
 import shlex
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,14 @@ NODES = set(re.findall(r'^    "(\w+)": "poise\.', (ROOT / "setup.py").read_text(
 NODE_SOURCES = "".join(path.read_text() for room in ("nodes", "fake_robots") for path in (ROOT / room).glob("*.py"))
 MAKE_TARGETS = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))
 SHARED = ("bags", "examples", "docs", "config", "benchmarks")
-MARKS = ("", "parsed", "needs ROS", "excerpt")
+MARKS = {
+    "": "the block runs",
+    "status 2": "the block runs and ends with this exit status",
+    "parsed": "the block names files that the reader has: its options are parsed",
+    "needs ROS": "the block needs nodes on a graph: options, parameters, types and files are checked",
+    "excerpt": "the block is an excerpt of an output",
+}
+"""What `<!-- test: ... -->` above a block says."""
 FREE = {".", "cd", "export", "colcon", "rosdep", "source"}
 """Programs of the shell and of ROS whose arguments are not checked."""
 
@@ -65,9 +73,9 @@ def check_command(block: Block, words: list[str], capsys: pytest.CaptureFixture[
         check_node(where, rest[1], rest[2:])
     elif program == "poise":
         parse(where, rest)
-        if block.mark == "":
+        if block.mark in ("", "status 2"):
             status = run(outside_docs(rest))
-            assert status == 0, f"{where}\n{capsys.readouterr().err}"
+            assert status == (2 if block.mark else 0), f"{where}\n{capsys.readouterr().err}"
     elif program == "ros2":
         check_ros2(where, rest)
     elif program == "make":
@@ -91,7 +99,7 @@ def parse(where: str, words: list[str]) -> None:
 def check_node(where: str, node: str, rest: list[str]) -> None:
     """A node that exists, with parameter files and parameters that exist."""
     assert node in NODES, where
-    for option, value in zip(rest, rest[1:], strict=False):
+    for option, value in pairwise(rest):
         if option == "--params-file":
             names = [ROOT / value, ROOT / "config" / value]
             assert value.startswith("my_") or any(path.is_file() for path in names), f"{where}: no file {value}"
@@ -166,7 +174,7 @@ def test_files_and_commands_that_a_page_names_exist(page: Path) -> None:
         node = words[3:] if words[:3] == ["ros2", "run", "poise"] else words[2:] if words[1] == "run" else None
         if node is None:
             assert words[1] in COMMANDS, where
-        elif node:
+        elif node and node[0] != "NODE":
             assert node[0] in NODES, where
 
 
