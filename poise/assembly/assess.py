@@ -32,6 +32,10 @@ class Robustness:
     checked: bool
     _evidence: "_Evidence" = field(repr=False)
 
+    def __repr__(self) -> str:
+        moves = ", ".join(self.moves) or "nothing"
+        return f"Robustness({self.robustness:.4g} N in [{self.lower:.4g}, {self.upper:.4g}], {self.mode}: {moves})"
+
     @property
     def mode(self) -> str:
         """none, slip, topple or mixed."""
@@ -101,6 +105,10 @@ class Assessment:
     falling: tuple[str, ...]
     results: tuple[Robustness, ...]
     complete: bool = True
+
+    def __repr__(self) -> str:
+        state = "stable" if self.stable else f"unstable: {', '.join(self.falling)}"
+        return f"Assessment({state}, margin {self.margin:.4g} N, results {list(self.results)})"
 
 
 def assess(
