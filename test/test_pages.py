@@ -14,7 +14,9 @@ from pages import PAGES, ROOT, Block, blocks, inline_commands, named_files
 from poise.cli import COMMANDS, load_command, run
 
 NODES = set(re.findall(r'^    "(\w+)": "poise\.', (ROOT / "setup.py").read_text(), re.M))
-NODE_SOURCES = "".join(path.read_text() for room in ("nodes", "fake_robots") for path in (ROOT / room).glob("*.py"))
+NODE_SOURCES = "".join(
+    path.read_text() for room in ("nodes", "fake_robots", "poise/force_torque") for path in (ROOT / room).rglob("*.py")
+)
 MAKE_TARGETS = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))
 SHARED = ("bags", "examples", "docs", "config", "benchmarks")
 MARKS = {
