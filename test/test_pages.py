@@ -183,6 +183,7 @@ def test_files_and_commands_that_a_page_names_exist(page: Path) -> None:
 @pytest.mark.parametrize("page", by_page(PAGES))
 def test_ros2_run_is_shown_beside_poise_run(page: Path) -> None:
     for block in blocks(page):
+        assert block.language, f"{block}: name the language of the block"
         assert "ros2 run poise" not in block.text or "poise run" in block.text.replace("ros2 run poise", ""), block
     for line in page.read_text(encoding="utf-8").splitlines():
         if line.startswith("|") and "`ros2 run poise" in line:
