@@ -21,19 +21,19 @@ from rich.table import Table
 from robustness_truth import SCENES as TRUTHS
 
 from poise.assembly import (
-    MODELS,
     Analysis,
     Assembly,
     Box,
     Mesh,
     Push,
     RigidObject,
-    RobustnessMap,
     acceleration_limits,
     assess,
     robustness_map,
-    sample_surface,
 )
+from poise.assembly.contact.surface import sample_surface
+from poise.assembly.robustness import ROBUSTNESS_MODELS
+from poise.assembly.robustness.maps import RobustnessMap
 from poise.geometry import Pose
 from poise.types import Array
 
@@ -150,7 +150,7 @@ def queries(quick: bool) -> list[Row]:
         pushes = surface_pushes(analysis, 100 if quick else 1000)
         judged = pushes[:: max(1, len(pushes) // (20 if quick else 100))]
         truth = true_robustness(scene, analysis, track(judged, f"truth of {scene}"))
-        for model in MODELS:
+        for model in ROBUSTNESS_MODELS.names():
             if model == "pybullet" and importlib.util.find_spec("pybullet") is None:
                 continue
             rows.append({"scene": scene, "model": model, **_one_model(analysis, pushes, judged, truth, model, quick)})

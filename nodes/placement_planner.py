@@ -12,7 +12,7 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 
 from poise.assembly import Analysis, load_scene
-from poise.assembly.changes import analysis_after
+from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation.playing import Playing
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
@@ -20,8 +20,7 @@ from poise.nodes.jobs import GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
-from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
-from poise.placement.planner import ON
+from poise.placement import CRITERIA, ON, Options, Placement, Progress, Uncertainty, plan_placement
 from poise_msgs.action import PlaceObject as Action
 from poise_msgs.msg import Assembly as AssemblyMessage
 
