@@ -20,20 +20,10 @@ from rich.progress import track
 from rich.table import Table
 from robustness_truth import SCENES as TRUTHS
 
-from poise.assembly import (
-    Analysis,
-    Assembly,
-    Box,
-    Mesh,
-    Push,
-    RigidObject,
-    acceleration_limits,
-    assess,
-    robustness_map,
-)
+from poise.assembly import Analysis, Assembly, Box, Mesh, Push, RigidObject, acceleration_limits, assess, robustness_map
 from poise.assembly.contact.surface import sample_surface
-from poise.assembly.robustness import ROBUSTNESS_MODELS
 from poise.assembly.robustness.maps import RobustnessMap
+from poise.assembly.robustness.registry import ROBUSTNESS_MODELS
 from poise.geometry import Pose
 from poise.types import Array
 

@@ -6,7 +6,7 @@ import pytest
 from assembly_scenes import G, box
 
 from poise.assembly import Analysis, Push, assess, motion_probability, robustness_map, sensitivity
-from poise.assembly.robustness import ROBUSTNESS_MODELS
+from poise.assembly.robustness.registry import ROBUSTNESS_MODELS
 from poise.errors import ErrorCode, InputError
 
 GOOD = ("cube", (-0.5, 0, 0.2), (1, 0, 0))

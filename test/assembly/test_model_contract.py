@@ -8,7 +8,7 @@ import pytest
 from assembly_scenes import G
 
 from poise.assembly import Analysis, Push, assess, robustness_map
-from poise.assembly.robustness import DEFAULT_MODEL, ROBUSTNESS_MODELS
+from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.errors import ErrorCode, InputError
 
 EVERY_MODEL = pytest.mark.parametrize("name", ROBUSTNESS_MODELS.names())

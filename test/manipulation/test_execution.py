@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode
+from poise.manipulation.execution import RobotPort, Step, Tolerances, TransferExecution, joined
 from poise.manipulation.gripper import Gripper
-from poise.manipulation.playing import Playing, Robot, Step, Tolerances, joined
 from poise.simulation import WaypointTrajectory
 
 TICK = 0.02
@@ -39,7 +39,7 @@ class FakeRobot:
     joint_names = ("a", "b")
 
     def __init__(self, feels_fingers=True):
-        self.robot = Robot(self, GRIPPER, self._move, self._grip)
+        self.robot = RobotPort(self, GRIPPER, self._move, self._grip)
         self.now, self.feels_fingers = 5.0, feels_fingers
         self.follows = self.speaks = self.grips = True
         self.blocked_at = np.inf
@@ -72,7 +72,7 @@ class FakeRobot:
                 self.robot.add_joint_state(stamp, names + more[0], values + more[1], self.now)
 
     def play(self, steps=STEPS, **tolerances):
-        return Playing("can", steps, self.robot, Tolerances(**tolerances), self.now)
+        return TransferExecution("can", steps, self.robot, Tolerances(**tolerances), self.now)
 
     def until(self, playing, condition=lambda: False, seconds=20.0):
         """Tick until it is done or the condition holds; the stages in between."""

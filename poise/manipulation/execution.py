@@ -92,7 +92,7 @@ class Tolerances:
     slack: float = 2.0
 
 
-class Robot:
+class RobotPort:
     """What joint states tell of an arm and its fingers, and the two things that it can be told.
 
     Args:
@@ -133,7 +133,7 @@ class Robot:
         return None
 
 
-class Playing:
+class TransferExecution:
     """One transfer. Call `tick` some fifty times a second until `done`; then there is an `error`, or all went well.
 
     Args:
@@ -144,7 +144,7 @@ class Playing:
         now: s of a clock that never goes back, the one of all calls.
     """
 
-    def __init__(self, name: str, steps: Sequence[Step], robot: Robot, tolerances: Tolerances, now: float) -> None:
+    def __init__(self, name: str, steps: Sequence[Step], robot: RobotPort, tolerances: Tolerances, now: float) -> None:
         self._name, self._left, self._robot, self._tolerances = name, list(steps), robot, tolerances
         self._start = next(step.motion.position[0] for step in steps if step.motion is not None)
         self._step: Step | None = None
