@@ -10,7 +10,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import PLACEMENT_PLANNERS, CancelledError, Options
 from poise.registry import Registry
 
-EVERY_PLANNER = pytest.mark.parametrize("name", (*PLACEMENT_PLANNERS.names(), "grid"))
+EVERY_PLANNER = pytest.mark.parametrize("name", [*PLACEMENT_PLANNERS.names(), "grid"])
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "add_a_planner.md"
 NEARLY_ALWAYS_FAILS = ("chance",)
 
