@@ -22,14 +22,14 @@ LINKS = ("nodes", "fake_robots")
 LEVELS = (
     {"cli", "commands", "api", "__init__"},
     {"viewing"},
-    {"manipulation"},
+    {"manipulation", "baselines"},
     {"placement", "mismatch", "excitation"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},
     {"shape", "recording", "force_torque"},
     {"geometry"},
-    {"types", "errors", "files"},
+    {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 
