@@ -32,7 +32,7 @@ def calibration_estimates(problem: Problem, best: HypothesisFit) -> tuple[Calibr
         return ()
     groups = problem.groups(problem.compose(best.parts)[1], best.parts)
     shown = [np.abs(group.columns).max(axis=(0, 1)) > 0.0 for group in groups]
-    value, spread = best.frame.coefficients(), np.sqrt(np.diag(best.frame.covariance()))
+    value, spread = best.regression.coefficients(), np.sqrt(np.diag(best.regression.covariance()))
     found, row = [], 0
     for group, seen in zip(groups, shown, strict=True):
         labels = list(_labels(group.name, len(seen), problem.model.tolerance))

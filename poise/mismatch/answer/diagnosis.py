@@ -82,26 +82,26 @@ class SignalDiagnosis:
     Args:
         problem: the signal, under the noise that the best model leaves.
         nominal, best: the fits without and with the findings.
-        state: everything that was tried.
+        search: all hypotheses that were tried.
         findings: the named effects, the likeliest first.
         unknown: or None.
-        rest: what the best model leaves.
-        where: windows in which the nominal model is off.
-        small: the calibration errors as fitted, inside their tolerances.
-        last: (N,) the held-out samples.
+        residual_test: of what the best model leaves.
+        windows: in which the nominal model is off.
+        calibration: its errors as fitted, inside their tolerances.
+        held_out: (N,) the samples that no fit of the proof sees.
         proof: errors on them.
     """
 
     problem: Problem
     nominal: HypothesisFit
     best: HypothesisFit
-    state: HypothesisSearch
+    search: HypothesisSearch
     findings: tuple[NamedEffect, ...]
     unknown: UnknownPhysics | None
-    rest: ResidualTest
-    where: tuple[ResidualWindow, ...]
-    small: tuple[CalibrationEstimate, ...]
-    last: Mask
+    residual_test: ResidualTest
+    windows: tuple[ResidualWindow, ...]
+    calibration: tuple[CalibrationEstimate, ...]
+    held_out: Mask
     proof: HeldOutProof
 
 
@@ -131,7 +131,7 @@ class Diagnosis:
     def unknown(self) -> UnknownPhysics | None:
         """What no named effect explains, of the signal that shows it most."""
         found = [each for each in self.examinations if each.unknown is not None]
-        return max(found, key=lambda each: each.rest.excess).unknown if found else None
+        return max(found, key=lambda each: each.residual_test.excess).unknown if found else None
 
     @property
     def verdict(self) -> Verdict:
@@ -143,12 +143,12 @@ class Diagnosis:
     @property
     def probability(self) -> float:
         """Of the verdict `none`."""
-        return float(np.prod([probability_of_none(each.state) for each in self.examinations]))
+        return float(np.prod([probability_of_none(each.search) for each in self.examinations]))
 
     @property
     def untestable(self) -> dict[str, str]:
         """Effects that this recording cannot show, and why."""
-        return {name: why for each in self.examinations for name, why in each.state.untestable.items()}
+        return {name: why for each in self.examinations for name, why in each.search.untestable.items()}
 
     @property
     def augmented(self) -> NominalModel:
@@ -202,8 +202,8 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
     final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
     best = fit(final, best.parts, WARM_STEPS)
     nominal = fit(final, ()) if best.parts else best
-    shown = _shown(final, library)
-    rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, shown))
+    detected = _shown(final, library)
+    rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, detected))
     unknown = _unknown(final, best, rest)
     doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
     held = tail(final) if last is None else last
@@ -216,16 +216,16 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         problem=final,
         nominal=nominal,
         best=best,
-        state=state,
-        findings=(*_findings(final, state, best, beside_unknown=doubted), *shown),
+        search=state,
+        findings=(*_findings(final, state, best, beside_unknown=doubted), *detected),
         unknown=unknown,
-        rest=rest,
+        residual_test=rest,
         # With the best model's calibration: fitted without what was found it would be bent by it, all along.
-        where=locate(
+        windows=locate(
             final.recorded, final.measured - final.predicted(final.recorded) - best.calibrated, final.noise, channels
         ),
-        small=calibration_estimates(final, best),
-        last=held,
+        calibration=calibration_estimates(final, best),
+        held_out=held,
         proof=held_out(replace(final, judged=None), best, held),
     )
 
@@ -237,15 +237,15 @@ def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
 
 def _whitened(found: HypothesisFit) -> Array:
     """(R,) the whitened residual of a fit."""
-    frame = found.frame
-    return np.asarray(frame.target - frame.coefficients() @ frame.columns)
+    regression = found.regression
+    return np.asarray(regression.target - regression.coefficients() @ regression.columns)
 
 
 def _findings(
     problem: Problem, state: HypothesisSearch, best: HypothesisFit, *, beside_unknown: bool
 ) -> list[NamedEffect]:
     thought = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
-    worlds = problem.compose(best.parts)[0]
+    inputs = problem.compose(best.parts)[0]
     found = [
         NamedEffect(
             part.effect,
@@ -256,7 +256,7 @@ def _findings(
             part.effect.windows(recorded, part.values),
             part.effect.sentence(recorded, part.values),
         )
-        for part, recorded, covariance in zip(best.parts, worlds, best.covariance, strict=True)
+        for part, recorded, covariance in zip(best.parts, inputs, best.covariance, strict=True)
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
@@ -267,7 +267,7 @@ def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffe
     known = {component.name for component in problem.model.effects}
     found = []
     for effect in all_effects() if library is None else library:
-        values = effect.shown(problem.recorded) if effect.signal == problem.signal and effect.direct else None
+        values = effect.detected(problem.recorded) if effect.signal == problem.signal and effect.direct else None
         if values is not None and effect.name not in known:
             parameters = effect.parameters(problem.recorded)
             covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
@@ -277,9 +277,9 @@ def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffe
     return found
 
 
-def _rounding(problem: Problem, shown: Sequence[NamedEffect]) -> Array | float:
+def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:
     """(C,) one sigma of what rounding adds to the readings; 0 without any."""
-    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in shown]
+    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in detected]
     return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0
 
 

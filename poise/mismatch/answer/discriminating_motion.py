@@ -114,7 +114,7 @@ def _missed(
     explained = []
     for part in (true, rival):
         starts = [part.values, *part.effect.starts(here.recorded, here.residual)]
-        fits = [refine(made, here.frame, here.recorded, part.effect, start, _STEPS) for start in starts[:3]]
+        fits = [refine(made, here.regression, here.recorded, part.effect, start, _STEPS) for start in starts[:3]]
         explained.append(max(each.drop for each in fits))
     return 0.5 * (explained[0] - explained[1])
 
@@ -131,11 +131,11 @@ def _open_question(examined: SignalDiagnosis) -> tuple[NamedEffect, list[Effect]
 def _fitted(examined: SignalDiagnosis, others: tuple[FittedEffect, ...], rival: Effect) -> FittedEffect:
     """A rival as it explains the recording best."""
     wanted = tuple(sorted([*(part.effect.name for part in others), rival.name]))
-    known = examined.state.fits.get(wanted)
+    known = examined.search.fits.get(wanted)
     if known is None:
         here = linearization_point(examined.problem, others)
         tried = [
-            refine(examined.problem, here.frame, here.recorded, rival, start, _STEPS)
+            refine(examined.problem, here.regression, here.recorded, rival, start, _STEPS)
             for start in rival.starts(here.recorded, here.residual)
         ]
         best = max(tried, key=lambda each: each.drop)

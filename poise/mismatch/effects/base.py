@@ -94,7 +94,7 @@ class Effect(ABC):
         needs: what the recording must hold: of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
         made_of: names of effects that it is together with more; where the more is nothing, these are the answer.
-        direct: readings show it by themselves (`shown`), whatever the model says: it does not compete with others.
+        direct: readings show it by themselves (`detected`), whatever the model says: it does not compete with others.
         widens: name of the calibration group (poise.mismatch.inference.calibration) that it is the excess of, or "".
     """
 
@@ -131,7 +131,7 @@ class Effect(ABC):
         del recorded, residual
         yield {}
 
-    def shown(self, recorded: RecordedMotion) -> Values | None:
+    def detected(self, recorded: RecordedMotion) -> Values | None:
         """Of a `direct` effect: its values, where the readings show it and it matters beside the noise."""
         del recorded
         return None

@@ -47,7 +47,7 @@ class Quantisation(Effect):
         if found is not None:
             yield found
 
-    def shown(self, recorded: RecordedMotion) -> Values | None:
+    def detected(self, recorded: RecordedMotion) -> Values | None:
         found = self.found(recorded)
         if found is None:
             return None

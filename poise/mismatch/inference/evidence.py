@@ -69,7 +69,7 @@ class WhitenedRegression:
         """(k, k) of c."""
         return np.asarray(cho_solve((self._solved[0], True), np.eye(len(self.mean))))
 
-    def beside(self, extra: Array) -> "ProjectedColumns":
+    def project(self, extra: Array) -> "ProjectedColumns":
         """What further columns (m, R) can add."""
         factor, half, _ = self._solved
         across = solve_triangular(factor, self.columns @ extra.T, lower=True)
@@ -139,19 +139,19 @@ def flat_width(information: Array) -> float:
 
 
 def laplace_evidence(
-    frame: WhitenedRegression, beside: ProjectedColumns, precision: Array, mean: Array, linear: Mask
+    regression: WhitenedRegression, projected: ProjectedColumns, precision: Array, mean: Array, linear: Mask
 ) -> float:
     """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
     if not len(linear):
-        return frame.log_evidence
+        return regression.log_evidence
     first, other = np.flatnonzero(linear), np.flatnonzero(~linear)
-    across = beside.information[np.ix_(first, other)]
+    across = projected.information[np.ix_(first, other)]
     won = 0.0
     if len(first):
-        factor = np.linalg.cholesky(beside.information[np.ix_(first, first)] + np.diag(precision[first]))
-        half = solve_triangular(factor, beside.vector[first] + (precision * mean)[first], lower=True)
+        factor = np.linalg.cholesky(projected.information[np.ix_(first, first)] + np.diag(precision[first]))
+        half = solve_triangular(factor, projected.vector[first] + (precision * mean)[first], lower=True)
         won = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
         won += 0.5 * float(np.log(precision[first]).sum()) - 0.5 * float((precision * mean**2)[first].sum())
         across = solve_triangular(factor, across, lower=True)
-    bent = beside.information[np.ix_(other, other)] - across.T @ across
-    return frame.log_evidence + won + flat_width(bent)
+    bent = projected.information[np.ix_(other, other)] - across.T @ across
+    return regression.log_evidence + won + flat_width(bent)

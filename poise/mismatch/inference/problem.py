@@ -120,7 +120,7 @@ class Problem:
         """(N, C) what a world says."""
         return recorded.prediction if recorded.effort is None or self.signal == "wrench" else recorded.effort.prediction
 
-    def said(self, recorded: RecordedMotion, prediction: Array) -> RecordedMotion:
+    def with_prediction(self, recorded: RecordedMotion, prediction: Array) -> RecordedMotion:
         """The world that says this of the signal."""
         return recorded.with_prediction(prediction) if self.signal == "wrench" else recorded.with_effort(prediction)
 
@@ -130,7 +130,9 @@ class Problem:
         before: dict[int, RecordedMotion] = {}
         for index, part in sorted(enumerate(parts), key=lambda item: item[1].order):
             before[index] = recorded
-            recorded = self.said(recorded, self.predicted(recorded) + part.effect.simulate(recorded, part.values))
+            recorded = self.with_prediction(
+                recorded, self.predicted(recorded) + part.effect.simulate(recorded, part.values)
+            )
         return [before[index] for index in range(len(parts))], recorded
 
     def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
@@ -141,7 +143,9 @@ class Problem:
             self._made[:] = [(recorded, make(recorded, self.model.tolerance))]
         return tuple(group for group in self._made[0][1] if group.name not in widened)
 
-    def frame(self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None) -> WhitenedRegression:
+    def regression(
+        self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None
+    ) -> WhitenedRegression:
         """Whitened residual of these parts, with the calibration columns around what they say."""
         recorded = self.compose(parts)[1] if recorded is None else recorded
         groups = self.groups(recorded, parts)
@@ -163,7 +167,7 @@ class Problem:
         return kept[0] if values.ndim == 2 else kept
 
     def calibrated(self, groups: Sequence[CalibrationGroup], coefficients: Array) -> Array:
-        """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""
+        """(N, C) response of calibration errors, in the signal's units, for the coefficients of `regression`."""
         columns = np.concatenate([group.columns for group in groups], axis=2)
         return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
 
@@ -194,7 +198,7 @@ def effort_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
 def _begun(recorded: RecordedMotion, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
     rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal)
     groups = rough.groups(recorded)
-    fitted = rough.calibrated(groups, rough.frame().coefficients())
+    fitted = rough.calibrated(groups, rough.regression().coefficients())
     return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted))
 
 

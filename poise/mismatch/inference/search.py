@@ -218,7 +218,7 @@ def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     near = best.log_evidence - _LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
     alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
-    return min((best, *alike), key=lambda each: each.frame.columns.shape[0])
+    return min((best, *alike), key=lambda each: each.regression.columns.shape[0])
 
 
 def prescreen(
@@ -234,7 +234,7 @@ def prescreen(
     found = sorted((*slow, *fast), key=lambda each: -each.gain)
     for each in found:
         state.gains[names(best), each.effect.name] = each.gain
-        if not best.parts and each.shown < _VISIBLE and not isinstance(each.effect, Dependence):
+        if not best.parts and each.visibility < _VISIBLE and not isinstance(each.effect, Dependence):
             state.untestable[each.effect.name] = (
                 f"this motion does not show it; this would: {each.effect.separating_motion}"
             )
@@ -249,9 +249,9 @@ def prescreen(
 
 def _calm(problem: Problem, best: HypothesisFit) -> Problem:
     """The problem without the moments of the events that a model has: what remains there is their detail."""
-    worlds = problem.compose(best.parts)[0]
+    inputs = problem.compose(best.parts)[0]
     keep = np.ones(len(problem.seconds), dtype=bool)
-    for part, recorded in zip(best.parts, worlds, strict=True):
+    for part, recorded in zip(best.parts, inputs, strict=True):
         for begin, end in () if part.effect.transfers else part.effect.windows(recorded, part.values):
             if end - begin < _BRIEF * recorded.duration:
                 keep &= (problem.seconds < begin - _BESIDE) | (problem.seconds > end + _BESIDE)
@@ -270,7 +270,7 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
     A score_start at each shows what it might come to; those that cannot come near the best so far are left at that.
     """
     here = linearization_point(problem, parts)
-    frame = here.frame
+    regression = here.regression
     few = here.recorded
     if problem.blocks is not None and problem.signal == "wrench":
         few = few.select(problem.blocks.middle(len(few)))
@@ -279,19 +279,19 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
         # Of states the columns are many, and as good when made at the blocks' middles.
         recorded = few if isinstance(effect, Dependence) else here.recorded
         starts = _starts(effect, recorded, here.residual)
-        tried = [score_start(problem, frame, recorded, effect, start) for start in starts]
+        tried = [score_start(problem, regression, recorded, effect, start) for start in starts]
         if tried:
             seen.append(max(tried, key=lambda each: each.drop))
     recorded = here.recorded
     found, top = [], 0.0
-    for each in sorted(seen, key=lambda each: -each.hope):
+    for each in sorted(seen, key=lambda each: -each.potential):
         least = max(_THRESHOLD, _REACH * top)
         done, nonlinear = each, {}
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-        if nonlinear and each.hope > least:
-            done = refine(problem, frame, recorded, each.effect, nonlinear, _LOOK, least)
-        found.append(replace(done, shown=each.shown))
+        if nonlinear and each.potential > least:
+            done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+        found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
 

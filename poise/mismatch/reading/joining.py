@@ -14,7 +14,7 @@ RECORDING_GAP = 5.0
 """s between the last sample of a recording and the first of the next, on the joint clock."""
 
 
-def joined(worlds: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
+def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     """One world, and (N,) which of its samples are the last recording's.
 
     Seconds count from the first recording's first sample; what only some recordings have (joints, effort) is dropped.
@@ -22,14 +22,14 @@ def joined(worlds: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     Raises:
         InputError: BAD_INPUT when the recordings' joints differ.
     """
-    if len(worlds) == 1:
-        return worlds[0], np.zeros(len(worlds[0]), dtype=bool)
+    if len(recordings) == 1:
+        return recordings[0], np.zeros(len(recordings[0]), dtype=bool)
     for kind in ("joints", "effort"):
-        named = {getattr(recorded, kind).names for recorded in worlds if getattr(recorded, kind) is not None}
+        named = {getattr(recorded, kind).names for recorded in recordings if getattr(recorded, kind) is not None}
         if len(named) > 1:
             raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
     moved = []
-    for recorded, (begin, _) in zip(worlds, spans(worlds), strict=True):
+    for recorded, (begin, _) in zip(recordings, spans(recordings), strict=True):
         shift = begin - float(recorded.seconds[0])
         effort = recorded.effort
         moved.append(
@@ -39,17 +39,17 @@ def joined(worlds: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
                 effort=None if effort is None else replace(effort, seconds=effort.seconds + shift),
             )
         )
-    whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(worlds)[1:]))
-    last = np.arange(len(whole)) >= len(whole) - len(worlds[-1])
+    whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(recordings)[1:]))
+    last = np.arange(len(whole)) >= len(whole) - len(recordings[-1])
     return whole, last
 
 
-def spans(worlds: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
+def spans(recordings: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
     """(first, last) s of each recording on the clock of the joined world; of a single one as it is."""
-    if len(worlds) == 1:
-        return [(float(worlds[0].seconds[0]), float(worlds[0].seconds[-1]))]
+    if len(recordings) == 1:
+        return [(float(recordings[0].seconds[0]), float(recordings[0].seconds[-1]))]
     found, begin = [], 0.0
-    for recorded in worlds:
+    for recorded in recordings:
         found.append((begin, begin + recorded.duration))
         begin += recorded.duration + RECORDING_GAP
     return found
