@@ -20,11 +20,11 @@ from poise.types import Array
 
 _MOST_STEPS = 12
 _HOPE = 5.0
-"""How much more a step may bring than the linear model promises."""
+"""Largest ratio of the gain of a step to the prediction of the linear model."""
 _SETTLED = 0.1
-"""Fall of the square below which a fit has settled."""
+"""Decrease of the square at which a fit has converged."""
 _NEARLY = 2.0
-"""The same for taking the calibration anew about what a fit says."""
+"""Decrease of the square below which the calibration is not linearised again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,9 @@ class HypothesisFit:
 
     Args:
         parts: effects with values.
-        log_evidence: comparable between fits of one problem, whatever their noise.
+        log_evidence: comparable between fits of one problem, for any noise.
         square: least weighted square of residual and priors.
-        regression: calibration and the linearised parts about the fit, with their priors: what more effects build on.
+        regression: calibration and the linearised parts about the fit, with priors; the basis of further effects.
         response: (N, C) of the parts.
         calibrated: (N, C) of the calibration errors.
         covariance: of each part's parameters, in the order of `Effect.parameters`.
@@ -52,12 +52,12 @@ class HypothesisFit:
 
 @dataclass(frozen=True, eq=False)
 class EffectCandidate:
-    """One effect beside a frame: its values, and by how much it raises the log evidence.
+    """One effect added to a regression: its values, and its gain of log evidence.
 
     Args:
         effect, values, gain, drop: its most likely values; log evidence won, and fall of the square.
-        potential: log evidence that it might win yet.
-        shown: sigmas by which it would stand out at its typical size.
+        potential: upper estimate of the log evidence that it can win.
+        visibility: sigmas of its response at its typical size.
     """
 
     effect: Effect
@@ -77,16 +77,16 @@ def refine(
     steps: int = _MOST_STEPS,
     least: float = -np.inf,
 ) -> EffectCandidate:
-    """The most likely parameters of one effect beside a frame that stays as it is, from a starting point.
+    """The most likely parameters of one effect beside a fixed regression, from a starting point.
 
     Args:
         problem: whitens.
-        regression: what is fitted besides.
+        regression: the columns fitted beside it.
         recorded: that the effect acts in.
         effect: to fit.
         start: non-linear values.
         steps: at the most.
-        least: gain below which it is of no interest: the search ends as soon as that much is not in sight.
+        least: gain of interest: the search ends as soon as it is out of reach.
     """
     parameters = effect.parameters(recorded)
     moving = [p for p in parameters if not p.linear and not p.choice and not p.resolution]
@@ -110,7 +110,7 @@ def refine(
 def score_start(
     problem: Problem, regression: WhitenedRegression, recorded: RecordedMotion, effect: Effect, start: Values
 ) -> EffectCandidate:
-    """One effect beside a frame at a starting point; its hope is what it explains there beyond chance."""
+    """One effect beside a regression at a starting point; its potential is the gain there beyond chance."""
     parameters = effect.parameters(recorded)
     weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
     at = _linear(problem, regression, recorded, effect, dict(start), weak)
@@ -120,14 +120,14 @@ def score_start(
     moving = any(not p.linear for p in parameters)
     typical = np.array([p.scale for p in parameters if p.linear])
     visibility = float(np.sqrt(np.max(at.information * typical**2))) if len(typical) else np.inf
-    # Without linear parameters a starting point says nothing: all is in the slopes there.
+    # Without linear parameters the value at a starting point says nothing; only the slopes do.
     potential = np.inf if not len(typical) else 0.5 * (at.drop - free) if moving else gain
     return EffectCandidate(effect, at.values, gain, at.drop, potential, visibility)
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """An effect at some values: its whitened columns and response, and how far the square falls."""
+    """An effect at some values: its whitened columns and response, and the decrease of the square."""
 
     values: dict[str, float]
     columns: Array
@@ -180,7 +180,7 @@ def _stepped(
     damping: Damping,
     least: float,
 ) -> _Point | None:
-    """A Levenberg-Marquardt step in all parameters, damped until the fit is better; None when it cannot be."""
+    """A Levenberg-Marquardt step in all parameters, damped until the fit improves; None when it cannot."""
     count = len(at.columns)
     slope = _downhill(regression, effect, recorded, at, slopes, weak)
     if 0.5 * at.drop + _HOPE * slope.promised < least:
@@ -199,7 +199,7 @@ def _stepped(
 
 @dataclass(frozen=True, eq=False)
 class _Downhill:
-    """The linear model of an effect about a point, and the log likelihood that it promises."""
+    """The linear model of an effect about a point, and its predicted gain of log likelihood."""
 
     projected: ProjectedColumns
     promised: float
@@ -210,7 +210,7 @@ def _downhill(
 ) -> _Downhill:
     count = len(at.columns)
     projected = regression.project(np.vstack([at.columns, slopes, at.response[None]]))
-    # What is left when the response as it is has been taken away.
+    # The remainder after the present response is subtracted.
     vector = projected.vector[:-1] - projected.information[:-1, -1]
     vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(recorded) if p.linear])
     quick = ProjectedColumns(projected.information[:-1, :-1], vector)
@@ -218,14 +218,14 @@ def _downhill(
 
 
 def _shifted(p: EffectParameter, value: float, step: float) -> float:
-    """The value a step further in its prior; at its edge it stops."""
+    """The value after a step in its prior, limited to its range."""
     return p.from_unit(float(np.clip(p.to_unit(value) + step, 1e-6, 1.0 - 1e-6)))
 
 
 def _evidence_gain(
     regression: WhitenedRegression, at: _Point, parameters: Sequence[EffectParameter], slopes: Array
 ) -> float:
-    """log evidence won: exact in the linear parameters, Laplace in the others, averaged over the width of priors."""
+    """Gain of log evidence: exact in the linear parameters, Laplace in the others, averaged over prior widths."""
     linear = [p for p in parameters if p.linear]
     if any(p.positive and at.values[p.name] < 0.0 for p in linear):
         return -np.inf
@@ -248,7 +248,7 @@ def _evidence_gain(
 
 @dataclass(frozen=True, eq=False)
 class LinearizationPoint:
-    """What one more effect is tried beside.
+    """The model about which one more effect is tried.
 
     Args:
         regression: calibration and the present parts, linearised.
@@ -262,7 +262,7 @@ class LinearizationPoint:
 
 
 def linearization_point(problem: Problem, parts: Sequence[FittedEffect]) -> LinearizationPoint:
-    """The ground about some parts at their values."""
+    """The linearization about some parts at their values."""
     about = linearised(problem, tuple(parts), None)
     precision, mean = about.priors(1.0)
     calibrated = problem.calibrated(problem.groups(about.whole, parts), about.calibration.coefficients())
@@ -274,7 +274,7 @@ def linearization_point(problem: Problem, parts: Sequence[FittedEffect]) -> Line
 
 
 def fit(problem: Problem, parts: Sequence[FittedEffect], steps: int = 12) -> HypothesisFit:
-    """The most likely parameters of several effects at once, the calibration taken about what they say.
+    """The most likely parameters of several effects at once, the calibration linearised about their prediction.
 
     Args:
         problem: the signal.
@@ -287,13 +287,13 @@ def fit(problem: Problem, parts: Sequence[FittedEffect], steps: int = 12) -> Hyp
         if current.square - settled.square < _NEARLY:
             current = settled
             break
-        # The calibration's own response changes a little with what the sensor is said to feel.
+        # The response of the calibration changes slightly with the predicted wrench.
         current = linearised(problem, settled.parts, None)
     return _finished(problem, current)
 
 
 def _settled(problem: Problem, at: Linearised, steps: int) -> Linearised:
-    """Levenberg-Marquardt steps in all parameters, the calibration's columns held."""
+    """Levenberg-Marquardt steps in all parameters, with fixed columns of the calibration."""
     damping = Damping()
     for _ in range(steps):
         moved = _all_stepped(problem, at, damping)
@@ -352,7 +352,7 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
 
 
 def _covariances(at: Linearised, whole: WhitenedRegression) -> tuple[Array, ...]:
-    """Of each part's parameters; what was not fitted has its resolution."""
+    """Of each part's parameters; parameters that were not fitted have their resolution."""
     size = len(at.calibration.columns)
     covariance = whole.covariance()[size:, size:]
     own = at.parameters()

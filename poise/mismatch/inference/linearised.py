@@ -1,4 +1,4 @@
-"""A hypothesis linearised at its values: what the fit's steps and its evidence are made from."""
+"""A hypothesis linearised at its values: the basis of the fit's steps and its evidence."""
 
 from dataclasses import dataclass, replace
 
@@ -17,7 +17,7 @@ SLOPE_STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A hypothesis linearised at its values; the columns count from there."""
+    """A hypothesis linearised at its values; coefficients count from there."""
 
     parts: tuple[FittedEffect, ...]
     inputs: list[RecordedMotion]
@@ -45,7 +45,7 @@ class Linearised:
 def linearised(
     problem: Problem, parts: tuple[FittedEffect, ...], calibration: WhitenedRegression | None, slopes: bool = True
 ) -> Linearised:
-    """Linearise; a calibration frame that is given is kept, with the residual of these parts as its target."""
+    """Linearise; a given calibration is kept, with the residual of these parts as its target."""
     inputs, whole = problem.compose(parts)
     if calibration is None:
         calibration = problem.regression(parts, whole)
@@ -59,7 +59,7 @@ def linearised(
 
 
 def continuous_parameters(effect: Effect, recorded: RecordedMotion) -> list[EffectParameter]:
-    """Its parameters that have a column: all but those that move in steps."""
+    """Its parameters that have a column: all but discrete ones."""
     return [p for p in effect.parameters(recorded) if p.linear or not (p.choice or p.resolution)]
 
 

@@ -1,4 +1,4 @@
-"""Several recordings as one world, one after the other, with a break between them."""
+"""Several recordings as one, in sequence, with a break between them."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -15,7 +15,7 @@ RECORDING_GAP = 5.0
 
 
 def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
-    """One world, and (N,) which of its samples are the last recording's.
+    """One recording, and (N,) the mask of the samples of the last part.
 
     Seconds count from the first recording's first sample; what only some recordings have (joints, effort) is dropped.
 
@@ -45,7 +45,7 @@ def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
 
 
 def spans(recordings: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
-    """(first, last) s of each recording on the clock of the joined world; of a single one as it is."""
+    """(first, last) s of each recording on the clock of the joined recording; a single one is unchanged."""
     if len(recordings) == 1:
         return [(float(recordings[0].seconds[0]), float(recordings[0].seconds[-1]))]
     found, begin = [], 0.0
@@ -56,11 +56,11 @@ def spans(recordings: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
 
 
 def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
-    """The world without its last recording, joint efforts too.
+    """The joined recording without its last part, joint efforts included.
 
     Args:
-        recorded: of several recordings.
-        last: (N,) the samples of the last.
+        recorded: of several parts.
+        last: (N,) the samples of the last part.
     """
     kept, effort = recorded.select(~last), recorded.effort
     end = recorded.begins[-1]
@@ -72,7 +72,7 @@ def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
 
 
 def _stacked(parts: Sequence[Any]) -> Any:
-    """Dataclasses of one kind: arrays (N, ...) one after the other, tracks likewise, all else as in the first."""
+    """Dataclasses of one kind: arrays (N, ...) concatenated, tracks likewise, other fields as in the first."""
     first = parts[0]
     changes: dict[str, Any] = {}
     for field in fields(first):
