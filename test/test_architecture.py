@@ -22,13 +22,13 @@ LEVELS = (
     {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation"},
-    {"placement", "mismatch", "excitation"},
+    {"placement", "mismatch", "excitation", "exporting"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},
     {"shape", "recording", "force_torque"},
     {"geometry"},
-    {"types", "errors", "files"},
+    {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 
