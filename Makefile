@@ -1,17 +1,17 @@
-# The two commands of the README, and the ones a developer wants. Each does its own set-up and reuses what is there.
+# The two commands of the README, and those for developers. Each sets up .venv if needed and reuses it.
 SHELL := /bin/bash
 VENV := .venv
 BIN := $(VENV)/bin
-# Nodes find poise (and each other, on this machine only) through these.
+# With these the nodes find the package, and each other on this machine only.
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)$(if $(AMENT_PREFIX_PATH),:$(AMENT_PREFIX_PATH))
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: help demo test lint benchmark pictures clean
 
-help: ## this list
+help: ## list these commands
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## /make \1\t/' | expand -t 18
 
-demo: ## weigh a real payload: the committed recording through live nodes, and a report to look at
+demo: ## weigh a real payload: replay the committed recording through live nodes and write a report
 	@tools/set_up.sh viewer
 	@$(BIN)/python tools/demo.py
 

@@ -1,5 +1,6 @@
-# How poise is installed: by colcon as an ordinary ament_python package, by pip together with its interfaces.
+# How poise is installed: by colcon as an ament_python package, by pip with its interfaces, or the core without ROS.
 import hashlib
+import os
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,8 @@ from setuptools import Distribution, find_packages, setup
 
 PACKAGE = "poise"
 HERE = Path(__file__).resolve().parent  # the sources, also where colcon --symlink-install runs a link to this file
+# `POISE_CORE=1 pip install .` installs the library and the command line alone: no ROS, no nodes, no compiler.
+CORE_ONLY = os.environ.get("POISE_CORE", "0") not in ("", "0")
 
 # Executables of `ros2 run poise NAME`.
 NODES = {
@@ -26,8 +29,37 @@ NODES = {
 INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs"}
 
 
-# A colcon build on PyPI alone (test/nodes/test_install.py) needs in the environment what pip brings to its own builds.
-BUILD_REQUIRES = tomllib.loads((HERE / "pyproject.toml").read_text())["build-system"]["requires"]
+# A colcon build on PyPI alone (test/nodes/test_install.py) needs the packages that pip fetches for its own builds.
+BUILD_REQUIRES = tomllib.loads((HERE / "pyproject.toml").read_text())["tool"]["poise"]["interface-build-requires"]
+CORE_REQUIRES = [
+    "clarabel>=0.9",
+    "coal>=3",
+    "numpy>=2",  # what the pin wheels are built against
+    "scipy>=1.13",
+    "pin>=3.2",
+    "pyyaml>=6",
+    "rosbags>=0.11,<0.12",  # its API changes between minor releases
+    "mcap>=1.6,<2",  # the first release whose reader checks the checksum of the data section
+    "lz4>=4",
+    "zstandard>=0.22",
+    "pyserial>=3.5",
+    "pymodbus>=3.9,<4",
+    "jinja2>=3.1",
+    "matplotlib>=3.8",
+    "typer>=0.15",
+    "rich>=13",
+    "shapely>=2",
+    "trimesh>=4.4",
+    "manifold3d>=3",
+]
+ROS_REQUIRES = [
+    "setuptools",
+    # ROS 2 Jazzy from PyPI: always the ros-jazzy names (a bare ros-rclpy is another distribution's).
+    "ros-jazzy-rclpy[fastrtps]==7.1.6",
+    "ros-jazzy-common-interfaces==5.3.6",
+]
+SIM_REQUIRES = ["mujoco>=3.2"]  # rollouts, and the physics engine that benchmarks/concealed records with
+BASELINE_REQUIRES = ["pybullet>=3.2"]  # the engine of Algorithm 3 of the thesis, for comparison
 
 
 def files(folder: str, pattern: str) -> list[str]:
@@ -65,7 +97,11 @@ def build_interfaces(name: str, source: str) -> list[tuple[str, list[str]]]:
         subprocess.check_call(["cmake", "--build", work / "build", "--target", "install"])
         shutil.rmtree(work / "build")
         (work / "done").touch()
-    unwanted = ("include", ".egg-info", "__pycache__")  # pip has its own metadata; nobody compiles against a venv
+    unwanted = (
+        "include",
+        ".egg-info",
+        "__pycache__",
+    )  # pip writes its own metadata; no C++ is built against it
     groups: dict[str, list[str]] = {}
     for path in sorted(installed.rglob("*")):
         relative = path.relative_to(installed)
@@ -92,59 +128,41 @@ class BinaryDistribution(Distribution):
         return True
 
 
-data_files = [
-    ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
-    (f"share/{PACKAGE}", ["package.xml"]),
-    (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
-    (f"share/{PACKAGE}/config", files("config", "*")),
-    (f"share/{PACKAGE}/bags", files("bags", "*")),
-]
+data_files = [(f"share/{PACKAGE}/bags", files("bags", "*"))]
+scripts = ["poise = poise.cli:main"]
 options = {}
-if "bdist_wheel" in sys.argv:  # only pip and uv say this; colcon builds poise_msgs itself
-    for name, source in INTERFACES.items():
-        data_files += build_interfaces(name, source)
-    data_files.append((f"lib/{PACKAGE}", write_shims()))
-    options["distclass"] = BinaryDistribution
+if not CORE_ONLY:
+    data_files += [
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
+        (f"share/{PACKAGE}/config", files("config", "*")),
+    ]
+    scripts += [f"{name} = {target}" for name, target in NODES.items()]
+    if "bdist_wheel" in sys.argv:  # pip and uv pass this command; colcon builds poise_msgs as a package
+        for name, source in INTERFACES.items():
+            data_files += build_interfaces(name, source)
+        data_files.append((f"lib/{PACKAGE}", write_shims()))
+        options["distclass"] = BinaryDistribution
 
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="Weigh, push, place and carry objects that nobody has weighed for the robot",
+    description="Weigh, push, place and carry objects of unknown inertia with a mobile manipulator",
     license="Apache-2.0",
-    packages=find_packages(include=["poise", "poise.*"]),
-    package_data={"poise": ["py.typed", "*/*.j2", "*/*.urdf", "*/*.css", "*/*.js", "*/models/*"]},
+    packages=find_packages(
+        include=["poise", "poise.*"],
+        exclude=["poise.nodes*", "poise.fake_robots*"] if CORE_ONLY else [],
+    ),
+    package_data={"poise": ["py.typed", *(f"**/*.{kind}" for kind in ("j2", "urdf", "css", "js", "json", "yaml"))]},
     data_files=data_files,
     zip_safe=False,
     python_requires=">=3.11",
-    install_requires=[
-        "setuptools",
-        # ROS 2 Jazzy from PyPI: always the ros-jazzy names (a bare ros-rclpy is another distribution's).
-        "ros-jazzy-rclpy[fastrtps]==7.1.6",
-        "ros-jazzy-common-interfaces==5.3.6",
-        "clarabel>=0.9",
-        "coal>=3",
-        "numpy>=2",  # what the pin wheels are built against
-        "scipy>=1.13",
-        "pin>=3.2",
-        "pyyaml>=6",
-        "rosbags>=0.11,<0.12",  # its API moves between minor releases
-        "mcap>=1.6,<2",  # the first whose reader checks the data section's checksum
-        "lz4>=4",
-        "zstandard>=0.22",
-        "pyserial>=3.5",
-        "pymodbus>=3.9,<4",
-        "jinja2>=3.1",
-        "matplotlib>=3.8",
-        "typer>=0.15",
-        "rich>=13",
-        "shapely>=2",
-        "trimesh>=4.4",
-        "manifold3d>=3",
-    ],
+    install_requires=CORE_REQUIRES + ([] if CORE_ONLY else ROS_REQUIRES),
     extras_require={
         "viewer": ["rerun-sdk>=0.30"],
-        "rivals": ["pybullet>=3.2"],  # the engine of the thesis' Algorithm 3, to compare with
-        "sim": ["mujoco>=3.2"],  # the other engine that benchmarks/concealed makes its recordings with
+        "sim": SIM_REQUIRES,
+        "baselines": BASELINE_REQUIRES,
         "test": [
             "pytest>=8",
             "pytest-timeout",
@@ -152,16 +170,18 @@ setup(
             "pytest-xdist",
             "hypothesis",
             "ruff==0.17.5",  # another release formats differently
-            "mypy==2.4.1",  # and finds other things
+            "mypy==2.4.1",  # another release reports other errors
             "types-PyYAML",
             "types-pyserial",
             "pre-commit",
             "colcon-common-extensions",
-            "setuptools<80",  # colcon build --symlink-install says `develop --editable`, which 80 has dropped
-            "mcap-ros2-support",  # another reader, for tests and benchmarks/bags.py
+            "setuptools<80",  # colcon build --symlink-install calls `develop --editable`, which release 80 removed
+            "mcap-ros2-support",  # a second reader, for tests and benchmarks/bags.py
+            *SIM_REQUIRES,
+            *BASELINE_REQUIRES,
             *BUILD_REQUIRES,
         ],
     },
-    entry_points={"console_scripts": ["poise = poise.cli:main", *(f"{name} = {at}" for name, at in NODES.items())]},
+    entry_points={"console_scripts": scripts},
     **options,
 )

@@ -32,7 +32,7 @@ from poise.placement import KeptFree, Options, Uncertainty, plan_placement
 from poise.placement.rivals.engine import Engine
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel
-from poise.simulation import JointNoise, WaypointTrajectory, World, wrench_noise
+from poise.simulation import IdealRobot, JointNoise, WaypointTrajectory, wrench_noise
 
 STEPS = ("placement planning", "grasping", "motion planning", "placement execution", "stable assembly")
 THESIS = {"placement planning": 1.0, "grasping": 0.82, "motion planning": 0.902, "placement execution": 0.892}
@@ -109,7 +109,7 @@ def played(phase: Phase, arm: Arm, rng: np.random.Generator) -> np.ndarray:
     rows = []
     for motion in phase.motions:
         options = ArmOptions(wrench_noise("none", rate=1.0), JointNoise(rate=RATE), end=motion.duration)
-        source = SimulatedArm(World(model), "<robot/>", WaypointTrajectory(*_fields(motion)), options)
+        source = SimulatedArm(IdealRobot(model), "<robot/>", WaypointTrajectory(*_fields(motion)), options)
         said = [m for m in source.messages() if m.topic == "joint_states"]
         states = [typestore().deserialize_cdr(m.data, "sensor_msgs/msg/JointState") for m in said]
         rows += [state.position for state in states]

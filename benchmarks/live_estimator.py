@@ -28,9 +28,9 @@ sys.path.insert(0, str(ROOT / "test" / "inertia"))
 from ordinary_work import START, Nuisance, Work, work  # noqa: E402
 
 from poise.files import write_whole  # noqa: E402
-from poise.inertia.bayes import PoiseEstimator  # noqa: E402
-from poise.inertia.online import OnlineEstimator  # noqa: E402
-from poise.inertia.problem import NoiseLevels  # noqa: E402
+from poise.inertia.bayes.estimator import PoiseEstimator  # noqa: E402
+from poise.inertia.model.problem import NoiseLevels  # noqa: E402
+from poise.inertia.pipeline.online import OnlineEstimator  # noqa: E402
 from poise.robot import JointSource  # noqa: E402
 
 NOISE = NoiseLevels(0.1, 0.005, 0.02, 0.05)

@@ -16,13 +16,13 @@ from poise.fake_robots.stream import Message, TopicInfo, in_order
 from poise.recording.encoding import encode_stream, encode_text, typestore
 from poise.recording.streams import JointStream, WrenchStream
 from poise.simulation import (
+    IdealRobot,
     JointMotion,
     JointNoise,
     NoisyJoints,
     NoisyWrench,
     Trajectory,
     WaypointTrajectory,
-    World,
     WrenchNoise,
     check_limits,
     home,
@@ -80,7 +80,7 @@ class SimulatedArm:
 
     def __init__(
         self,
-        world: World,
+        world: IdealRobot,
         description: str,
         trajectory: Trajectory | None,
         options: ArmOptions,
@@ -102,7 +102,7 @@ class SimulatedArm:
         if self._drives:
             self.topics["odom"] = TopicInfo("nav_msgs/msg/Odometry")
 
-    def hold(self, world: World) -> None:
+    def hold(self, world: IdealRobot) -> None:
         """Take another payload (or gravity) from here on: a grasp, a release."""
         self.world = world
 

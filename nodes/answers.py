@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import rclpy
-from rclpy._rclpy_pybind11 import InvalidHandle, RCLError
+from rclpy.node import Node
 
 KEPT = 8
 """Answers sent at once: a client of rclpy keeps ten, and loses older ones while it does not spin."""
@@ -32,10 +32,12 @@ class Answers:
     """Sends answers in the order in which they are ready.
 
     Args:
+        node: whose services are answered; an answer that cannot be sent is logged there.
         name: of the thread.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, node: Node, name: str) -> None:
+        self._node = node
         self._ready: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
         self._called = 0.0
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -46,7 +48,7 @@ class Answers:
         self._called = time.monotonic()
 
     def put(self, send: Callable[[Any, Any], None], response: Any, header: Any, crowded: bool) -> None:
-        """Send an answer as soon as that is wise."""
+        """Send an answer when its client can be expected to receive it."""
         self._ready.put(Answer(send, response, header, crowded, time.monotonic()))
 
     def close(self) -> None:
@@ -63,7 +65,7 @@ class Answers:
                     time.sleep(SPACING)
             try:
                 answer.send(answer.response, answer.header)
-            except (InvalidHandle, RCLError):
-                if rclpy.ok():  # otherwise the node is on its way out
-                    raise
+            except Exception as error:  # one answer that cannot be sent must not keep back the others
+                if rclpy.ok():  # otherwise the node is shutting down
+                    self._node.get_logger().error(f"an answer was not sent: {error!r}", throttle_duration_sec=1.0)
             sent.append(time.monotonic())

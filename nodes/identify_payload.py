@@ -22,10 +22,9 @@ from poise.excitation import (
 )
 from poise.excitation.session import Command, Phase, Plan, Session, Task
 from poise.inertia import InertialEstimate
-from poise.inertia.live import LiveEstimator
-from poise.inertia.parts import Parts
-from poise.inertia.problem import NoiseLevels
-from poise.inertia.weighers import check_method
+from poise.inertia.estimators import check_method
+from poise.inertia.model import NoiseLevels, Parts
+from poise.inertia.pipeline import LiveEstimator
 from poise.nodes.estimate_message import estimate_message, no_estimate_message
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.payload_shape import accuracy_of

@@ -13,9 +13,8 @@ from tf2_msgs.msg import TFMessage
 
 from poise.errors import PoiseError
 from poise.geometry import rotation_of_quaternion
-from poise.inertia.live import LiveEstimator
-from poise.inertia.parts import Parts
-from poise.inertia.status import status_of
+from poise.inertia.model import Parts
+from poise.inertia.pipeline import LiveEstimator, status_of
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options

@@ -73,7 +73,7 @@ class Jobs:
         self._node = node
         self._waiting: queue.Queue[Job | None] = queue.Queue(most)
         self._open: set[Job] = set()
-        self._answers = Answers(THREAD)
+        self._answers = Answers(node, THREAD)
         node.create_timer(STEP, self._answer_overdue)
         self._thread = threading.Thread(target=self._run, name=THREAD, daemon=True)
         self._thread.start()

@@ -19,7 +19,7 @@ from poise.errors import InputError, PoiseError
 from poise.files import write_whole
 from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
-from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_world
+from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -28,15 +28,15 @@ from poise.recording import open_recording
 from poise.recording.streams import stamp_of
 from poise_msgs.msg import MismatchReport
 
-DEEP = QoSProfile(depth=2000)
-LOOK_PERIOD = 0.25
+_DEEP = QoSProfile(depth=2000)
+_LOOK_PERIOD = 0.25
 """s between looks whether the next window is due."""
-FULL = 0.95
+_FULL = 0.95
 """Share of the window that has to have come."""
-GIL_SLICE = 5e-4
+_GIL_SLICE = 5e-4
 """s that the thread of the diagnosis may hold the interpreter while a message waits; Python's own 5 ms is too long."""
 
-PARAMETERS = (
+_PARAMETERS = (
     Parameter("model", "", "model.yaml: payload, tolerances, noise; empty: the payload is identified from each window"),
     Parameter("bags", WORDS, "bags to diagnose instead of topics, once; of several the last is held out"),
     Parameter("window", 35.0, "s of messages that are examined together", (8.0, 600.0)),
@@ -56,8 +56,8 @@ class MismatchDiagnoser(Node):
 
     def __init__(self) -> None:
         super().__init__("mismatch_diagnoser")
-        values = declare_parameters(self, PARAMETERS)
-        sys.setswitchinterval(GIL_SLICE)
+        values = declare_parameters(self, _PARAMETERS)
+        sys.setswitchinterval(_GIL_SLICE)
         self._model = load_model(Path(values["model"])) if values["model"] else NominalModel()
         self._library = effects_called(values["effects"])
         self._period, self._share = values["period"], values["share"]
@@ -80,14 +80,14 @@ class MismatchDiagnoser(Node):
 
     def _listen(self) -> None:
         for kind, topic, callback, qos in (
-            (WrenchStamped, "wrench", self._on_wrench, DEEP),
-            (JointState, "joint_states", self._on_joint_state, DEEP),
-            (Odometry, "odom", self._on_odometry, DEEP),
+            (WrenchStamped, "wrench", self._on_wrench, _DEEP),
+            (JointState, "joint_states", self._on_joint_state, _DEEP),
+            (Odometry, "odom", self._on_odometry, _DEEP),
             (String, "robot_description", self._on_description, LATCHED),
         ):
             self.create_subscription(kind, topic, guarded(self, callback), qos)
         self.create_service(Trigger, "reset_window", self._on_reset)
-        self.create_timer(LOOK_PERIOD, guarded(self, self._look))
+        self.create_timer(_LOOK_PERIOD, guarded(self, self._look))
 
     def destroy_node(self) -> None:
         """End the thread before the node goes."""
@@ -123,7 +123,7 @@ class MismatchDiagnoser(Node):
     def _look(self) -> None:
         """Begin an examination when the window has what it takes and there is something new in it."""
         window = self._window
-        full = not window.lacks and window.seconds > FULL * self._full
+        full = not window.lacks and window.seconds > _FULL * self._full
         if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
             return
         self._seen = window.newest
@@ -174,13 +174,13 @@ class MismatchDiagnoser(Node):
 
     def _examine_bags(self, bags: list[Path]) -> None:
         def work() -> MismatchReport:
-            first = read_world(open_recording(bags[0]), self._model)
-            readings = [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
-            world, last = joined([reading.world for reading in readings])
-            found = diagnose(world, first.model, last if last.any() else None, self._library)
+            first = read_recording(open_recording(bags[0]), self._model)
+            readings = [first, *(read_recording(open_recording(bag), first.model) for bag in bags[1:])]
+            recorded, last = joined([reading.recorded for reading in readings])
+            found = diagnose(recorded, first.model, last if last.any() else None, self._library)
             self._save_model(found)
-            newest = world.start + round(float(world.seconds[-1]) * 1e9)
-            return report_message(found, world.start, newest, first.model.sensor_frame or "")
+            newest = recorded.start + round(float(recorded.seconds[-1]) * 1e9)
+            return report_message(found, recorded.start, newest, first.model.sensor_frame or "")
 
         self._report(work, 0, "")
 

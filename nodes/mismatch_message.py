@@ -1,12 +1,12 @@
 """A diagnosis of the core -> the message MismatchReport."""
 
 from poise.errors import PoiseError
-from poise.mismatch.answer import Diagnosis, Finding
+from poise.mismatch.answer import Diagnosis, NamedEffect
 from poise.nodes.estimate_message import time_message
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import EffectFinding, MismatchReport
 
-VERDICTS = {
+_VERDICTS = {
     "none": MismatchReport.VERDICT_NONE,
     "named": MismatchReport.VERDICT_NAMED,
     "unknown": MismatchReport.VERDICT_UNKNOWN,
@@ -23,7 +23,7 @@ def report_message(found: Diagnosis, start: int, newest: int, frame_id: str) -> 
         newest: ns, stamp of the last wrench in it.
         frame_id: the sensor frame.
     """
-    message = MismatchReport(verdict=VERDICTS[found.verdict])
+    message = MismatchReport(verdict=_VERDICTS[found.verdict])
     message.header.stamp, message.header.frame_id = time_message(newest), frame_id
     message.effects = [_finding_message(finding, start) for finding in found.findings]
     if found.unknown is not None:
@@ -41,7 +41,7 @@ def no_report_message(error: PoiseError, newest: int, frame_id: str) -> Mismatch
     return message
 
 
-def _finding_message(finding: Finding, start: int) -> EffectFinding:
+def _finding_message(finding: NamedEffect, start: int) -> EffectFinding:
     numbers = finding.parameters
     return EffectFinding(
         name=finding.effect.name,

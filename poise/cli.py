@@ -1,57 +1,82 @@
-"""The one command `poise`, a subcommand per job."""
+"""The command `poise`, one subcommand per job; a subcommand is imported when it runs or shows its own help."""
 
 import errno
+import importlib
 import io
 import os
 import sys
 import traceback
-from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from poise.commands.assembly import disassemble, msa, robustness
-from poise.commands.carry import carry
-from poise.commands.evaluate import evaluate
-from poise.commands.excite import excite
-from poise.commands.identify import identify
-from poise.commands.mismatch import mismatch
-from poise.commands.place import place
-from poise.commands.scan import scan
-from poise.commands.segment import segment
-from poise.commands.sensitivity import sensitivity
-from poise.commands.simulate import simulate
 from poise.errors import InputError, PoiseError
 
 INTERRUPTED = 130
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
-FAULT_OF_OURS = 1
+INTERNAL_ERROR = 1
+
+COMMANDS = {
+    "identify": ("identify", "Estimate mass, centre of mass and inertia of the payload on a force-torque sensor."),
+    "evaluate": ("evaluate", "Identify the payload of every recording in a folder and compare the results."),
+    "excite": ("excite", "Plan a slow joint motion that reveals the inertial parameters of the payload."),
+    "scan": ("scan", "Reconstruct an object on a table from a camera sweep and segment it into parts."),
+    "segment": ("segment", "Segment a surface point cloud into parts and compute their volumes."),
+    "robustness": ("assembly", "Compute the force that each object of a scene withstands before something moves."),
+    "msa": ("assembly", "Compute the maximum safe acceleration of a base in each direction."),
+    "disassemble": ("assembly", "Find an order in which a scene can be taken apart without moving other objects."),
+    "sensitivity": (
+        "sensitivity",
+        "Differentiate robustness by masses, poses, friction and the point of the push.",
+    ),
+    "place": ("place", "Find a stable placement for one or more objects in a scene."),
+    "carry": ("carry", "Plan the arm motion that picks up an object and places it where it stays."),
+    "mismatch": ("mismatch", "Identify the physical effects that a recording shows and the simulation lacks."),
+    "simulate": ("simulate", "Simulate the sensor and the joints along a motion and write a recording."),
+    "run": ("run", "Start a ROS 2 node of Poise; works without ros2cli."),
+}
+"""Subcommand -> (file in poise/commands that defines it, first line of its help)."""
+
+
+class LazyGroup(TyperGroup):
+    """Lists the subcommands from the table above and imports only the one that is called."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        if args and args[0] in COMMANDS:
+            self.commands[args[0]] = _load(args[0])
+        return super().resolve_command(ctx, args)
+
+
+def _load(name: str) -> Any:
+    """Import a subcommand and build its parser."""
+    module = importlib.import_module(f"poise.commands.{COMMANDS[name][0]}")
+    function = getattr(module, name)
+    single = typer.Typer(add_completion=False, rich_markup_mode="markdown", pretty_exceptions_enable=False)
+    single.command(name, context_settings=getattr(module, "CONTEXT_SETTINGS", None))(function)
+    return typer.main.get_command(single)
+
+
+def _placeholder() -> None:
+    """Stand in the list of subcommands for a function that is not imported yet."""
+
 
 app = typer.Typer(
-    help="Weigh what a robot holds, say how hard a stack can be pushed, put the next object where it stays.",
-    epilog="Exit status: 0 done, 2 bad input, 3 the job has no answer, 1 a fault of ours.",
+    cls=LazyGroup,
+    help="Weigh what a robot holds, compute how hard a stack can be pushed, and place the next object where it stays.",
+    epilog="Exit status: 0 done, 2 bad input, 3 the job has no answer, 1 an internal error.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
 )
-app.command()(identify)
-app.command()(evaluate)
-app.command()(excite)
-app.command()(scan)
-app.command()(segment)
-app.command()(robustness)
-app.command()(msa)
-app.command()(disassemble)
-app.command()(sensitivity)
-app.command()(place)
-app.command()(carry)
-app.command()(mismatch)
-app.command()(simulate)
+for _name, (_, _help) in COMMANDS.items():
+    app.command(_name, help=_help)(_placeholder)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version
+
         print(f"poise {version('poise')}")
         raise typer.Exit
 
@@ -59,22 +84,22 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def main_options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
     ] = False,
     debug: Annotated[
         bool, typer.Option("--debug", help="Show the traceback of an error (also: POISE_DEBUG=1).")
     ] = False,
 ) -> None:
-    """Weigh what a robot holds, say how hard a stack can be pushed, put the next object where it stays."""
+    """Weigh what a robot holds, compute how hard a stack can be pushed, and place the next object where it stays."""
 
 
 def run(arguments: list[str]) -> int:
-    """Run the command line and return its exit status; whatever goes wrong is one line on stderr."""
+    """Run the command line and return its exit status; every error is one line on stderr."""
     debug = "--debug" in arguments or os.environ.get("POISE_DEBUG", "0") not in ("", "0")
-    arguments = [argument for argument in arguments if argument != "--debug"]  # welcome anywhere
+    arguments = [argument for argument in arguments if argument != "--debug"]  # accepted at any position
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal that cannot show a sign shows a question mark
+            stream.reconfigure(errors="replace")  # a terminal without a character shows a question mark
     try:
         status = app(args=arguments, prog_name="poise", standalone_mode=False)
         sys.stdout.flush()
@@ -83,28 +108,29 @@ def run(arguments: list[str]) -> int:
         return _report(error, error.message, error.exit_status, debug)
     except (KeyboardInterrupt, typer.Abort):
         return INTERRUPTED
-    except BrokenPipeError:  # the reader left (`poise ... | head`)
+    except BrokenPipeError:  # the reader closed the pipe (`poise ... | head`)
         _close_stdout()
-        return FAULT_OF_OURS
+        return INTERNAL_ERROR
     except Exception as error:
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             _close_stdout()
             return _report(error, f"cannot write: {error.strerror}; free some space", InputError.exit_status, debug)
-        usage = getattr(error, "format_message", None)  # typer's own errors, wherever it keeps click
+        usage = getattr(error, "format_message", None)  # errors of typer, which may bundle its own click
         if usage is not None:
-            said = usage().rstrip(".")  # nothing, when the help was shown instead
-            return _report(error, f"{said}; see poise --help" if said else "", getattr(error, "exit_code", 2), debug)
-        message = f"a fault of ours: {type(error).__name__}: {error}; --debug shows where. Please report it."
-        return _report(error, message, FAULT_OF_OURS, debug)
+            reason = usage().rstrip(".")  # empty when the help was shown instead
+            message = f"{reason}; see poise --help" if reason else ""
+            return _report(error, message, getattr(error, "exit_code", 2), debug)
+        message = f"internal error: {type(error).__name__}: {error}; --debug shows the traceback. Please report it."
+        return _report(error, message, INTERNAL_ERROR, debug)
 
 
 def main() -> None:
-    """Run the command line; exit 0 done, 2 bad input, 3 no answer, 1 a fault of ours."""
+    """Run the command line; exit 0 done, 2 bad input, 3 no answer, 1 internal error."""
     sys.exit(run(sys.argv[1:]))
 
 
 def _close_stdout() -> None:
-    """Keep Python from trying again, when it leaves, to write what could not be written."""
+    """Keep Python from writing the rest of stdout a second time at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

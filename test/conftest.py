@@ -1,6 +1,20 @@
-"""The benchmarks are not installed: tests find them here, after everything that is."""
+"""Settings of the whole suite: tests import the benchmarks, and CI has every independent engine."""
 
+import importlib.util
+import os
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parents[1]))
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # benchmarks/ is not installed
+
+ENGINES = ("mujoco", "pybullet")
+"""Engines that check Poise's own physics; tests that use them are skipped where they are missing, but never in CI."""
+
+
+def pytest_configure() -> None:
+    """Refuse to start in CI without an engine."""
+    missing = [name for name in ENGINES if importlib.util.find_spec(name) is None]
+    if os.environ.get("CI") == "true" and missing:
+        raise pytest.UsageError(f"CI has to run every test: pip install {' '.join(missing)} (extra [test])")

@@ -1,4 +1,4 @@
-"""The house rules, read from the source: who may import whom, what no file may do, how each file begins."""
+"""Rules that the source keeps: who may import whom, what no file may do, how each file begins, names and wording."""
 
 import ast
 import re
@@ -8,6 +8,10 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
+from tools.source_rules import imports_past_a_face, names_used_twice, private_wording
+
 ROOT = Path(__file__).resolve().parents[1]
 # Rooms with Python in them; poise/nodes and poise/fake_robots are links to the rooms of these names.
 FOLDERS = ("poise", "nodes", "fake_robots", "launch", "msg_defs", "tools", "benchmarks", "docs", "test")
@@ -15,7 +19,7 @@ LINKS = ("nodes", "fake_robots")
 
 # From the top to the bottom; an arrow may only point to its own level or below, and rooms never form a circle.
 LEVELS = (
-    {"cli", "commands"},
+    {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation"},
     {"placement", "mismatch", "excitation"},
@@ -24,7 +28,7 @@ LEVELS = (
     {"robot"},
     {"shape", "recording", "force_torque"},
     {"geometry"},
-    {"types", "errors", "files", "__init__"},
+    {"types", "errors", "files"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 
@@ -60,7 +64,7 @@ print("\\n".join(failed + [f"loaded: {name}" for name in ("rerun", "rclpy") if n
 
 @cache
 def source_files() -> tuple[Path, ...]:
-    """Every Python file of the house, each once."""
+    """Every Python file of the project, each once."""
     found = {ROOT / "setup.py"}
     for folder in FOLDERS:
         for path in (ROOT / folder).rglob("*.py"):
@@ -205,7 +209,7 @@ def test_no_core_file_imports_nodes_or_fake_robots() -> None:
     assert not offenders, "\n".join(offenders)
 
 
-def test_every_core_room_has_its_place_in_the_design() -> None:
+def test_every_core_room_has_a_level() -> None:
     unplaced = {room_of(name) for name in core_modules() if level_of(room_of(name)) < 0}
     assert not unplaced, f"add {sorted(unplaced)} to LEVELS, after agreeing where the arrows to them run"
 
@@ -215,7 +219,7 @@ def test_arrows_between_rooms_run_one_way() -> None:
     for name, path in core_modules().items():
         for node, imported in imports(path):
             target = core_target(imported)
-            if target is None or room_of(target) == room_of(name):
+            if target is None or room_of(target) in (room_of(name), "__init__"):  # poise itself is lazy
                 continue
             here, there = room_of(name), room_of(target)
             upwards = level_of(there) < level_of(here)
@@ -229,7 +233,7 @@ def test_rooms_form_no_circle() -> None:
     graph: dict[str, set[str]] = {}
     for name, path in core_modules().items():
         targets = {room_of(target) for _, imported in imports(path) if (target := core_target(imported))}
-        graph.setdefault(room_of(name), set()).update(targets - {room_of(name)})
+        graph.setdefault(room_of(name), set()).update(targets - {room_of(name), "__init__"})
     assert not (found := circle(graph)), " -> ".join(found)
 
 
@@ -329,6 +333,21 @@ def test_a_function_does_one_thing() -> None:
         and (length := (node.end_lineno or node.lineno) - node.lineno + 1) > MAX_FUNCTION_LINES
     ]
     assert not offenders, f"longer than {MAX_FUNCTION_LINES} lines:\n" + "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="rooms get their faces one by one")
+def test_rooms_import_from_faces_alone() -> None:
+    assert not (offenders := imports_past_a_face()), "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="names are made unique room by room")
+def test_no_two_public_classes_or_constants_share_a_name() -> None:
+    assert not (offenders := names_used_twice()), "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="rooms are reworded one by one")
+def test_the_wording_is_plain_engineering_english() -> None:
+    assert not (offenders := private_wording()), "\n".join(offenders)
 
 
 def test_the_core_loads_on_a_machine_without_ros() -> None:

@@ -1,5 +1,6 @@
 """The command line: what it prints and writes, its exit statuses, and one line for everything that goes wrong."""
 
+import importlib
 import json
 import os
 import subprocess
@@ -9,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poise.cli import run
+from poise.cli import COMMANDS, run
+from poise.commands.run import with_installed_parameters
 from poise.recording import JointStream, PoseStream, RecordingWriter, WrenchStream, open_recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -150,6 +152,48 @@ def test_version_and_help_and_an_example_in_it(capsys):
     assert "Example:" in capsys.readouterr().out
 
 
+HEAVY = ("numpy", "scipy", "pinocchio", "coal", "matplotlib", "rosbags", "trimesh", "yaml", "rerun", "rclpy")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["--show-completion", "bash"], ["run", "--help"]])
+def test_the_list_of_commands_is_shown_without_the_numerical_libraries(arguments):
+    script = (
+        "import sys, poise.cli\n"
+        "try: poise.cli.run(sys.argv[1:])\n"
+        f"finally: print('loaded:', *(name for name in {HEAVY} if name in sys.modules))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", script, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
+    assert ended.stdout.splitlines()[-1] == "loaded:", ended.stdout
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_command_is_listed_with_the_first_line_of_its_own_help(name, capsys):
+    function = getattr(importlib.import_module(f"poise.commands.{COMMANDS[name][0]}"), name)
+    assert function.__doc__.splitlines()[0] == COMMANDS[name][1]
+    assert run([name, "--help"]) == 0
+    assert "Example:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("words", "expected"), [("poise se", "segment"), ("poise segment --sca", "--scale")])
+def test_the_shell_completes_commands_and_options(words, expected):
+    last = str(len(words.split()) - 1)
+    ended = command(_POISE_COMPLETE="complete_bash", COMP_WORDS=words, COMP_CWORD=last)
+    assert expected in ended.stdout.split()
+
+
+def test_run_lists_the_nodes_and_finds_installed_parameter_files(fails, tmp_path):
+    status, line = fails("run", "coffee_machine")
+    assert status == 2
+    assert "coffee_machine" in line
+    assert "inertial_estimator" in line
+    (tmp_path / "here.yaml").touch()
+    given = ["--ros-args", "--params-file", "here.yaml", "--params-file", "other.yaml", "-r", "here.yaml"]
+    expected = ["--ros-args", "--params-file", str(tmp_path / "here.yaml"), *given[3:]]
+    assert with_installed_parameters(given, tmp_path) == expected
+
+
 # -- what goes wrong ---------------------------------------------------------------------------------------------
 
 
@@ -279,14 +323,14 @@ def test_a_full_disk_is_one_line_and_status_2():
     assert Path("/dev/full").is_char_device()
 
 
-def test_a_fault_of_ours_is_status_1_and_only_debug_shows_where(monkeypatch, capsys):
+def test_an_internal_error_is_status_1_and_only_debug_shows_the_traceback(monkeypatch, capsys):
     def broken(*_, **__):
         raise ZeroDivisionError("by mistake")
 
     monkeypatch.setattr("poise.commands.identify.open_recording", broken)
     assert run(["identify", STATIC]) == 1
     printed = capsys.readouterr().err
-    assert "fault of ours" in printed
+    assert "internal error" in printed
     assert "Traceback" not in printed
     for arguments in (["--debug", "identify", STATIC], ["identify", STATIC, "--debug"]):
         assert run(arguments) == 1

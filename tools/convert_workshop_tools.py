@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
-from poise.inertia.parameters import InertialParameters, phi_of_pseudo_inertia
+from poise.inertia.model import InertialParameters, phi_of_pseudo_inertia
 from poise.types import Array
 
 TARGET = Path(__file__).resolve().parents[1] / "benchmarks" / "data" / "workshop_tools.npz"

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.table import Table
 
 from poise.errors import PoiseError
-from poise.inertia.identification import identify
+from poise.inertia.pipeline import identify
 from poise.recording import open_recording
 from poise.viewing.report import write_identification_report
 from poise.viewing.rerun_scene import write_identification_recording

@@ -13,7 +13,7 @@ from mismatch_pictures import mismatch_pictures
 from poise.assembly import Analysis, acceleration_limits, assess, load_scene, robustness_map
 from poise.commands.assembly import read_pushes
 from poise.excitation import Guard, MotionLimits, plan_excitation, tool_centre
-from poise.inertia.identification import Identification, identify
+from poise.inertia.pipeline import Identification, identify
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import home

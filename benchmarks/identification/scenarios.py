@@ -9,9 +9,9 @@ from scipy.interpolate import CubicSpline
 from benchmarks.identification.motions import wrist_motion
 from benchmarks.identification.objects import BenchmarkObject
 from poise.errors import ErrorCode, InputError
-from poise.inertia.metrics import predict_wrench
-from poise.inertia.pmd import spread
-from poise.inertia.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.metrics import predict_wrench
+from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.spread_points import spread
 from poise.robot import SensorMotion
 from poise.types import Array
 

@@ -62,7 +62,7 @@ def robustness(
     picture: PictureOption = None,
     rerun: RerunOption = None,
 ) -> None:
-    """How hard may each of these be pushed before something slips or topples?
+    """Compute the force that each object of a scene withstands before something moves.
 
     Without queries: whether the scene stands by itself, and by what margin. `--map` writes SCENE_map.json unless
     `--json` names another file. The picture shows the map, how the weakest push moves things, or what touches what.
@@ -106,7 +106,7 @@ def msa(
     picture: PictureOption = None,
     rerun: RerunOption = None,
 ) -> None:
-    """How fast may a base accelerate before something on it slips or topples?
+    """Compute the maximum safe acceleration of a base in each direction.
 
     With --load and --model one object weighs what a diagnosis says, and `cautious_limits` hold for all that it may
     weigh within two sigmas.
@@ -158,7 +158,7 @@ def disassemble(
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """In which order can a scene be taken apart without anything else moving?
+    """Find an order in which a scene can be taken apart without moving other objects.
 
     Example:  poise disassemble scene.yaml
     """

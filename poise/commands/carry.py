@@ -70,7 +70,7 @@ def carry(
     picture: PictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """How does the arm put this object where it stays?
+    """Plan the arm motion that picks up an object and places it where it stays.
 
     The answer is a grasp, and joint trajectories that pick the object up, carry it, put it down and let go.
 

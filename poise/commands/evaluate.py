@@ -22,7 +22,7 @@ from poise.commands.identify import (
 )
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.inertia.identification import METHODS
+from poise.inertia.pipeline import METHODS
 from poise.viewing.wording import readable, rounded
 
 
@@ -37,7 +37,7 @@ def evaluate(
     max_torque: MaxTorqueOption = np.inf,
     json_target: JsonOption = None,
 ) -> int:
-    """Identify the payload of every recording in a folder, and compare.
+    """Identify the payload of every recording in a folder and compare the results.
 
     One that cannot be weighed does not stop the others; the exit status is then that of the worst.
 

@@ -23,8 +23,7 @@ from poise.excitation import (
     tool_centre,
 )
 from poise.excitation.plan_file import write_plan
-from poise.inertia.parameters import about_com_jacobian
-from poise.inertia.parts import Parts
+from poise.inertia.model import Parts, about_com_jacobian
 from poise.robot import RobotModel
 from poise.simulation import home
 from poise.types import Array
@@ -88,7 +87,7 @@ def excite(
     picture: PictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Plan the motion that tells most about what a robot holds, and that keeps everything slow.
+    """Plan a slow joint motion that reveals the inertial parameters of the payload.
 
     From where the robot is, and back to rest there: joint motions with the most information about mass, centre of
     mass, inertia and sensor bias, within the joints' limits, and with both the tool centre point and the object's

@@ -12,9 +12,9 @@ from rich.table import Table
 from poise.commands.identify_model import say, told, without_effects
 from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
-from poise.inertia.identification import METHODS, Identification
-from poise.inertia.identification import identify as identify_recording
-from poise.inertia.object_shape import ObjectShape, load_object
+from poise.inertia.model import ObjectShape, load_object
+from poise.inertia.pipeline import METHODS, Identification
+from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
 from poise.viewing.summary import parameter_rows
@@ -122,7 +122,7 @@ def identify(
     report: ReportOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Weigh what a force-torque sensor carries: mass, centre of mass, inertia, each with its uncertainty.
+    """Estimate mass, centre of mass and inertia of the payload on a force-torque sensor.
 
     The recording needs the wrench, and one of: joint_states with robot_description; tf up to the sensor; imu with a
     gyroscope. Poses held still in three attitudes or more give mass, centre of mass and the sensor's bias; motion also

@@ -12,20 +12,20 @@ from rich.table import Table
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
 from poise.commands.output import add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
-from poise.mismatch.answer import Diagnosis, Finding, Quantity, diagnose
-from poise.mismatch.reading import NominalModel, Reading, dump_model, joined, load_model, read_world, spans
+from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
+from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
 from poise.recording import open_recording
 from poise.viewing.wording import readable, rounded
 
-MISSED = 1.5
+_MISSED = 1.5
 """Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
-MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
+_MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
 
-JsonOption = Annotated[
+_JsonOption = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
 ]
-ModelOption = Annotated[
+_ModelOption = Annotated[
     Path | None,
     typer.Option(
         "--model",
@@ -40,7 +40,7 @@ BagsArgument = Annotated[
     list[Path],
     typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
 ]
-ReportOption = Annotated[
+_ReportOption = Annotated[
     Path | None,
     typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
 ]
@@ -61,13 +61,13 @@ SeparateOption = Annotated[
 
 def mismatch(
     bags: BagsArgument,
-    model: ModelOption = None,
-    report: ReportOption = None,
+    model: _ModelOption = None,
+    report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
-    json_target: JsonOption = None,
+    json_target: _JsonOption = None,
 ) -> None:
-    """Say where a recording and the simulation part, what physics was left out, and prove it on held-out samples.
+    """Identify the physical effects that a recording shows and the simulation lacks.
 
     The recordings need the wrench, joint_states and robot_description (or tf up to the sensor); odom and joint efforts
     are used where they are. Effects of a library compete by evidence, with small calibration errors always allowed
@@ -81,8 +81,8 @@ def mismatch(
     for reading, bag in zip(readings, bags, strict=True):
         for note in reading.notes:
             warn(f"{bag}: {note}")
-    world, last = joined([reading.world for reading in readings])
-    found = diagnose(world, readings[0].model, last if last.any() else None)
+    recorded, last = joined([reading.recorded for reading in readings])
+    found = diagnose(recorded, readings[0].model, last if last.any() else None)
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
     written = [] if report is None else write_report(report, bags, remarks, found)
@@ -90,7 +90,7 @@ def mismatch(
         written.append(write_design(separate, design))
     if save is not None:
         written.append(write_whole(save, dump_model(found.augmented).encode()))
-    times = spans([reading.world for reading in readings])
+    times = spans([reading.recorded for reading in readings])
     recordings = [{"bag": str(bag), "start": a, "end": b} for bag, (a, b) in zip(bags, times, strict=True)]
     more = {"recordings": recordings, "designed_motion": design_json(design, separate)}
     write_json(json_target, as_json(found, readings) | more)
@@ -109,18 +109,18 @@ def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[st
         return
     for entry in recordings:
         people.print(f"From {entry['start']:.1f} s to {entry['end']:.1f} s: {escape(entry['bag'])}", soft_wrap=True)
-    if found.main.proof.augmented > MISSED * max(found.main.proof.floor, 1.0):
-        people.print(MISSED_SENTENCE.format(escape(recordings[-1]["bag"])), soft_wrap=True)
+    if found.main.proof.augmented > _MISSED * max(found.main.proof.floor, 1.0):
+        people.print(_MISSED_SENTENCE.format(escape(recordings[-1]["bag"])), soft_wrap=True)
 
 
-def read_all(bags: list[Path], nominal: NominalModel) -> list[Reading]:
+def read_all(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:
     """Every recording as a world, all with the payload of the model or, without one, that of the first recording.
 
     Raises:
-        InputError: as `read_world`.
+        InputError: as `read_recording`.
     """
-    first = read_world(open_recording(bags[0]), nominal)
-    return [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
+    first = read_recording(open_recording(bags[0]), nominal)
+    return [first, *(read_recording(open_recording(bag), first.model) for bag in bags[1:])]
 
 
 def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagnosis) -> list[Path]:
@@ -138,7 +138,7 @@ def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagno
     return add_scene(written, lambda: write_mismatch_scene(folder / "mismatch.rrd", found))
 
 
-def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:
+def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
     """The fields of the contract, and what else is known; seconds count from the first wrench sample."""
     proof, rest = found.main.proof, found.main.rest
     unknown = found.unknown
@@ -173,7 +173,7 @@ def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:
     }
 
 
-def _effect(finding: Finding) -> dict[str, Any]:
+def _effect(finding: NamedEffect) -> dict[str, Any]:
     def quantity(number: Quantity) -> dict[str, Any]:
         return {"value": number.value, "std": number.std, "unit": number.unit}
 
@@ -219,7 +219,7 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(f"Not tested here: {escape(', '.join(sorted(found.untestable)))}.", soft_wrap=True)
 
 
-def _table(finding: Finding) -> Table:
+def _table(finding: NamedEffect) -> Table:
     table = Table("", "value", "one sigma", "unit", title=finding.effect.name, title_justify="left")
     for name, number in finding.parameters.items():
         value, sigma = rounded(number.value, number.std)

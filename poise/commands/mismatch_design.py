@@ -7,14 +7,14 @@ import numpy as np
 
 from poise.commands.output import progress_bar
 from poise.excitation.plan_file import write_waypoints
-from poise.mismatch.answer import Diagnosis, Separation, separating_motion
+from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, separating_motion
 from poise.robot import RobotModel
 
-STEP = 0.1
+_STEP = 0.1
 """s between the waypoints of a written motion; between them it is a quintic."""
 
 
-def designed(found: Diagnosis, robot: RobotModel | None) -> Separation | None:
+def designed(found: Diagnosis, robot: RobotModel | None) -> DiscriminatingMotion | None:
     """The motion for the first signal that leaves something open; None without one, or without joint states."""
     if robot is None:
         return None
@@ -26,19 +26,19 @@ def designed(found: Diagnosis, robot: RobotModel | None) -> Separation | None:
     return None
 
 
-def write_design(path: Path, design: Separation) -> Path:
+def write_design(path: Path, design: DiscriminatingMotion) -> Path:
     """Write the motion for `poise simulate` and `fake_robot`.
 
     Raises:
         InputError: FILE_UNWRITABLE.
     """
-    times = np.linspace(0.0, design.trajectory.duration, round(design.trajectory.duration / STEP) + 1)
+    times = np.linspace(0.0, design.trajectory.duration, round(design.trajectory.duration / _STEP) + 1)
     return write_waypoints(
         path, design.joint_names, times, design.trajectory.at(times), f"{design_sentence(design)} (poise mismatch)"
     )
 
 
-def design_sentence(design: Separation | None) -> str:
+def design_sentence(design: DiscriminatingMotion | None) -> str:
     """What it is for, and how far it will go."""
     if design is None:
         return "Nothing that a motion of the joints could tell apart is open."
@@ -53,7 +53,7 @@ def design_sentence(design: Separation | None) -> str:
     )
 
 
-def design_json(design: Separation | None, path: Path | None) -> dict[str, Any] | None:
+def design_json(design: DiscriminatingMotion | None, path: Path | None) -> dict[str, Any] | None:
     """For the answer; None when there is no motion."""
     if design is None:
         return None

@@ -96,7 +96,7 @@ def place(
     output: OutputOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Where does this object stay? With --object again: where do these, and in which order?
+    """Find a stable placement for one or more objects in a scene.
 
     The answer is the pose of the object's frame in the scene, and the least force on the surface of any object that
     moves something afterwards.

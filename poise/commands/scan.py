@@ -89,7 +89,7 @@ def scan(
     depth_topic: TopicOption = "",
     json_target: JsonOption = None,
 ) -> None:
-    """What does an object on a table look like from all sides, and which parts is it made of?
+    """Reconstruct an object on a table from a camera sweep and segment it into parts.
 
     The bag holds aligned depth and colour images with camera_info (or a PointCloud2), joint_states, robot_description
     and, for the camera on the hand, tf_static. The cloud is in the frame of the robot's base.

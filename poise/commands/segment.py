@@ -39,7 +39,7 @@ def segment(
         typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
     ] = None,
 ) -> None:
-    """Which parts is an object made of, and how large are they?
+    """Segment a surface point cloud into parts and compute their volumes.
 
     The cloud has to show the object from all sides. What is nearly convex and of one colour becomes one part. The
     JSON holds a label per row of the file; -1 where a row was no point (NaN).

@@ -36,7 +36,7 @@ def sensitivity(
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """How does what a push may be change with masses, places, friction and the point of the push?
+    """Differentiate robustness by masses, poses, friction and the point of the push.
 
     Exact derivatives, from how things give way. With --force: the probability that a push this hard moves anything,
     given the covariances and deviations in the scene.

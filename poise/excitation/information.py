@@ -4,10 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.inertia.parameters import InertialParameters, frame_change
-from poise.inertia.parts import Parts
-from poise.inertia.problem import NoiseLevels
-from poise.inertia.signals import ENTRIES, residual_covariance
+from poise.inertia.model import ENTRIES, InertialParameters, NoiseLevels, Parts, frame_change, residual_covariance
 from poise.types import Array
 
 SENSOR = NoiseLevels(force_bias=5.0, torque_bias=0.25)

@@ -13,9 +13,7 @@ from poise.excitation.information import SENSOR, Information, PayloadBelief
 from poise.excitation.limits import Guard, MotionLimits, check_start, moving_joints
 from poise.excitation.search import MOST_SAMPLES, SAMPLES_A_SECOND, Cancelled, Effort, Objective, Progress, search
 from poise.excitation.stop_and_go import stop_and_go
-from poise.inertia.parts import Parts
-from poise.inertia.problem import NoiseLevels
-from poise.inertia.signals import motion_signals
+from poise.inertia.model import NoiseLevels, Parts, motion_signals
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array

@@ -11,7 +11,7 @@ from poise.excitation.clamped_spline import ClampedSpline
 from poise.excitation.hand import HandMotion, HandSlopes, hand_slopes
 from poise.excitation.information import Information
 from poise.excitation.limits import Guard, MotionLimits, position_range
-from poise.inertia.signals import motion_signals
+from poise.inertia.model import motion_signals
 from poise.robot import RobotModel
 from poise.types import Array
 

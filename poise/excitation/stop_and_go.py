@@ -10,7 +10,7 @@ from poise.excitation.hand import HandMotion, hand_motion, hand_slopes
 from poise.excitation.information import Information
 from poise.excitation.limits import Guard, MotionLimits, position_range
 from poise.excitation.search import Cancelled, Progress, check
-from poise.inertia.signals import motion_signals
+from poise.inertia.model import motion_signals
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array

@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from array import array
 from dataclasses import dataclass
 from enum import StrEnum
 from io import BytesIO
@@ -23,10 +24,16 @@ MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # record head, channel, sequence, log t
 # Where the messages of a block are: `start` counts from the first byte of the decompressed block.
 MESSAGE = np.dtype([("channel", "u2"), ("log_time", "u8"), ("start", "i8"), ("size", "i8")])
 
-# A chunk's header claims how much it decompresses to. Real chunks stay far below these; a claim above is damage.
-MAX_RATIO = 1024
+# Bounds of decompression. Measured bags unpack to 2 to 9 times their size; one uncompressed 4K image has 25 MB.
 ALWAYS_ALLOWED = 64 << 20
+"""Bytes that a chunk, and all chunks of a file together, may unpack to, however small they are in the file."""
+MAX_CHUNK_RATIO = 32
+"""Above ALWAYS_ALLOWED: bytes that a chunk may unpack to for each byte in the file."""
+MAX_FILE_RATIO = 128
+"""Above ALWAYS_ALLOWED: bytes that all chunks of a file may unpack to for each byte of the file."""
 PIECE = 1 << 20
+
+CHUNK_COMPRESSIONS = ("", "lz4", "zstd")
 
 MessageRow = tuple[int, int, int, int]
 
@@ -37,6 +44,7 @@ class LossKind(StrEnum):
     TRUNCATED = "truncated"  # the file ends early
     DAMAGED = "damaged"  # messages were skipped because they cannot be trusted
     METADATA = "metadata"  # a metadata record was skipped because it cannot be trusted
+    UNSUPPORTED = "unsupported"  # messages are in a chunk whose compression is not read
     INDEX = "index"  # bytes are damaged that carry no message: nothing of the content is lost
 
 
@@ -107,9 +115,14 @@ class Block:
         return data
 
 
-def plausible_length(length: int, compressed_size: int) -> bool:
-    """Tell whether a chunk of this size in the file may claim to decompress to this length."""
-    return length <= max(ALWAYS_ALLOWED, MAX_RATIO * compressed_size)
+def longest_chunk(size: int) -> int:
+    """Bytes that a chunk of `size` bytes in the file may unpack to."""
+    return max(ALWAYS_ALLOWED, MAX_CHUNK_RATIO * size)
+
+
+def longest_file(size: int) -> int:
+    """Bytes that the chunks of a file of `size` bytes may unpack to together."""
+    return max(ALWAYS_ALLOWED, MAX_FILE_RATIO * size)
 
 
 def decompress(payload: bytes, compression: str, length: int) -> bytes:
@@ -138,19 +151,42 @@ def _decompress_zstd(payload: bytes, limit: int) -> bytes:
     return bytes(content)
 
 
-def index_messages(rows: list[MessageRow]) -> npt.NDArray[np.void]:
-    """Turn (channel, log time, start, size) of each message into an array of MESSAGE."""
-    return np.array(rows, dtype=MESSAGE)
+class MessageRows:
+    """Where messages are: (channel, log time, start, size) of each, in 32 bytes a message."""
+
+    def __init__(self) -> None:
+        self._numbers = array("Q")
+
+    def __len__(self) -> int:
+        return len(self._numbers) // 4
+
+    def append(self, row: MessageRow) -> None:
+        """Add one message."""
+        self._numbers.extend(row)
+
+    @property
+    def end(self) -> int:
+        """Offset behind the last message; 0 when there is none."""
+        return self._numbers[-2] + self._numbers[-1] if self._numbers else 0
+
+    def table(self) -> npt.NDArray[np.void]:
+        """(M,) of MESSAGE."""
+        columns = np.frombuffer(self._numbers, dtype=np.uint64).reshape(-1, 4).T
+        table = np.empty(len(self), dtype=MESSAGE)
+        for name, column in zip(MESSAGE.names or (), columns, strict=True):
+            table[name] = column
+        return table
 
 
 def split_records(data: bytes) -> tuple[npt.NDArray[np.void], list[tuple[int, bytes]], int]:
     """Split the content of a chunk into its records.
 
     Returns:
-        Messages (M,) of MESSAGE, the other records as (opcode, content), the offset behind the last whole record.
+        Messages (M,) of MESSAGE, schemas and channels as (opcode, content), the first of each number, and the offset
+        behind the last whole record.
     """
-    rows: list[MessageRow] = []
-    others: list[tuple[int, bytes]] = []
+    rows = MessageRows()
+    definitions: dict[tuple[int, bytes], bytes] = {}
     position, end = 0, len(data)
     while position + RECORD_HEAD.size <= end:
         opcode, length = RECORD_HEAD.unpack_from(data, position)
@@ -161,10 +197,11 @@ def split_records(data: bytes) -> tuple[npt.NDArray[np.void], list[tuple[int, by
             _, _, channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, position)
             start = position + MESSAGE_HEAD.size
             rows.append((channel, log_time, start, behind - start))
-        else:
-            others.append((opcode, data[position + RECORD_HEAD.size : behind]))
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            start = position + RECORD_HEAD.size
+            definitions.setdefault((opcode, data[start : start + 2]), data[start:behind])  # they begin with the number
         position = behind
-    return index_messages(rows), others, position
+    return rows.table(), [(opcode, content) for (opcode, _), content in definitions.items()], position
 
 
 class DamagedRecordError(ValueError):

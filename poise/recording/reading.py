@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import decoding
-from poise.recording.blocks import Block, Loss
+from poise.recording.blocks import Block, Loss, LossKind
 from poise.recording.cdr import Batch, UndecodableError, decode
 from poise.recording.folders import find_files
 from poise.recording.scan import Contents, scan
@@ -60,14 +60,23 @@ def open_recording(path: str | Path, *, strict: bool = False) -> "Recording":
     recording = Recording(path, [scan(file) for file in files], losses)
     if strict and recording.losses:
         more = f" (and {len(recording.losses) - 1} more)" if len(recording.losses) > 1 else ""
-        sentence = f"{path} is damaged{more}: {recording.losses[0].sentence}; copy it again, or read it without strict"
-        raise InputError(ErrorCode.FILE_CORRUPT, sentence, losses=recording.losses)
+        raise _unreadable(recording, f"is damaged{more}", "read it without strict")
     if not any(recording.counts.values()):
         if recording.losses:
-            sentence = f"{path} gives no message: {recording.losses[0].sentence}; copy it again from its source"
-            raise InputError(ErrorCode.FILE_CORRUPT, sentence, losses=recording.losses)
+            raise _unreadable(recording, "gives no message", "record again")
         raise InputError(ErrorCode.EMPTY, f"{path} holds no messages: record again with the topics published")
     return recording
+
+
+def _unreadable(recording: "Recording", what: str, alternative: str) -> InputError:
+    """UNSUPPORTED when all that is wrong is a compression that is not read, else FILE_CORRUPT."""
+    unsupported = all(loss.kind is LossKind.UNSUPPORTED for loss in recording.losses)
+    how_to_fix = "convert it with `mcap compress`" if unsupported else "copy it again from its source"
+    return InputError(
+        ErrorCode.UNSUPPORTED if unsupported else ErrorCode.FILE_CORRUPT,
+        f"{recording.path} {what}: {recording.losses[0].sentence}; {how_to_fix}, or {alternative}",
+        losses=recording.losses,
+    )
 
 
 class Recording:
@@ -99,6 +108,10 @@ class Recording:
         self.counts = dict.fromkeys(self.topics, 0)
         for topic, count in zip(self._topics, found, strict=True):
             self.counts[topic.name] += int(count)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{topic} {count}" for topic, count in self.counts.items())
+        return f"Recording({self.path}: {counts}{f'; {len(self.losses)} losses' if self.losses else ''})"
 
     def _add_file(self, contents: Contents) -> None:
         number_by_channel = np.zeros(1 << 16, dtype=np.int64)

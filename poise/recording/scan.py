@@ -13,6 +13,7 @@ from mcap.records import Channel, Metadata, Schema
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import (
+    CHUNK_COMPRESSIONS,
     MAGIC,
     MESSAGE_HEAD,
     PIECE,
@@ -21,11 +22,11 @@ from poise.recording.blocks import (
     DamagedRecordError,
     Loss,
     LossKind,
-    MessageRow,
+    MessageRows,
     decompress,
-    index_messages,
+    longest_chunk,
+    longest_file,
     parse_record,
-    plausible_length,
     split_records,
 )
 from poise.recording.chunks import ChunkHead, indexed_head, read_head
@@ -78,8 +79,9 @@ class _Scan:
         self.contents = Contents()
         self.ending = Ending()
         self.others: list[tuple[int, int, bytes]] = []  # records outside of chunks: (offset, opcode, content)
-        self.run_rows: list[MessageRow] = []
+        self.run_rows = MessageRows()
         self.run_start = 0
+        self.unpacked = 0  # bytes of all chunks so far
         self.data_end: int | None = None  # where the data section was found to end
         self.last_log_time: int | None = None
 
@@ -173,12 +175,11 @@ class _Scan:
         """Close the run of messages outside of chunks, if there is one."""
         if not self.run_rows:
             return
-        _, _, start, size = self.run_rows[-1]
         self.file.seek(self.run_start)
-        data = self.file.read(start + size)
+        data = self.file.read(self.run_rows.end)
         place = (self.path, self.run_start, len(data), "")
-        self._add_block(Block(*place, len(data), zlib.crc32(data), index_messages(self.run_rows), False, True))
-        self.run_rows = []
+        self._add_block(Block(*place, len(data), zlib.crc32(data), self.run_rows.table(), False, True))
+        self.run_rows = MessageRows()
 
     def _add_block(self, block: Block) -> None:
         if len(block.messages):
@@ -190,11 +191,16 @@ class _Scan:
     def _take_chunk(self, head: ChunkHead) -> None:
         """Take the messages of a chunk when its checksum holds; of one that the end of the file cuts, what is there."""
         self._flush_run()
+        if head.compression not in CHUNK_COMPRESSIONS:
+            how = f"is compressed by {head.compression!r}, which is not read (lz4 and zstd are): "
+            self._lose_chunk(LossKind.UNSUPPORTED, head, how + _messages(head.count), head.count)
+            return
         cut = head.payload + head.size > self.size
         self.file.seek(head.payload)
         payload = self.file.read(min(head.size, self.size - head.payload))
-        plausible = plausible_length(head.length, head.size)
-        data = decompress(payload, head.compression, head.length) if plausible else b""
+        longest = longest_chunk(len(payload))
+        plausible = head.length <= longest
+        data = self._unpack(payload, head.compression, min(head.length, longest)) if plausible or cut else b""
         crc = zlib.crc32(data)
         whole = len(data) == head.length and head.crc in (0, crc)
         if not cut and not whole:
@@ -215,6 +221,20 @@ class _Scan:
             self._lose_chunk(LossKind.TRUNCATED, head, kept, None)
         elif end != len(data):
             self._lose_chunk(LossKind.DAMAGED, head, "holds a damaged record: the messages behind it", None)
+
+    def _unpack(self, payload: bytes, compression: str, length: int) -> bytes:
+        """Decompress a chunk within what the whole file may unpack to."""
+        left = longest_file(self.size) - self.unpacked
+        data = decompress(payload, compression, min(length, left))
+        self.unpacked += len(data)
+        if self.unpacked > longest_file(self.size):
+            allowed = longest_file(self.size) / 1e6
+            raise InputError(
+                ErrorCode.UNSUPPORTED,
+                f"{self.path} unpacks from {self.size / 1e6:.3g} MB to more than {allowed:.3g} MB:"
+                " write it without compression if its content is meant to be so",
+            )
+        return data
 
     def _take_definition(self, opcode: int, content: bytes) -> None:
         """Remember a schema or a channel, unless the index has told of it."""

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from poise.inertia.estimate import Identification
+from poise.inertia.pipeline import Identification
 from poise.types import Array
 from poise.viewing.decimation import break_at_gaps, envelope
 

@@ -5,7 +5,7 @@ from matplotlib.figure import FigureBase
 
 from poise.excitation import ExcitationPlan, Guard
 from poise.excitation.hand import HandMotion, hand_motion
-from poise.inertia.parameters import PARAMETER_NAMES
+from poise.inertia.model import PARAMETER_NAMES
 from poise.robot import RobotModel
 from poise.types import Array
 from poise.viewing.canvas import PALETTE, Panel, add_axes

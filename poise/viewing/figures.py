@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.figure import FigureBase
 from scipy.spatial.transform import Rotation
 
-from poise.inertia.estimate import Identification
-from poise.inertia.parameters import PARAMETER_NAMES
+from poise.inertia.model import PARAMETER_NAMES
+from poise.inertia.pipeline import Identification
 from poise.types import Array
 from poise.viewing.canvas import PALETTE, Panel, add_axes, mark_rejected, trace
 from poise.viewing.sphere import VIEWS, draw_sphere

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from poise.files import write_whole
-from poise.inertia.estimate import Identification, InertialEstimate
-from poise.inertia.parameters import PARAMETER_NAMES
+from poise.inertia.model import PARAMETER_NAMES
+from poise.inertia.pipeline import Identification, InertialEstimate
 from poise.viewing import figures
 from poise.viewing.page import Finding, drawn, making, origin, render_page
 from poise.viewing.summary import (

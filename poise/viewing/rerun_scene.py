@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.inertia.estimate import Identification
-from poise.inertia.parameters import PARAMETER_NAMES
+from poise.inertia.model import PARAMETER_NAMES
+from poise.inertia.pipeline import Identification
 from poise.types import Array
 from poise.viewing.rerun_file import RerunFile
 from poise.viewing.summary import (

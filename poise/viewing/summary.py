@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.inertia.estimate import Identification, InertialEstimate
-from poise.inertia.parameters import PARAMETER_NAMES, UPPER, about_com_jacobian, symmetric
+from poise.inertia.model import PARAMETER_NAMES, UPPER, about_com_jacobian, symmetric
+from poise.inertia.pipeline import Identification, InertialEstimate
 from poise.types import Array
 from poise.viewing.wording import NOT_IDENTIFIABLE, rounded
 

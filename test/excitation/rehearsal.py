@@ -10,12 +10,12 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
 from poise.excitation.session import Command, Phase, Session, Task
 from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
-from poise.inertia.live import LiveEstimator, LiveOptions
-from poise.inertia.problem import NoiseLevels
+from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.pipeline.live import LiveEstimator, LiveOptions
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel, frame_poses
 from poise.robot.model import find_urdf
-from poise.simulation import JointNoise, World, wrench_noise
+from poise.simulation import IdealRobot, JointNoise, wrench_noise
 
 TICK = 0.02
 ENCODERS = NoiseLevels(linear_acceleration=0.01, angular_acceleration=0.05)
@@ -92,7 +92,7 @@ class Rehearsal:
             wrench_noise(self.sensor, bias=self.bias), JointNoise(125.0, position=1e-5, velocity=1e-3), seed=self.seed
         )
         self.arm = SimulatedArm(
-            World(self.model, self.payload), find_urdf(self.robot).read_text(), self.moving, options
+            IdealRobot(self.model, self.payload), find_urdf(self.robot).read_text(), self.moving, options
         )
         self.live = LiveEstimator(LiveOptions(method="poise", noise=self.noise))
         self.scale = LiveScale(self.live) if self.weighs else DeafScale()

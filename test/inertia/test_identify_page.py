@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from poise.cli import run
-from poise.inertia import bayes, recorder
+from poise.inertia.bayes import estimator, recorder
 from poise.robot import motion_buffers as tracks
 from poise.robot.motion_buffers import PairingSettings
 
@@ -70,7 +70,7 @@ def test_every_reason_is_on_the_page():
         tracks.MOVING,
         tracks.NO_KINEMATICS,
         tracks.STALE,
-        bayes.EXTERNAL_CONTACT,
+        estimator.EXTERNAL_CONTACT,
     }
 
 

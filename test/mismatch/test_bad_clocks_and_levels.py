@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases import make_case
 
-from poise.mismatch.answer import MOST_SURE, Basis, diagnose
+from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis, diagnose
 from poise.mismatch.reading.clocks import regular
 from poise.mismatch.recorded import white_level
 
@@ -35,15 +35,15 @@ def test_knocks_do_not_raise_the_level_of_the_noise() -> None:
 
 def test_coarse_readings_are_named_for_what_they_are() -> None:
     case, step = make_case(32), np.repeat([1.0, 0.05], 3)
-    world = case.world()
-    found = diagnose(replace(world, wrench=np.round(world.wrench / step) * step), case.model)
+    recorded = case.recorded()
+    found = diagnose(replace(recorded, wrench=np.round(recorded.wrench / step) * step), case.model)
     assert [finding.effect.name for finding in found.findings] == ["quantisation"]
     assert found.findings[0].parameters["force_step"].value == pytest.approx(1.0, rel=1e-3)
     assert found.verdict == "named"
 
 
 def test_more_evidence_is_surer_and_what_is_left_unexplained_is_not() -> None:
-    chances = [Basis(evidence, 1, False).probability for evidence in (1.0, 10.0, 100.0, 1e6)]
+    chances = [BeliefBasis(evidence, 1, False).probability for evidence in (1.0, 10.0, 100.0, 1e6)]
     assert chances == sorted(chances)
-    assert chances[-1] <= MOST_SURE
-    assert Basis(100.0, 2, True).probability < 0.5 < Basis(100.0, 1, False).probability
+    assert chances[-1] <= MAX_PROBABILITY
+    assert BeliefBasis(100.0, 2, True).probability < 0.5 < BeliefBasis(100.0, 1, False).probability

@@ -13,7 +13,7 @@ from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
-from poise.simulation import FourierTrajectory, World, WrenchNoise, record
+from poise.simulation import FourierTrajectory, IdealRobot, WrenchNoise, record
 
 URDF = read_urdf(find_urdf("ridgeback_ur10"))
 PHI = InertialParameters(2.0, np.array([0.0, 0.01, 0.1]), 0.01 * np.eye(3)).phi
@@ -84,7 +84,7 @@ def test_a_window_is_examined_as_a_bag_and_kept_when_something_is_found(tmp_path
     robot = RobotModel.from_urdf(URDF, "ft_sensor")
     motion = FourierTrajectory.random(robot, np.random.default_rng(2), duration=12.0, speed=0.3)
     noise = WrenchNoise(rate=100.0, force=0.1, torque=0.005, bias=(bias, 0, 0, 0, 0, 0))
-    made = record(World(robot, PHI), motion, np.random.default_rng(3), noise)
+    made = record(IdealRobot(robot, PHI), motion, np.random.default_rng(3), noise)
     model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
     # Efforts without the noise of motor currents would be another finding.
     joints = replace(made.joints, effort=np.full(made.joints.effort.shape, np.nan))

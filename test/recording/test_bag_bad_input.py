@@ -1,13 +1,23 @@
 """What is wrong with a bag is said in one sentence: what, where, how to mend it."""
 
 import os
+import tracemalloc
 
 import numpy as np
 import pytest
 from mcap.writer import Writer
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import JointStream, PoseStream, RecordingWriter, WrenchStream, open_recording, write_recording
+from poise.recording import (
+    JointStream,
+    LossKind,
+    PoseStream,
+    RecordingWriter,
+    WrenchStream,
+    open_recording,
+    write_recording,
+)
+from poise.recording.blocks import MESSAGE_HEAD, split_records
 from poise.recording.encoding import encode_stream
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -93,6 +103,66 @@ def test_a_bag_without_messages_is_refused(tmp_path):
 def test_a_folder_that_cannot_be_read_is_refused(tmp_path, text, code, word):
     (tmp_path / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {{{text}}}")
     refused(lambda: open_recording(tmp_path), code, word)
+
+
+def bomb(path, megabytes: int, chunks: int) -> None:
+    """A valid bag of zeros: each chunk unpacks to this many megabytes."""
+    with RecordingWriter(path) as writer:
+        writer.add_topic("wrench", WRENCH)
+        for index in range(chunks):
+            writer.write("wrench", index, bytes(megabytes << 20))
+
+
+@pytest.mark.parametrize(
+    ("megabytes", "chunks", "code", "word"),
+    [
+        (128, 1, ErrorCode.FILE_CORRUPT, "claims an impossible size"),
+        (24, 3, ErrorCode.UNSUPPORTED, "unpacks from"),
+    ],
+)
+def test_a_small_bag_that_unpacks_to_much_is_refused_in_bounded_memory(tmp_path, megabytes, chunks, code, word):
+    path = tmp_path / "bomb.mcap"
+    bomb(path, megabytes, chunks)
+    assert path.stat().st_size < 200_000
+    tracemalloc.start()
+    try:
+        refused(lambda: open_recording(path), code, word)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 100 << 20
+
+
+def test_a_chunk_of_many_empty_messages_takes_little_memory_beside_its_content(tmp_path):
+    count = 200_000
+    content = MESSAGE_HEAD.pack(5, 22, 1, 0, 7, 7) * count
+    tracemalloc.start()
+    try:
+        messages, _, _ = split_records(content)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert len(messages) == count
+    assert peak < 4 * len(content)
+
+
+def test_an_unknown_compression_is_named_and_is_no_damage(tmp_path):
+    path = tmp_path / "bag.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=100, enable_crcs=False)
+        writer.start()
+        channel = writer.register_channel("wrench", "cdr", writer.register_schema(WRENCH, "ros2msg", b""))
+        for stamp in range(10):
+            writer.add_message(channel, log_time=stamp, publish_time=stamp, data=bytes(200))
+        writer.finish()
+    content = path.read_bytes()
+    path.write_bytes(content.replace(b"zstd", b"zst2"))
+    error = refused(lambda: open_recording(path), ErrorCode.UNSUPPORTED, "compressed by 'zst2'", "mcap compress")
+    assert "checksum" not in error.message
+    parts = content.split(b"zstd")  # half of them in the chunks, half in the index
+    names = [b"zst2" if index % (len(parts) // 2) == 0 else b"zstd" for index in range(len(parts) - 1)]
+    path.write_bytes(b"".join(part + name for part, name in zip(parts, [*names, b""], strict=True)))
+    assert [loss.kind for loss in open_recording(path).losses] == [LossKind.UNSUPPORTED]
 
 
 def test_a_missing_topic_is_refused_with_the_topics_that_exist(bag):

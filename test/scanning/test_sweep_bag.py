@@ -10,7 +10,7 @@ import yaml
 
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
-from poise.inertia.object_shape import load_object
+from poise.inertia.model.object_shape import load_object
 from poise.recording import RecordingWriter, open_recording
 from poise.scanning import SweepOptions, Transform, read_sweep
 from poise.shape.clouds import read_cloud

@@ -14,8 +14,8 @@ import pytest
 from swinging_payload import identify_motion, swing, with_estimate
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.estimate import Identification, RejectedInterval
-from poise.inertia.identification import identify
+from poise.inertia.pipeline.estimate import Identification, RejectedInterval
+from poise.inertia.pipeline.identification import identify
 from poise.recording import open_recording
 from poise.viewing.report import MAX_INTERVALS, write_identification_report
 

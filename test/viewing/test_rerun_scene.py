@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from swinging_payload import TRUTH, with_estimate
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.estimate import Identification, RejectedInterval
+from poise.inertia.pipeline.estimate import Identification, RejectedInterval
 from poise.viewing.rerun_scene import CHANNELS, METRES_PER_NEWTON, PATHS, write_identification_recording
 from poise.viewing.summary import com_covariance, shown_parameters, shown_sigmas
 

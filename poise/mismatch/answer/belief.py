@@ -3,25 +3,25 @@
 import math
 from dataclasses import dataclass
 
-from poise.mismatch.inference import Search
+from poise.mismatch.inference import HypothesisSearch
 
-TEMPERATURE = 2.0
+_TEMPERATURE = 2.0
 """log evidences are divided by this where rivals are weighed against one another: models are never quite right."""
-PER_EFFECT = math.log(30.0)
+_PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-WEIGHTS = (1.97, 0.33, -4.03, -1.86)
-"""Of `Basis.terms` in the log odds that a name is true, fitted by `benchmarks.concealed.calibrate` on recordings that
-nothing else was made with."""
-MOST_SURE = 0.995
-ALIKE = 3.0
+_WEIGHTS = (1.97, 0.33, -4.03, -1.86)
+"""Of `BeliefBasis.terms` in the log odds that a name is true: fitted by `benchmarks.concealed.calibrate` on recordings
+that served no other purpose."""
+MAX_PROBABILITY = 0.995
+_ALIKE = 3.0
 """Difference of log evidence (tempered) below which two hypotheses are not told apart."""
-WORTH_TELLING = 0.001
+_WORTH_TELLING = 0.001
 
 Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Belief:
+class EffectBelief:
     """What is thought of one effect of the answer.
 
     Args:
@@ -34,11 +34,11 @@ class Belief:
     probability: float
     rivals: tuple[tuple[str, float], ...]
     alike: tuple[str, ...]
-    basis: "Basis | None"
+    basis: "BeliefBasis | None"
 
 
 @dataclass(frozen=True)
-class Basis:
+class BeliefBasis:
     """What speaks for a name and against it.
 
     Args:
@@ -59,11 +59,11 @@ class Basis:
     @property
     def probability(self) -> float:
         """That the name is true."""
-        odds = sum(weight * term for weight, term in zip(WEIGHTS, self.terms, strict=True))
-        return min(1.0 / (1.0 + math.exp(-odds)), MOST_SURE)
+        odds = sum(weight * term for weight, term in zip(_WEIGHTS, self.terms, strict=True))
+        return min(1.0 / (1.0 + math.exp(-odds)), MAX_PROBABILITY)
 
 
-def beliefs(state: Search, answer: Names, *, beside_unknown: bool) -> dict[str, Belief]:
+def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> dict[str, EffectBelief]:
     """A belief for each effect of an answer.
 
     Args:
@@ -72,7 +72,7 @@ def beliefs(state: Search, answer: Names, *, beside_unknown: bool) -> dict[str, 
         beside_unknown: something is left that no name explains.
     """
     raw = _evidences(state)
-    weight = {names: math.exp(min(value - raw[answer], 0.0) / TEMPERATURE) for names, value in raw.items()}
+    weight = {names: math.exp(min(value - raw[answer], 0.0) / _TEMPERATURE) for names, value in raw.items()}
     found = {}
     for name in answer:
         without = tuple(other for other in answer if other != name)
@@ -82,25 +82,25 @@ def beliefs(state: Search, answer: Names, *, beside_unknown: bool) -> dict[str, 
             if len(names) == len(answer) and set(without) < set(names) and names != answer
         }
         evidence = raw[answer] - max(value for names, value in raw.items() if name not in names)
-        basis = Basis(evidence, len(answer), beside_unknown)
+        basis = BeliefBasis(evidence, len(answer), beside_unknown)
         probability = basis.probability
         lacking = sum(value for names, value in weight.items() if name not in names)
         others = {rival: (1.0 - probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
-        told = sorted(((rival, p) for rival, p in others.items() if p > WORTH_TELLING), key=lambda pair: -pair[1])
-        alike = sorted((rival for rival, value in instead.items() if value > math.exp(-ALIKE)), key=others.__getitem__)
-        found[name] = Belief(probability, tuple(told[:5]), tuple(reversed(alike)), basis)
+        told = sorted(((rival, p) for rival, p in others.items() if p > _WORTH_TELLING), key=lambda pair: -pair[1])
+        alike = sorted((rival for rival, value in instead.items() if value > math.exp(-_ALIKE)), key=others.__getitem__)
+        found[name] = EffectBelief(probability, tuple(told[:5]), tuple(reversed(alike)), basis)
     return found
 
 
-def sureness_of_none(state: Search) -> float:
+def probability_of_none(state: HypothesisSearch) -> float:
     """Probability that nothing of the library is there."""
-    evidence = {names: (value - PER_EFFECT * len(names)) / TEMPERATURE for names, value in _evidences(state).items()}
+    evidence = {names: (value - _PER_EFFECT * len(names)) / _TEMPERATURE for names, value in _evidences(state).items()}
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())
-    return min(math.exp(evidence[()] - top) / total, MOST_SURE)
+    return min(math.exp(evidence[()] - top) / total, MAX_PROBABILITY)
 
 
-def _evidences(state: Search) -> dict[Names, float]:
+def _evidences(state: HypothesisSearch) -> dict[Names, float]:
     """log evidence, up to a constant, of all hypotheses that were tried, in full or in passing."""
     found = {names: each.log_evidence for names, each in state.fits.items()}
     for (names, effect), gain in state.gains.items():

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.inference import Fit, Problem
+from poise.mismatch.inference import HypothesisFit, Problem
 from poise.mismatch.reading import Tolerance
 
 
 @dataclass(frozen=True)
-class Small:
+class CalibrationEstimate:
     """A calibration error as fitted beside the findings.
 
     Args:
@@ -26,7 +26,7 @@ class Small:
     unit: str
 
 
-def within(problem: Problem, best: Fit) -> tuple[Small, ...]:
+def calibration_estimates(problem: Problem, best: HypothesisFit) -> tuple[CalibrationEstimate, ...]:
     """All calibration errors of a wrench that showed, but gains across axes; none for joint efforts."""
     if problem.signal != "wrench":
         return ()
@@ -39,7 +39,9 @@ def within(problem: Problem, best: Fit) -> tuple[Small, ...]:
         for column in np.flatnonzero(seen):
             if column < len(labels):
                 kind, name, size, unit = labels[column]
-                found.append(Small(kind, name, float(value[row] * size), float(spread[row] * size), size, unit))
+                found.append(
+                    CalibrationEstimate(kind, name, float(value[row] * size), float(spread[row] * size), size, unit)
+                )
             row += 1
     return tuple(found)
 

@@ -7,33 +7,33 @@ from typing import Literal
 
 import numpy as np
 
-from poise.mismatch.answer.belief import MOST_SURE, Belief, beliefs, sureness_of_none
-from poise.mismatch.answer.calibration_estimate import Small, within
-from poise.mismatch.answer.residual_test import Leftover, leftover
+from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs, probability_of_none
+from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
+from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.effects import Effect, Values, all_effects
 from poise.mismatch.inference import (
-    WARM,
+    WARM_STEPS,
     Dependence,
-    Fit,
-    HeldOut,
-    Part,
+    DependenceCurve,
+    FittedEffect,
+    HeldOutProof,
+    HypothesisFit,
+    HypothesisSearch,
     Problem,
-    Search,
-    Shape,
     effort_problem,
     fit,
     held_out,
-    left_over,
     names,
+    residual_of,
     search,
     shape,
-    spoken,
+    state_description,
     tail,
     wrench_problem,
 )
-from poise.mismatch.reading import Component, NominalModel, with_components, without
-from poise.mismatch.recorded import World, channel_names
+from poise.mismatch.reading import ModelEffect, NominalModel, with_model_effects, without
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array, Mask
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
@@ -49,34 +49,34 @@ class Quantity:
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class NamedEffect:
     """One effect of the answer."""
 
     effect: Effect
     values: Values
     covariance: Array
-    belief: Belief
+    belief: EffectBelief
     parameters: dict[str, Quantity]
     windows: tuple[tuple[float, float], ...]
     sentence: str
 
     @property
-    def component(self) -> Component:
+    def component(self) -> ModelEffect:
         """As it joins a model."""
-        return Component(self.effect.name, dict(self.values), self.covariance)
+        return ModelEffect(self.effect.name, dict(self.values), self.covariance)
 
 
 @dataclass(frozen=True, eq=False)
-class Unknown:
+class UnknownPhysics:
     """Physics outside the library: the states that it goes with, and the curve of it where there is one."""
 
     depends_on: tuple[str, ...]
     sentence: str
-    shape: Shape | None
+    shape: DependenceCurve | None
 
 
 @dataclass(frozen=True, eq=False)
-class Examination:
+class SignalDiagnosis:
     """One signal of a recording, examined.
 
     Args:
@@ -93,38 +93,42 @@ class Examination:
     """
 
     problem: Problem
-    nominal: Fit
-    best: Fit
-    state: Search
-    findings: tuple[Finding, ...]
-    unknown: Unknown | None
-    rest: Leftover
+    nominal: HypothesisFit
+    best: HypothesisFit
+    state: HypothesisSearch
+    findings: tuple[NamedEffect, ...]
+    unknown: UnknownPhysics | None
+    rest: ResidualTest
     where: tuple[ResidualWindow, ...]
-    small: tuple[Small, ...]
+    small: tuple[CalibrationEstimate, ...]
     last: Mask
-    proof: HeldOut
+    proof: HeldOutProof
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """What `diagnose` found, over all signals; `main` is the one that says most."""
 
-    examinations: tuple[Examination, ...]
+    examinations: tuple[SignalDiagnosis, ...]
     seconds: float
 
+    def __repr__(self) -> str:
+        named = [f"{each.effect.name} ({each.belief.probability:.1%})" for each in self.findings]
+        return f"Diagnosis({self.verdict}{': ' if named else ''}{', '.join(named)}, {self.seconds:.1f} s)"
+
     @property
-    def main(self) -> Examination:
+    def main(self) -> SignalDiagnosis:
         """The signal that the nominal model is worst at."""
         return max(self.examinations, key=lambda each: each.proof.nominal)
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[NamedEffect, ...]:
         """The named effects, the likeliest first."""
         found = [finding for each in self.examinations for finding in each.findings]
         return tuple(sorted(found, key=lambda each: -each.belief.probability))
 
     @property
-    def unknown(self) -> Unknown | None:
+    def unknown(self) -> UnknownPhysics | None:
         """What no named effect explains, of the signal that shows it most."""
         found = [each for each in self.examinations if each.unknown is not None]
         return max(found, key=lambda each: each.rest.excess).unknown if found else None
@@ -139,7 +143,7 @@ class Diagnosis:
     @property
     def probability(self) -> float:
         """Of the verdict `none`."""
-        return float(np.prod([sureness_of_none(each.state) for each in self.examinations]))
+        return float(np.prod([probability_of_none(each.state) for each in self.examinations]))
 
     @property
     def untestable(self) -> dict[str, str]:
@@ -154,7 +158,7 @@ class Diagnosis:
 
 
 def diagnose(
-    world: World,
+    recorded: RecordedMotion,
     model: NominalModel,
     last: Mask | None = None,
     library: Sequence[Effect] | None = None,
@@ -162,51 +166,53 @@ def diagnose(
     """Hold a recording against the nominal model.
 
     Args:
-        world: the recording or recordings, see `poise.mismatch.reading`.
+        recorded: the recording or recordings, see `poise.mismatch.reading`.
         model: tolerances and noise; the effects in it are part of the nominal model.
         last: (N,) the wrench samples of the last of several recordings, which no fit sees; None: a single recording,
             whose last 30 % are held out from the fits that prove the answer.
         library: effects to try; None: all.
     """
     begin = time.perf_counter()
-    world = with_components(world, model.effects)
-    problems = [wrench_problem(world, model)]
-    if world.effort is not None and world.effort.names:
-        problems.append(effort_problem(world, model))
+    recorded = with_model_effects(recorded, model.effects)
+    problems = [wrench_problem(recorded, model)]
+    if recorded.effort is not None and recorded.effort.names:
+        problems.append(effort_problem(recorded, model))
     examined = []
     for problem in problems:
-        held = None if last is None else _at_stamps(world, last, problem.seconds)
+        held = None if last is None else _at_stamps(recorded, last, problem.seconds)
         examined.append(_examined(problem, held, library))
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
 
 
-def _at_stamps(world: World, last: Mask, seconds: Array) -> Mask:
+def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
     """A mask of wrench samples at the stamps of another signal."""
-    return last if seconds is world.seconds else np.asarray(seconds >= world.seconds[int(np.argmax(last))])
+    return last if seconds is recorded.seconds else np.asarray(seconds >= recorded.seconds[int(np.argmax(last))])
 
 
-def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> Examination:
+def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> SignalDiagnosis:
     seen, looked = problem, problem
     if last is not None:
         # The last of several recordings is not so much as looked at before the proof.
         seen = replace(problem, judged=~last)
         make = wrench_problem if problem.signal == "wrench" else effort_problem
-        looked = make(without(problem.world, last), problem.model)
+        looked = make(without(problem.recorded, last), problem.model)
     state, best = search(looked, library)
     if looked is not seen:
-        best = fit(seen, [_carried(part, seen.world) for part in best.parts], WARM)
-    final = seen.with_noise(seen.fitted_noise(left_over(seen, best)))
-    best = fit(final, best.parts, WARM)
+        best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
+    final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
+    best = fit(final, best.parts, WARM_STEPS)
     nominal = fit(final, ()) if best.parts else best
     shown = _shown(final, library)
-    rest = leftover(final, left_over(final, best), _whitened(best), _rounding(final, shown))
+    rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, shown))
     unknown = _unknown(final, best, rest)
     doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
     held = tail(final) if last is None else last
     channels = (
-        channel_names() if problem.world.effort is None or problem.signal == "wrench" else problem.world.effort.names
+        WRENCH_CHANNELS
+        if problem.recorded.effort is None or problem.signal == "wrench"
+        else problem.recorded.effort.names
     )
-    return Examination(
+    return SignalDiagnosis(
         problem=final,
         nominal=nominal,
         best=best,
@@ -216,82 +222,84 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         rest=rest,
         # With the best model's calibration: fitted without what was found it would be bent by it, all along.
         where=locate(
-            final.world, final.measured - final.predicted(final.world) - best.calibrated, final.noise, channels
+            final.recorded, final.measured - final.predicted(final.recorded) - best.calibrated, final.noise, channels
         ),
-        small=within(final, best),
+        small=calibration_estimates(final, best),
         last=held,
         proof=held_out(replace(final, judged=None), best, held),
     )
 
 
-def _carried(part: Part, world: World) -> Part:
+def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
     """A part in a longer world, where a free curve over time has more knots."""
-    return replace(part, values={p.name: part.values.get(p.name, 0.0) for p in part.effect.parameters(world)})
+    return replace(part, values={p.name: part.values.get(p.name, 0.0) for p in part.effect.parameters(recorded)})
 
 
-def _whitened(found: Fit) -> Array:
+def _whitened(found: HypothesisFit) -> Array:
     """(R,) the whitened residual of a fit."""
     frame = found.frame
     return np.asarray(frame.target - frame.coefficients() @ frame.columns)
 
 
-def _findings(problem: Problem, state: Search, best: Fit, *, beside_unknown: bool) -> list[Finding]:
+def _findings(
+    problem: Problem, state: HypothesisSearch, best: HypothesisFit, *, beside_unknown: bool
+) -> list[NamedEffect]:
     thought = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
     worlds = problem.compose(best.parts)[0]
     found = [
-        Finding(
+        NamedEffect(
             part.effect,
             part.values,
             covariance,
             thought[part.effect.name],
-            quantities(part, world, covariance),
-            part.effect.windows(world, part.values),
-            part.effect.sentence(world, part.values),
+            quantities(part, recorded, covariance),
+            part.effect.windows(recorded, part.values),
+            part.effect.sentence(recorded, part.values),
         )
-        for part, world, covariance in zip(best.parts, worlds, best.covariance, strict=True)
+        for part, recorded, covariance in zip(best.parts, worlds, best.covariance, strict=True)
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
 
 
-def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[Finding]:
+def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffect]:
     """Effects that the readings show by themselves, and that the model does not have already."""
     known = {component.name for component in problem.model.effects}
     found = []
     for effect in all_effects() if library is None else library:
-        values = effect.shown(problem.world) if effect.signal == problem.signal and effect.direct else None
+        values = effect.shown(problem.recorded) if effect.signal == problem.signal and effect.direct else None
         if values is not None and effect.name not in known:
-            parameters = effect.parameters(problem.world)
+            parameters = effect.parameters(problem.recorded)
             covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
-            told = quantities(Part(effect, values), problem.world, covariance)
-            sure, sentence = Belief(MOST_SURE, (), (), None), effect.sentence(problem.world, values)
-            found.append(Finding(effect, values, covariance, sure, told, (), sentence))
+            told = quantities(FittedEffect(effect, values), problem.recorded, covariance)
+            sure, sentence = EffectBelief(MAX_PROBABILITY, (), (), None), effect.sentence(problem.recorded, values)
+            found.append(NamedEffect(effect, values, covariance, sure, told, (), sentence))
     return found
 
 
-def _rounding(problem: Problem, shown: Sequence[Finding]) -> Array | float:
+def _rounding(problem: Problem, shown: Sequence[NamedEffect]) -> Array | float:
     """(C,) one sigma of what rounding adds to the readings; 0 without any."""
-    scatter = [np.ptp(each.effect.simulate(problem.world, each.values), axis=0) / np.sqrt(12.0) for each in shown]
+    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in shown]
     return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0
 
 
-def quantities(part: Part, world: World, covariance: Array) -> dict[str, Quantity]:
+def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) -> dict[str, Quantity]:
     """The parameters that people want to know, with one-sigma errors: to first order for what is derived."""
     effect, values = part.effect, dict(part.values)
-    parameters = effect.parameters(world)
+    parameters = effect.parameters(recorded)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     told = {
         p.name: Quantity(float(values[p.name]), float(s), p.unit)
         for p, s in zip(parameters, sigma, strict=True)
         if not p.hidden
     }
-    derived = effect.derived(world, values)
+    derived = effect.derived(recorded, values)
     if not derived:
         return told
     slopes = np.zeros((len(derived), len(parameters)))
     for k, (p, s) in enumerate(zip(parameters, sigma.tolist(), strict=True)):
         if s > 0:
-            moved = effect.derived(world, {**values, p.name: values[p.name] + 0.01 * s})
+            moved = effect.derived(recorded, {**values, p.name: values[p.name] + 0.01 * s})
             slopes[:, k] = [(moved[name][0] - derived[name][0]) / (0.01 * s) for name in derived]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
     for (name, (value, unit)), std in zip(derived.items(), spread.tolist(), strict=True):
@@ -299,7 +307,7 @@ def quantities(part: Part, world: World, covariance: Array) -> dict[str, Quantit
     return told
 
 
-def _unknown(problem: Problem, best: Fit, rest: Leftover) -> Unknown | None:
+def _unknown(problem: Problem, best: HypothesisFit, rest: ResidualTest) -> UnknownPhysics | None:
     parts = [part for part in best.parts if isinstance(part.effect, Dependence)]
     if not parts and not rest.structured:
         return None
@@ -307,21 +315,21 @@ def _unknown(problem: Problem, best: Fit, rest: Leftover) -> Unknown | None:
     depends += [state for state in rest.depends_on if state not in depends and not parts]
     first = parts[0] if parts else None
     if first is not None and isinstance(first.effect, Dependence):
-        return Unknown(
+        return UnknownPhysics(
             tuple(depends),
-            first.effect.sentence(problem.world, first.values),
-            shape(first.effect, problem.world, first.values),
+            first.effect.sentence(problem.recorded, first.values),
+            shape(first.effect, problem.recorded, first.values),
         )
     if rest.louder:
-        return Unknown(
+        return UnknownPhysics(
             tuple(depends),
             "Something that is not in the library is left: what changes from sample to sample is louder where the "
             "robot moves fast than where it is slow, which a sensor's noise is not.",
             None,
         )
-    what = " and ".join(spoken(state) for state in depends) or "nothing that was recorded"
+    what = " and ".join(state_description(state) for state in depends) or "nothing that was recorded"
     sentence = (
         f"Something that is not in the library is left: the residual has {100 * rest.excess:.0f} % more energy than "
         f"the sensor's noise may have; it goes with {what}."
     )
-    return Unknown(tuple(depends), sentence, None)
+    return UnknownPhysics(tuple(depends), sentence, None)

@@ -13,17 +13,17 @@ from numpy.typing import ArrayLike, NDArray
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.answer.diagnosis import Diagnosis, diagnose
 from poise.mismatch.effects import Effect, all_effects, effect_named
-from poise.mismatch.reading import NominalModel, Reading, read_world
+from poise.mismatch.reading import NominalModel, ReadRecording, read_recording
 from poise.recording import JointStream, PoseStream, Stream, WrenchStream, open_recording, write_recording
 
-MOST_SAMPLES = 200_000
+_MOST_SAMPLES = 200_000
 """Of each topic that are kept at the most: a window of a minute at more than 3 kHz."""
-LEAST_WINDOW = 8.0
+_LEAST_WINDOW = 8.0
 """s of wrenches, with joint motion, that can be examined."""
 
 
 @dataclass(frozen=True)
-class Examined:
+class LiveDiagnosis:
     """What came of one window.
 
     Args:
@@ -32,12 +32,12 @@ class Examined:
     """
 
     found: Diagnosis
-    reading: Reading
+    reading: ReadRecording
 
     @property
     def start(self) -> int:
         """ns, the stamp that the seconds of the diagnosis count from."""
-        return self.reading.world.start
+        return self.reading.recorded.start
 
 
 class LiveWindow:
@@ -57,9 +57,9 @@ class LiveWindow:
         """Messages that came after a younger one of their topic, and were left out."""
         self.foreign = 0
         """Wrenches of another frame than the first one's, left out."""
-        self._wrenches: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
-        self._joints: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
-        self._poses: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
+        self._wrenches: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._joints: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._poses: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._frames = ("odom", "base_link")
 
     def add_wrench(self, stamp: int, frame_id: str, wrench: Sequence[float]) -> None:
@@ -105,8 +105,8 @@ class LiveWindow:
             return "no joint state has come yet"
         if not self.description:
             return "no robot_description has come yet"
-        if self.seconds < LEAST_WINDOW:
-            return f"{self.seconds:.0f} of {LEAST_WINDOW:.0f} s of wrenches have come"
+        if self.seconds < _LEAST_WINDOW:
+            return f"{self.seconds:.0f} of {_LEAST_WINDOW:.0f} s of wrenches have come"
         return ""
 
     def streams(self) -> dict[str, Stream]:
@@ -138,7 +138,7 @@ def examine(
     model: NominalModel,
     library: Sequence[Effect] | None = None,
     keep: Path | None = None,
-) -> Examined:
+) -> LiveDiagnosis:
     """Hold a window against the model, as `poise mismatch` does a bag.
 
     Args:
@@ -149,13 +149,13 @@ def examine(
         keep: folder in which the window is kept as a bag when something is found in it; None: nowhere.
 
     Raises:
-        InputError: as `read_world`.
+        InputError: as `read_recording`.
     """
     with tempfile.TemporaryDirectory(prefix="poise-window-") as folder:
         path = Path(folder) / f"window_{int(streams['wrench'].stamps[0])}.mcap"
         write_recording(path, streams, robot_description=description, compression="none")
-        reading = read_world(open_recording(path), model)
-        made = Examined(diagnose(reading.world, reading.model, None, library), reading)
+        reading = read_recording(open_recording(path), model)
+        made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library), reading)
         if keep is not None and made.found.verdict != "none":
             keep.mkdir(parents=True, exist_ok=True)
             write_recording(keep / path.name, streams, robot_description=description)

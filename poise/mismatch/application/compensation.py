@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.mismatch.reading import NominalModel, absent, effect_of, identified, read_world, with_components
+from poise.mismatch.reading import NominalModel, absent, effect_of, identified, read_recording, with_model_effects
 from poise.mismatch.recorded import load_wrench
 from poise.recording import Recording, WrenchStream
 from poise.types import Array
 
-ROUNDS = 15
-SETTLED = 1e-7
+_ROUNDS = 15
+_SETTLED = 1e-7
 """Change of the payload (kg, kg m, kg m2) below which the rounds end."""
 
 
 @dataclass(frozen=True, eq=False)
-class TakenOut:
+class CompensatedWrench:
     """A wrench without known effects.
 
     Args:
@@ -37,7 +37,7 @@ class TakenOut:
     notes: tuple[str, ...]
 
 
-def take_out(recording: Recording, model: NominalModel) -> TakenOut:
+def compensate(recording: Recording, model: NominalModel) -> CompensatedWrench:
     """Take a model's effects out of the wrench of a recording.
 
     Events belong to the recording that they were found in and `payload_parameters` is the load itself: they stay.
@@ -47,14 +47,14 @@ def take_out(recording: Recording, model: NominalModel) -> TakenOut:
         model: with effects; its payload does not matter.
 
     Raises:
-        InputError: as `read_world` and `with_components`.
+        InputError: as `read_recording` and `with_model_effects`.
     """
-    reading = read_world(recording, replace(model, phi=None, effects=()))
-    world = reading.world
+    reading = read_recording(recording, replace(model, phi=None, effects=()))
+    recorded = reading.recorded
     chosen, left = [], {}
     for component in model.effects:
         effect = effect_of(component)
-        reason = absent(effect, world, events=False)
+        reason = absent(effect, recorded, events=False)
         if effect.widens == "payload":
             reason = "it is the payload, which is asked for"
         if effect.signal != "wrench":
@@ -63,18 +63,18 @@ def take_out(recording: Recording, model: NominalModel) -> TakenOut:
             left[component.name] = reason
         else:
             chosen.append(component)
-    phi, response = world.phi, np.zeros((len(world), 6))
-    for _ in range(ROUNDS if chosen else 0):
-        nominal = load_wrench(phi, world.specific, world.angular_velocity, world.angular_acceleration)
-        here = replace(world, phi=phi, prediction=nominal)
-        response = with_components(here, chosen).prediction - nominal
-        before, phi = phi, identified(replace(world, wrench=world.wrench - response))
-        if float(np.abs(phi - before).max()) < SETTLED:
+    phi, response = recorded.phi, np.zeros((len(recorded), 6))
+    for _ in range(_ROUNDS if chosen else 0):
+        nominal = load_wrench(phi, recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
+        here = replace(recorded, phi=phi, prediction=nominal)
+        response = with_model_effects(here, chosen).prediction - nominal
+        before, phi = phi, identified(replace(recorded, wrench=recorded.wrench - response))
+        if float(np.abs(phi - before).max()) < _SETTLED:
             break
-    stamps = world.start + np.round(world.seconds * 1e9).astype(np.int64)
+    stamps = recorded.start + np.round(recorded.seconds * 1e9).astype(np.int64)
     frame = reading.model.sensor_frame or "ft_sensor"
-    return TakenOut(
-        WrenchStream(stamps, world.wrench - response, frame),
+    return CompensatedWrench(
+        WrenchStream(stamps, recorded.wrench - response, frame),
         tuple(component.name for component in chosen),
         left,
         np.sqrt(np.mean(response**2, axis=0)),

@@ -1,6 +1,6 @@
 """The library of effects: one file each, found by looking through this folder.
 
-- `base`: `Effect`, `Parameter`: what an effect is.
+- `base`: `Effect`, `EffectParameter`: what an effect is.
 - `joint_friction`, `knocks`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`: what several effects share.
 - every other file: one effect.
 """
@@ -10,18 +10,18 @@ import inspect
 import pkgutil
 from functools import cache
 
-from poise.mismatch.effects.accelerometer_input import LOWEST, slow_part
-from poise.mismatch.effects.base import LAYERS, Effect, Parameter, Values
+from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_part
+from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_offset import joint_columns
-from poise.mismatch.effects.payload_parameters import ROWS
+from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 
 __all__ = [
     "LAYERS",
-    "LOWEST",
-    "ROWS",
+    "PAYLOAD_PARAMETERS",
+    "SLOWEST_VIBRATION",
     "Effect",
-    "Parameter",
+    "EffectParameter",
     "Values",
     "all_effects",
     "effect_named",

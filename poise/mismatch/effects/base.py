@@ -16,7 +16,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 Layer = Literal["kinematics", "load", "event", "sensor", "friction"]
@@ -27,7 +27,7 @@ LAYERS: tuple[Layer, ...] = ("kinematics", "load", "event", "sensor", "friction"
 
 
 @dataclass(frozen=True)
-class Parameter:
+class EffectParameter:
     """One number that an effect has.
 
     Args:
@@ -83,7 +83,7 @@ class Effect(ABC):
         name: as in the answer, snake_case.
         layer: where in the chain from joints to reading it acts.
         signal: "wrench", or "effort" for what acts on joint efforts: responses are then (M, J) at the samples of
-            `world.effort`, instead of (N, 6).
+            `recorded.effort`, instead of (N, 6).
         equation, source: the physics in one line of text, and where it is from.
         excited_by: what a motion must have for it to show.
         separating_motion: the motion that tells it from what it is confused with; a sentence.
@@ -115,62 +115,62 @@ class Effect(ABC):
     widens: ClassVar[str] = ""
 
     @abstractmethod
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         """Its parameters; which there are may depend on the world (one per joint, times within the recording)."""
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Where to begin the search for the non-linear parameters: few points, found in the data.
 
         Args:
-            world: the recording.
+            recorded: the recording.
             residual: (N, 6) or (M, J), measured minus predicted, calibration errors taken out.
 
         Yields:
             Values of all non-linear parameters. An effect without any keeps this default.
         """
-        del world, residual
+        del recorded, residual
         yield {}
 
-    def shown(self, world: World) -> Values | None:
+    def shown(self, recorded: RecordedMotion) -> Values | None:
         """Of a `direct` effect: its values, where the readings show it and it matters beside the noise."""
-        del world
+        del recorded
         return None
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         """(N, 6, k) or (M, J, k): the response to one unit of each linear parameter, in the order of `parameters`.
 
         (N, 6, 0) for an effect without linear parameters; that one gives `simulate` itself.
         """
         del nonlinear
-        rows, channels = self._measured(world).shape
+        rows, channels = self._measured(recorded).shape
         return np.zeros((rows, channels, 0))
 
-    def simulate(self, world: World, values: Values) -> Array:
-        """(N, 6) or (M, J): the exact response to all parameters, what the effect adds to `world.prediction`.
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        """(N, 6) or (M, J): the exact response to all parameters, what the effect adds to `recorded.prediction`.
 
         For given non-linear parameters it is `columns` times the linear ones.
         """
-        linear = np.array([values[p.name] for p in self.parameters(world) if p.linear])
-        return np.asarray(self.columns(world, values) @ linear)
+        linear = np.array([values[p.name] for p in self.parameters(recorded) if p.linear])
+        return np.asarray(self.columns(recorded, values) @ linear)
 
-    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         """When it acts, as (start, end) in seconds of the world's clock; none: all the time."""
-        del world, values
+        del recorded, values
         return ()
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         """More numbers to tell, {name: (value, unit)}: functions of the parameters that people think in."""
-        del world, values
+        del recorded, values
         return {}
 
-    def untestable(self, world: World) -> str:
+    def untestable(self, recorded: RecordedMotion) -> str:
         """Why this recording cannot show the effect, as the end of a sentence; "" when it can."""
-        lacking = [what for what in self.needs if not world.has(what)]
+        lacking = [what for what in self.needs if not recorded.has(what)]
         return f"the recording has no {' and no '.join(lacking)}" if lacking else ""
 
     @abstractmethod
-    def sentence(self, world: World, values: Values) -> str:
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         """What happened, in one plain sentence with the numbers that matter, ending in what the model lacks."""
 
-    def _measured(self, world: World) -> Array:
-        return world.wrench if self.signal == "wrench" or world.effort is None else world.effort.measured
+    def _measured(self, recorded: RecordedMotion) -> Array:
+        return recorded.wrench if self.signal == "wrench" or recorded.effort is None else recorded.effort.measured

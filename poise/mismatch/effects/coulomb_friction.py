@@ -1,8 +1,8 @@
 """Coulomb friction: a joint needs a constant torque against its motion, whatever its speed."""
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, listed, numbers, sense, torque_sizes
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
@@ -19,14 +19,14 @@ class CoulombFriction(Effect):
     confused_with = ("viscous_friction", "stribeck_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        sizes = torque_sizes(world)
-        return tuple(Parameter(f"torque_{i}", "N m", s) for i, s in zip(numbers(world), sizes, strict=True))
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        sizes = torque_sizes(recorded)
+        return tuple(EffectParameter(f"torque_{i}", "N m", s) for i, s in zip(numbers(recorded), sizes, strict=True))
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return each_joint(sense(world))
+        return each_joint(sense(recorded))
 
-    def sentence(self, world: World, values: Values) -> str:
-        told = listed(world, [values[f"torque_{i}"] for i in numbers(world)], "N m")
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        told = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")
         return f"Joints rub with a constant torque: {told}; the nominal model has no dry friction."

@@ -4,13 +4,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, lattice, white_level
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, lattice, white_level
 from poise.types import Array
 
-FINEST = (1e-3, 1e-5)
+_FINEST = (1e-3, 1e-5)
 """N, N m: finer steps do not matter to anyone."""
-MATERIAL = 0.1
+_MATERIAL = 0.1
 """Share of the white noise's power that rounding must be."""
 
 
@@ -32,41 +32,43 @@ class Quantisation(Effect):
     confused_with = ()
     order = 100
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         return tuple(
-            Parameter(f"{what}_step", unit, low=fine, high=1e4 * fine, linear=False, log=True, resolution=1e-3 * fine)
-            for what, unit, fine in zip(("force", "torque"), ("N", "N m"), FINEST, strict=True)
+            EffectParameter(
+                f"{what}_step", unit, low=fine, high=1e4 * fine, linear=False, log=True, resolution=1e-3 * fine
+            )
+            for what, unit, fine in zip(("force", "torque"), ("N", "N m"), _FINEST, strict=True)
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del residual
-        found = self.found(world)
+        found = self.found(recorded)
         if found is not None:
             yield found
 
-    def shown(self, world: World) -> Values | None:
-        found = self.found(world)
+    def shown(self, recorded: RecordedMotion) -> Values | None:
+        found = self.found(recorded)
         if found is None:
             return None
-        level = white_level(world.wrench - world.nominal)
+        level = white_level(recorded.wrench - recorded.nominal)
         rounding = np.repeat([found["force_step"], found["torque_step"]], 3) / np.sqrt(12.0)
-        return found if bool((rounding**2 > MATERIAL * level**2).any()) else None
+        return found if bool((rounding**2 > _MATERIAL * level**2).any()) else None
 
     @staticmethod
-    def found(world: World) -> dict[str, float] | None:
+    def found(recorded: RecordedMotion) -> dict[str, float] | None:
         """The steps that the readings are multiples of, or None when neither forces nor torques are on any grid."""
-        steps = [lattice(world.wrench[:, part]) for part in (slice(0, 3), slice(3, 6))]
+        steps = [lattice(recorded.wrench[:, part]) for part in (slice(0, 3), slice(3, 6))]
         if not any(steps):
             return None
-        return {f"{what}_step": max(s, fine) for what, s, fine in zip(("force", "torque"), steps, FINEST, strict=True)}
+        return {f"{what}_step": max(s, fine) for what, s, fine in zip(("force", "torque"), steps, _FINEST, strict=True)}
 
-    def simulate(self, world: World, values: Values) -> Array:
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         step = np.repeat([values["force_step"], values["torque_step"]], 3)
-        return np.asarray(np.round(world.prediction / step) * step - world.prediction)
+        return np.asarray(np.round(recorded.prediction / step) * step - recorded.prediction)
 
-    def sentence(self, world: World, values: Values) -> str:
-        del world
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        del recorded
         return (
             f"The readings come in steps of {values['force_step']:.3g} N and {values['torque_step']:.3g} N m: "
             "the nominal sensor has none."

@@ -13,12 +13,12 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from poise.types import Array, Mask
 
-ROUNDING = 1e-11
+_ROUNDING = 1e-11
 """Relative, of sums over all samples."""
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class WhitenedRegression:
     """Whitened data and the columns that are fitted under every hypothesis.
 
     Args:
@@ -69,37 +69,37 @@ class Frame:
         """(k, k) of c."""
         return np.asarray(cho_solve((self._solved[0], True), np.eye(len(self.mean))))
 
-    def beside(self, extra: Array) -> "Beside":
+    def beside(self, extra: Array) -> "ProjectedColumns":
         """What further columns (m, R) can add."""
         factor, half, _ = self._solved
         across = solve_triangular(factor, self.columns @ extra.T, lower=True)
         whole = extra @ extra.T
         # What the frame has already cancels, but for the rounding of large numbers: that much is not known.
-        left = whole - across.T @ across + ROUNDING * np.diag(np.diag(whole))
-        return Beside(left, extra @ self.target - across.T @ half)
+        left = whole - across.T @ across + _ROUNDING * np.diag(np.diag(whole))
+        return ProjectedColumns(left, extra @ self.target - across.T @ half)
 
-    def extended(self, extra: Array, precision: Array, mean: Array) -> "Frame":
+    def extended(self, extra: Array, precision: Array, mean: Array) -> "WhitenedRegression":
         """With further columns that are fitted under every hypothesis from now on."""
-        return Frame(
+        return WhitenedRegression(
             np.vstack([self.columns, extra]),
             np.concatenate([self.precision, precision]),
             np.concatenate([self.mean, mean]),
             self.target,
         )
 
-    def aimed(self, target: Array) -> "Frame":
+    def with_target(self, target: Array) -> "WhitenedRegression":
         """The same columns before another residual (R,); their factorisation is kept."""
-        made = Frame(self.columns, self.precision, self.mean, target)
+        made = WhitenedRegression(self.columns, self.precision, self.mean, target)
         made.__dict__["_factor"] = self._factor
         return made
 
-    def rows(self, keep: Array) -> "Frame":
+    def rows(self, keep: Array) -> "WhitenedRegression":
         """The same on a part of the data: a mask (R,) of rows."""
-        return Frame(self.columns[:, keep], self.precision, self.mean, self.target[keep])
+        return WhitenedRegression(self.columns[:, keep], self.precision, self.mean, self.target[keep])
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
+class ProjectedColumns:
     """Columns beside a frame: information S (m, m) and vector s (m,)."""
 
     information: Array
@@ -119,9 +119,9 @@ class Beside:
         half = solve_triangular(factor, self.vector, lower=True)
         return float(0.5 * half @ half - np.log(np.diag(factor)).sum() + 0.5 * np.log(precision).sum())
 
-    def pick(self, index: Array | slice) -> "Beside":
+    def pick(self, index: Array | slice) -> "ProjectedColumns":
         """Some of the columns."""
-        return Beside(self.information[index][:, index], self.vector[index])
+        return ProjectedColumns(self.information[index][:, index], self.vector[index])
 
     def _posterior(self, precision: Array) -> Array:
         size = np.arange(len(precision))
@@ -138,7 +138,9 @@ def flat_width(information: Array) -> float:
     return float(np.minimum(0.5 * np.log(2.0 * np.pi / np.maximum(strength, 1e-9)), 0.0).sum())
 
 
-def laplace_evidence(frame: Frame, beside: Beside, precision: Array, mean: Array, linear: Mask) -> float:
+def laplace_evidence(
+    frame: WhitenedRegression, beside: ProjectedColumns, precision: Array, mean: Array, linear: Mask
+) -> float:
     """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
     if not len(linear):
         return frame.log_evidence

@@ -15,19 +15,19 @@ from scipy.linalg.lapack import dtbtrs
 from poise.mismatch.recorded import white_level
 from poise.types import Array
 
-FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
-SLOPES = (0.0, 0.15, 0.3, 0.5, 0.8)
-TAUS = (0.04, 0.08, 0.16, 0.32)
+_FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
+_SLOPES = (0.0, 0.15, 0.3, 0.5, 0.8)
+_TAUS = (0.04, 0.08, 0.16, 0.32)
 """What is tried: coloured noise of up to the white noise's size at rest, and somewhat more at speed.
 
 These are caps too. A slow residual that is larger is no sensor noise, however well a filter would whiten it.
 """
-EXCESS = 1.15
+_EXCESS = 1.15
 """The white level may exceed what neighbouring samples differ by, by this much."""
 
 
 @dataclass(frozen=True)
-class Colour:
+class NoiseColour:
     """The coloured part of a channel, in units of its white level: floor + slope * speed (rad/s), tau in s."""
 
     floor: float = 0.0
@@ -36,7 +36,7 @@ class Colour:
 
 
 @dataclass(frozen=True, eq=False)
-class Noise:
+class SignalNoise:
     """The noise of a signal with C channels; channels of a group share their colour.
 
     Args:
@@ -49,7 +49,7 @@ class Noise:
 
     sigma: Array
     groups: tuple[slice, ...]
-    colours: tuple[Colour, ...]
+    colours: tuple[NoiseColour, ...]
     seconds: Array
     speed: Array
 
@@ -85,7 +85,7 @@ class Noise:
 class _Innovation:
     """The innovation of a white-plus-OU signal, divided by its deviation: a banded triangular solve per signal."""
 
-    def __init__(self, seconds: Array, speed: Array, colour: Colour) -> None:
+    def __init__(self, seconds: Array, speed: Array, colour: NoiseColour) -> None:
         self.gain = colour.floor + colour.slope * speed
         self.plain = colour.floor == 0.0 and colour.slope == 0.0
         n = len(seconds)
@@ -125,7 +125,7 @@ def fit_noise(
     *,
     white: bool = False,
     coarse: bool = True,
-) -> Noise:
+) -> SignalNoise:
     """The noise of the most likely kind for a residual that should be nothing else.
 
     Args:
@@ -141,14 +141,16 @@ def fit_noise(
         level[part] = np.maximum(level[part], 1e-9 if stated is None else 0.5 * stated)
     each = tuple(slice(channel, channel + 1) for channel in range(len(level)))
     if white:
-        return Noise(level, each, (Colour(),) * len(each), seconds, speed)
+        return SignalNoise(level, each, (NoiseColour(),) * len(each), seconds, speed)
     colours, sigma = _most_likely(seconds, speed, residual, level)
-    return Noise(sigma, each, colours, seconds, speed)
+    return SignalNoise(sigma, each, colours, seconds, speed)
 
 
-def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[tuple[Colour, ...], Array]:
+def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[tuple[NoiseColour, ...], Array]:
     """Each channel's colour and white level: every kind is run through its Kalman filter side by side."""
-    kinds = [Colour(*kind) for kind in product(FLOORS, SLOPES, TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == TAUS[0]]
+    kinds = [
+        NoiseColour(*kind) for kind in product(_FLOORS, _SLOPES, _TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == _TAUS[0]
+    ]
     floor, slope, tau = (np.array([getattr(kind, name) for kind in kinds]) for name in ("floor", "slope", "tau"))
     gain = floor + slope * speed[:, None]
     decay = np.exp(-np.diff(seconds, append=seconds[-1])[:, None] / tau)
@@ -164,7 +166,7 @@ def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) ->
         p = a * a * (p - k * g * p) + 1.0 - a * a
     n, channels = residual.shape
     # Most likely level given the kind, kept near what neighbouring samples say.
-    sigma2 = np.clip(square / n, (level[:, None] / EXCESS) ** 2, (level[:, None] * EXCESS) ** 2)
+    sigma2 = np.clip(square / n, (level[:, None] / _EXCESS) ** 2, (level[:, None] * _EXCESS) ** 2)
     loglik = -0.5 * (square / sigma2 + n * np.log(sigma2)) - 0.5 * log_variance
     best = np.argmax(loglik, axis=1)
     return tuple(kinds[i] for i in best), np.sqrt(sigma2[np.arange(channels), best])

@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.effects import LAYERS, Effect, Values
-from poise.mismatch.inference.calibration import Group, calibration, effort_calibration
-from poise.mismatch.inference.evidence import Frame
-from poise.mismatch.inference.noise import Noise, fit_noise
+from poise.mismatch.inference.calibration import CalibrationGroup, calibration, effort_calibration
+from poise.mismatch.inference.evidence import WhitenedRegression
+from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import World, lattice
+from poise.mismatch.recorded import RecordedMotion, lattice
 from poise.types import Array, Mask
 
-BREAK = 2.0
+_BREAK = 2.0
 """s without a sample after which a recording begins anew."""
-RUN_UP, RUN_OUT = 0.4, 0.1
+_RUN_UP, _RUN_OUT = 0.4, 0.1
 """s at the start and the end of a recording that are predicted, but not judged."""
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class FittedEffect:
     """An effect with values for its parameters: one piece of a hypothesis."""
 
     effect: Effect
@@ -36,11 +36,11 @@ class Part:
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class SampleBlocks:
     """Samples that are averaged before they are judged: (M, b) rows of each block, and the noise of the averages."""
 
     rows: NDArray[np.intp]
-    noise: Noise
+    noise: SignalNoise
 
     def middle(self, count: int) -> Mask:
         """(N,) of `count` samples those in the middle of a block."""
@@ -54,7 +54,7 @@ class Problem:
     """A signal with its noise.
 
     Args:
-        world: the recording; its predictions are the nominal model's.
+        recorded: the recording; its predictions are the nominal model's.
         model: tolerances and stated noise.
         noise: of the signal.
         signal: wrench or effort.
@@ -62,26 +62,32 @@ class Problem:
         blocks: samples that are judged as one; None: each by itself.
     """
 
-    world: World
+    recorded: RecordedMotion
     model: NominalModel
-    noise: Noise
+    noise: SignalNoise
     signal: Literal["wrench", "effort"] = "wrench"
     judged: Mask | None = None
-    blocks: Blocks | None = None
-    _made: list[tuple[World, tuple[Group, ...]]] = field(default_factory=list, init=False, repr=False)
+    blocks: SampleBlocks | None = None
+    _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
+        default_factory=list, init=False, repr=False
+    )
 
     @cached_property
     def measured(self) -> Array:
         """(N, C)."""
-        return self.world.wrench if self.world.effort is None or self.signal == "wrench" else self.world.effort.measured
+        return (
+            self.recorded.wrench
+            if self.recorded.effort is None or self.signal == "wrench"
+            else self.recorded.effort.measured
+        )
 
     @cached_property
     def active(self) -> Mask:
         """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
         at = self.seconds
-        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > BREAK) + 1])
+        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > _BREAK) + 1])
         first = at[begun][np.searchsorted(begun, np.arange(len(at)), side="right") - 1]
-        inner = np.asarray((at >= first + RUN_UP) & (at <= at[-1] - RUN_OUT))
+        inner = np.asarray((at >= first + _RUN_UP) & (at <= at[-1] - _RUN_OUT))
         return inner if self.judged is None else inner & self.judged
 
     @cached_property
@@ -97,12 +103,12 @@ class Problem:
         return slice(int(index[0]), int(index[-1]) + 1) if in_a_row else index
 
     @property
-    def _judging(self) -> Noise:
+    def _judging(self) -> SignalNoise:
         return self.noise if self.blocks is None else self.blocks.noise
 
     @cached_property
     def log_scale(self) -> float:
-        """What whitening divides by, see `Noise.log_divisor`."""
+        """What whitening divides by, see `SignalNoise.log_divisor`."""
         return float(self._judging.log_divisor[self._counting].sum())
 
     @cached_property
@@ -110,41 +116,41 @@ class Problem:
         """(N,)."""
         return self.noise.seconds
 
-    def predicted(self, world: World) -> Array:
+    def predicted(self, recorded: RecordedMotion) -> Array:
         """(N, C) what a world says."""
-        return world.prediction if world.effort is None or self.signal == "wrench" else world.effort.prediction
+        return recorded.prediction if recorded.effort is None or self.signal == "wrench" else recorded.effort.prediction
 
-    def said(self, world: World, prediction: Array) -> World:
+    def said(self, recorded: RecordedMotion, prediction: Array) -> RecordedMotion:
         """The world that says this of the signal."""
-        return world.with_prediction(prediction) if self.signal == "wrench" else world.with_effort(prediction)
+        return recorded.with_prediction(prediction) if self.signal == "wrench" else recorded.with_effort(prediction)
 
-    def compose(self, parts: Sequence[Part]) -> tuple[list[World], World]:
+    def compose(self, parts: Sequence[FittedEffect]) -> tuple[list[RecordedMotion], RecordedMotion]:
         """The world that each part acts in, in the order given, and the world after all of them."""
-        world = self.world
-        before: dict[int, World] = {}
+        recorded = self.recorded
+        before: dict[int, RecordedMotion] = {}
         for index, part in sorted(enumerate(parts), key=lambda item: item[1].order):
-            before[index] = world
-            world = self.said(world, self.predicted(world) + part.effect.simulate(world, part.values))
-        return [before[index] for index in range(len(parts))], world
+            before[index] = recorded
+            recorded = self.said(recorded, self.predicted(recorded) + part.effect.simulate(recorded, part.values))
+        return [before[index] for index in range(len(parts))], recorded
 
-    def groups(self, world: World, parts: Sequence[Part] = ()) -> tuple[Group, ...]:
+    def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
         """The calibration errors around a world, without those whose tolerance a part exceeds."""
         widened = {part.effect.widens for part in parts} - {""}
-        if not self._made or self._made[0][0] is not world:
+        if not self._made or self._made[0][0] is not recorded:
             make = calibration if self.signal == "wrench" else effort_calibration
-            self._made[:] = [(world, make(world, self.model.tolerance))]
+            self._made[:] = [(recorded, make(recorded, self.model.tolerance))]
         return tuple(group for group in self._made[0][1] if group.name not in widened)
 
-    def frame(self, parts: Sequence[Part] = (), world: World | None = None) -> Frame:
+    def frame(self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None) -> WhitenedRegression:
         """Whitened residual of these parts, with the calibration columns around what they say."""
-        world = self.compose(parts)[1] if world is None else world
-        groups = self.groups(world, parts)
+        recorded = self.compose(parts)[1] if recorded is None else recorded
+        groups = self.groups(recorded, parts)
         columns = np.concatenate([group.columns for group in groups], axis=2)
         keep = _seen(columns)
         sigma = np.concatenate([group.sigma for group in groups])[keep]
         white = self.whiten(columns[:, :, keep])
-        target = self.whiten(self.measured - self.predicted(world))
-        return Frame(white, sigma**-2.0, np.zeros(len(sigma)), target)
+        target = self.whiten(self.measured - self.predicted(recorded))
+        return WhitenedRegression(white, sigma**-2.0, np.zeros(len(sigma)), target)
 
     def whiten(self, values: Array) -> Array:
         """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""
@@ -156,18 +162,18 @@ class Problem:
         kept = white[:, :, self._rows].reshape(len(white), -1)
         return kept[0] if values.ndim == 2 else kept
 
-    def calibrated(self, groups: Sequence[Group], coefficients: Array) -> Array:
+    def calibrated(self, groups: Sequence[CalibrationGroup], coefficients: Array) -> Array:
         """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""
         columns = np.concatenate([group.columns for group in groups], axis=2)
         return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
 
-    def with_noise(self, noise: Noise) -> "Problem":
+    def with_noise(self, noise: SignalNoise) -> "Problem":
         """The same under other noise."""
         return replace(self, noise=noise)
 
-    def fitted_noise(self, residual: Array) -> Noise:
+    def fitted_noise(self, residual: Array) -> SignalNoise:
         """The most likely noise for a residual (N, C)."""
-        return signal_noise(self.world, self.model, self.signal, residual, self.active)
+        return signal_noise(self.recorded, self.model, self.signal, residual, self.active)
 
 
 def _seen(columns: Array) -> Mask:
@@ -175,37 +181,37 @@ def _seen(columns: Array) -> Mask:
     return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
 
 
-def wrench_problem(world: World, model: NominalModel) -> Problem:
+def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
     """The wrench against the nominal model; its noise as after a first fit of the calibration."""
-    return _begun(world, model, "wrench")
+    return _begun(recorded, model, "wrench")
 
 
-def effort_problem(world: World, model: NominalModel) -> Problem:
+def effort_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
     """Joint efforts against the rigid arm."""
-    return _begun(world, model, "effort")
+    return _begun(recorded, model, "effort")
 
 
-def _begun(world: World, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
-    rough = Problem(world, model, signal_noise(world, model, signal, None), signal)
-    groups = rough.groups(world)
+def _begun(recorded: RecordedMotion, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
+    rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal)
+    groups = rough.groups(recorded)
     fitted = rough.calibrated(groups, rough.frame().coefficients())
-    return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(world) - fitted))
+    return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted))
 
 
 def signal_noise(
-    world: World,
+    recorded: RecordedMotion,
     model: NominalModel,
     signal: Literal["wrench", "effort"],
     residual: Array | None,
     active: Mask | None = None,
-) -> Noise:
+) -> SignalNoise:
     """Noise of a signal: white of the measured level when `residual` is None, else of the most likely kind."""
-    if signal == "wrench" or world.effort is None:
-        seconds, speed, measured = world.seconds, world.speed, world.wrench - world.prediction
+    if signal == "wrench" or recorded.effort is None:
+        seconds, speed, measured = recorded.seconds, recorded.speed, recorded.wrench - recorded.prediction
         groups: tuple[slice, ...] = (slice(0, 3), slice(3, 6))
         given: tuple[float | None, ...] = (model.noise_force, model.noise_torque)
     else:
-        track = world.effort
+        track = recorded.effort
         seconds, speed = track.seconds, np.linalg.norm(track.velocity, axis=1)
         measured = track.measured - track.prediction
         groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
@@ -214,7 +220,7 @@ def signal_noise(
     if signal == "wrench":
         # What is rounded off is noise as well, even where readings stand still.
         given = tuple(
-            max(stated or 0.0, 2.0 * lattice(world.wrench[:, part]) / np.sqrt(12.0)) or None
+            max(stated or 0.0, 2.0 * lattice(recorded.wrench[:, part]) / np.sqrt(12.0)) or None
             for stated, part in zip(given, groups, strict=True)
         )
     if residual is None:

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Mask
 
-PAUSE = 5.0
+RECORDING_GAP = 5.0
 """s between the last sample of a recording and the first of the next, on the joint clock."""
 
 
-def joined(worlds: Sequence[World]) -> tuple[World, Mask]:
+def joined(worlds: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     """One world, and (N,) which of its samples are the last recording's.
 
     Seconds count from the first recording's first sample; what only some recordings have (joints, effort) is dropped.
@@ -25,17 +25,17 @@ def joined(worlds: Sequence[World]) -> tuple[World, Mask]:
     if len(worlds) == 1:
         return worlds[0], np.zeros(len(worlds[0]), dtype=bool)
     for kind in ("joints", "effort"):
-        named = {getattr(world, kind).names for world in worlds if getattr(world, kind) is not None}
+        named = {getattr(recorded, kind).names for recorded in worlds if getattr(recorded, kind) is not None}
         if len(named) > 1:
             raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
     moved = []
-    for world, (begin, _) in zip(worlds, spans(worlds), strict=True):
-        shift = begin - float(world.seconds[0])
-        effort = world.effort
+    for recorded, (begin, _) in zip(worlds, spans(worlds), strict=True):
+        shift = begin - float(recorded.seconds[0])
+        effort = recorded.effort
         moved.append(
             replace(
-                world,
-                seconds=world.seconds + shift,
+                recorded,
+                seconds=recorded.seconds + shift,
                 effort=None if effort is None else replace(effort, seconds=effort.seconds + shift),
             )
         )
@@ -44,31 +44,31 @@ def joined(worlds: Sequence[World]) -> tuple[World, Mask]:
     return whole, last
 
 
-def spans(worlds: Sequence[World]) -> list[tuple[float, float]]:
+def spans(worlds: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
     """(first, last) s of each recording on the clock of the joined world; of a single one as it is."""
     if len(worlds) == 1:
         return [(float(worlds[0].seconds[0]), float(worlds[0].seconds[-1]))]
     found, begin = [], 0.0
-    for world in worlds:
-        found.append((begin, begin + world.duration))
-        begin += world.duration + PAUSE
+    for recorded in worlds:
+        found.append((begin, begin + recorded.duration))
+        begin += recorded.duration + RECORDING_GAP
     return found
 
 
-def without(world: World, last: Mask) -> World:
+def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
     """The world without its last recording, joint efforts too.
 
     Args:
-        world: of several recordings.
+        recorded: of several recordings.
         last: (N,) the samples of the last.
     """
-    kept, effort = world.select(~last), world.effort
-    end = world.begins[-1]
+    kept, effort = recorded.select(~last), recorded.effort
+    end = recorded.begins[-1]
     if effort is not None:
         rows = effort.seconds < end
         arrays = {field.name: getattr(effort, field.name) for field in fields(effort)}
         effort = replace(effort, **{name: value[rows] for name, value in arrays.items() if name != "names"})
-    return replace(kept, effort=effort, begins=world.begins[:-1])
+    return replace(kept, effort=effort, begins=recorded.begins[:-1])
 
 
 def _stacked(parts: Sequence[Any]) -> Any:

@@ -1,4 +1,4 @@
-"""From joint motion to a `World`: one pass of forward kinematics with its derivatives by each joint."""
+"""From joint motion to a `RecordedMotion`: one pass of forward kinematics with its derivatives by each joint."""
 
 from dataclasses import dataclass
 
@@ -7,11 +7,11 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
-from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, World, load_wrench
+from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.types import Array
 
-STILL = 1e-3
+_STILL = 1e-3
 """m/s or rad/s below which a base rests."""
 
 
@@ -25,7 +25,7 @@ class Motion:
     base: BaseMotion | None = None
 
 
-def world_from_motion(
+def recorded_from_motion(
     robot: RobotModel,
     seconds: Array,
     motion: Motion,
@@ -35,7 +35,7 @@ def world_from_motion(
     gravity: float = STANDARD_GRAVITY,
     start: int = 0,
     effort: EffortTrack | None = None,
-) -> World:
+) -> RecordedMotion:
     """A world along a known motion.
 
     Args:
@@ -53,7 +53,7 @@ def world_from_motion(
     payload = np.asarray(phi, dtype=np.float64)
     rotation = rows.rotation
     nominal = load_wrench(payload, down @ rotation - rows.linear, rows.omega, rows.alpha)
-    return World(
+    return RecordedMotion(
         start=start,
         seconds=seconds,
         wrench=np.full((len(seconds), 6), np.nan) if wrench is None else wrench,
@@ -207,4 +207,4 @@ class _BaseRows:
 
 def _moves(base: BaseTrack) -> bool:
     fastest = max(np.abs(base.velocity_in_world).max(), np.abs(base.angular_velocity_in_base).max())
-    return bool(fastest > STILL)
+    return bool(fastest > _STILL)

@@ -10,10 +10,10 @@ import yaml
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.parameters import InertialParameters, symmetric
+from poise.inertia.model import InertialParameters, symmetric
 from poise.types import Array
 
-MAX_BYTES = 1_000_000
+_MAX_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ TOLERANCE_KEYS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Component:
+class ModelEffect:
     """An effect that is part of a model: its values, and their covariance in the order of `values`."""
 
     name: str
@@ -87,7 +87,7 @@ class NominalModel:
     tolerance: Tolerance = field(default_factory=Tolerance)
     noise_force: float | None = None
     noise_torque: float | None = None
-    effects: tuple[Component, ...] = ()
+    effects: tuple[ModelEffect, ...] = ()
     payload_identified: bool = False
 
 
@@ -98,8 +98,8 @@ def load_model(path: Path) -> NominalModel:
         InputError: FILE_UNREADABLE; BAD_INPUT for anything in it that makes no sense, with its place.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {MAX_BYTES} bytes, not a model")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {_MAX_BYTES} bytes, not a model")
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"cannot read the model {path}: {error.strerror}") from error
@@ -199,7 +199,7 @@ def _tolerance(value: Any) -> Tolerance:
     return Tolerance(**found)
 
 
-def _component(value: Any, index: int) -> Component:
+def _component(value: Any, index: int) -> ModelEffect:
     entry = _mapping(value, f"effects[{index}]", ("name", "parameters", "covariance"))
     name = _text(entry, "name")
     if name is None:
@@ -213,7 +213,7 @@ def _component(value: Any, index: int) -> Component:
     matrix = [_numbers(row, size, f"effects[{index}].covariance") for row in rows]
     if len(matrix) != size:
         raise _bad(f"effects[{index}].covariance must have {size} rows")
-    return Component(name, values, np.array(matrix).reshape(size, size))
+    return ModelEffect(name, values, np.array(matrix).reshape(size, size))
 
 
 def _mapping(value: Any, what: str, known: Any) -> Mapping[str, Any]:

@@ -1,4 +1,4 @@
-"""From a bag to a `World`: which streams there are, on one clock, what was lost, and what cannot be right."""
+"""From a bag to a `RecordedMotion`: which streams there are, on one clock, what was lost, and what cannot be right."""
 
 from dataclasses import dataclass, replace
 from xml.etree import ElementTree
@@ -8,37 +8,37 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.identification import find_kinematics, recorded_gravity
-from poise.mismatch.effects import LOWEST, slow_part
-from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, world_from_motion
+from poise.inertia.pipeline import recorded_gravity
+from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
+from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, recorded_from_motion
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
 from poise.mismatch.reading.sanity import check_positions, check_rates, check_wrench, without_spikes
 from poise.mismatch.reading.smoothing import smooth, taken
-from poise.mismatch.recorded import EffortTrack, World, at_times, load_wrench
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, load_wrench
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
-from poise.robot import BaseMotion, RobotModel, find_imu, find_urdf, parse_urdf, read_urdf
+from poise.robot import BaseMotion, RobotModel, find_imu, find_kinematics, find_urdf, parse_urdf, read_urdf
 from poise.types import Array, Mask
 
-MAX_RATE = 250.0
+MAX_WRENCH_RATE = 250.0
 """Hz; a faster wrench is averaged down to about this."""
-MOST_SAMPLES, LEAST_RATE = 15_000, 25.0
+MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE = 15_000, 25.0
 """Wrench samples of a recording that are compared, of long ones averaged further, down to this rate in Hz."""
-BESIDE = 0.1
+_BESIDE = 0.1
 """s by which an accelerometer may begin later than the wrench, or end earlier."""
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class ReadRecording:
     """A recording as a world, with what there is to say about how it was read."""
 
-    world: World
+    recorded: RecordedMotion
     model: NominalModel
     robot: RobotModel | None
     notes: tuple[str, ...]
 
 
-def read_world(recording: Recording, model: NominalModel) -> Reading:
+def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
     """Read a bag.
 
     Args:
@@ -57,22 +57,22 @@ def read_world(recording: Recording, model: NominalModel) -> Reading:
     notes = [*(loss.sentence for loss in recording.losses), *notes]
     joints, robot, odom = _robot(recording, model, frame)
 
-    def build(phi: Array) -> tuple[World, list[str]]:
+    def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
         if robot is None or joints is None:
             return _from_tf(recording, frame, wrench, phi, gravity)
         carried = phi + robot.load_in_sensor if model.tool_in_wrench else phi
-        return world_from_streams(robot, joints, odom, wrench, carried, gravity)
+        return recorded_from_streams(robot, joints, odom, wrench, carried, gravity)
 
-    world, said = build(np.zeros(10) if model.phi is None else model.phi)
+    recorded, said = build(np.zeros(10) if model.phi is None else model.phi)
     if model.phi is None:
         tool = robot.load_in_sensor if model.tool_in_wrench and robot is not None else np.zeros(10)
         model = replace(
-            model, phi=identified(world) - tool, tolerance=loosened(model.tolerance), payload_identified=True
+            model, phi=identified(recorded) - tool, tolerance=loosened(model.tolerance), payload_identified=True
         )
-        world, said = build(model.phi if model.phi is not None else np.zeros(10))
-    check_wrench(world, str(recording.path))
-    world, spikes = without_spikes(world)
-    return Reading(world, model, robot, (*notes, *said, *spikes))
+        recorded, said = build(model.phi if model.phi is not None else np.zeros(10))
+    check_wrench(recorded, str(recording.path))
+    recorded, spikes = without_spikes(recorded)
+    return ReadRecording(recorded, model, robot, (*notes, *said, *spikes))
 
 
 def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
@@ -88,13 +88,13 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
             ErrorCode.TOO_FEW_SAMPLES,
             f"{len(wrench)} usable wrench samples are too few to compare: record ten seconds or more at 50 Hz or more",
         )
-    longest = MOST_SAMPLES / LEAST_RATE
+    longest = MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE
     inside = wrench.stamps - wrench.stamps[0] <= longest * 1e9
     if not inside.all():
         notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
         wrench = wrench.select(inside)
     period = float(np.median(np.diff(wrench.stamps))) * 1e-9
-    rate = min(MOST_SAMPLES / (len(wrench) * period), MAX_RATE)
+    rate = min(MAX_WRENCH_SAMPLES / (len(wrench) * period), MAX_WRENCH_RATE)
     together = int(np.ceil(1.0 / period / rate - 0.05))
     if together > 1:
         count = len(wrench) // together * together
@@ -144,10 +144,10 @@ def _locked(text: str, names: tuple[str, ...]) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def world_from_streams(
+def recorded_from_streams(
     robot: RobotModel, joints: JointStream, odom: PoseStream | None, wrench: WrenchStream, phi: Array, gravity: float
-) -> tuple[World, list[str]]:
-    """A world from streams, and what there is to say about them; arguments as `read_world` has them.
+) -> tuple[RecordedMotion, list[str]]:
+    """A world from streams, and what there is to say about them; arguments as `read_recording` has them.
 
     Raises:
         InputError: JOINT_MISSING, TOO_FEW_SAMPLES, EMPTY.
@@ -178,7 +178,7 @@ def world_from_streams(
     effort = None
     if np.isfinite(efforts[finite]).all(axis=0).any():
         effort = _efforts(robot, (sampled, position[finite], rates[finite], efforts[finite]), odom, start, phi)
-    world = world_from_motion(
+    recorded = recorded_from_motion(
         robot,
         seconds[known],
         motion,
@@ -188,7 +188,7 @@ def world_from_streams(
         start=start,
         effort=effort if effort is not None and effort.names else None,
     )
-    return world, notes
+    return recorded, notes
 
 
 def _efforts(
@@ -253,7 +253,7 @@ def _at(base: BaseMotion | None, known: Mask) -> BaseMotion | None:
 
 def _from_tf(
     recording: Recording, frame: str, wrench: WrenchStream, phi: Array, gravity: float
-) -> tuple[World, list[str]]:
+) -> tuple[RecordedMotion, list[str]]:
     """A world from the sensor's poses alone: no joints, and accelerations as far as poses or an accelerometer tell."""
     kinematics = find_kinematics(recording, frame)
     kinematics.feed(None, None)
@@ -277,10 +277,12 @@ def _from_tf(
     felt, notes = _felt(recording, frame, start, seconds, down), []
     if felt is not None and not kinematics.has_positions:
         linear = slow_part(seconds, felt)
-        notes.append(f"tf has no positions: what is slower than {LOWEST:.0f} Hz of the imu is taken for the motion")
+        notes.append(
+            f"tf has no positions: the part of the imu below {SLOWEST_VIBRATION:.0f} Hz is taken for the motion"
+        )
     poses = kinematics.source.poses(int(motion.stamps[0]), int(motion.stamps[-1]))
     place = at_times(_seconds(poses.stamps, start), poses.translation, seconds)
-    world = World(
+    recorded = RecordedMotion(
         start=start,
         seconds=seconds,
         wrench=wrench.wrench_in_sensor[known],
@@ -295,7 +297,7 @@ def _from_tf(
         velocity_in_world=np.gradient(place, seconds, axis=0),
         accelerometer=felt,
     )
-    return world, notes
+    return recorded, notes
 
 
 def _felt(recording: Recording, frame: str, start: int, seconds: Array, down: Array) -> Array | None:
@@ -304,7 +306,7 @@ def _felt(recording: Recording, frame: str, start: int, seconds: Array, down: Ar
     if imu is None:
         return None
     stamps = _seconds(imu.stamps, start)
-    if len(stamps) < 10 or stamps[0] > seconds[0] + BESIDE or stamps[-1] < seconds[-1] - BESIDE:
+    if len(stamps) < 10 or stamps[0] > seconds[0] + _BESIDE or stamps[-1] < seconds[-1] - _BESIDE:
         return None
     # A wrench sample is an average over about its period: so is what it is held against.
     period = float(np.median(np.diff(seconds)))

@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.geometry import cross
-from poise.inertia.parameters import symmetric
-from poise.inertia.regressor import regressor
+from poise.inertia.model import regressor, symmetric
 from poise.types import Array
 
 

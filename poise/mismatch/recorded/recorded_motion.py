@@ -73,7 +73,7 @@ class EffortTrack:
 
 
 @dataclass(frozen=True, eq=False)
-class World:
+class RecordedMotion:
     """A recording at the stamps of its N good wrench samples; what was lost or not finite is absent.
 
     Vectors are in sensor axes unless the name says `in_world`. Stamps need not be uniform.
@@ -155,15 +155,15 @@ class World:
         place = int(np.clip(np.searchsorted(edges, time, side="right"), 1, len(edges) - 1))
         return np.asarray((self.seconds >= edges[place - 1]) & (self.seconds < edges[place]))
 
-    def with_prediction(self, prediction: Array) -> "World":
+    def with_prediction(self, prediction: Array) -> "RecordedMotion":
         """The same recording under a model that says something else."""
         return replace(self, prediction=prediction)
 
-    def with_effort(self, prediction: Array) -> "World":
+    def with_effort(self, prediction: Array) -> "RecordedMotion":
         """The same recording under a model that says something else of the joint efforts (M, J)."""
         return self if self.effort is None else replace(self, effort=replace(self.effort, prediction=prediction))
 
-    def select(self, rows: Mask) -> "World":
+    def select(self, rows: Mask) -> "RecordedMotion":
         """The samples that a mask (N,) picks; joint efforts, which have stamps of their own, are kept."""
         arrays = {
             field.name: getattr(self, field.name)[rows]

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, trajectory, world
+from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, recorded, trajectory
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import Motion, world_from_motion
+from poise.mismatch.reading import Motion, recorded_from_motion
 
 SECONDS = np.arange(0.0, 20.0, 0.005)
 
@@ -23,11 +23,11 @@ def moved(shift=None, turn=0.0):
     if shift is not None:
         for part, extra in zip((position, velocity, acceleration), shift, strict=True):
             part[:, :2] += extra
-    return world_from_motion(ROBOT, SECONDS, Motion(position, velocity, acceleration), PAYLOAD.phi)
+    return recorded_from_motion(ROBOT, SECONDS, Motion(position, velocity, acceleration), PAYLOAD.phi)
 
 
 def with_payload(phi):
-    return world_from_motion(ROBOT, SECONDS, Motion(*trajectory().at(SECONDS)), phi)
+    return recorded_from_motion(ROBOT, SECONDS, Motion(*trajectory().at(SECONDS)), phi)
 
 
 def point_phi(mass, place):
@@ -96,7 +96,7 @@ def test_a_base_that_shakes_is_a_base_that_shakes():
 
 
 def test_a_contact_is_a_force_at_a_point_that_comes_and_goes():
-    at = world(jitter=0.0)
+    at = recorded(jitter=0.0)
     values = TYPICAL["contact"]
     effect = effect_named("contact")
     found = effect.simulate(at, values)
