@@ -22,7 +22,7 @@ from poise.files import write_whole
 from poise.inertia import InertialParameters, identify
 from poise.recording import open_recording, write_recording
 from poise.robot import RobotModel, find_urdf, read_urdf
-from poise.simulation import FourierTrajectory, JointNoise, World, record, wrench_noise
+from poise.simulation import FourierTrajectory, IdealRobot, JointNoise, record, wrench_noise
 
 ROOT = Path(__file__).resolve().parents[1]
 GOAL = 1.5
@@ -35,8 +35,10 @@ def write_bag(path: Path, seconds: float, rate: float) -> None:
     rng = np.random.default_rng(12)
     robot = RobotModel.from_file("fr3")
     motion = FourierTrajectory.random(robot, rng, duration=seconds)
-    world = World(robot, LOAD.phi)
-    made = record(world, motion, rng, wrench_noise("moderate", rate=rate), JointNoise(rate=rate, position=2e-6), start=10**18)
+    world = IdealRobot(robot, LOAD.phi)
+    made = record(
+        world, motion, rng, wrench_noise("moderate", rate=rate), JointNoise(rate=rate, position=2e-6), start=10**18
+    )
     text = read_urdf(find_urdf("fr3"))
     write_recording(path, {"joint_states": made.joints, "wrench": made.wrench}, robot_description=text)
 

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -97,6 +97,7 @@ def differentiate(
     knot_spacing: float | None = None,
     gap: float | None = None,
     within: tuple[int, int] | None = None,
+    errors: bool = True,
 ) -> Derivatives:
     """First and second time derivative of sampled signals.
 
@@ -108,6 +109,7 @@ def differentiate(
         knot_spacing: s; None: chosen by generalised cross-validation, joint by joint.
         gap: s without a sample across which nothing is derived; None: six median intervals.
         within: ns, first and last stamp that are answered; all samples take part. None: all.
+        errors: whether the covariance is wanted; it takes as long as the derivatives. Else it is NaN.
 
     Returns:
         At the samples, or at those within.
@@ -119,26 +121,27 @@ def differentiate(
     rates = None if velocity is None else np.asarray(velocity, dtype=np.float64).reshape(values.shape)
     n, columns = values.shape
     begin, end = (0, n) if within is None else np.searchsorted(stamps, [within[0], within[1] + 1])
+    shape = (int(end - begin), columns)
+    position_out, velocity_out, acceleration_out = np.full((3, *shape), np.nan)
+    covariance, still = np.full((*shape, 3, 3), np.nan), np.zeros(shape, dtype=bool)
     out = Derivatives(
-        stamps[begin:end],
-        *np.full((3, end - begin, columns), np.nan),
-        np.full((end - begin, columns, 3, 3), np.nan),
-        np.zeros(columns),
-        np.zeros((end - begin, columns), dtype=bool),
+        stamps[begin:end], position_out, velocity_out, acceleration_out, covariance, np.zeros(columns), still
     )
     for part, seconds in _stretches(stamps, gap):
         low, high = max(part.start, begin), min(part.stop, end)
         smoother = _Smoother(seconds, values[part], None if rates is None else rates[part], knot_spacing)
         np.maximum(out.knot_spacing, smoother.spacing, out=out.knot_spacing)
         if low < high:
-            _answer(out, slice(low - begin, high - begin), smoother, slice(low - part.start, high - part.start))
+            inside = slice(low - part.start, high - part.start)
+            _answer(out, slice(low - begin, high - begin), smoother, inside, errors)
     return out
 
 
-def _answer(out: Derivatives, rows: slice, smoother: "_Smoother", inside: slice) -> None:
+def _answer(out: Derivatives, rows: slice, smoother: "_Smoother", inside: slice, errors: bool) -> None:
     """Write the derivatives of one stretch, and set those at rest to zero."""
     for column in range(smoother.values.shape[1]):
-        values, covariance = smoother.at(column, inside)
+        values = smoother.at(column, inside)
+        covariance = smoother.covariance(column, inside) if errors else out.covariance[rows, column]
         for rest in find_rests(smoother.seconds, smoother.values[:, column]):
             still = slice(max(rest.begin - inside.start, 0), max(rest.end - inside.start, 0))
             values[:, still] = np.array([[rest.level], [0.0], [0.0]])
@@ -188,7 +191,8 @@ def differentiate_rotations(
         if low >= high:
             continue
         rows, inside = slice(low - begin, high - begin), slice(low - part.start, high - part.start)
-        values, covariances = zip(*(smoother.at(column, inside) for column in range(4)), strict=True)
+        values = [smoother.at(column, inside) for column in range(4)]
+        covariances = [smoother.covariance(column, inside) for column in range(4)]
         for still in _still_together(seconds, quaternions[part], inside):
             for value, covariance in zip(values, covariances, strict=True):
                 value[1:, still.rows] = 0.0
@@ -235,7 +239,8 @@ class _Smoother:
         self._count, self._span = _bin_size(seconds), 0.0
         if self._count > 1:
             self._span = float(seconds[-1] - seconds[0]) * self._count / (len(seconds) - 1)
-            seconds, values, rates = (_binned(each, self._count) for each in (seconds, values, rates))
+            seconds, values = _binned(seconds, self._count), _binned(values, self._count)
+            rates = None if rates is None else _binned(rates, self._count)
         self._at = seconds
         design = cache(lambda m: Design(Grid.across(seconds, m), seconds))
         self._plain = cache(lambda m: SplineFit(design(m), values))
@@ -245,29 +250,33 @@ class _Smoother:
         if together:
             chosen = [self._intervals(spacing, lambda m: float(scores(m).sum()))] * len(columns)
         else:
-            chosen = [self._intervals(spacing, lambda m, k=k: float(scores(m)[k])) for k in columns]
+            chosen = [self._intervals(spacing, partial(_score_of, scores, k)) for k in columns]
         if rates is not None:
             for k in np.flatnonzero(np.isfinite(rates).all(axis=0)):
                 chosen[k] = self._with_rates(int(k), rates, chosen[k], spacing)
         self._chosen = chosen
         self.spacing = np.array([design(m).grid.spacing for m in chosen])
 
-    def at(self, column: int, inside: slice) -> tuple[Array, Array]:
-        """Position, velocity, acceleration (3, M) at the samples inside, and their covariance (M, 3, 3).
+    def at(self, column: int, inside: slice) -> Array:
+        """(3, M) position, velocity, acceleration at the samples inside."""
+        values = self._fit[column](self._chosen[column]).derivatives(self.seconds[inside])[:, :, 0]
+        values[0] -= self._span**2 * (1.0 - self._count**-2.0) / 24.0 * values[2]  # what the mean over a bin adds
+        return values
 
-        The noise of the samples, and the lag of the spline, add up.
-        """
+    def covariance(self, column: int, inside: slice) -> Array:
+        """(M, 3, 3) of position, velocity and acceleration at the samples inside: noise, and the lag of the spline."""
         m = self._chosen[column]
         fit, finer = self._fit[column](m), self._fit[column](min(max(round(m * math.sqrt(2)), 2), self._most()))
-        values, gains = fit.values_and_gains(self.seconds[inside])
-        values[0] -= self._span**2 * (1.0 - self._count**-2.0) / 24.0 * values[2]  # what the mean over a bin adds
+        # The gain hardly changes from one sample to the next: of averaged samples, that of their mean.
+        nearest = np.minimum(np.arange(inside.start, inside.stop) // self._count, len(self._at) - 1)
+        gains = fit.gains(self._at[nearest[0] : nearest[-1] + 1])
         checked = self._at[self._interior(m)]
         checked = checked[:: max(len(checked) // _CHECKED, 1)]
-        (ours, noise), (theirs, noise_finer) = fit.values_and_gains(checked), finer.values_and_gains(checked)
+        difference = (fit.derivatives(checked) - finer.derivatives(checked))[:, :, 0]
         # The spline spaces nearly contain one another: the difference varies by what the finer one varies more.
-        excess = noise_finer * finer.sigma**2 - noise * fit.sigma**2
-        lag = np.mean((ours - theirs)[:, :, 0] ** 2 - np.diagonal(excess, axis1=1, axis2=2).T, axis=1)
-        return values[:, :, 0], gains * fit.sigma**2 + np.diag(np.maximum(lag, 0.0))
+        excess = finer.gains(checked) * finer.sigma**2 - fit.gains(checked) * fit.sigma**2
+        lag = np.mean(difference**2 - np.diagonal(excess, axis1=1, axis2=2).T, axis=1)
+        return np.asarray(gains[nearest - nearest[0]] * fit.sigma**2 + np.diag(np.maximum(lag, 0.0)))
 
     def _column(self, column: int) -> Callable[[int], SplineFit]:
         return cache(lambda m: self._plain(m).select(slice(column, column + 1)))
@@ -307,16 +316,18 @@ class _Smoother:
         return min(near, key=score)
 
 
+def _score_of(scores: Callable[[int], Array], column: int, m: int) -> float:
+    return float(scores(m)[column])
+
+
 def _bin_size(seconds: Array) -> int:
     """How many samples in a row are averaged before the fit."""
     rate = (len(seconds) - 1) / float(seconds[-1] - seconds[0])
     return max(round(rate / 250.0), 1) if rate > _FASTEST else 1
 
 
-def _binned(values: Array | None, count: int) -> Array | None:
-    """Means of `count` rows of (N, ...) in a row; the last one takes what is left over."""
-    if values is None:
-        return None
+def _binned(values: Array, count: int) -> Array:
+    """Means of `count` rows of (N, ...) in a row; the last one takes the remainder."""
     edges = np.arange(0, max(len(values) - count + 1, 1), count)
     sizes = np.diff(edges, append=len(values)).reshape(-1, *[1] * (values.ndim - 1))
     return np.asarray(np.add.reduceat(values, edges, axis=0) / sizes)

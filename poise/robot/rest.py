@@ -56,9 +56,9 @@ def find_rests(seconds: Array, values: Array) -> list[Rest]:
     means = rows.mean(axis=1)
     variances, detrended = rows.var(axis=1, ddof=1), _about_line(times, rows)
     step = _encoder_step(values)
-    noise = max(float(np.percentile(detrended, 25)), step**2 / 12.0)
+    noise = max(float(np.percentile(detrended, 25)) / _quartile_share(size - 2), step**2 / 12.0)
     if noise == 0.0:
-        noise = float(np.finfo(np.float64).eps * np.abs(means).max()) ** 2
+        noise = max(float(np.finfo(np.float64).eps * np.abs(means).max()) ** 2, 1e-300)
     still = np.zeros(bins, dtype=bool)
     windows = np.lib.stride_tricks.sliding_window_view(means, _BINS)
     agree = windows.var(axis=1) * _BINS * size <= _LOCAL_LIMIT * noise
@@ -71,13 +71,20 @@ def find_rests(seconds: Array, values: Array) -> list[Rest]:
         return []
     limit = _STEP * max(step, np.sqrt(noise))
     levels = np.array([means[a:b].mean() for a, b in found])
-    close = np.abs(np.diff(levels)) < limit
+    apart, counts = np.abs(np.diff(levels)), np.array([(b - a) * size for a, b in found])
+    close = (apart < limit) & (apart > _SIGMAS * np.sqrt(noise * (1.0 / counts[1:] + 1.0 / counts[:-1])))
     slow = np.concatenate([close, [False]]) | np.concatenate([[False], close])
     return [
         _rest(seconds, values, (a * size, len(values) if b == bins else b * size), noise, step)
         for (a, b), creeping in zip(found, slow, strict=True)
         if not creeping
     ]
+
+
+def _quartile_share(freedom: int) -> float:
+    """Lower quartile of chi square over its degrees of freedom (Wilson and Hilferty 1931)."""
+    spread = 2.0 / (9.0 * freedom)
+    return float((1.0 - spread - 0.6745 * np.sqrt(spread)) ** 3)
 
 
 def _about_line(times: Array, rows: Array) -> Array:

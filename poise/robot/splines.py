@@ -114,7 +114,7 @@ class Design:
 
     @cached_property
     def ridge(self) -> Array:
-        """(6, size) what the normal matrix gets besides, in lower form, so that intervals without samples do no harm."""
+        """(6, size) added to the normal matrix, in lower form: settles knot intervals without samples."""
         band, size = np.zeros((ORDER, self.grid.size)), self.grid.size
         difference = np.array([-1.0, 3.0, -3.0, 1.0])
         strength = _RIDGE * max(len(self.seconds) / self.grid.intervals, 1.0)
@@ -241,14 +241,24 @@ class SplineFit:
             value = np.einsum("ni,nki->nk", weights, windows)
         return value + self._offset if derivative == 0 else value
 
-    def values_and_gains(self, seconds: Array) -> tuple[Array, Array]:
-        """Value, first and second derivative (3, M, K) at (M,) times, and their covariance (M, 3, 3) for unit noise."""
-        start, powers = self.grid.locate(seconds)
-        weights = np.stack([powers[:, : 6 - d] @ self.grid.polynomials(d).T for d in range(3)], axis=1)
+    def derivatives(self, seconds: Array) -> Array:
+        """(3, M, K) value, first and second derivative at (M,) times."""
+        start, weights = self._weights(seconds)
         values = np.einsum("ndi,nki->dnk", weights, sliding_window_view(self.coefficients, ORDER, axis=0)[start])
         values[0] += self._offset
-        gains = np.einsum("ndj,nej->nde", np.einsum("ndi,nij->ndj", weights, self._inverse_windows[start]), weights)
-        return np.asarray(values), np.asarray(gains)
+        return np.asarray(values)
+
+    def gains(self, seconds: Array) -> Array:
+        """(M, 3, 3) covariance of value, first and second derivative at (M,) times, for unit noise of the samples."""
+        start, weights = self._weights(seconds)
+        half = np.einsum("ndi,nij->ndj", weights, self._inverse_windows[start])
+        return np.asarray(np.einsum("ndj,nej->nde", half, weights))
+
+    def _weights(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
+        """Knot interval (M,) and weights (M, 3, 6) of its six coefficients in value, first and second derivative."""
+        start, powers = self.grid.locate(seconds)
+        weights = [powers[:, : ORDER - d] @ self.grid.polynomials(d).T for d in range(3)]
+        return start, np.stack(weights, axis=1)
 
     @cached_property
     def _inverse_windows(self) -> Array:

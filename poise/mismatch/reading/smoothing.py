@@ -105,7 +105,9 @@ class _Blend:
             np.maximum(np.quantile(local, _LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0)
         )
         slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
-        self._fits = plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
+        self._fits = (
+            plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
+        )
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
         # What is much finer than what suits the whole follows noise wherever it is a little louder.
         fine = np.array([grid.size for grid in grids])
