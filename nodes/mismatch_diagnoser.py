@@ -19,7 +19,7 @@ from poise.errors import InputError, PoiseError
 from poise.files import write_whole
 from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
-from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
+from poise.mismatch.reading import MeasuredStreams, NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -127,8 +127,8 @@ class MismatchDiagnoser(Node):
         if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
             return
         self._seen = window.newest
-        streams, description = window.streams(), window.description
-        self._start(lambda: self._examine_window(streams, description))
+        streams = window.streams()
+        self._start(lambda: self._examine_window(streams))
 
     def _start(self, work: Any) -> None:
         self._busy = True  # before the thread can say that it is done
@@ -162,11 +162,11 @@ class MismatchDiagnoser(Node):
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
-    def _examine_window(self, streams: dict[str, Any], description: str) -> None:
-        newest, frame = int(streams["wrench"].stamps[-1]), streams["wrench"].frame_id
+    def _examine_window(self, streams: MeasuredStreams) -> None:
+        newest, frame = int(streams.wrench.stamps[-1]), streams.wrench.frame_id
 
         def work() -> MismatchReport:
-            made = examine(streams, description, self._model, self._library, self._keep)
+            made = examine(streams, self._model, self._library, self._keep)
             self._save_model(made.found)
             return report_message(made.found, made.start, newest, frame)
 

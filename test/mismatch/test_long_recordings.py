@@ -5,7 +5,7 @@ import pytest
 from cases import make_case
 
 from poise.mismatch.effects.base_motion import MAX_SPLINES, UnreportedBaseMotion
-from poise.mismatch.reading.recordings import MAX_WRENCH_RATE, MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE, usable
+from poise.mismatch.reading.wrench_samples import MAX_WRENCH_RATE, MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE, usable
 from poise.recording import WrenchStream
 
 

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.geometry import STANDARD_GRAVITY
 from poise.mismatch.reading import (
     Motion,
     NominalModel,
@@ -102,7 +101,7 @@ def run_planned(
         seconds,
         Motion(*trajectory.at(seconds)),
         phi + robot.load_in_sensor if model.tool_in_wrench else phi,
-        gravity=STANDARD_GRAVITY if model.gravity is None else model.gravity,
+        gravity=model.gravity_or_standard,
         effort=effort if effort.names else None,
     )
     recorded = with_model_effects(nominal, model.effects, events=True)

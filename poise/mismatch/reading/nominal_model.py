@@ -90,6 +90,11 @@ class NominalModel:
     effects: tuple[ModelEffect, ...] = ()
     payload_identified: bool = False
 
+    @property
+    def gravity_or_standard(self) -> float:
+        """m/s2, downwards."""
+        return STANDARD_GRAVITY if self.gravity is None else self.gravity
+
 
 def load_model(path: Path) -> NominalModel:
     """Read model.yaml.
