@@ -119,17 +119,29 @@ def differentiate(
     """
     stamps, values = _check(stamps, position)
     rates = None if velocity is None else np.asarray(velocity, dtype=np.float64).reshape(values.shape)
+    smoother = partial(_Smoother, spacing=knot_spacing)
+    return _derivatives(smoother, stamps, values, rates, gap=gap, within=within, errors=errors)
+
+
+def _derivatives(
+    smoother_of: "Callable[..., _Smoother]",
+    stamps: Stamps,
+    values: Array,
+    rates: Array | None,
+    *,
+    gap: float | None,
+    within: tuple[int, int] | None,
+    errors: bool,
+) -> Derivatives:
     n, columns = values.shape
     begin, end = (0, n) if within is None else np.searchsorted(stamps, [within[0], within[1] + 1])
     shape = (int(end - begin), columns)
-    position_out, velocity_out, acceleration_out = np.full((3, *shape), np.nan)
+    position, velocity, acceleration = np.full((3, *shape), np.nan)
     covariance, still = np.full((*shape, 3, 3), np.nan), np.zeros(shape, dtype=bool)
-    out = Derivatives(
-        stamps[begin:end], position_out, velocity_out, acceleration_out, covariance, np.zeros(columns), still
-    )
+    out = Derivatives(stamps[begin:end], position, velocity, acceleration, covariance, np.zeros(columns), still)
     for part, seconds in _stretches(stamps, gap):
         low, high = max(part.start, begin), min(part.stop, end)
-        smoother = _Smoother(seconds, values[part], None if rates is None else rates[part], knot_spacing)
+        smoother = smoother_of(seconds, values[part], None if rates is None else rates[part])
         np.maximum(out.knot_spacing, smoother.spacing, out=out.knot_spacing)
         if low < high:
             inside = slice(low - part.start, high - part.start)
@@ -142,7 +154,8 @@ def _answer(out: Derivatives, rows: slice, smoother: "_Smoother", inside: slice,
     for column in range(smoother.values.shape[1]):
         values = smoother.at(column, inside)
         covariance = smoother.covariance(column, inside) if errors else out.covariance[rows, column]
-        for rest in find_rests(smoother.seconds, smoother.values[:, column]):
+        shortest = min(1.5 * smoother.spacing[column], 0.8 * float(smoother.seconds[-1] - smoother.seconds[0]))
+        for rest in find_rests(smoother.seconds, smoother.values[:, column], shortest):
             still = slice(max(rest.begin - inside.start, 0), max(rest.end - inside.start, 0))
             values[:, still] = np.array([[rest.level], [0.0], [0.0]])
             covariance[still] = np.diag(np.square(rest.sigma))
@@ -159,6 +172,7 @@ def differentiate_rotations(
     knot_spacing: float | None = None,
     gap: float | None = None,
     within: tuple[int, int] | None = None,
+    errors: bool = True,
 ) -> RotationDerivatives:
     """Angular velocity and acceleration of sampled attitudes, as from tf alone.
 
@@ -168,7 +182,7 @@ def differentiate_rotations(
     Args:
         stamps: (N,) int64 ns, not descending.
         rotation: (N, 3, 3), takes body axes to world axes; turned by less than half a turn between samples.
-        knot_spacing, gap, within: as `differentiate`.
+        knot_spacing, gap, within, errors: as `differentiate`.
 
     Raises:
         InputError: as `differentiate`; NOT_FINITE also when a matrix is no rotation.
@@ -180,53 +194,17 @@ def differentiate_rotations(
         raise InputError(ErrorCode.NOT_FINITE, f"sample {wrong[0]} is not a rotation matrix (columns not orthonormal)")
     quaternions = continuous_quaternions(matrices)
 
-    begin, end = (0, len(stamps)) if within is None else np.searchsorted(stamps, [within[0], within[1] + 1])
-    n = end - begin
-    smooth, vectors, sigmas = np.full((n, 3, 3), np.nan), np.full((2, n, 3), np.nan), np.full((3, n), np.nan)
-    spacing = 0.0
-    for part, seconds in _stretches(stamps, gap):
-        low, high = max(part.start, begin), min(part.stop, end)
-        smoother = _Smoother(seconds, quaternions[part], None, knot_spacing, together=True)
-        spacing = max(spacing, float(smoother.spacing.max()))
-        if low >= high:
-            continue
-        rows, inside = slice(low - begin, high - begin), slice(low - part.start, high - part.start)
-        values = [smoother.at(column, inside) for column in range(4)]
-        covariances = [smoother.covariance(column, inside) for column in range(4)]
-        for still in _still_together(seconds, quaternions[part], inside):
-            for value, covariance in zip(values, covariances, strict=True):
-                value[1:, still.rows] = 0.0
-                covariance[still.rows] = np.diag(np.square(still.sigma))
-        s, *rates = np.stack(values, axis=2)
-        smooth[rows], vectors[0, rows], vectors[1, rows] = turning(s, *rates)
-        # A rotation error of e rad moves the quaternion by e / 2, in three of its four directions.
-        variance = np.sum([np.diagonal(c, axis1=1, axis2=2) for c in covariances], axis=0)
-        sigmas[:, rows] = 2.0 * np.sqrt(variance.T / 3.0)
-    return RotationDerivatives(
-        stamps[begin:end], smooth, vectors[0], vectors[1], sigmas[0], sigmas[1], sigmas[2], spacing
-    )
-
-
-@dataclass(frozen=True)
-class _Still:
-    rows: slice
-    sigma: tuple[float, ...]
-
-
-def _still_together(seconds: Array, values: Array, inside: slice) -> list[_Still]:
-    """Where all columns of (N, K) stand still, as rows of the samples inside."""
-    rests = [find_rests(seconds, column) for column in values.T]
-    still, found = np.ones(len(seconds), dtype=bool), []
-    for column in rests:
-        mask = np.zeros(len(seconds), dtype=bool)
-        for rest in column:
-            mask[rest.begin : rest.end] = True
-        still &= mask
-    for first, last in np.flatnonzero(np.diff(np.concatenate([[0], still, [0]]))).reshape(-1, 2):
-        sigmas = [rest.sigma for column in rests for rest in column if rest.begin < last and rest.end > first]
-        rows = slice(max(int(first) - inside.start, 0), max(int(last) - inside.start, 0))
-        found.append(_Still(rows, tuple(np.max(sigmas, axis=0))))
-    return found
+    smoother = partial(_Smoother, spacing=knot_spacing, together=True)
+    found = _derivatives(smoother, stamps, quaternions, None, gap=gap, within=within, errors=errors)
+    known = np.isfinite(found.acceleration).all(axis=1)
+    n = len(found.stamps)
+    smooth, omega, alpha = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    if known.any():
+        parts = found.position[known], found.velocity[known], found.acceleration[known]
+        smooth[known], omega[known], alpha[known] = turning(*parts)
+    # A rotation error of e rad moves the quaternion by e / 2, in three of its four directions.
+    sigma, rate, second = 2.0 * np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3).sum(axis=1).T / 3.0)
+    return RotationDerivatives(found.stamps, smooth, omega, alpha, sigma, rate, second, float(found.knot_spacing.max()))
 
 
 class _Smoother:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from poise.types import Array
 
@@ -36,16 +37,17 @@ class Rest:
     sigma: tuple[float, float, float]
 
 
-def find_rests(seconds: Array, values: Array) -> list[Rest]:
+def find_rests(seconds: Array, values: Array, shortest: float = 0.0) -> list[Rest]:
     """Stretches of one signal at rest.
 
-    A stretch is at rest when the means of its bins agree with a constant, locally and as a whole, and show no trend.
-    Levels that follow each other in small steps are a slow motion that a quantised encoder shows as a staircase; they
-    are not at rest.
+    A stretch is at rest when the means of its bins agree with a constant, locally and as a whole, and show neither
+    trend nor curvature. Levels that follow each other in small steps are a slow motion that a quantised encoder shows
+    as a staircase; they are not at rest.
 
     Args:
         seconds: (N,) not descending.
         values: (N,) rad or m.
+        shortest: s; shorter stretches are turning points.
     """
     period = float(seconds[-1] - seconds[0]) / max(len(seconds) - 1, 1)
     size = max(_BIN_SAMPLES, round(_BIN_SECONDS / period)) if period > 0 else _BIN_SAMPLES
@@ -53,32 +55,52 @@ def find_rests(seconds: Array, values: Array) -> list[Rest]:
     if bins < _BINS:
         return []
     rows, times = values[: bins * size].reshape(bins, size), seconds[: bins * size].reshape(bins, size)
-    means = rows.mean(axis=1)
-    variances, detrended = rows.var(axis=1, ddof=1), _about_line(times, rows)
-    step = _encoder_step(values)
-    noise = max(float(np.percentile(detrended, 25)) / _quartile_share(size - 2), step**2 / 12.0)
-    if noise == 0.0:
-        noise = max(float(np.finfo(np.float64).eps * np.abs(means).max()) ** 2, 1e-300)
-    still = np.zeros(bins, dtype=bool)
-    windows = np.lib.stride_tricks.sliding_window_view(means, _BINS)
-    agree = windows.var(axis=1) * _BINS * size <= _LOCAL_LIMIT * noise
-    quiet = variances <= noise * (1.0 + _SIGMAS * np.sqrt(2.0 / (size - 1))) * 1.5
-    for first in np.flatnonzero(agree):
-        still[first : first + _BINS] |= quiet[first : first + _BINS].all()
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
-    found = [(a, b) for a, b in edges.reshape(-1, 2) if _is_constant(means[a:b], noise / size)]
-    if not found:
-        return []
-    limit = _STEP * max(step, np.sqrt(noise))
-    levels = np.array([means[a:b].mean() for a, b in found])
-    apart, counts = np.abs(np.diff(levels)), np.array([(b - a) * size for a, b in found])
-    close = (apart < limit) & (apart > _SIGMAS * np.sqrt(noise * (1.0 / counts[1:] + 1.0 / counts[:-1])))
-    slow = np.concatenate([close, [False]]) | np.concatenate([[False], close])
+    means, step = rows.mean(axis=1), _encoder_step(values)
+    quiet = float(np.percentile(_about_line(times, rows), 25)) / _quartile_share(size - 2)
+    rounding = float(np.finfo(np.float64).eps * np.abs(means).max())
+    noise = max(quiet, step**2 / 12.0, rounding**2, 1e-300)
+    found = [
+        (a, b)
+        for a, b in _constant_runs(means, rows.var(axis=1, ddof=1), noise, size)
+        if (b - a) * size * period >= shortest
+    ]
+    creeping = _are_stairs(
+        [float(means[a:b].mean()) for a, b in found], [(b - a) * size for a, b in found], noise, step
+    )
     return [
         _rest(seconds, values, (a * size, len(values) if b == bins else b * size), noise, step)
-        for (a, b), creeping in zip(found, slow, strict=True)
-        if not creeping
+        for (a, b), slow in zip(found, creeping, strict=True)
+        if not slow
     ]
+
+
+def _constant_runs(means: Array, variances: Array, noise: float, size: int) -> list[tuple[int, int]]:
+    """Runs of bins, first and last plus one, at one level; short interruptions that fit the level are part of a run."""
+    still = np.zeros(len(means), dtype=bool)
+    agree = sliding_window_view(means, _BINS).var(axis=1) * _BINS * size <= _LOCAL_LIMIT * noise
+    limit = 1.5 * noise * (1.0 + _SIGMAS * np.sqrt(2.0 / (size - 1)))
+    for first in np.flatnonzero(agree):
+        still[first : first + _BINS] |= (variances[first : first + _BINS] <= limit).all()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(np.int8)))
+    runs: list[tuple[int, int]] = []
+    for a, b in edges.reshape(-1, 2).tolist():
+        gap = slice(runs[-1][1] if runs else a, a)
+        near = bool(runs) and a - gap.start <= _BINS and bool((variances[gap] <= 2.0 * limit).all())
+        if near and _is_constant(means[runs[-1][0] : b], noise / size):
+            runs[-1] = runs[-1][0], b
+        else:
+            runs.append((a, b))
+    return [(a, b) for a, b in runs if _is_constant(means[a:b], noise / size)]
+
+
+def _are_stairs(levels: list[float], counts: list[int], noise: float, step: float) -> list[bool]:
+    """Which levels, means of so many samples, lie one small but significant step from a neighbouring one."""
+    if len(levels) < 2:
+        return [False] * len(levels)
+    apart, inverse = np.abs(np.diff(levels)), 1.0 / np.array(counts)
+    close = apart < _STEP * max(step, np.sqrt(noise))
+    close &= apart > _SIGMAS * np.sqrt(noise * (inverse[1:] + inverse[:-1]))
+    return list(np.concatenate([close, [False]]) | np.concatenate([[False], close]))
 
 
 def _quartile_share(freedom: int) -> float:
@@ -96,13 +118,16 @@ def _about_line(times: Array, rows: Array) -> Array:
 
 
 def _is_constant(means: Array, variance: float) -> bool:
-    """Whether bin means (B,) with this variance fit a constant, and have no trend."""
+    """Whether bin means (B,) with this variance fit a constant, and have neither trend nor curvature."""
     count = len(means)
     off = means - means.mean()
-    time = np.arange(count) - (count - 1) / 2
-    trend = float(time @ off) / np.sqrt(variance * float(time @ time))
+    trend = np.arange(count) - (count - 1) / 2
+    bend = trend**2 - np.mean(trend**2)
+    for shape in (trend, bend):
+        if abs(float(shape @ off)) > _SIGMAS * np.sqrt(variance * float(shape @ shape)):
+            return False
     freedom = count - 1
-    return bool(abs(trend) <= _SIGMAS and off @ off <= variance * (freedom + _SIGMAS * np.sqrt(2.0 * freedom) + 6.0))
+    return bool(off @ off <= variance * (freedom + _SIGMAS * np.sqrt(2.0 * freedom) + 6.0))
 
 
 def _encoder_step(values: Array) -> float:
