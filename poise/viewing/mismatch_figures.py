@@ -19,7 +19,7 @@ _TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", 
 
 def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
     """The windows worth a mark: none where nothing was found."""
-    return examination.where if examination.findings or examination.unknown else ()
+    return examination.windows if examination.findings or examination.unknown else ()
 
 
 def _shaded(examination: SignalDiagnosis, left: ScaledResiduals) -> Array:
