@@ -67,14 +67,14 @@ def test_a_block_with_cycles_is_bounded_to_its_tolerance_by_a_few_tens_of_progra
     analysis = Analysis.of(scenes.table())
     block = analysis.blocks[0]
     count = 0
-    solve = block.solvers.limit.inverse
+    solve = block.solvers.limit.inverse_factor
 
     def counted(load):
         nonlocal count
         count += 1
         return solve(load)
 
-    block.solvers.limit.inverse = counted
+    block.solvers.limit.inverse_factor = counted
     found = acceleration_limits(analysis, 360, turning=False)
     assert count < 120
     for row in range(0, 360, 15):

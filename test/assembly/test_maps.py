@@ -197,7 +197,7 @@ def test_a_deadline_ends_a_map_without_asking_for_the_rest():
 def test_a_deadline_in_the_middle_leaves_bounds_that_hold(model, monkeypatch):
     analysis = Analysis.of(scenes.stack(3))
     full = robustness_map(analysis, 500, model=model)
-    monkeypatch.setattr("poise.assembly.map_regions.ROW_CHUNK", 20)
+    monkeypatch.setattr("poise.assembly.robustness.map_regions.ROW_CHUNK", 20)
     looks = itertools.count()
     monkeypatch.setattr(Deadline, "passed", property(lambda _: next(looks) > 45))
     early = robustness_map(analysis, sample_surface(analysis.structure, 500), model=model)
@@ -218,7 +218,7 @@ def test_a_map_has_a_largest_size():
 def test_chunks_of_rows_change_no_bound(monkeypatch):
     scene = on_floor(capsule())
     whole = robustness_map(scene, 600)
-    monkeypatch.setattr("poise.assembly.map_regions.ROW_CHUNK", 7)
+    monkeypatch.setattr("poise.assembly.robustness.map_regions.ROW_CHUNK", 7)
     parts = robustness_map(scene, 600)
     np.testing.assert_allclose(parts.lower, whole.lower, rtol=1e-9)
     np.testing.assert_allclose(parts.upper, whole.upper, rtol=1e-9)
