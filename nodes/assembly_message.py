@@ -34,6 +34,8 @@ from poise_msgs.msg import Push as PushMessage
 from poise_msgs.msg import Robustness as RobustnessMessage
 from poise_msgs.msg import RobustnessMap as RobustnessMapMessage
 
+MAX_OBJECTS = 2000
+"""Of an assembly in a message: finding what touches takes time with its square."""
 MODES = {
     "none": RobustnessMessage.MODE_NONE,
     "slip": RobustnessMessage.MODE_SLIP,
@@ -53,6 +55,8 @@ def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assem
         InputError: as `poise.assembly.read_scene`, naming the object.
     """
     gravity = message.gravity
+    if len(message.objects) > MAX_OBJECTS:
+        raise InputError(ErrorCode.BAD_INPUT, f"{len(message.objects)} objects; an assembly has {MAX_OBJECTS} at most")
     return Assembly(
         objects_of(message, folders),
         np.array([gravity.x, gravity.y, gravity.z]),

@@ -19,7 +19,7 @@ LINKS = ("nodes", "fake_robots")
 
 # From the top to the bottom; an arrow may only point to its own level or below, and rooms never form a circle.
 LEVELS = (
-    {"cli", "commands"},
+    {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation"},
     {"placement", "mismatch", "excitation"},
@@ -28,7 +28,7 @@ LEVELS = (
     {"robot"},
     {"shape", "recording", "force_torque"},
     {"geometry"},
-    {"types", "errors", "files", "__init__"},
+    {"types", "errors", "files"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 
@@ -219,7 +219,7 @@ def test_arrows_between_rooms_run_one_way() -> None:
     for name, path in core_modules().items():
         for node, imported in imports(path):
             target = core_target(imported)
-            if target is None or room_of(target) == room_of(name):
+            if target is None or room_of(target) in (room_of(name), "__init__"):  # poise itself is lazy
                 continue
             here, there = room_of(name), room_of(target)
             upwards = level_of(there) < level_of(here)
@@ -233,7 +233,7 @@ def test_rooms_form_no_circle() -> None:
     graph: dict[str, set[str]] = {}
     for name, path in core_modules().items():
         targets = {room_of(target) for _, imported in imports(path) if (target := core_target(imported))}
-        graph.setdefault(room_of(name), set()).update(targets - {room_of(name)})
+        graph.setdefault(room_of(name), set()).update(targets - {room_of(name), "__init__"})
     assert not (found := circle(graph)), " -> ".join(found)
 
 

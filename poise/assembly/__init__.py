@@ -14,7 +14,7 @@ from poise.assembly.assess import Assessment, Robustness, assess
 from poise.assembly.contacts import CONTACT_MARGIN, Interface, find_interfaces
 from poise.assembly.disassembly import Disassembly, plan_disassembly
 from poise.assembly.graph import Structure
-from poise.assembly.maps import RobustnessMap, robustness_map
+from poise.assembly.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
 from poise.assembly.models import MODELS
 from poise.assembly.pushes import Push
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
@@ -26,6 +26,7 @@ from poise.assembly.uncertainty import MotionProbability, motion_probability
 
 __all__ = [
     "CONTACT_MARGIN",
+    "MAX_MAP_POINTS",
     "MODELS",
     "AccelerationLimits",
     "Analysis",

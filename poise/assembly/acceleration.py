@@ -157,7 +157,7 @@ def _block_limits(
     """Limits (D,) of one block, m/s2, who moves at each, and whether all are known to the tolerance (D,)."""
     objects = block.structure.assembly.objects
     gravity = np.asarray(block.structure.assembly.gravity)
-    if block.geometry.statically_determinate and not block.self_stress:
+    if block.geometry.statically_determinate and not block.solvers.self_stress:
         members = block.block.members[0]
         masses = np.array([objects[place].mass for place in members])
         com = masses @ np.array([objects[place].com_in_world for place in members]) / masses.sum()
@@ -166,7 +166,7 @@ def _block_limits(
         names = tuple(objects[place].id for place in members)
         return limits, lambda _: lambda: names, True
     limits, numbers, mechanisms, complete = _bounded(block, directions, tolerance, deadline)
-    if block.self_stress:
+    if block.solvers.self_stress:
         # Slow: the directions around are left out of the polytope.
         wanted = tolerance < TOLERANCE_AROUND
         limits, complete = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline, complete)
@@ -194,7 +194,7 @@ def _bounded(
 ) -> tuple[Array, "np.typing.NDArray[np.int64]", list[Mechanism], bool]:
     """Lower bounds (D,) of the limits; the mechanism that bounds each from above; whether they meet the tolerance."""
     loads = _inertial_loads(block)
-    patch = block.patch
+    patch = block.solvers.patch
     cuts: list[Array] = []
     mechanisms: list[Mechanism] = []
     reached: list[Array] = []
@@ -204,7 +204,7 @@ def _bounded(
         for direction in wanted:
             if deadline.passed:
                 return np.zeros(len(directions)), number, mechanisms, False
-            gauges = [block.limit.gauge(loads @ direction)]
+            gauges = [block.solvers.limit.gauge(loads @ direction)]
             if patch is not None and not (gauges[0].multipliers is not None and patch.allows(gauges[0].multipliers)):
                 gauges.append(patch.resting.gauge(loads @ direction))
             weakest = max(gauges, key=lambda gauge: gauge.value)
@@ -234,7 +234,7 @@ def _elastic(
     for row in np.flatnonzero(limits > 0).tolist():
         if deadline.passed:
             return checked, False
-        checked[row], known = block.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
+        checked[row], known = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
         complete &= known
     return checked, complete
 

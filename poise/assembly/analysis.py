@@ -1,25 +1,21 @@
 """An assembly made ready for questions: its blocks with their solvers, built when first needed and kept."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.block import BlockGeometry, block_geometry, gravity_wrenches
+from poise.assembly.block import BlockGeometry
+from poise.assembly.block_solvers import BlockKey, BlockSolvers
 from poise.assembly.contacts import CONTACT_MARGIN, Interface
-from poise.assembly.coulomb import CoulombBlock
 from poise.assembly.deadline import NEVER_LATE, Deadline
-from poise.assembly.equilibrium import Standing, has_self_stress, stability
-from poise.assembly.gauge import GaugeProgram
 from poise.assembly.graph import Block, Structure
-from poise.assembly.limit import limit_program
-from poise.assembly.patch import PatchProgram
 from poise.assembly.pushes import Loads
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.assembly.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
-from poise.types import Array
+from poise.types import Array, Indices
 
 STILL = 1e-4
 """Bodies slower than this share of the fastest are at rest in a mechanism."""
@@ -27,100 +23,43 @@ STILL = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class BlockAnalysis:
-    """One block of the contact interface graph and all that is asked of it."""
+    """One block of the contact interface graph in an assembly, with its solvers.
+
+    Args:
+        structure: of the assembly.
+        block: which part of its graph.
+        solvers: of the block; analyses of similar assemblies may share them.
+    """
 
     structure: Structure
     block: Block
+    solvers: BlockSolvers
 
-    @cached_property
+    @property
     def geometry(self) -> BlockGeometry:
-        return block_geometry(self.structure, self.block)
+        return self.solvers.geometry
 
     @cached_property
     def interfaces(self) -> list[Interface]:
         return [self.structure.interfaces[number] for number in self.block.interfaces]
 
     @cached_property
-    def limit(self) -> GaugeProgram:
-        return limit_program(self.geometry)
+    def body_of(self) -> dict[int, int]:
+        """The body of the block that moves with each object, by its place in `Assembly.objects`."""
+        return {place: body for body, members in enumerate(self.block.members) for place in members}
 
-    @cached_property
-    def rough_limit(self) -> GaugeProgram:
-        """The same to a millionth, for maps."""
-        return limit_program(self.geometry, 1e-6)
-
-    @cached_property
-    def single_patch(self) -> SinglePatch | None:
-        """For one body on one interface."""
-        if not self.geometry.statically_determinate:
-            return None
-        faces_body = self.block.supports[0][1] == 0
-        resting = gravity_wrenches(self.structure, self.block)[0]
-        return SinglePatch(self.interfaces[0], faces_body, resting)
-
-    @cached_property
-    def patch(self) -> PatchProgram | None:
-        """For more than that; None when friction spread uniformly cannot even hold the block at rest."""
-        if self.geometry.statically_determinate:
-            return None
-        program = PatchProgram(self.geometry, self.interfaces)
-        return program if program.holds else None
-
-    @cached_property
-    def coulomb(self) -> CoulombBlock:
-        return CoulombBlock(self.geometry, self.interfaces)
-
-    @cached_property
-    def self_stress(self) -> bool:
-        return has_self_stress(self.geometry)
-
-    @cached_property
-    def balance(self) -> Standing:
-        """How safely it stands if contact forces may be any that balance."""
-        return stability(self.geometry)
-
-    @cached_property
-    def _settled(self) -> dict[str, Standing]:
-        return {}
-
-    def standing(self, deadline: Deadline = NEVER_LATE) -> tuple[Standing, bool]:
-        """How safely it stands. Where contact forces have a choice, they must also be what elastic contacts give.
-
-        Returns:
-            How safely, and whether elastic contacts were asked where they have to be, before the deadline.
-        """
-        if self.balance.margin < 0 or self.geometry.statically_determinate:
-            return self.balance, True
-        if not self._settled:
-            state = self.coulomb.settle(self.geometry.gravity.ravel(), deadline=deadline)
-            if not state.known:
-                return self.balance, False
-            falls = Standing(-state.unbalanced, state.displacement)
-            self._settled["standing"] = self.balance if state.stands else falls
-        return self._settled["standing"], True
-
-    @property
-    def key(self) -> tuple[object, ...]:
-        """Equal for blocks that are the same problem: the same objects held in the same places."""
-        objects = self.structure.assembly.objects
-        members = tuple(tuple(id(objects[place]) for place in group) for group in self.block.members)
-        touch = tuple((id(interface.points), interface.friction) for interface in self.interfaces)
-        return members, touch, self.block.supports
-
-    def adopt(self, other: "BlockAnalysis") -> None:
-        """Take over what another analysis of the same block (equal keys) has worked out."""
-        for name in ("limit", "rough_limit", "single_patch", "patch", "coulomb", "self_stress", "balance", "_settled"):
-            if name in other.__dict__:
-                self.__dict__[name] = other.__dict__[name]
-        if "geometry" in other.__dict__:
-            self.__dict__["geometry"] = replace(other.geometry, block=self.block)
+    def bodies_of(self, place: Indices) -> Indices:
+        """(N,) the body of the block that moves with each object, by places (N,) in `Assembly.objects`; -1 for none."""
+        body = np.full(len(self.structure.assembly.objects), -1, dtype=np.int64)
+        body[list(self.body_of)] = list(self.body_of.values())
+        return np.asarray(body[place])
 
     def loads(self, loads: Loads) -> tuple[np.ndarray, Array]:
         """The questions (q,) that load this block, and the loads (q, 6 n) in its units."""
-        inside = np.array([place in self.geometry.place_of for place in loads.place], dtype=bool)
-        rows = np.flatnonzero(inside)
+        bodies = self.bodies_of(loads.place)
+        rows = np.flatnonzero(bodies >= 0)
         questions, row = np.unique(loads.question[rows], return_inverse=True)
-        body = np.array([self.geometry.place_of[place] for place in loads.place[rows].tolist()], dtype=np.int64)
+        body = bodies[rows]
         total = np.zeros((len(questions), self.geometry.count, 6))
         np.add.at(total, (row, body), self.geometry.units.of_wrench(loads.wrench[rows]))
         return questions, total.reshape(len(questions), 6 * self.geometry.count)
@@ -169,7 +108,7 @@ class Mechanism:
         slide = np.linalg.norm(relative[:, 1:], axis=1)
         scale = max(float(np.abs(relative).max(initial=0.0)), 1e-300)
         slips = topples = False
-        for number in range(len(self.block.interfaces)):
+        for number in range(len(self.block.block.interfaces)):
             corners = geometry.interface == number
             parting, sliding = relative[corners, 0], slide[corners]
             dilatancy = geometry.friction[corners] * sliding
@@ -217,6 +156,7 @@ class Analysis:
     """An assembly, its contacts, and one solver per block. For one thread at a time."""
 
     structure: Structure
+    _shared: Mapping[BlockKey, BlockSolvers] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, assembly: "Assembly | Structure | Analysis", margin: float = CONTACT_MARGIN) -> "Analysis":
@@ -235,7 +175,7 @@ class Analysis:
         Raises:
             InputError: INTERPENETRATION, FLOATING; OBJECT_UNKNOWN in a friction pair.
         """
-        return Analysis(self.structure.with_object(*items, pairs=pairs))._keeping(self)
+        return Analysis(self.structure.with_object(*items, pairs=pairs), self._solvers)
 
     def without(self, name: str) -> "Analysis":
         """The analysis when one object is taken away. Others may float then: see `stability`.
@@ -243,15 +183,11 @@ class Analysis:
         Raises:
             InputError: OBJECT_UNKNOWN.
         """
-        return Analysis(self.structure.without(name))._keeping(self)
+        return Analysis(self.structure.without(name), self._solvers)
 
-    def _keeping(self, other: "Analysis") -> "Analysis":
-        """This analysis, with the solvers of all blocks that are as in another one."""
-        known = {block.key: block for block in other.blocks}
-        for block in self.blocks:
-            if block.key in known:
-                block.adopt(known[block.key])
-        return self
+    @cached_property
+    def _solvers(self) -> dict[BlockKey, BlockSolvers]:
+        return {BlockSolvers.key(self.structure, block.block): block.solvers for block in self.blocks}
 
     @property
     def assembly(self) -> Assembly:
@@ -259,7 +195,11 @@ class Analysis:
 
     @cached_property
     def blocks(self) -> tuple[BlockAnalysis, ...]:
-        return tuple(BlockAnalysis(self.structure, block) for block in self.structure.blocks)
+        found = []
+        for block in self.structure.blocks:
+            shared = self._shared.get(BlockSolvers.key(self.structure, block)) if self._shared else None
+            found.append(BlockAnalysis(self.structure, block, shared or BlockSolvers(self.structure, block)))
+        return tuple(found)
 
     def stability(self, deadline: Deadline = NEVER_LATE) -> Stability:
         """Whether and how safely the assembly stands by itself; floating objects fall."""
@@ -268,7 +208,7 @@ class Analysis:
         falling = [objects[place].id for place in self.structure.floating]
         complete = True
         for block in self.blocks:
-            standing, known = block.standing(deadline)
+            standing, known = block.solvers.standing(deadline)
             complete &= known
             margin = min(margin, standing.margin * block.geometry.units.weight)
             if standing.margin <= 0:

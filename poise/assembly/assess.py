@@ -32,6 +32,10 @@ class Robustness:
     checked: bool
     _evidence: "_Evidence" = field(repr=False)
 
+    def __repr__(self) -> str:
+        moves = ", ".join(self.moves) or "nothing"
+        return f"Robustness({self.robustness:.4g} N in [{self.lower:.4g}, {self.upper:.4g}], {self.mode}: {moves})"
+
     @property
     def mode(self) -> str:
         """none, slip, topple or mixed."""
@@ -102,6 +106,10 @@ class Assessment:
     results: tuple[Robustness, ...]
     complete: bool = True
 
+    def __repr__(self) -> str:
+        state = "stable" if self.stable else f"unstable: {', '.join(self.falling)}"
+        return f"Assessment({state}, margin {self.margin:.4g} N, results {list(self.results)})"
+
 
 def assess(
     assembly: Assembly | Analysis,
@@ -127,7 +135,7 @@ def assess(
     loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
     # In a hurry the pushes go first: whether any contact forces balance is known soon.
     collapses = Collapses.start(loads.count)
-    if all(block.balance.margin >= 0 for block in analysis.blocks):
+    if all(block.solvers.balance.margin >= 0 for block in analysis.blocks):
         collapses = solve(analysis, loads, clock)
     found = analysis.stability(clock)
     if not found.stable:

@@ -60,7 +60,7 @@ class BlockGeometry:
     """Contact points of all interfaces of a block, one after another, and the loads at rest.
 
     Args:
-        block: which part of the graph.
+        supports: (I, 2) bodies on the first and second side of each interface, or FIXED.
         units: what everything below is counted in.
         points: (K, 3) contact points, from the units' origin.
         frames: (K, 3, 3) rows: normal from the first into the second body, and two tangents.
@@ -70,7 +70,7 @@ class BlockGeometry:
         gravity: (n, 6) wrench of gravity on each body with all that hangs on it.
     """
 
-    block: Block
+    supports: Indices
     units: Units
     points: Array
     frames: Array
@@ -90,15 +90,10 @@ class BlockGeometry:
         wrenches = np.concatenate([self.frames, np.cross(self.points[:, None], self.frames)], axis=2)
         return assembled(wrenches, self.bodies, self.count)
 
-    @cached_property
-    def place_of(self) -> dict[int, int]:
-        """The block body that moves with each object, by its place in `Assembly.objects`."""
-        return {place: i for i, members in enumerate(self.block.members) for place in members}
-
     @property
     def statically_determinate(self) -> bool:
         """One body on one interface: no contact force can arise without a load."""
-        return self.count == 1 and len(self.block.interfaces) == 1
+        return self.count == 1 and len(self.supports) == 1
 
 
 def assembled(wrenches: Array, bodies: Indices, count: int) -> Sparse:
@@ -123,6 +118,7 @@ def block_geometry(structure: Structure, block: Block) -> BlockGeometry:
     which = np.repeat(np.arange(len(interfaces)), [len(interface.points) for interface in interfaces])
     points = np.concatenate([interface.points for interface in interfaces])
     normals = np.array([interface.normal for interface in interfaces])
+    supports = np.array(block.supports, dtype=np.int64)
     gravity = gravity_wrenches(structure, block)
     objects = structure.assembly.objects
     heads = np.array([objects[members[0]].com_in_world for members in block.members])
@@ -131,12 +127,12 @@ def block_geometry(structure: Structure, block: Block) -> BlockGeometry:
     weight = np.linalg.norm(gravity[:, :3], axis=1).sum()
     units = Units(origin, float(length) or 1.0, float(weight) or 1.0)
     return BlockGeometry(
-        block=block,
+        supports=supports,
         units=units,
         points=(points - origin) / units.length,
         frames=np.concatenate([normals[:, None], plane_axes(normals)], axis=1)[which],
         friction=np.array([interface.friction for interface in interfaces])[which],
-        bodies=np.array(block.supports, dtype=np.int64)[which],
+        bodies=supports[which],
         interface=which,
         gravity=units.of_wrench(gravity),
     )

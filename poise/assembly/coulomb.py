@@ -68,7 +68,7 @@ class CoulombBlock:
         self.geometry = geometry
         points, frames, stiffness, friction, number = _elastic_points(geometry, interfaces)
         wrenches = np.concatenate([frames, np.cross(points[:, None], frames)], axis=2)
-        bodies = np.array(geometry.block.supports, dtype=np.int64)[number]
+        bodies = geometry.supports[number]
         grasp = assembled(wrenches, bodies, geometry.count)
         small = np.prod(grasp.shape) <= CELLS
         self._grasp = grasp.toarray() if small else grasp

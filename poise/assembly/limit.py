@@ -3,10 +3,9 @@
 import numpy as np
 
 from poise.assembly.block import BlockGeometry
-from poise.assembly.equilibrium import cone_rows, moving_into_cones, stacked
-from poise.assembly.gauge import Gauge, GaugeProgram
+from poise.assembly.equilibrium import moving_into_cones, stacked
+from poise.assembly.gauge import GaugeProgram
 from poise.assembly.solvers import TOLERANCE, Cones
-from poise.types import Array
 
 
 def limit_program(geometry: BlockGeometry, tolerance: float = TOLERANCE) -> GaugeProgram:
@@ -16,10 +15,3 @@ def limit_program(geometry: BlockGeometry, tolerance: float = TOLERANCE) -> Gaug
     right = np.concatenate([[1.0], np.zeros(3 * corners)])
     cones = Cones(nonnegative=1, second_order=(3,) * corners)
     return GaugeProgram(matrix, right, cones, 6 * geometry.count, tolerance)
-
-
-def forces_at_collapse(geometry: BlockGeometry, gauge: Gauge) -> Array | None:
-    """(K, 3) contact forces (normal, two tangents; in block weights) at the factor 1 / gauge; None without collapse."""
-    if gauge.multipliers is None or gauge.value == 0:
-        return None
-    return gauge.multipliers[1:].reshape(-1, 3) * cone_rows(geometry.friction) / gauge.value

@@ -1,5 +1,6 @@
 """Bounds on how near pushes bring a block to collapse, for all points of a region of the surface at once."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +18,20 @@ FLAT = 12
 ROUND = 96
 # Of more mechanisms than this, those are kept that come this near to the best at some probe.
 MANY, NEAR = 40, 0.6
+# Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
+CHUNK = 20_000
+
+
+def chunks(count: int) -> Iterator[slice]:
+    """Slices of at most `CHUNK` rows that cover `count` rows."""
+    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+
+
+def group_rows(key: Array) -> Indices:
+    """(N,) group number of each row of a key (N, K <= 5); rows are equal to about 1e-6."""
+    # One number for each row of the key: far faster to sort than rows.
+    weights = np.array([1.0, np.e, np.pi, np.sqrt(2), np.sqrt(3)])[: key.shape[1]]
+    return np.unique(np.round(key @ weights, 6), return_inverse=True)[1].ravel()
 
 
 @dataclass(eq=False)
@@ -49,6 +64,10 @@ class Bounds:
         self.lower[rows] = np.maximum(self.lower[rows], lower)
         self.upper[rows] = np.maximum(self.upper[rows], upper)
 
+    def give_up(self, rows: Indices) -> None:
+        """Record that the deadline passed before a block was asked about these points."""
+        self.upper[rows] = np.inf
+
 
 @dataclass(eq=False)
 class Pool:
@@ -67,10 +86,10 @@ class Pool:
         """Gauge of a wrench (6,) on a body of the block; its mechanisms join the pool."""
         load = np.zeros(6 * self.block.geometry.count)
         load[6 * body : 6 * body + 6] = wrench
-        patch = self.block.patch if self.with_patch else None
+        patch = self.block.solvers.patch if self.with_patch else None
         value = 0.0
         if self.with_limit or patch is None:
-            limit = self.block.rough_limit.gauge(load)
+            limit = self.block.solvers.rough_limit.gauge(load)
             self._keep(limit.twist)
             value = limit.upper
             if patch is None or (limit.multipliers is not None and patch.allows(limit.multipliers)):
@@ -97,9 +116,11 @@ class Pool:
             matter = np.any(probes >= NEAR * np.abs(probes.max(axis=1, keepdims=True)), axis=0)
             matter[probes.max(axis=0).argmax()] = True
             twists, numbers = twists[matter], numbers[matter]
-        power = wrenches @ twists.T
-        best = power.argmax(axis=1)
-        values = power[np.arange(len(power)), best]
+        best, values = np.empty(len(wrenches), dtype=np.int64), np.empty(len(wrenches))
+        for part in chunks(len(wrenches)):
+            power = wrenches[part] @ twists.T
+            best[part] = power.argmax(axis=1)
+            values[part] = power[np.arange(len(power)), best[part]]
         return np.maximum(values, 0.0), np.where(values > 0, numbers[best], -1)
 
 
@@ -177,9 +198,11 @@ def bound_flat(
         finite = np.isfinite(values)
         if finite.all():
             planes = upper_planes(np.array(places), np.array(values))
-            heights = plane @ planes[:, :2].T + planes[:, 2]
-            facet = heights.argmax(axis=1)
-            region.upper = np.minimum(region.upper, heights[np.arange(len(plane)), facet])
+            facet = np.empty(len(plane), dtype=np.int64)
+            for part in chunks(len(plane)):
+                heights = plane[part] @ planes[:, :2].T + planes[:, 2]
+                facet[part] = heights.argmax(axis=1)
+                region.upper[part] = np.minimum(region.upper[part], heights[np.arange(len(heights)), facet[part]])
         else:  # on the verge of moving: between points nothing is known
             facet = np.arange(len(plane)) % ROUND
         wanted = _widest(region, facet, tolerance, floor)
@@ -238,15 +261,28 @@ def _between(region: Region, values: Array, rest: Array) -> None:
     known = np.flatnonzero(region.solved & np.isfinite(values))
     if len(known) < 3 or not np.all(np.isfinite(rest)):
         return
-    _, near = cKDTree(region.wrenches[known]).query(region.wrenches, k=3)
-    base = region.wrenches[known[near]]  # (n, 3, 6)
-    square = base @ base.transpose(0, 2, 1) + 1e-9 * np.eye(3)
-    weights = np.linalg.solve(square, base @ region.wrenches[:, :, None])[:, :, 0]
-    weights = np.maximum(weights, 0.0)
-    left = region.wrenches - np.einsum("ij,ijk->ik", weights, base)
-    bound = np.einsum("ij,ij->i", weights, values[known[near]])
-    bound += np.maximum(left, 0) @ rest[:, 0] + np.maximum(-left, 0) @ rest[:, 1]
-    region.upper = np.minimum(region.upper, bound)
+    tree = cKDTree(region.wrenches[known])
+    for part in chunks(len(region.rows)):
+        if region.pool.deadline.passed:
+            return
+        wrenches = region.wrenches[part]
+        near = known[tree.query(wrenches, k=3)[1]]
+        base = region.wrenches[near]  # (n, 3, 6)
+        square = base @ base.transpose(0, 2, 1) + 1e-9 * np.eye(3)
+        weights = np.linalg.solve(square, base @ wrenches[:, :, None])[:, :, 0]
+        weights = np.maximum(weights, 0.0)
+        left = wrenches - np.einsum("ij,ijk->ik", weights, base)
+        bound = np.einsum("ij,ij->i", weights, values[near])
+        bound += np.maximum(left, 0) @ rest[:, 0] + np.maximum(-left, 0) @ rest[:, 1]
+        region.upper[part] = np.minimum(region.upper[part], bound)
+
+
+def _split(body: Indices, surface: SurfacePoints, rows: Indices, length: float) -> list[Indices]:
+    """The rows (positions in `rows`) in groups of one body, one direction of push and one plane."""
+    offset = np.einsum("ij,ij->i", surface.points[rows], surface.directions[rows]) / length
+    key = np.column_stack([body, np.round(surface.directions[rows], 7), np.round(offset, 6)])
+    group = group_rows(key)
+    return np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
 
 
 def bound_block(
@@ -259,25 +295,26 @@ def bound_block(
     """
     if not len(rows):
         return True
+    if pool.deadline.passed:
+        pool.bounds.give_up(rows)
+        return False
     geometry = pool.block.geometry
-    body = np.array([geometry.place_of[place] for place in surface.place[rows].tolist()], dtype=np.int64)
+    body = pool.block.bodies_of(surface.place[rows])
     scaled = geometry.units.of_wrench(wrenches[rows])
-    offset = np.einsum("ij,ij->i", surface.points[rows], surface.directions[rows]) / geometry.units.length
-    key = np.column_stack([body, np.round(surface.directions[rows], 7), np.round(offset, 6)])
-    # One number for each row of the key: far faster to sort than rows.
-    _, group = np.unique(np.round(key @ [1.0, np.e, np.pi, np.sqrt(2), np.sqrt(3)], 6), return_inverse=True)
-    flat = np.bincount(group)[group] >= FLAT
-    complete = True
-    for number in np.unique(group[flat]):
-        part = np.flatnonzero(group == number)
+    groups = _split(body, surface, rows, geometry.units.length)
+    complete, curved = True, np.zeros(len(rows), dtype=bool)
+    for part in groups:
+        if len(part) < FLAT:
+            curved[part] = True
+            continue
         region = Region(pool, int(body[part[0]]), rows[part], scaled[part])
         direction = surface.directions[rows[part[0]]]
         plane, corners, places = _rectangle(surface.points[rows[part]], direction)
         corner_wrenches = geometry.units.of_wrench(wrench_of_force(direction, places))
         complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
         region.record()
-    for number in np.unique(body[~flat]):
-        part = np.flatnonzero(~flat & (body == number))
+    for number in np.unique(body[curved]):
+        part = np.flatnonzero(curved & (body == number))
         region = Region(pool, int(number), rows[part], scaled[part])
         complete &= bound_curved(region, tolerance, floor)
         region.record()

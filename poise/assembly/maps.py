@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.assembly.analysis import Analysis, BlockAnalysis, Mechanism
 from poise.assembly.deadline import Deadline
-from poise.assembly.map_regions import Bounds, Pool, bound_block
+from poise.assembly.map_regions import Bounds, Pool, bound_block, chunks, group_rows
 from poise.assembly.models import HUGE, NEARLY
 from poise.assembly.scene import Assembly
 from poise.assembly.surface import SurfacePoints, sample_surface
@@ -17,6 +17,8 @@ from poise.types import Array, Indices, Mask
 
 CEILING = 100.0
 """Points that hold this many weights of the assembly are strong enough: how much more is not looked into."""
+MAX_MAP_POINTS = 1_000_000
+"""Points of one map: more would take minutes and gigabytes."""
 LESS = 0.6
 """Share of the tolerance that limit analysis may be below a patch's answer without being asked."""
 FOR_EVER = 1e-5
@@ -84,16 +86,16 @@ def robustness_map(
         tolerance: the bounds are brought to upper <= (1 + tolerance) lower, except above `CEILING` weights.
         model: limit, patch, or default (the weaker of both). Under `patch`, bodies on several interfaces have their
             centres of pressure where they are at rest.
-        deadline: s; what is certified by then is returned.
+        deadline: s; what is certified by then is returned, with bounds 0 and inf for the rest.
 
     Raises:
-        InputError: BAD_INPUT for a model without certified bounds; INTERPENETRATION, FLOATING.
+        InputError: BAD_INPUT for a model without certified bounds, or for more than `MAX_MAP_POINTS` points;
+            INTERPENETRATION, FLOATING.
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     start, clock = time.perf_counter(), Deadline.after(deadline)
     name = model or "default"
-    if name not in ("default", "limit", "patch"):
-        raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {name!r}")
+    _check_request(name, surface if isinstance(surface, int) else len(surface.points))
     analysis = Analysis.of(assembly)
     analysis.require_stable(clock)
     if isinstance(surface, int):
@@ -117,6 +119,13 @@ def robustness_map(
     )
 
 
+def _check_request(model: str, count: int) -> None:
+    if model not in ("default", "limit", "patch"):
+        raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {model!r}")
+    if count > MAX_MAP_POINTS:
+        raise InputError(ErrorCode.BAD_INPUT, f"a map of {count} points is too large; ask for {MAX_MAP_POINTS} at most")
+
+
 def _weight(analysis: Analysis) -> float:
     return sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
 
@@ -127,15 +136,16 @@ def _bounded(
     """Bounds on the gauges of all points, whether they meet the tolerance, and which faces are doubtful."""
     bounds = Bounds.none(len(surface.points))
     wrenches = wrench_of_force(surface.directions, surface.points)
-    loaded = [np.flatnonzero(np.isin(surface.place, list(block.geometry.place_of))) for block in analysis.blocks]
+    loaded = [np.flatnonzero(block.bodies_of(surface.place) >= 0) for block in analysis.blocks]
     open_rows = list(loaded)
+    complete, floor = not clock.passed, 1 / (CEILING * _weight(analysis))
     if model != "limit":
         for number, block in enumerate(analysis.blocks):
             less = LESS * tolerance if model == "default" else 0.0
-            open_rows[number] = _single_patch(block, number, loaded[number], wrenches, bounds, less)
-    complete, floor = True, 1 / (CEILING * _weight(analysis))
+            open_rows[number], done = _single_patch(block, number, loaded[number], wrenches, bounds, less, clock)
+            complete &= done
     for number, (block, rows) in enumerate(zip(analysis.blocks, open_rows, strict=True)):
-        if model == "patch" and block.single_patch is not None:
+        if model == "patch" and block.solvers.single_patch is not None:
             continue
         pool = Pool(block, number, bounds, clock, with_limit=model != "patch", with_patch=model != "limit")
         complete &= bound_block(pool, surface, rows, wrenches, tolerance, floor)
@@ -157,38 +167,46 @@ def _doubtful(
     The weakest point of each object is asked about; where the block may lean on self-stress, the weakest, middle and
     strongest of each of its faces.
     """
-    directions = np.round(surface.directions[rows], 3)
-    _, face = np.unique(np.column_stack([surface.place[rows], directions]) + 0.0, axis=0, return_inverse=True)
-    face = face.ravel()
+    if deadline.passed:
+        return np.ones(len(rows), dtype=bool)
+    face = group_rows(np.column_stack([surface.place[rows], np.round(surface.directions[rows], 3)]))
     doubtful = np.zeros(len(rows), dtype=bool)
-    units, places = block.geometry.units, block.geometry.place_of
-    groups = face if block.self_stress else surface.place[rows]
+    units, places = block.geometry.units, block.body_of
+    groups = face if block.solvers.self_stress else surface.place[rows]
     for number in np.unique(groups):
         members = np.flatnonzero(groups == number)
         members = members[np.argsort(upper[rows[members]])]
-        asked = {0, len(members) // 2, len(members) - 1} if block.self_stress else {0}
+        asked = {0, len(members) // 2, len(members) - 1} if block.solvers.self_stress else {0}
         for index in (int(members[position]) for position in asked):
             row = rows[index]
             load = np.zeros((block.geometry.count, 6))
             load[places[int(surface.place[row])]] = units.of_wrench(wrenches[row])
             most = NEARLY * min(float(upper[row]), HUGE * units.weight)
-            if deadline.passed or not block.coulomb.holds(most * load.ravel(), deadline):
+            if deadline.passed or not block.solvers.coulomb.holds(most * load.ravel(), deadline):
                 doubtful |= face == face[index]
     return doubtful
 
 
 def _single_patch(
-    block: BlockAnalysis, number: int, rows: Indices, wrenches: Array, bounds: Bounds, less: float
-) -> Indices:
-    """Blocks of one body on one interface need no bounds under `patch`: all points (rows) are solved at once.
+    block: BlockAnalysis, number: int, rows: Indices, wrenches: Array, bounds: Bounds, less: float, deadline: Deadline
+) -> tuple[Indices, bool]:
+    """Blocks of one body on one interface need no bounds under `patch`: all points (rows) have a closed form.
 
     Returns:
-        The points for which limit analysis has still to be asked: it may hold less, by more than this share.
+        The points for which limit analysis has still to be asked: it may hold less, by more than this share. And
+        whether all points were reached before the deadline.
     """
-    if block.single_patch is None or not len(rows):
-        return rows
-    factor = block.single_patch.collapse(wrenches[rows]).factor
-    with np.errstate(divide="ignore"):
-        gauge = 1 / factor
-    bounds.raise_to(rows, gauge, gauge * (1 + less), number, np.full(len(rows), -1))
-    return rows[~block.single_patch.allowed_by_limit(wrenches[rows], factor / (1 + less))]
+    if block.solvers.single_patch is None:
+        return rows, True
+    still_open = [rows[:0]]
+    for part in chunks(len(rows)):
+        if deadline.passed:
+            bounds.give_up(rows[part.start :])
+            return np.concatenate(still_open), False
+        some = rows[part]
+        factor = block.solvers.single_patch.collapse(wrenches[some]).factor
+        with np.errstate(divide="ignore"):
+            gauge = 1 / factor
+        bounds.raise_to(some, gauge, gauge * (1 + less), number, np.full(len(some), -1))
+        still_open.append(some[~block.solvers.single_patch.allowed_by_limit(wrenches[some], factor / (1 + less))])
+    return np.concatenate(still_open), True

@@ -38,7 +38,7 @@ def patch(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
     for block in analysis.blocks:
         questions, block_loads = block.loads(loads)
         _ask_single_patch(collapses, block, questions, block_loads)
-        if block.single_patch is None:
+        if block.solvers.single_patch is None:
             _ask(collapses, block, questions, block_loads, deadline, _patch_gauges)
     return collapses
 
@@ -57,8 +57,8 @@ def default(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
     doubtful = np.zeros(loads.count, dtype=bool)
     for block in analysis.blocks:
         questions, block_loads = block.loads(loads)
-        doubtful[questions] |= block.self_stress
-        single = block.single_patch is not None
+        doubtful[questions] |= block.solvers.self_stress
+        single = block.solvers.single_patch is not None
         _ask_single_patch(collapses, block, questions, block_loads)
         _ask(collapses, block, questions, block_loads, deadline, _limit_gauges if single else _both_gauges)
     # One body on one interface has no choice of contact forces.
@@ -84,7 +84,7 @@ MODELS: dict[str, Model] = {
 
 
 def _limit_gauges(block: BlockAnalysis, load: Array) -> list[Gauge]:
-    return [block.limit.gauge(load)]
+    return [block.solvers.limit.gauge(load)]
 
 
 def _patch_gauges(block: BlockAnalysis, load: Array) -> list[Gauge]:
@@ -92,8 +92,8 @@ def _patch_gauges(block: BlockAnalysis, load: Array) -> list[Gauge]:
 
 
 def _both_gauges(block: BlockAnalysis, load: Array) -> list[Gauge]:
-    found = block.limit.gauge(load)
-    return [found] if block.patch is None else [found, block.patch.gauge(load, found)]
+    found = block.solvers.limit.gauge(load)
+    return [found] if block.solvers.patch is None else [found, block.solvers.patch.gauge(load, found)]
 
 
 def _ask(
@@ -117,7 +117,7 @@ def _ask(
 
 def _ask_single_patch(collapses: Collapses, block: BlockAnalysis, questions: Indices, loads: Array) -> None:
     """Ask a block of one body on one interface about all loads at once; other blocks are left alone."""
-    single = block.single_patch
+    single = block.solvers.single_patch
     if single is None:
         return
     wrenches = block.geometry.units.wrench(loads)
@@ -148,11 +148,11 @@ def _check_elastic(
                 return
             question, load = int(questions[row]), block_loads[row]
             above = nearly * min(float(collapses.upper[question]), HUGE * total)
-            factor, complete = block.coulomb.factor(load, above, deadline)
+            factor, complete = block.solvers.coulomb.factor(load, above, deadline)
             collapses.complete &= complete
             if factor < above:
                 collapses.lower[question] = min(float(collapses.lower[question]), factor)
                 gravity = block.geometry.gravity.ravel()
-                fall = block.coulomb.settle(gravity + 1.02 * factor * load, deadline=deadline)
+                fall = block.solvers.coulomb.settle(gravity + 1.02 * factor * load, deadline=deadline)
                 collapses.mechanisms[question] = Mechanism(block, fall.displacement)
     collapses.checked |= wanted

@@ -171,7 +171,7 @@ class PatchProgram:
         wrenches[:, 1:3, :3] = cells.axes
         wrenches[:, 1:3, 3:] = np.cross(points[:, None], cells.axes)
         wrenches[:, 3, 3:] = cells.turning
-        bodies = np.array(geometry.block.supports, dtype=np.int64)[cells.interface]
+        bodies = geometry.supports[cells.interface]
         sliding = -assembled(wrenches, bodies, geometry.count).T
         at = np.arange(count)
         bounds = coo_array((-np.ones(count), (4 * at, at)), shape=(4 * count, count))

@@ -11,6 +11,9 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.types import Array
 
+INERTIA_ROUNDING = 1e-9
+"""Share of the largest entry by which an inertia tensor may miss symmetry and the triangle inequality."""
+
 
 @dataclass(frozen=True, eq=False)
 class RigidObject:
@@ -181,7 +184,11 @@ def _check_friction(where: str, value: float) -> None:
 
 def _is_inertia(matrix: Array) -> bool:
     """Symmetric, positive, and no principal moment above the sum of the others (a flat body reaches it)."""
-    if np.shape(matrix) != (3, 3) or not np.allclose(matrix, np.transpose(matrix), rtol=1e-9, atol=1e-15):
+    if np.shape(matrix) != (3, 3):
+        return False
+    # Rounding is relative to the largest entry: a rotated tensor has off-diagonal entries far smaller than that.
+    rounding = INERTIA_ROUNDING * float(np.abs(matrix).max())
+    if float(np.abs(matrix - np.transpose(matrix)).max()) > rounding:
         return False
     moments = np.linalg.eigvalsh(matrix)
-    return bool(moments[0] >= 0 and moments[0] + moments[1] >= moments[2] * (1 - 1e-9))
+    return bool(moments[0] >= -rounding and moments[0] + moments[1] >= moments[2] - rounding)

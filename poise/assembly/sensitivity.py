@@ -43,11 +43,11 @@ class Sensitivity:
             return 0.0
         block, gauge = self._weakest
         place = block.structure.assembly.place_of(extra.object)
-        if place not in block.geometry.place_of:
+        if place not in block.body_of:
             return 0.0
         direction = np.asarray(extra.direction, dtype=np.float64)
         wrench = wrench_of_force(direction / np.linalg.norm(direction), np.asarray(extra.point, dtype=np.float64))
-        body = block.geometry.place_of[place]
+        body = block.body_of[place]
         twist = gauge.twist.reshape(-1, 6)[body]
         return float(-self.robustness * (twist @ block.geometry.units.of_wrench(wrench)))
 
@@ -69,7 +69,7 @@ def sensitivity(assembly: Assembly | Analysis, push: Push) -> Sensitivity:
     for block in analysis.blocks:
         questions, block_loads = block.loads(loads)
         if len(questions):
-            gauge = block.limit.gauge(block_loads[0])
+            gauge = block.solvers.limit.gauge(block_loads[0])
             if gauge.value > NEVER * np.abs(block_loads[0]).max() and (
                 weakest is None or gauge.value > weakest[1].value
             ):
@@ -82,7 +82,7 @@ def sensitivity(assembly: Assembly | Analysis, push: Push) -> Sensitivity:
     mass, com = _of_weights(block, gauge, robustness)
     force = np.asarray(push.direction, dtype=np.float64)
     force = force / np.linalg.norm(force)
-    body = block.geometry.place_of[int(loads.place[0])]
+    body = block.body_of[int(loads.place[0])]
     spin = gauge.twist.reshape(-1, 6)[body, 3:] / (block.geometry.units.length * block.geometry.units.weight)
     point = -(robustness**2) * np.cross(force, spin)
     return Sensitivity(robustness, mass, com, _of_friction(block, gauge, robustness), point, push, weakest)

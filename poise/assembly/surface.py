@@ -3,12 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from poise.assembly.graph import Structure
 from poise.assembly.placed import triangle_areas
 from poise.geometry import plane_axes
-from poise.types import Array, Mask
+from poise.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +20,7 @@ class SurfacePoints:
         directions: (N, 3) unit vectors.
     """
 
-    place: NDArray[np.int64]
+    place: Indices
     points: Array
     directions: Array
 
@@ -52,7 +51,7 @@ def sample_surface(structure: Structure, count: int) -> SurfacePoints:
     return SurfacePoints(place[which][free], points[free], -normal[which][free])
 
 
-def _covered(structure: Structure, points: Array, place: NDArray[np.int64]) -> Mask:
+def _covered(structure: Structure, points: Array, place: Indices) -> Mask:
     """(N,) whether another body touches the surface there."""
     covered = np.zeros(len(points), dtype=bool)
     for interface in structure.interfaces:

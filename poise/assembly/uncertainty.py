@@ -142,8 +142,8 @@ def _moves(
     movers: list[Mechanism | None] = [None] * count
     solves = 0
     for block in analysis.blocks:
-        if block.balance.margin < 0:
-            mechanism = Mechanism(block, block.balance.twist)
+        if block.solvers.balance.margin < 0:
+            mechanism = Mechanism(block, block.solvers.balance.twist)
             return [mechanism] * count, solves
         _, pushes = block.loads(loads)
         pushed = force * pushes[0] if len(pushes) else np.zeros(6 * block.geometry.count)
@@ -169,7 +169,7 @@ def _falls(block: BlockAnalysis, change: Array) -> tuple[dict[int, Array], int]:
         if not len(open_rows):
             break
         row = int(open_rows[power[open_rows].argmax()])
-        gauge = block.limit.gauge(change[row])
+        gauge = block.solvers.limit.gauge(change[row])
         known[row] = True
         in_a_row = 0 if gauge.value > 1 else in_a_row + 1
         # A motion that nothing resists, not even gravity, weighs more than any power.
@@ -197,7 +197,7 @@ def _gravity(block: BlockAnalysis, moments: dict[int, Array], count: int) -> Arr
     assembly = block.structure.assembly
     gravity = np.asarray(assembly.gravity)
     total = np.zeros((count, block.geometry.count, 6))
-    for place, body in block.geometry.place_of.items():
+    for place, body in block.body_of.items():
         pose = assembly.objects[place].pose
         mass = moments[place][:, :1]
         first = moments[place][:, 1:] @ pose.rotation.T + mass * pose.translation

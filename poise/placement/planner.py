@@ -83,6 +83,10 @@ class Placement:
     seconds: float
     rejected: dict[str, int]
 
+    def __repr__(self) -> str:
+        pose = ", ".join(f"{value:.4f}" for value in self.pose.vector)
+        return f"Placement({self.item.id} at [{pose}], {self.iterations} poses tested in {self.seconds:.2f} s)"
+
     @cached_property
     def merit(self) -> Merit:
         """Of the assembly with the object, certified; worked out when asked for.

@@ -49,7 +49,7 @@ def _falling(analysis: Analysis, item: RigidObject) -> Array | None:
     place = analysis.assembly.index[item.id]
     found = None
     for block in analysis.blocks:
-        standing, _ = block.standing()
+        standing, _ = block.solvers.standing()
         if standing.margin <= 0:
             velocities = Mechanism(block, standing.twist).velocities
             if set(velocities) != {place}:

@@ -256,3 +256,34 @@ def test_rotations_and_quaternions_are_inverse():
 
 def test_the_scene_of_the_contract_stands(scene):
     assert Analysis.of(scene()).stability().stable
+
+
+def test_every_true_inertia_is_accepted_at_every_scale():
+    rng = np.random.default_rng(8)
+    turns = rng.normal(size=(10_000, 4))
+    seconds = rng.uniform(0, 1, (10_000, 3))  # second moments: rods (two are zero) and plates (one is) among them
+    seconds[::10, :2] = 0.0
+    seconds[1::10, 2] = 0.0
+    for turn, second, scale in zip(turns, seconds, np.geomspace(1e-6, 1e3, 10_000), strict=True):
+        rotation = rotation_of_quaternion(turn)
+        inertia = scale * rotation @ np.diag(second.sum() - second) @ rotation.T
+        RigidObject("body", Box((1, 1, 1)), UPRIGHT, mass=1.0, inertia=inertia)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        [[1, 0.01, 0], [0, 1, 0], [0, 0, 1]],
+        [[1, 0, 0], [0, 1, 0], [0, 0, 2.01]],
+        [[1, 0, 0], [0, -0.01, 0], [0, 0, 1]],
+        [[1, 0], [0, 1]],
+    ],
+)
+def test_an_inertia_of_no_body_is_refused_at_every_scale(inertia, scale):
+    with pytest.raises(InputError) as refused:
+        RigidObject("body", Box((1, 1, 1)), UPRIGHT, mass=1.0, inertia=scale * np.array(inertia, dtype=float))
+    assert refused.value.code is ErrorCode.OBJECT_INVALID
+
+
+UPRIGHT = Pose.from_vector([0, 0, 0, 0, 0, 0, 1])

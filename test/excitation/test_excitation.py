@@ -24,8 +24,8 @@ from poise.excitation.information import SENSOR
 from poise.excitation.limits import moving_joints
 from poise.excitation.search import Objective
 from poise.inertia.model.parts import Parts
-from poise.inertia.model.regressor import regressor
 from poise.inertia.model.signals import motion_signals, residual_covariance
+from poise.inertia.model.wrench_regressor import regressor
 from poise.robot import RobotModel, frame_poses, sensor_motion
 from poise.simulation import FourierTrajectory, SplineTrajectory, WaypointTrajectory, check_limits, home
 

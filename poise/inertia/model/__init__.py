@@ -1,7 +1,7 @@
 """The physics of a rigid payload, and the question and the answer that all estimators share.
 
 - `parameters`: `InertialParameters`, the vector phi (10,), the pseudo-inertia, changes of frame.
-- `regressor`, `signals`: the wrench of a moving load, linear in phi.
+- `wrench_regressor`, `signals`: the wrench of a moving load, linear in phi.
 - `parts`, `object_shape`, `spread_points`: the shape of a held object as homogeneous parts.
 - `problem`: `NoiseLevels`, `IdentificationProblem`. `solution`: `InertialSolution`, `EstimateFinding`.
 - `rejection`: samples that were not used. `metrics`: errors of an estimate.
@@ -26,7 +26,6 @@ from poise.inertia.model.parameters import (
 )
 from poise.inertia.model.parts import Parts
 from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
-from poise.inertia.model.regressor import regressor
 from poise.inertia.model.rejection import RejectionLog
 from poise.inertia.model.signals import (
     ENTRIES,
@@ -43,6 +42,7 @@ from poise.inertia.model.signals import (
     residual_moments,
 )
 from poise.inertia.model.solution import EstimateFinding, InertialSolution, RejectedInterval, root_mean_square
+from poise.inertia.model.wrench_regressor import regressor
 
 __all__ = [
     "CLOUD_ACCURACY",

@@ -10,16 +10,16 @@ import inspect
 import pkgutil
 from functools import cache
 
-from poise.mismatch.effects.accelerometer_input import LOWEST, slow_part
+from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_offset import joint_columns
-from poise.mismatch.effects.payload_parameters import ROWS
+from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 
 __all__ = [
     "LAYERS",
-    "LOWEST",
-    "ROWS",
+    "PAYLOAD_PARAMETERS",
+    "SLOWEST_VIBRATION",
     "Effect",
     "EffectParameter",
     "Values",

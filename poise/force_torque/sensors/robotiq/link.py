@@ -3,34 +3,29 @@
 import contextlib
 import inspect
 import logging
-import select
 import time
 from typing import Any
 
 import numpy as np
-import serial
 from numpy.typing import NDArray
 from pymodbus.client import ModbusSerialClient
 from pymodbus.exceptions import ModbusException
 
 from poise.errors import ErrorCode, SensorError
-from poise.force_torque import robotiq
-from poise.force_torque.samples import Calibration, Samples, no_samples
+from poise.force_torque.sensors.robotiq import protocol as robotiq
+from poise.force_torque.wire import Calibration, SensorSamples, SerialLine, no_samples, unreachable_port
 
 # pymodbus 3.10 renamed the argument; Ubuntu 24.04 has an older one.
 _parameters = inspect.signature(ModbusSerialClient.read_holding_registers).parameters
 _DEVICE = "device_id" if "device_id" in _parameters else "slave"
-# A sensor that does not answer is ours to report; pymodbus would print a line for every question.
+# The driver reports a sensor that does not answer; pymodbus would print a line for every request.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
 class _RobotiqLink:
-    """What both ways have in common: counts to samples; no status word, no bias of its own."""
+    """What both ways share: counts to samples; no status word, no bias command."""
 
-    has_hardware_bias = False
-
-    def __init__(self, port: str, calibration: Calibration) -> None:
-        self._port = port
+    def __init__(self, calibration: Calibration) -> None:
         self._calibration = calibration
 
     def bias(self) -> None:
@@ -39,22 +34,8 @@ class _RobotiqLink:
     def describe(self, status: int) -> str:
         return "healthy"
 
-    def _samples(self, number: NDArray[np.uint32], counts: NDArray[np.int16], rejected: int) -> Samples:
-        wrench = self._calibration.wrench(counts)
-        return Samples(
-            sequence=number,
-            wrench_in_sensor=wrench,
-            status=np.zeros(len(number), dtype=np.uint32),
-            saturated=np.any(np.abs(wrench) >= self._calibration.limit, axis=1),
-            faulty=np.zeros(len(number), dtype=np.bool_),
-            arrival=time.time_ns(),
-            rejected=rejected,
-        )
-
-    def _unreachable(self, error: Exception) -> SensorError:
-        return SensorError(
-            ErrorCode.SENSOR_UNREACHABLE, f"{self._port}: {error}; check the port, its permissions, and the cable"
-        )
+    def _samples(self, number: NDArray[np.uint32], counts: NDArray[np.int16], rejected: int) -> SensorSamples:
+        return self._calibration.samples(number, counts, time.time_ns(), rejected)
 
 
 class RobotiqStreamLink(_RobotiqLink):
@@ -69,46 +50,29 @@ class RobotiqStreamLink(_RobotiqLink):
     rate = robotiq.STREAM_RATE
 
     def __init__(self, port: str, calibration: Calibration, slave: int = robotiq.SLAVE) -> None:
-        super().__init__(port, calibration)
+        super().__init__(calibration)
+        self._line = SerialLine(port, robotiq.BAUD_RATE)
         self._slave = slave
-        self._serial: serial.Serial | None = None
         self._parser = robotiq.StreamParser()
 
     @property
     def name(self) -> str:
-        return f"robotiq stream {self._port}"
+        return f"robotiq stream {self._line.path}"
 
     def start(self) -> None:
-        if self._serial is None:
-            try:
-                self._serial = serial.Serial(
-                    self._port, robotiq.BAUD_RATE, timeout=0, write_timeout=0.5, exclusive=True
-                )
-            except (OSError, ValueError) as error:
-                raise self._unreachable(error) from error
+        if self._line.open():
             self._parser = robotiq.StreamParser()
-        # A sensor that streams already does not listen, and need not.
-        self._serial.write(robotiq.write_request(robotiq.OUTPUT_REGISTER, robotiq.OUTPUT_STREAM, self._slave))
+        # A sensor that streams already ignores this.
+        self._line.write(robotiq.write_request(robotiq.OUTPUT_REGISTER, robotiq.OUTPUT_STREAM, self._slave))
 
-    def read(self, timeout: float) -> Samples:
-        if self._serial is None:
-            raise OSError("the link is not started")
-        poll = select.poll()
-        poll.register(self._serial.fileno(), select.POLLIN)
-        if not poll.poll(max(0.0, timeout) * 1000.0):
-            return no_samples(time.time_ns())
+    def read(self, timeout: float) -> SensorSamples:
+        data = self._line.read(timeout)
         rejected = self._parser.rejected
-        number, counts = self._parser.feed(self._serial.read(4096))
+        number, counts = self._parser.feed(data)
         return self._samples(number, counts, self._parser.rejected - rejected)
 
     def close(self) -> None:
-        if self._serial is not None:
-            with contextlib.suppress(OSError):
-                self._serial.write(robotiq.STOP_STREAM)
-                self._serial.flush()
-            with contextlib.suppress(OSError):
-                self._serial.close()
-            self._serial = None
+        self._line.close(robotiq.STOP_STREAM)
 
 
 class RobotiqModbusLink(_RobotiqLink):
@@ -128,11 +92,12 @@ class RobotiqModbusLink(_RobotiqLink):
     def __init__(
         self, port: str, calibration: Calibration, poll_rate: float = 50.0, slave: int = robotiq.SLAVE
     ) -> None:
-        super().__init__(port, calibration)
+        super().__init__(calibration)
+        self._port = port
         self._slave = slave
         self._period = 1.0 / poll_rate
         self._client: ModbusSerialClient | None = None
-        self._identity: robotiq.Identity | None = None
+        self._identity: robotiq.RobotiqIdentity | None = None
         self._number = 0
         self._next_poll = 0.0
 
@@ -142,7 +107,7 @@ class RobotiqModbusLink(_RobotiqLink):
         return f"robotiq modbus {self._port}{serial_number}"
 
     @property
-    def identity(self) -> robotiq.Identity | None:
+    def identity(self) -> robotiq.RobotiqIdentity | None:
         """Which sensor it is, once it has answered."""
         return self._identity
 
@@ -150,18 +115,18 @@ class RobotiqModbusLink(_RobotiqLink):
         if self._client is None:
             client = ModbusSerialClient(self._port, baudrate=robotiq.BAUD_RATE, timeout=self.ANSWER_TIME, retries=0)
             if not client.connect():
-                raise self._unreachable(OSError("cannot open"))
+                raise unreachable_port(self._port, OSError("cannot open"))
             self._client = client
             if client.socket is not None:
                 client.socket.write(robotiq.STOP_STREAM)  # it may have been left streaming
         self._next_poll = time.monotonic()
-        self._identity = robotiq.Identity.from_registers(
+        self._identity = robotiq.RobotiqIdentity.from_registers(
             self._registers(robotiq.FIRMWARE_REGISTER, 3),
             self._registers(robotiq.SERIAL_NUMBER_REGISTER, 4),
             self._registers(robotiq.YEAR_REGISTER, 1)[0],
         )
 
-    def read(self, timeout: float) -> Samples:
+    def read(self, timeout: float) -> SensorSamples:
         wait = self._next_poll - time.monotonic()
         if wait > timeout:
             time.sleep(max(0.0, timeout))

@@ -1,35 +1,30 @@
-"""An ATI sensor that is not there: RDT over loopback UDP and the web page, with faults on purpose.
+"""An ATI sensor in software: RDT over loopback UDP and the web page, with faults on purpose."""
 
-python -m poise.fake_robots.rdt_sensor --bag bags/kuka_free_motion.mcap --rate 7000
-"""
-
-import argparse
 import contextlib
 import itertools
 import socket
 import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
-from poise.fake_robots.wrench_source import WrenchSource
+from poise.force_torque.wire import WrenchSource
 
 Fault = Callable[[list[bytes]], list[bytes]]
 """Takes the datagrams that are due, returns those that reach the driver."""
 
 # Encoded apart from the driver's own module, so that one checks the other.
-REQUEST = struct.Struct("!HHI")
-RECORD = np.dtype(">u4,>u4,>u4,6>i4")
-STOP, START_REALTIME, START_BUFFERED, BIAS = 0x0, 0x2, 0x3, 0x42
-BURST = 64
+_REQUEST = struct.Struct("!HHI")
+_RECORD = np.dtype(">u4,>u4,>u4,6>i4")
+_STOP, _START_REALTIME, _START_BUFFERED, _BIAS = 0x0, 0x2, 0x3, 0x42
+_BURST = 64
 """Most datagrams a millisecond: whoever was held up catches up without flooding the reader's socket."""
 
-PAGE = """<?xml version="1.0" encoding="ISO-8859-1"?>
+_PAGE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <netft><runstat>0x00000000</runstat><runft>0;0;0;0;0;0</runft><cfgcalsn>{serial_number}</cfgcalsn>
 <cfgfu>2</cfgfu><scfgfu>{force_unit}</scfgfu><cfgtu>3</cfgtu><scfgtu>{torque_unit}</scfgtu>
 <cfgcpf>{counts_per_force}</cfgcpf><cfgcpt>{counts_per_torque}</cfgcpt><cfgmr>{ratings}</cfgmr>
@@ -49,6 +44,7 @@ class FakeRdtSensor:
         port, http_port: 0 takes free ones.
         sign: +1 reports the load on the sensor, -1 the sensor on the load.
         product: its name on the page; "Axia" in it makes it one.
+        drop: probability that a datagram is lost.
 
     Attributes:
         sent: records of the present stream so far, those that a fault took included.
@@ -76,6 +72,7 @@ class FakeRdtSensor:
         http_port: int = 0,
         sign: int = 1,
         product: str = "Axia80 (fake)",
+        drop: float = 0.0,
     ) -> None:
         self._source = source
         self._rate = rate
@@ -93,11 +90,11 @@ class FakeRdtSensor:
         self.stalled = False
         self.deaf_to_bias = False
         self.length: int | None = None
-        self.fault: Fault | None = None
+        self.fault: Fault | None = dropping(drop, np.random.default_rng(0)) if drop else None
         self.first_sequence = 1
         self.starts = 0
         self.biases = 0
-        self.page = PAGE.format(
+        self.page = _PAGE.format(
             serial_number="FT00000",
             force_unit="N",
             torque_unit="Nm",
@@ -123,6 +120,11 @@ class FakeRdtSensor:
     @property
     def http_port(self) -> int:
         return int(self._web.server_address[1])
+
+    @property
+    def parameters(self) -> Mapping[str, Any]:
+        """The driver's parameters that reach this device."""
+        return {"address": "127.0.0.1", "port": self.port, "http_port": self.http_port}
 
     @property
     def is_streaming(self) -> bool:
@@ -159,20 +161,20 @@ class FakeRdtSensor:
             request, client = self._socket.recvfrom(1024)
         except (TimeoutError, ConnectionRefusedError):
             return
-        if self.silent or self.sent == self.length or len(request) != REQUEST.size:
+        if self.silent or self.sent == self.length or len(request) != _REQUEST.size:
             return
-        header, command, _ = REQUEST.unpack(request)
+        header, command, _ = _REQUEST.unpack(request)
         if header != 0x1234:
             return
-        if command == BIAS:
+        if command == _BIAS:
             self.biases += 1
             if not self.deaf_to_bias:
                 self._bias = self._source.samples(self._measurement(), 1)[0]
         # Any command takes precedence over the one before it, so a bias ends a stream.
-        self._client = client if command in (START_REALTIME, START_BUFFERED) else None
+        self._client = client if command in (_START_REALTIME, _START_BUFFERED) else None
         if self._client:
             self.starts += 1
-            self._group = self._buffer_size if command == START_BUFFERED else 1
+            self._group = self._buffer_size if command == _START_BUFFERED else 1
             self._began, self._origin, self.sent = time.monotonic(), self._measurement(), 0
 
     def _measurement(self) -> int:
@@ -184,14 +186,14 @@ class FakeRdtSensor:
         if client is None:
             return
         due = int((time.monotonic() - self._began) * self._rate) - self.sent
-        due = min(due - due % self._group, BURST * self._group)
+        due = min(due - due % self._group, _BURST * self._group)
         if self.length is not None:
             due = min(due, self.length - self.sent)
         if due <= 0:
             return
         records = self._records(self.sent, due)
         self.sent += due
-        length = self._group * RECORD.itemsize
+        length = self._group * _RECORD.itemsize
         datagrams = [records[at : at + length] for at in range(0, len(records), length)]
         if self.fault is not None:
             datagrams = self.fault(datagrams)
@@ -202,7 +204,7 @@ class FakeRdtSensor:
                 self._socket.sendto(datagram, client)
 
     def _records(self, first: int, count: int) -> bytes:
-        records = np.zeros(count, dtype=RECORD)
+        records = np.zeros(count, dtype=_RECORD)
         numbers = np.arange(first, first + count)
         records["f0"] = (numbers + self.first_sequence) % (1 << 32)
         records["f1"] = (self._origin + (0 if self.stalled else numbers)) % (1 << 32)
@@ -254,26 +256,3 @@ def delaying(probability: float, rng: np.random.Generator) -> Fault:
         return [datagram for datagram in datagrams if datagram not in held] + late
 
     return delay
-
-
-def main() -> None:
-    """Run until Ctrl-C."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--bag", type=Path, help="replay this bag's wrench (default: 10 N downwards)")
-    parser.add_argument("--rate", type=float, default=7000.0, help="records per second")
-    parser.add_argument("--port", type=int, default=49152)
-    parser.add_argument("--http-port", type=int, default=8080)
-    parser.add_argument("--drop", type=float, default=0.0, help="probability that a datagram is lost")
-    options = parser.parse_args()
-    source = WrenchSource.from_bag(options.bag, options.rate) if options.bag else WrenchSource([0, 0, -10, 0, 0, 0])
-    sensor = FakeRdtSensor(source, options.rate, port=options.port, http_port=options.http_port)
-    if options.drop:
-        sensor.fault = dropping(options.drop, np.random.default_rng(0))
-    with sensor:
-        print(f"RDT at 127.0.0.1:{sensor.port}, page at http://127.0.0.1:{sensor.http_port}/netftapi2.xml", flush=True)
-        with contextlib.suppress(KeyboardInterrupt):
-            threading.Event().wait()
-
-
-if __name__ == "__main__":
-    main()

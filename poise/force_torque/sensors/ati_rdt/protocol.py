@@ -1,7 +1,7 @@
 """ATI's Raw Data Transfer (RDT) protocol: bytes of requests and records, and what the status words say.
 
 Sources: ATI 9620-05-C-Ethernet Axia-02, sections 5.5 (status) and 12 (RDT); ATI 9620-05-NET FT (the Net Box's bits).
-No I/O here: see rdt_link.
+No I/O here: see `link`.
 """
 
 import struct
@@ -21,7 +21,7 @@ RECORD = np.dtype([("rdt_sequence", ">u4"), ("ft_sequence", ">u4"), ("status", "
 """One sample: 36 bytes, network order, forces then torques."""
 
 
-class Command(IntEnum):
+class RdtCommand(IntEnum):
     """What a request asks for."""
 
     STOP = 0x0000
@@ -32,7 +32,7 @@ class Command(IntEnum):
     BIAS = 0x0042
 
 
-def request(command: Command, count: int = 0) -> bytes:
+def request(command: RdtCommand, count: int = 0) -> bytes:
     """Encode a request; `count` records are asked for, 0 for no end."""
     return struct.pack(">HHI", HEADER, command, count)
 
@@ -57,25 +57,25 @@ MONITOR_CONDITION = 1 << 16
 """A threshold that the user set on the device's web page was passed: no fault of the measurement."""
 
 
-class Family(Enum):
+class RdtFamily(Enum):
     """Devices that speak RDT give the bits of the status word different meanings."""
 
     NET_FT = "net_ft"
     AXIA = "axia"
 
     @classmethod
-    def of_product(cls, name: str) -> "Family":
-        """Tell the family by the product name on the device's page."""
+    def of_product(cls, name: str) -> "RdtFamily":
+        """The family, by the product name on the device's page."""
         return cls.AXIA if "axia" in name.lower() else cls.NET_FT
 
     @property
     def saturation(self) -> int:
         """Status bits that say a gage or an axis was beyond its range."""
-        return 1 << 30 | 1 << 27 if self is Family.AXIA else 1 << 17
+        return 1 << 30 | 1 << 27 if self is RdtFamily.AXIA else 1 << 17
 
     def describe(self, status: int) -> str:
         """Say in words what a status word reports ("healthy" for 0)."""
-        bits = _AXIA_BITS if self is Family.AXIA else _NET_FT_BITS
+        bits = _AXIA_BITS if self is RdtFamily.AXIA else _NET_FT_BITS
         names = [bits.get(bit, f"reserved bit {bit}") for bit in range(31) if status >> bit & 1]
         if status & ERROR_SUMMARY and not names:
             names = ["error, not specified"]

@@ -11,18 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, SensorError
-from poise.force_torque import rdt
-from poise.force_torque.rdt_settings import RdtSettings, fetch_settings
-from poise.force_torque.samples import Calibration, Reports, Samples, no_samples
+from poise.force_torque.sensors.ati_rdt import protocol as rdt
+from poise.force_torque.sensors.ati_rdt.page import RdtSettings, fetch_settings
+from poise.force_torque.wire import Calibration, Reports, SensorSamples, no_samples
 from poise.types import Array
 
-DEFAULT_RATE = 7000.0
+_DEFAULT_RATE = 7000.0
 """Records a second of a device whose page does not say."""
-RECEIVE_BUFFER = 4 << 20
+_RECEIVE_BUFFER = 4 << 20
 """Bytes asked of the kernel, so that a driver that is held up for a while loses nothing (it grants less)."""
-MAX_DATAGRAMS = 8192
+_MAX_DATAGRAMS = 8192
 """At most this many in one read."""
-DATAGRAM = 4096
+_DATAGRAM = 4096
 """Bytes; the longest that a device sends is 40 records of 36."""
 
 
@@ -50,7 +50,7 @@ class RdtOptions:
     reports: Reports = Reports.LOAD_ON_SENSOR
     limit: Array = field(default_factory=lambda: np.full(6, np.inf))
     rate: float = 0.0
-    family: rdt.Family | None = None
+    family: rdt.RdtFamily | None = None
     buffered: bool = False
     gather: float = 0.0
 
@@ -63,15 +63,13 @@ class RdtLink:
         fetch: asks for the device's page.
     """
 
-    has_hardware_bias = True
-
     def __init__(self, options: RdtOptions, fetch: Callable[[str, int], RdtSettings] = fetch_settings) -> None:
         self._options = options
         self._fetch = fetch
-        self._command = rdt.Command.START_BUFFERED if options.buffered else rdt.Command.START_REALTIME
+        self._command = rdt.RdtCommand.START_BUFFERED if options.buffered else rdt.RdtCommand.START_REALTIME
         self._calibration = options.calibration
-        self._family = options.family or rdt.Family.NET_FT
-        self._rate = options.rate or DEFAULT_RATE
+        self._family = options.family or rdt.RdtFamily.NET_FT
+        self._rate = options.rate or _DEFAULT_RATE
         self._product = ""
         self._socket: socket.socket | None = None
 
@@ -95,10 +93,10 @@ class RdtLink:
         self._send(self._command)
 
     def bias(self) -> None:
-        self._send(rdt.Command.BIAS)
+        self._send(rdt.RdtCommand.BIAS)
         self._send(self._command)  # a command ends the one before it, the stream too
 
-    def read(self, timeout: float) -> Samples:
+    def read(self, timeout: float) -> SensorSamples:
         if self._socket is None:
             raise OSError("the link is not started")
         poll = select.poll()
@@ -116,7 +114,7 @@ class RdtLink:
     def close(self) -> None:
         if self._socket is not None:
             with contextlib.suppress(OSError):
-                self._socket.send(rdt.request(rdt.Command.STOP))
+                self._socket.send(rdt.request(rdt.RdtCommand.STOP))
             self._socket.close()
             self._socket = None
 
@@ -127,13 +125,13 @@ class RdtLink:
         settings = self._fetch(options.host, options.http_port)
         self._product = " ".join(part for part in (settings.product, settings.serial_number) if part)
         self._family = options.family or settings.family
-        self._rate = options.rate or settings.rate or DEFAULT_RATE
+        self._rate = options.rate or settings.rate or _DEFAULT_RATE
         return settings.calibration(options.reports).with_limit(options.limit)
 
     def _open(self) -> socket.socket:
         connection = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
             connection.connect((self._options.host, self._options.port))  # only this device is heard
             connection.setblocking(False)
         except OSError as error:
@@ -141,20 +139,20 @@ class RdtLink:
             raise self._unreachable(str(error)) from error
         return connection
 
-    def _send(self, command: rdt.Command) -> None:
+    def _send(self, command: rdt.RdtCommand) -> None:
         if self._socket is None:
             raise OSError("the link is not started")
         try:
             self._socket.send(rdt.request(command))
-        except ConnectionRefusedError:  # the fate of an earlier request, told late
+        except ConnectionRefusedError:  # the answer to an earlier request, reported late
             self._socket.send(rdt.request(command))
 
     def _drain(self, connection: socket.socket) -> tuple[bytes, int]:
         """Take every datagram that is there: the valid ones joined, and how many were not valid."""
         datagrams, rejected = [], 0
-        for _ in range(MAX_DATAGRAMS):
+        for _ in range(_MAX_DATAGRAMS):
             try:
-                datagram = connection.recv(DATAGRAM)
+                datagram = connection.recv(_DATAGRAM)
             except BlockingIOError:
                 break
             except ConnectionRefusedError as error:
@@ -165,17 +163,16 @@ class RdtLink:
                 rejected += 1
         return b"".join(datagrams), rejected
 
-    def _samples(self, records: NDArray[np.void], arrival: int, rejected: int) -> Samples:
+    def _samples(self, records: NDArray[np.void], arrival: int, rejected: int) -> SensorSamples:
         if self._calibration is None:
             raise OSError("the link is not started")
         status = records["status"].astype(np.uint32)
         wrench = self._calibration.wrench(records["counts"])
-        over = np.any(np.abs(wrench) >= self._calibration.limit, axis=1)
-        return Samples(
+        return SensorSamples(
             sequence=records["rdt_sequence"].astype(np.uint32),
             wrench_in_sensor=wrench,
             status=status,
-            saturated=np.logical_or(over, np.bitwise_and(status, self._family.saturation) != 0),
+            saturated=self._calibration.saturated(wrench) | (np.bitwise_and(status, self._family.saturation) != 0),
             faulty=rdt.is_fault(status),
             arrival=arrival,
             measured=int(records["ft_sequence"][-1]),

@@ -1,8 +1,8 @@
-"""What the acquisition asks of a device, whatever wire it hangs on."""
+"""What the acquisition asks of a device, on any wire."""
 
 from typing import Protocol
 
-from poise.force_torque.samples import Samples
+from poise.force_torque.wire.samples import SensorSamples
 
 
 class Link(Protocol):
@@ -20,21 +20,21 @@ class Link(Protocol):
     def rate(self) -> float | None:
         """Nominal samples per second, known after start(); None: samples carry the time of their arrival."""
 
-    @property
-    def has_hardware_bias(self) -> bool:
-        """Whether the device itself can be zeroed."""
-
     def start(self) -> None:
         """Open the wire where it is not open, and ask for samples; calling it again asks again."""
 
-    def read(self, timeout: float) -> Samples:
+    def read(self, timeout: float) -> SensorSamples:
         """Wait at most `timeout` s for samples; take all that are there. Needs start()."""
 
     def bias(self) -> None:
-        """Zero the device; the stream goes on with numbers that may begin anew."""
+        """Zero the device; the stream goes on with numbers that may start again.
+
+        Raises:
+            SensorError: UNSUPPORTED, for a device that has no bias command.
+        """
 
     def describe(self, status: int) -> str:
         """Say in words what a status word reports."""
 
     def close(self) -> None:
-        """Ask for silence and let go of the wire; never raises, and start() may follow."""
+        """Stop the stream and release the wire; never raises, and start() may follow."""

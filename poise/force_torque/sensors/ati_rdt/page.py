@@ -1,7 +1,7 @@
 """What an RDT device says about itself on its web page: units, counts per unit, ratings, output rate.
 
 Source: ATI 9620-05-C-Ethernet Axia-02, section 11, netftapi2.xml; the Net Box serves the same page.
-The page is fetched and parsed as if from an enemy: capped in size and time, no document type, no entities.
+The page is untrusted input: capped in size and time, no document type, no entities.
 """
 
 import http.client
@@ -13,13 +13,13 @@ from dataclasses import dataclass
 from xml.parsers import expat
 
 from poise.errors import ErrorCode, SensorError
-from poise.force_torque.rdt import Family
-from poise.force_torque.samples import Calibration, Reports
+from poise.force_torque.sensors.ati_rdt.protocol import RdtFamily
+from poise.force_torque.wire import Calibration, Reports
 
-PAGE = "/netftapi2.xml"
-MAX_BYTES = 256 * 1024
+_PAGE = "/netftapi2.xml"
+_MAX_BYTES = 256 * 1024
 """The page has about 5 kB."""
-MAX_FIELD = 256
+_MAX_FIELD = 256
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class RdtSettings:
     rate: float | None
 
     @property
-    def family(self) -> Family:
-        return Family.of_product(self.product)
+    def family(self) -> RdtFamily:
+        return RdtFamily.of_product(self.product)
 
     def calibration(self, reports: Reports) -> Calibration:
         """From counts to N and N m in the contract's sign."""
@@ -100,7 +100,7 @@ def fetch_settings(host: str, port: int = 80, timeout: float = 1.0) -> RdtSettin
         SensorError: SENSOR_UNREACHABLE, when nothing answers in time; SENSOR_PROTOCOL, for an answer of no use.
     """
     deadline = time.monotonic() + timeout
-    question = f"GET {PAGE} HTTP/1.0\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode("ascii", "replace")
+    question = f"GET {_PAGE} HTTP/1.0\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode("ascii", "replace")
     try:
         with socket.create_connection((host, port), timeout) as connection:
             connection.sendall(question)
@@ -108,7 +108,7 @@ def fetch_settings(host: str, port: int = 80, timeout: float = 1.0) -> RdtSettin
     except OSError as error:
         raise SensorError(
             ErrorCode.SENSOR_UNREACHABLE,
-            f"no page from http://{host}:{port}{PAGE} ({error}); check address, cable and power",
+            f"no page from http://{host}:{port}{_PAGE} ({error}); check address, cable and power",
         ) from error
     response = http.client.HTTPResponse(_Received(answer))  # type: ignore[arg-type]  # reads from makefile() only
     try:
@@ -117,7 +117,7 @@ def fetch_settings(host: str, port: int = 80, timeout: float = 1.0) -> RdtSettin
     except (http.client.HTTPException, OSError, ValueError) as error:
         raise SensorError(ErrorCode.SENSOR_PROTOCOL, f"{host}:{port} does not speak HTTP ({error})") from error
     if response.status != http.client.OK:
-        raise SensorError(ErrorCode.SENSOR_PROTOCOL, f"{host}:{port} answers {response.status} for {PAGE}")
+        raise SensorError(ErrorCode.SENSOR_PROTOCOL, f"{host}:{port} answers {response.status} for {_PAGE}")
     return parse_settings(page)
 
 
@@ -133,8 +133,8 @@ def _receive_all(connection: socket.socket, deadline: float) -> bytes:
         if not chunk:
             return bytes(answer)
         answer += chunk
-        if len(answer) > MAX_BYTES:
-            raise SensorError(ErrorCode.SENSOR_PROTOCOL, f"the sensor's page has more than {MAX_BYTES} bytes")
+        if len(answer) > _MAX_BYTES:
+            raise SensorError(ErrorCode.SENSOR_PROTOCOL, f"the sensor's page has more than {_MAX_BYTES} bytes")
 
 
 class _Received:
@@ -159,7 +159,7 @@ def _text_of_elements(page: bytes) -> dict[str, str]:
         text.clear()
 
     def end(name: str) -> None:
-        fields.setdefault(name, "".join(text).strip()[:MAX_FIELD])
+        fields.setdefault(name, "".join(text).strip()[:_MAX_FIELD])
         text.clear()
 
     parser = expat.ParserCreate()

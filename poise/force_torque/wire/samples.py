@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.force_torque.units import newton_metres_per, newtons_per
+from poise.force_torque.wire.units import newton_metres_per, newtons_per
 from poise.types import Array, Mask
 
 
@@ -94,10 +94,20 @@ class Calibration:
         wrench: Array = np.multiply(counts, self._scale, dtype=np.float64)
         return wrench
 
+    def samples(self, sequence: NDArray[np.uint32], counts: ArrayLike, arrival: int, rejected: int) -> "SensorSamples":
+        """Samples of a device without a status word; those at or beyond the rated load are saturated."""
+        wrench = self.wrench(counts)
+        none = np.zeros(len(sequence), dtype=np.uint32)
+        return SensorSamples(sequence, wrench, none, self.saturated(wrench), none.astype(bool), arrival, None, rejected)
+
+    def saturated(self, wrench: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(N,) which of (N, 6) wrenches reach the rated load of an axis."""
+        return np.asarray(np.any(np.abs(wrench) >= self.limit, axis=1))
+
 
 @dataclass(frozen=True)
-class Samples:
-    """Samples as one read brought them, in order of arrival.
+class SensorSamples:
+    """SensorSamples as one read brought them, in order of arrival.
 
     Attributes:
         sequence: (N,) uint32 device sequence number; wraps from 2**32 - 1 to 0.
@@ -122,9 +132,9 @@ class Samples:
     def __len__(self) -> int:
         return len(self.sequence)
 
-    def take(self, index: NDArray[np.intp]) -> "Samples":
+    def take(self, index: NDArray[np.intp]) -> "SensorSamples":
         """The samples at these indices, in that order."""
-        return Samples(
+        return SensorSamples(
             self.sequence[index],
             self.wrench_in_sensor[index],
             self.status[index],
@@ -136,8 +146,8 @@ class Samples:
         )
 
 
-def no_samples(arrival: int, rejected: int = 0) -> Samples:
+def no_samples(arrival: int, rejected: int = 0) -> SensorSamples:
     """An empty read."""
     empty = np.empty(0, dtype=np.uint32)
     none = np.empty(0, dtype=np.bool_)
-    return Samples(empty, np.empty((0, 6)), empty, none, none, arrival, rejected=rejected)
+    return SensorSamples(empty, np.empty((0, 6)), empty, none, none, arrival, rejected=rejected)

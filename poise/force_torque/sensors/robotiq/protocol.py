@@ -1,7 +1,7 @@
 """Robotiq FT 300 and FT 300-S on a serial line: bytes of the stream and of the Modbus requests and registers.
 
 Source: Robotiq FT 300-S instruction manual, section 4.4. 19200 baud, 8 data bits, no parity, 1 stop bit, slave 9.
-No I/O here: see robotiq_link.
+No I/O here: see `link`.
 """
 
 import struct
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, SensorError
+from poise.force_torque.wire import FrameParser, reflected_crc16
 
 BAUD_RATE = 19200
 SLAVE = 9
@@ -37,14 +38,8 @@ STREAM_HEADER = b"\x20\x4e"
 STREAM_LENGTH = 16
 
 
-def crc(data: bytes) -> int:
-    """CRC-16 of Modbus (polynomial 0xA001 reflected, start 0xFFFF), sent low byte first."""
-    register = 0xFFFF
-    for byte in data:
-        register ^= byte
-        for _ in range(8):
-            register = register >> 1 ^ (0xA001 if register & 1 else 0)
-    return register
+crc = reflected_crc16(0xA001)
+"""CRC-16 of Modbus, sent low byte first."""
 
 
 def write_request(register: int, value: int, slave: int = SLAVE) -> bytes:
@@ -60,20 +55,15 @@ def stream_message(counts: Sequence[int]) -> bytes:
 
 
 class StreamParser:
-    """Finds the valid messages in a stream of bytes that may begin anywhere and be damaged.
-
-    Messages carry no number; this numbers them. Bytes between two valid messages are messages that were damaged, and
-    their numbers are left out, so that the loss shows as a gap.
-
-    Attributes:
-        rejected: damaged messages so far.
-    """
+    """Finds and numbers the valid messages of the stream, see `FrameParser`."""
 
     def __init__(self) -> None:
-        self.rejected = 0
-        self._buffer = b""
-        self._skipped = 0
-        self._next: int | None = None
+        self._frames = FrameParser(STREAM_HEADER, STREAM_LENGTH, _is_valid)
+
+    @property
+    def rejected(self) -> int:
+        """Damaged messages so far."""
+        return self._frames.rejected
 
     def feed(self, data: bytes) -> tuple[NDArray[np.uint32], NDArray[np.int16]]:
         """Take bytes in pieces of any size.
@@ -82,39 +72,14 @@ class StreamParser:
             number: (N,) of the messages completed by these bytes.
             counts: (N, 6).
         """
-        numbers: list[int] = []
-        counts: list[tuple[int, ...]] = []
-        buffer = self._buffer + data
-        at = 0
-        while True:
-            header = buffer.find(STREAM_HEADER, at)
-            if header < 0:  # keep a last byte that may be half a header
-                header = len(buffer) - (1 if buffer.endswith(STREAM_HEADER[:1]) else 0)
-                header = max(header, at)
-            self._skipped += header - at
-            at = header
-            message = buffer[at : at + STREAM_LENGTH]
-            if len(message) < STREAM_LENGTH:
-                break
-            if crc(message[:-2]) == int.from_bytes(message[-2:], "little"):
-                numbers.append(self._number())
-                counts.append(struct.unpack_from("<6h", message, 2))
-                at += STREAM_LENGTH
-            else:
-                self._skipped += 1
-                at += 1
-        self._buffer = buffer[at:]
-        return np.array(numbers, dtype=np.uint32), np.array(counts, dtype=np.int16).reshape(-1, 6)
+        found = self._frames.feed(data)
+        counts = [struct.unpack_from("<6h", frame, len(STREAM_HEADER)) for _, frame in found]
+        number = np.array([number for number, _ in found], dtype=np.uint32)
+        return number, np.array(counts, dtype=np.int16).reshape(-1, 6)
 
-    def _number(self) -> int:
-        damaged = max(1, round(self._skipped / STREAM_LENGTH)) if self._skipped else 0
-        self._skipped = 0
-        if self._next is None:  # what came before the first message is the middle of another, or an answer
-            damaged, self._next = 0, 0
-        self.rejected += damaged
-        number = self._next + damaged
-        self._next = (number + 1) % (1 << 32)
-        return number % (1 << 32)
+
+def _is_valid(frame: bytes) -> bool:
+    return crc(frame[:-2]) == int.from_bytes(frame[-2:], "little")
 
 
 def wrench_counts(registers: Sequence[int]) -> NDArray[np.int16]:
@@ -123,7 +88,7 @@ def wrench_counts(registers: Sequence[int]) -> NDArray[np.int16]:
 
 
 @dataclass(frozen=True)
-class Identity:
+class RobotiqIdentity:
     """Which sensor it is; the texts are spelled as Robotiq's own software spells them."""
 
     firmware: str
@@ -131,7 +96,7 @@ class Identity:
     year: int
 
     @classmethod
-    def from_registers(cls, firmware: Sequence[int], serial_number: Sequence[int], year: int) -> "Identity":
+    def from_registers(cls, firmware: Sequence[int], serial_number: Sequence[int], year: int) -> "RobotiqIdentity":
         """Decode three registers at FIRMWARE_REGISTER, four at SERIAL_NUMBER_REGISTER, one at YEAR_REGISTER.
 
         Raises:
