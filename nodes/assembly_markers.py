@@ -8,7 +8,8 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from poise.assembly import Analysis, Box, Cylinder, RigidObject, Robustness, RobustnessMap
+from poise.assembly import Analysis, Box, Cylinder, RigidObject
+from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.nodes.assembly_message import pose_message
 
 FIXED, MOVABLE = (0.45, 0.47, 0.5, 0.9), (0.65, 0.75, 0.9, 0.55)

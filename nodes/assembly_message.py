@@ -12,18 +12,9 @@ from geometry_msgs.msg import Pose as PoseMessage
 from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
-from poise.assembly import (
-    Assembly,
-    Box,
-    Cylinder,
-    FrictionPair,
-    Mesh,
-    Push,
-    RigidObject,
-    Robustness,
-    RobustnessMap,
-    read_object,
-)
+from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject
+from poise.assembly.robustness import Robustness, RobustnessMap
+from poise.assembly.scene import read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.shape.meshes import check_mesh

@@ -14,20 +14,9 @@ from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
-from poise.assembly import (
-    MAX_MAP_POINTS,
-    Analysis,
-    RigidObject,
-    Robustness,
-    RobustnessMap,
-    assess,
-    load_scene,
-    plan_disassembly,
-    robustness_map,
-)
-from poise.assembly.analysis import unstable
-from poise.assembly.changes import analysis_after
-from poise.assembly.deadline import Deadline
+from poise.assembly import Analysis, RigidObject, assess, load_scene, plan_disassembly, robustness_map
+from poise.assembly.robustness import MAX_MAP_POINTS, Robustness, RobustnessMap
+from poise.assembly.statics import Deadline, analysis_after, unstable
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.assembly_markers import MOST_DRAWN, cleared, map_markers, mechanism_markers, scene_markers

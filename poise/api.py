@@ -4,7 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from poise.assembly import Analysis, Assembly, Assessment, Push, RigidObject, assess, load_scene, read_object
+from poise.assembly import Analysis, Assembly, Push, RigidObject, assess, load_scene
+from poise.assembly.robustness import Assessment
+from poise.assembly.scene import read_object
 from poise.inertia import Identification
 from poise.inertia import identify as _identify
 from poise.inertia.model import load_object

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tools.draw_architecture import PAGE, page
 from tools.source_rules import imports_past_a_face, names_used_twice, private_wording
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,14 +22,14 @@ LINKS = ("nodes", "fake_robots")
 LEVELS = (
     {"cli", "commands", "api", "__init__"},
     {"viewing"},
-    {"manipulation"},
-    {"placement", "mismatch", "excitation"},
+    {"manipulation", "baselines"},
+    {"placement", "mismatch", "excitation", "exporting"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},
     {"shape", "recording", "force_torque"},
     {"geometry"},
-    {"types", "errors", "files"},
+    {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 
@@ -348,6 +349,11 @@ def test_no_two_public_classes_or_constants_share_a_name() -> None:
 @pytest.mark.xfail(strict=False, reason="rooms are reworded one by one")
 def test_the_wording_is_plain_engineering_english() -> None:
     assert not (offenders := private_wording()), "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="drawn again when all rooms have their imports")
+def test_the_picture_of_the_rooms_is_that_of_the_imports() -> None:
+    assert page() == PAGE.read_text(encoding="utf-8"), "run python tools/draw_architecture.py"
 
 
 def test_the_core_loads_on_a_machine_without_ros() -> None:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from poise.assembly.analysis import Analysis, BlockAnalysis
-from poise.assembly.maps import robustness_map
-from poise.assembly.surface import SurfacePoints
+from poise.assembly import Analysis, robustness_map
+from poise.assembly.contact import SurfacePoints
+from poise.assembly.statics import BlockAnalysis
 from poise.errors import ErrorCode, InputError
 from poise.geometry import plane_axes, unit, wrench_of_force
 from poise.types import Array

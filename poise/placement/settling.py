@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis, Mechanism
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
+from poise.assembly.statics import Mechanism
 from poise.errors import InputError
 from poise.geometry import Pose, rotation_about
 from poise.types import Array

@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.placement.balance import BALANCED, unbalanced

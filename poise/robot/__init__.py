@@ -31,9 +31,8 @@ from poise.robot.motion_buffers import (
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
 from poise.robot.scatter import scatter
 from poise.robot.shared_buffers import SharedBuffers
-from poise.robot.sliding import SlidingDifferentiator
 from poise.robot.sources import FrameSource, JointSource, MotionSource, went_back
-from poise.robot.splines import Grid, SplineFit
+from poise.robot.splines import Design, Grid, SplineFit
 from poise.robot.stamped_buffer import StampedBuffer
 from poise.robot.urdf import parse_urdf, read_urdf
 
@@ -44,6 +43,7 @@ __all__ = [
     "USED",
     "BaseMotion",
     "Derivatives",
+    "Design",
     "FrameSource",
     "Grid",
     "HandFrames",
@@ -61,7 +61,6 @@ __all__ = [
     "RotationDerivatives",
     "SensorMotion",
     "SharedBuffers",
-    "SlidingDifferentiator",
     "SmoothedMotion",
     "SplineFit",
     "StampedBuffer",

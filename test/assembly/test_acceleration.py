@@ -6,7 +6,7 @@ import pytest
 from assembly_scenes import FLOOR, G, box, on_floor
 
 from poise.assembly import Analysis, Assembly, RigidObject, acceleration_limits
-from poise.assembly.acceleration import _inertial_loads
+from poise.assembly.robustness.acceleration import _inertial_loads
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 

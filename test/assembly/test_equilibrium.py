@@ -7,7 +7,7 @@ from assembly_scenes import G, box, fixed_box, turned
 from scipy.optimize import minimize
 
 from poise.assembly import Analysis, Assembly
-from poise.assembly.equilibrium import contact_forces, has_self_stress, stability
+from poise.assembly.statics.equilibrium import contact_forces, has_self_stress, stability
 from poise.errors import ErrorCode, NoAnswerError
 
 

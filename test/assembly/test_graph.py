@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from assembly_scenes import box, fixed_box
 
-from poise.assembly import Analysis, Assembly, Push, Structure, assess
-from poise.assembly.changes import analysis_after
-from poise.assembly.graph import FIXED
+from poise.assembly import Analysis, Assembly, Push, assess
+from poise.assembly.contact.graph import FIXED, Structure
+from poise.assembly.statics.changes import analysis_after
 from poise.errors import ErrorCode, InputError
 
 
@@ -42,10 +42,10 @@ def test_fixed_bodies_are_one_node():
 @pytest.mark.parametrize("place", range(7))
 def test_blocks_answer_what_the_whole_assembly_does(place):
     """Two stacks on a shared slab on two legs: solved in blocks, or as one problem that knows no blocks."""
-    from poise.assembly.analysis import BlockAnalysis
-    from poise.assembly.block_solvers import BlockSolvers
-    from poise.assembly.graph import Block
-    from poise.assembly.pushes import loads_of
+    from poise.assembly.contact.graph import Block
+    from poise.assembly.statics.analysis import BlockAnalysis
+    from poise.assembly.statics.block_solvers import BlockSolvers
+    from poise.assembly.statics.pushes import loads_of
 
     assembly = scenes.table()
     for side in (-0.5, 0.5):

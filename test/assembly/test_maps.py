@@ -10,20 +10,12 @@ from assembly_scenes import box, on_floor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poise.assembly import (
-    MAX_MAP_POINTS,
-    Analysis,
-    Mesh,
-    Push,
-    RigidObject,
-    SurfacePoints,
-    assess,
-    robustness_map,
-    sample_surface,
-)
-from poise.assembly.convexity import upper_planes
-from poise.assembly.deadline import Deadline
-from poise.assembly.pushes import loads_of
+from poise.assembly import Analysis, Mesh, Push, RigidObject, assess, robustness_map
+from poise.assembly.contact.surface import SurfacePoints, sample_surface
+from poise.assembly.robustness.convexity import upper_planes
+from poise.assembly.robustness.maps import MAX_MAP_POINTS
+from poise.assembly.statics.deadline import Deadline
+from poise.assembly.statics.pushes import loads_of
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 

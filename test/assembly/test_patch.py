@@ -6,10 +6,11 @@ import pytest
 from assembly_scenes import G, box, on_floor
 from scipy.optimize import brentq
 
-from poise.assembly import Analysis, Push, assess, find_interfaces
-from poise.assembly.friction_surface import FrictionSurface, patch_friction
-from poise.assembly.patch import PatchProgram
-from poise.assembly.pushes import loads_of
+from poise.assembly import Analysis, Push, assess
+from poise.assembly.contact.contacts import find_interfaces
+from poise.assembly.statics.friction_surface import FrictionSurface, patch_friction
+from poise.assembly.statics.patch import PatchProgram
+from poise.assembly.statics.pushes import loads_of
 
 # Quadrature of the reference: midpoints of a fine grid.
 FINE = 400

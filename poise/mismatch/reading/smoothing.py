@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.clocks import regular
-from poise.robot import Grid, SplineFit
+from poise.robot import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
 _GAP = 6.0
@@ -93,7 +93,7 @@ class _Blend:
         span = float(seconds[-1] - seconds[0])
         sizes = sorted({max(round(span / spacing), 1) for spacing in _SPACINGS})
         grids = [Grid.across(seconds, size) for size in sizes if size <= max(len(seconds) * 2 // 3 - 5, 1)]
-        plain = [SplineFit(grid, seconds, values) for grid in grids]
+        plain = [SplineFit(Design(grid, seconds), values) for grid in grids]
         best = np.argmin([fit.score() for fit in plain], axis=0)
         columns = np.arange(values.shape[1])
         self.noise = np.array([fit.sigma for fit in plain])[best, columns]
@@ -105,7 +105,9 @@ class _Blend:
             np.maximum(np.quantile(local, _LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0)
         )
         slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
-        self._fits = plain if slopes is None else [SplineFit(g, seconds, values, slopes, weight) for g in grids]
+        self._fits = (
+            plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
+        )
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
         # What is much finer than what suits the whole follows noise wherever it is a little louder.
         fine = np.array([grid.size for grid in grids])
@@ -167,7 +169,7 @@ def _roughness(seconds: Array, values: Array) -> float:
     if not moving.any():
         return 0.0
     size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
-    sigma = SplineFit(Grid.across(seconds[part], size), seconds[part], values[part][:, moving]).sigma
+    sigma = SplineFit(Design(Grid.across(seconds[part], size), seconds[part]), values[part][:, moving]).sigma
     return float(np.log(np.maximum(sigma, 1e-12)).sum())
 
 
