@@ -22,6 +22,7 @@ JsonOption = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
 ]
+BAG_HELP = "A recording: .mcap, .db3, rosbag2 folder, ROS 1 .bag, or a table with columns.yaml."
 
 
 def console(json_target: str | None) -> Console:
