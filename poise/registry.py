@@ -1,8 +1,12 @@
-"""A registry: the entries of one kind by name, one file each, imported when they are asked for."""
+"""Registries: the entries of one kind, one file each, found by looking through a folder.
+
+`Registry` imports one entry when it is asked for by name; `entries_of` imports and builds them all.
+"""
 
 import importlib
+import inspect
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Generic, Protocol, TypeVar
@@ -78,3 +82,24 @@ class Registry(Generic[Entry]):
                 continue
             for file in pkgutil.iter_modules(folders):
                 yield file.name.replace("_", "-"), f"{package}.{file.name}"
+
+
+Base = TypeVar("Base")
+
+
+def entries_of(package: str, path: Sequence[str], base: type[Base]) -> tuple[Base, ...]:
+    """One instance of every concrete class derived from `base`, in the order of modules and of their definitions.
+
+    Args:
+        package: dotted name of the package, `__name__` of its `__init__`.
+        path: its `__path__`.
+        base: the base class of the entries; classes that a module merely imports do not count.
+    """
+    found = []
+    for module in pkgutil.iter_modules(path):
+        name = f"{package}.{module.name}"
+        for kind in vars(importlib.import_module(name)).values():
+            own = inspect.isclass(kind) and f"{kind.__module__}.".startswith(f"{name}.")
+            if own and issubclass(kind, base) and not inspect.isabstract(kind):
+                found.append(kind())
+    return tuple(found)

@@ -23,7 +23,7 @@ LEVELS = (
     {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation", "baselines"},
-    {"placement", "mismatch", "excitation"},
+    {"placement", "mismatch", "excitation", "exporting"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},

@@ -9,8 +9,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
 from poise.commands.identify_model import say, told, without_effects
-from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model import ObjectShape, load_object
 from poise.inertia.pipeline import METHODS, Identification
@@ -105,8 +106,11 @@ ModelOption = Annotated[
 ]
 
 
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP, show_default=False)]
+
+
 def identify(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
+    bag: BagArgument,
     object_file: ObjectOption = None,
     method: MethodOption = METHODS[0],
     object_pose: ObjectPoseOption = None,
@@ -120,6 +124,8 @@ def identify(
     max_torque: MaxTorqueOption = np.inf,
     model: ModelOption = None,
     report: ReportOption = None,
+    exports: ExportOption = None,
+    flange_pose: FlangePoseOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Estimate mass, centre of mass and inertia of the payload on a force-torque sensor.
@@ -132,6 +138,7 @@ def identify(
     Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
     """
     refuse_folder(json_target, "--json")
+    requests, flange_from_sensor = read_exports(exports, json_target), read_pose(flange_pose, "--flange-pose")
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people = console(json_target)
     known = (sensor_frame, gravity, wrench_topic)
@@ -145,6 +152,7 @@ def identify(
     write_json(json_target, content)
     print_answer(people, bag, answer)
     say(people, taken)
+    written += write_exports(requests, answer.estimate, flange_from_sensor)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 

@@ -4,13 +4,11 @@
 - everything else: a sensor, with its protocol, its link, its fake and its parameters. See docs/add_a_sensor.md.
 """
 
-import importlib
-import inspect
-import pkgutil
 from functools import cache
 
 from poise.errors import ErrorCode, InputError
 from poise.force_torque.sensors.base import Sensor, SensorSetting, SensorValues, limit_of, rated, reports_of
+from poise.registry import entries_of
 
 __all__ = [
     "Sensor",
@@ -28,13 +26,7 @@ __all__ = [
 @cache
 def all_sensors() -> tuple[Sensor, ...]:
     """Every sensor of the registry, by name."""
-    found = []
-    for module in pkgutil.iter_modules(__path__):
-        content = importlib.import_module(f"{__name__}.{module.name}")
-        for kind in vars(content).values():
-            own = inspect.isclass(kind) and kind.__module__.startswith(content.__name__)
-            if own and issubclass(kind, Sensor) and not inspect.isabstract(kind):
-                found.append(kind())
+    found: tuple[Sensor, ...] = entries_of(__name__, __path__, Sensor)  # type: ignore[type-abstract]
     return tuple(sorted(found, key=lambda sensor: sensor.name))
 
 
