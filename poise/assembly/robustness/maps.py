@@ -101,11 +101,9 @@ def robustness_map(
     if isinstance(surface, int):
         surface = sample_surface(analysis.structure, surface)
     bounds, complete, doubtful = _bounded(analysis, surface, tolerance, name, clock)
-    weight = _weight(analysis)
+    smallest = _FOR_EVER / _weight(analysis)
     with np.errstate(divide="ignore"):
-        lower, upper = (
-            1 / np.where(inverse > _FOR_EVER / weight, inverse, 0.0) for inverse in (bounds.upper, bounds.lower)
-        )
+        lower, upper = (1 / np.where(bound > smallest, bound, 0.0) for bound in (bounds.upper, bounds.lower))
     return RobustnessMap(
         analysis,
         surface,
