@@ -4,12 +4,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.reading.kinematics import Motion, effort_track, recorded_from_motion
+from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.sanity import check_positions, check_rates
 from poise.mismatch.reading.smoothing import smooth, taken
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.recording import JointStream, PoseStream, WrenchStream
 from poise.robot import BaseMotion, RobotModel
+from poise.simulation import JointMotion
 from poise.types import Array, Mask, Stamps
 
 
@@ -47,7 +48,7 @@ def recorded_from_streams(
         notes.append(f"{int((~known).sum())} wrench samples have no joint motion around them and were left out")
     if moved.jitter > 0:
         notes.append(f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used")
-    motion = Motion(moved.position[known], moved.velocity[known], moved.acceleration[known], _at(base, known))
+    motion = JointMotion(moved.position[known], moved.velocity[known], moved.acceleration[known])
     (efforts,) = robot.order(joints.names, joints.effort)
     effort = None
     if np.isfinite(efforts[finite]).all(axis=0).any():
@@ -58,6 +59,7 @@ def recorded_from_streams(
         motion,
         phi,
         wrench.wrench_in_sensor[known],
+        base=_at(base, known),
         gravity=gravity,
         start=start,
         effort=effort if effort is not None and effort.names else None,
@@ -75,8 +77,8 @@ def _efforts(
     moved = smooth(seconds, position, at, rates)
     base, known = _odometry(odom, start, at) if odom is not None else (None, np.ones(len(at), dtype=bool))
     known &= moved.known
-    motion = Motion(moved.position[known], moved.velocity[known], moved.acceleration[known], _at(base, known))
-    return effort_track(robot, at[known], motion, efforts[inner][known], phi)
+    motion = JointMotion(moved.position[known], moved.velocity[known], moved.acceleration[known])
+    return effort_track(robot, at[known], motion, efforts[inner][known], phi, _at(base, known))
 
 
 def _odometry(odom: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, Mask]:
