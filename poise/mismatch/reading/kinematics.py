@@ -96,6 +96,8 @@ def effort_track(
     measured: Array,
     phi: ArrayLike,
     base: BaseMotion | None = None,
+    *,
+    gravity: float = STANDARD_GRAVITY,
 ) -> EffortTrack:
     """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
 
@@ -108,10 +110,12 @@ def effort_track(
         measured: (M, J) N m of all the robot's joints; columns with NaN are left out.
         phi: (10,) the payload, in addition to the links that the URDF fixes beyond the sensor.
         base: motion of the root link (M), when it moves.
+        gravity: m/s2, downwards.
     """
     loaded = robot.pinocchio.copy()
     frame = loaded.frames[robot.frame_id(robot.sensor_frame)]
     loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(phi))
+    loaded.gravity.linear = np.array([0.0, 0.0, -gravity])
     data = loaded.createData()
     whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, base)
     moving = len(robot.coupling)
