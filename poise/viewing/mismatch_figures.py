@@ -30,7 +30,7 @@ def _shaded(examination: SignalDiagnosis, left: ScaledResiduals) -> Array:
 
 
 def timeline_panel(examination: SignalDiagnosis, key: str) -> Panel:
-    """Size of the residual before and after, over time, beside the noise; windows marked, effects named above."""
+    """Size of the residual before and after, over time, in units of the noise; windows marked, effects named above."""
     left = residuals(examination)
     before, after = left.size(left.before), left.size(left.after)
     bars = [(f.effect.name.replace("_", " "), f.windows) for f in examination.findings if f.windows]

@@ -1,4 +1,4 @@
-"""What there is to say about a diagnosis: residuals in units of the noise, the ladder of evidence, sentences."""
+"""A diagnosis for reports: residuals in units of the noise, the ladder of evidence, sentences."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -159,7 +159,8 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
             said.append(
                 Finding(
                     "warn",
-                    f"This motion cannot tell {name} from {others}; this would: {finding.effect.separating_motion}.",
+                    f"This motion does not distinguish {name} from {others}; "
+                    f"this one would: {finding.effect.separating_motion}.",
                 )
             )
     if found.unknown is not None:
