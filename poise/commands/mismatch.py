@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
-from poise.commands.output import add_scene, console, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
@@ -38,7 +38,7 @@ _ModelOption = Annotated[
 
 BagsArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
+    typer.Argument(metavar="BAG...", help=f"{BAG_HELP} Of several, the last is held out.", show_default=False),
 ]
 _ReportOption = Annotated[
     Path | None,

@@ -17,6 +17,7 @@ from poise.files import write_whole
 
 STDOUT = "-"
 PAGE_WIDTH = 120
+BAG_HELP = "A recording: .mcap, .db3, rosbag2 folder, ROS 1 .bag, or a table with columns.yaml."
 
 
 def console(json_target: str | None) -> Console:
