@@ -18,8 +18,7 @@ from rich.table import Table
 from poise.errors import PoiseError
 from poise.inertia.pipeline import identify
 from poise.recording import open_recording
-from poise.viewing.report import write_identification_report
-from poise.viewing.rerun_scene import write_identification_recording
+from poise.viewing import write_identification_recording, write_identification_report
 from poise_msgs.msg import InertialEstimate
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -154,9 +153,10 @@ def main() -> None:
         mass, page = written.result()
         estimate = replay.estimates[-1]
         apart = abs(estimate.inertia.m - mass)
+        share = apart / estimate.covariance[0] ** 0.5
         console.print(
-            f"{replay.act.title}: `poise identify` estimates {mass:.4f} kg; live and recorded differ by {apart:.0e} kg, "
-            f"{apart / estimate.covariance[0] ** 0.5:.0e} of one sigma.",
+            f"{replay.act.title}: live {estimate.inertia.m:.4f} kg, `poise identify` {mass:.4f} kg; "
+            f"they differ by {apart:.0e} kg, {share:.0e} of one sigma.",
             soft_wrap=True,
         )
         console.print(f"  report: {page}", soft_wrap=True)
