@@ -46,7 +46,7 @@ STYLE: Any = {
 _UNDATED: Any = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
 """Metadata that would make equal pictures different files, by file ending."""
 
-PANEL = (360, 170)
+_PANEL = (360, 170)
 """Width and height of a panel, points: about the width of a phone, a third of a page."""
 
 BINS = 240
@@ -63,7 +63,7 @@ class Panel:
     key: str
     alt: str
     draw: Draw
-    size: tuple[int, int] = PANEL
+    size: tuple[int, int] = _PANEL
 
     def figure(self) -> Figure:
         """Draw the panel on its own (72 points an inch: one point is one CSS pixel of the report)."""
