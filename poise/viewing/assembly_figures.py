@@ -1,10 +1,7 @@
 """The figures of an assembly: map of robustness, contact interface graph, collapse mechanism, acceleration limits."""
 
-import io
-from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
@@ -16,20 +13,17 @@ from poise.assembly import Analysis, Push
 from poise.assembly.robustness import AccelerationLimits, Robustness, RobustnessMap
 from poise.assembly.scene import Polyhedron
 from poise.errors import ErrorCode, InputError
-from poise.files import write_whole
 from poise.viewing.assembly_picture import Stage, SurfaceColours, extent, moved, stage
-from poise.viewing.canvas import PALETTE, STYLE, Panel
+from poise.viewing.canvas import PALETTE, Panel
 from poise.viewing.wording import readable
 
+_FIRST_MOVERS = ("#2062d4", "#d55e01", "#00916b", "#b3268c", "#8a6d00", "#5b6470")
 _SIZE = (420, 330)
 _SCALE = "RdYlBu"
 """Weak to strong; distinguishable for colour-blind readers."""
 _SHARP = 0.9
 """Cosine of the angle between faces at an edge that is drawn."""
 _ENDLESS = (0.62, 0.64, 0.67)
-_UNDATED: Any = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-"""What keeps the same picture the same file, by the endings that there are."""
-_FIRST_MOVERS = ("#2062d4", "#d55e01", "#00916b", "#b3268c", "#8a6d00", "#5b6470")
 
 
 def map_panel(found: RobustnessMap) -> Panel:
@@ -142,20 +136,6 @@ def limits_panel(found: AccelerationLimits) -> Panel:
     return Panel(
         "acceleration-limits", f"Acceleration limits around the horizontal: at least {low:.3g} m/s².", draw, _SIZE
     )
-
-
-def write_picture(panel: Panel, path: Path) -> Path:
-    """Write a panel as PNG, SVG or PDF, whole or not at all.
-
-    Raises:
-        InputError: UNSUPPORTED for another ending, FILE_UNWRITABLE.
-    """
-    if path.suffix.lower() not in _UNDATED:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{path}: pictures end in {', '.join(_UNDATED)}")
-    buffer = io.BytesIO()
-    with matplotlib.rc_context(STYLE):
-        panel.figure().savefig(buffer, format=path.suffix[1:].lower(), dpi=144, metadata=_UNDATED[path.suffix.lower()])
-    return write_whole(path, buffer.getvalue())
 
 
 def _sharp_edges(polyhedron: Polyhedron) -> Any:

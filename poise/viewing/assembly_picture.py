@@ -23,7 +23,7 @@ _TOWARD = (-1.0, -1.7, 0.9)
 _LIGHT = np.array([-0.35, -0.6, 0.72])
 _SUPERSAMPLED = 2
 _PIXELS_PER_POINT = 2
-_FIXED, _MOVABLE = "#f4f5f6", "#aebdd0"
+FIXED, MOVABLE = "#f4f5f6", "#aebdd0"
 _NEIGHBOURS = 4
 """Points of a map that the colour of a pixel is made of."""
 _SAME_FACE = 0.3
@@ -146,7 +146,7 @@ def _painted(assembly: Assembly, camera: Camera, colours: Mapping[int, str], sur
     seen = see(camera, bodies.triangles)
     hit = seen.triangle != NOTHING
     place, normals = bodies.place[seen.triangle], bodies.normals[seen.triangle]
-    base = np.array([to_rgb(colours.get(i, _FIXED if item.fixed else _MOVABLE)) for i, item in enumerate(objects)])
+    base = np.array([to_rgb(colours.get(i, FIXED if item.fixed else MOVABLE)) for i, item in enumerate(objects)])
     picture = np.where(hit[..., None], base[place], 1.0)
     fixed = np.array([item.fixed for item in objects])[place]
     strength = np.where(fixed, 0.2, 0.45)

@@ -15,8 +15,8 @@ from poise.files import write_whole
 from poise.viewing.assembly_picture import extent
 from poise.viewing.wording import readable
 
-_FIXED, _MOVABLE, _GRAPH = (200, 204, 210), (150, 170, 200, 120), (213, 94, 1)
-_PUSH, _MOTION, _ENDLESS = (179, 38, 30), (27, 31, 36), (158, 163, 171)
+FIXED, MOVABLE, GRAPH = (200, 204, 210), (150, 170, 200, 120), (213, 94, 1)
+PUSH, MOTION, ENDLESS = (179, 38, 30), (27, 31, 36), (158, 163, 171)
 _POINT = 0.006
 """Radius of the points of a map, as a share of the scene."""
 
@@ -76,7 +76,7 @@ class _Scene:
                 vertex_positions=corners,
                 vertex_normals=normals,
                 triangle_indices=np.arange(len(corners)).reshape(-1, 3),
-                albedo_factor=_FIXED if item.fixed else _MOVABLE,
+                albedo_factor=FIXED if item.fixed else MOVABLE,
             )
             self._log(f"world/bodies/{_part(item.id)}", mesh, static=True)
 
@@ -89,20 +89,20 @@ class _Scene:
             sides = (objects[place] for place in (interface.first, interface.second))
             lines += [np.stack([item.com_in_world, middle]) for item in sides if not item.fixed]
         radius = 0.002 * self.size
-        self._log("world/graph/edges", self.rr.LineStrips3D(lines, colors=[_GRAPH], radii=[radius]), static=True)
-        self._log("world/graph/contacts", self.rr.LineStrips3D(outlines, colors=[_GRAPH], radii=[radius]), static=True)
+        self._log("world/graph/edges", self.rr.LineStrips3D(lines, colors=[GRAPH], radii=[radius]), static=True)
+        self._log("world/graph/contacts", self.rr.LineStrips3D(outlines, colors=[GRAPH], radii=[radius]), static=True)
         movable = [objects[place] for place in self.analysis.structure.movable]
         nodes = self.rr.Points3D(
             [item.com_in_world for item in movable],
             labels=[readable(item.id) for item in movable],
-            colors=[_GRAPH],
+            colors=[GRAPH],
             radii=[3 * radius],
         )
         self._log("world/graph/bodies", nodes, static=True)
 
     def send_map(self, found: RobustnessMap) -> None:
         finite = np.isfinite(found.upper)
-        colours = np.tile(np.array(_ENDLESS, dtype=np.uint8), (len(finite), 1))
+        colours = np.tile(np.array(ENDLESS, dtype=np.uint8), (len(finite), 1))
         if finite.any():
             low, high = found.upper[finite].min(), np.quantile(found.upper[finite], 0.97)
             shade = colormaps["RdYlBu"](LogNorm(low, max(high, 1.02 * low))(found.upper[finite]))
@@ -113,7 +113,7 @@ class _Scene:
         label = self.rr.Points3D(
             found.surface.points[[weakest]],
             labels=[f"{found.upper[weakest]:.3g} N"],
-            colors=[_PUSH],
+            colors=[PUSH],
             radii=[2 * _POINT * self.size],
         )
         self._log("world/map/weakest", label, static=True)
@@ -126,7 +126,7 @@ class _Scene:
             arrow = self.rr.Arrows3D(
                 origins=[np.asarray(push.point) - shaft],
                 vectors=[shaft],
-                colors=[_PUSH],
+                colors=[PUSH],
                 labels=[f"{result.robustness:.3g} N {result.mode}"],
             )
             self._log("world/pushes", arrow)
@@ -137,7 +137,7 @@ class _Scene:
             moves = self.rr.Arrows3D(
                 origins=starts,
                 vectors=0.2 * self.size * velocities / fastest,
-                colors=[_MOTION],
+                colors=[MOTION],
                 labels=[readable(name) for name in result.moves],
             )
             self._log("world/mechanism", moves)

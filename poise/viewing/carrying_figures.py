@@ -5,13 +5,13 @@ import numpy as np
 from matplotlib.figure import FigureBase
 
 from poise.assembly import Assembly, Box, Cylinder, RigidObject
-from poise.manipulation import Reach, Transfer, TransferPhase, pose_of
+from poise.manipulation import Phase, Reach, Transfer, pose_of
 from poise.types import Array
 from poise.viewing.assembly_picture import stage
 from poise.viewing.canvas import PALETTE, Panel
 
 _SIZE = (860, 330)
-_ROBOT, _HELD = "#d3d7dd", "#e3b23c"
+ROBOT, HELD = "#d3d7dd", "#e3b23c"
 
 
 def transfer_panel(reach: Reach, transfer: Transfer, placed: RigidObject) -> Panel:
@@ -30,7 +30,7 @@ def transfer_panel(reach: Reach, transfer: Transfer, placed: RigidObject) -> Pan
         for number, (words, q, phase) in enumerate(moments):
             scene = _scene(reach, transfer, q, phase)
             robot = len(scene.objects) - len(reach.around) - 1
-            colours = dict.fromkeys(range(robot), _ROBOT) | {len(scene.objects) - 1: _HELD}
+            colours = dict.fromkeys(range(robot), ROBOT) | {len(scene.objects) - 1: HELD}
             here = stage(figure, scene, (number / 3, 0, 1 / 3, 0.93), colours)
             here.axes.set_title(words, fontsize=11, color=PALETTE["ink"])
 
@@ -38,7 +38,7 @@ def transfer_panel(reach: Reach, transfer: Transfer, placed: RigidObject) -> Pan
     return Panel("transfer", alt, draw, _SIZE)
 
 
-def _scene(reach: Reach, transfer: Transfer, q: Array, phase: TransferPhase) -> Assembly:
+def _scene(reach: Reach, transfer: Transfer, q: Array, phase: Phase) -> Assembly:
     """Robot, surroundings and the object in the hand, as they stand at a configuration."""
     shapes = ((_shape_of(shape), place) for shape, place in reach.arm.shapes(q, phase.opening))
     robot = [
