@@ -20,7 +20,7 @@ from poise.types import Array
 
 SHORTEST, LONGEST = 0.5, 60.0
 """s of a motion."""
-WORTHWHILE = 0.1
+_WORTHWHILE = 0.1
 """A motion that would leave the mass less certain than this share of it is not made."""
 
 
@@ -191,7 +191,7 @@ def finish(
         information.covariance(signals, each),
         belief,
     )
-    if plan.mass_std > WORTHWHILE * options.mass:
+    if plan.mass_std > _WORTHWHILE * options.mass:
         raise NoAnswerError(
             ErrorCode.NOT_IDENTIFIABLE,
             f"no motion of {options.duration:g} s under {limits.speed:g} m/s tells the mass of an object that reaches"

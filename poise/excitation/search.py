@@ -17,11 +17,11 @@ from poise.types import Array
 
 SAMPLES_A_SECOND = 50
 MOST_SAMPLES = 400
-BARRIERS = (0.3, 0.03, 0.003)
+_BARRIERS = (0.3, 0.03, 0.003)
 """Nats that a constraint is feared by, from the first round to the last."""
-SMOOTH = 1e-3
+_SMOOTH = 1e-3
 """m/s and rad/s: rounds off the absolute value of a velocity at zero."""
-SPARE = 0.985
+_SPARE = 0.985
 """Share of the speed limit that is searched in; the rest is for what happens between samples."""
 
 Progress = Callable[[float], None]
@@ -117,9 +117,9 @@ class Objective:
         """Of the speed of every guarded point, and of how far the tool goes."""
         points, radius = self._guard.points, self._guard.radius
         velocity = hand.velocity[:, None] + np.cross(hand.omega[:, None], points)
-        speed = np.sqrt((velocity**2).sum(axis=2) + SMOOTH**2)
-        turning = np.sqrt((hand.omega**2).sum(axis=1) + SMOOTH**2)
-        limit = SPARE * self._limits.speed
+        speed = np.sqrt((velocity**2).sum(axis=2) + _SMOOTH**2)
+        turning = np.sqrt((hand.omega**2).sum(axis=1) + _SMOOTH**2)
+        limit = _SPARE * self._limits.speed
         room = limit - speed - radius * turning[:, None]
         tool = hand.position + hand.rotation @ self._guard.tcp
         away = tool - self._first_tool(tool)
@@ -176,7 +176,7 @@ def search(
     for _ in range(effort.starts):
         unknowns = _feasible(objective, rng.normal(size=objective.shape).ravel())
         if unknowns is not None:
-            found.append(_descend(objective, unknowns, BARRIERS[0], effort.first, clock))
+            found.append(_descend(objective, unknowns, _BARRIERS[0], effort.first, clock))
     if not found:
         raise NoAnswerError(
             ErrorCode.UNREACHABLE,
@@ -184,7 +184,7 @@ def search(
             " is too low for an object of this size; move the arm, or use stop-and-go",
         )
     best = min(found, key=lambda one: one[0])[1]
-    for fear in BARRIERS:
+    for fear in _BARRIERS:
         best = _descend(objective, best, fear, effort.steps, clock)[1]
     return objective.displacement(best)
 
@@ -199,7 +199,7 @@ class _Clock:
     """Counts steps; says how far the search is, and when to stop."""
 
     def __init__(self, effort: Effort, progress: Progress, cancelled: Cancelled) -> None:
-        self._total = effort.starts * effort.first + len(BARRIERS) * effort.steps
+        self._total = effort.starts * effort.first + len(_BARRIERS) * effort.steps
         self._deadline = time.monotonic() + effort.time_limit
         self._done, self._progress, self._cancelled = 0, progress, cancelled
 
@@ -214,7 +214,7 @@ class _Clock:
 def _feasible(objective: Objective, unknowns: Array) -> Array | None:
     """A random motion made so small that it keeps to the limits."""
     for _ in range(30):
-        if np.isfinite(objective(unknowns, BARRIERS[0])[0]):
+        if np.isfinite(objective(unknowns, _BARRIERS[0])[0]):
             return np.asarray(unknowns / 2)
         unknowns = unknowns / 2
     return None

@@ -35,13 +35,13 @@ LEAD = 0.15
 """s between sending a motion and its begin: it must have arrived by then."""
 STOP_LEAD = 0.06
 """s, the same for a stop, which is urgent."""
-SETTLE = 0.15
+_SETTLE = 0.15
 """s of rest after the motion that still belong to it."""
 MOVED = 0.01
 """rad or m: an arm that is farther from where its motion was planned from has been moved by somebody else."""
 OFF_PATH, LAG = 0.03, 0.15
 """rad or m, and s of the joint's speed, that an arm may be off its path."""
-STOPPING = 3.0
+_STOPPING = 3.0
 """s that an arm may take to come to rest."""
 
 Plan = Callable[[Progress, Cancelled], ExcitationPlan]
@@ -233,13 +233,13 @@ class Session:
         seconds = (self.joints.stamp - self._begin) * 1e-9
         self._require_on_path(seconds)
         self.progress = 0.3 + 0.6 * float(np.clip(seconds / plan.motion.duration, 0.0, 1.0))
-        if seconds >= plan.motion.duration + SETTLE:
+        if seconds >= plan.motion.duration + _SETTLE:
             self._enter(Phase.SETTLING, now)
 
     def _settle(self, now: float) -> None:
         """Until the last samples are in."""
         self.progress = 0.95
-        end = self._begin + round((self._the_plan().motion.duration + 0.8 * SETTLE) * 1e9)
+        end = self._begin + round((self._the_plan().motion.duration + 0.8 * _SETTLE) * 1e9)
         if not self._scale.settled(end) and now - self._since < PATIENCE:
             self._require_streams(now)
             return
@@ -261,7 +261,7 @@ class Session:
             self._try_to_stop(now)
         if self.joints.age(now) < STALE and now - self._since > STOP_LEAD and self.joints.at_rest():
             self._enter(Phase.DONE, now)
-        elif now - self._since > STOPPING:
+        elif now - self._since > _STOPPING:
             failure = "" if self._stop_failure is None else f"the stop could not be sent: {self._stop_failure!r}; "
             self._amend(f"{failure}the arm was not seen to come to rest")
             self._enter(Phase.DONE, now)

@@ -35,7 +35,7 @@ from poise.types import Mask
 
 RUN_SIZE = 4 << 20  # messages outside of chunks are read in runs of about this size
 METADATA_CHECK = "crc32"  # the key under which our writer vouches for a metadata record, which mcap does not
-OUTSIDE_RECORDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
+_OUTSIDE_RECORDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
 
 
 @dataclass
@@ -155,7 +155,7 @@ class _Scan:
             self._take_chunk(head)
         elif opcode == Opcode.DATA_END and length == 4 and self.ending.data_end is None:
             self.data_end = position
-        elif opcode in OUTSIDE_RECORDS:
+        elif opcode in _OUTSIDE_RECORDS:
             self.others.append((position, opcode, self.file.read(length)))
         elif opcode in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER):
             self._lose_record(position, f"the record at byte {position} makes no sense and was skipped")
