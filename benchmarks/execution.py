@@ -104,7 +104,7 @@ def plan(
 
 
 def played(phase: Phase, arm: Arm, rng: np.random.Generator) -> np.ndarray:
-    """(N, J) joint positions of the fake arm while it does one phase, as its messages tell them, and its own error."""
+    """(N, J) joint positions of the fake arm while it does one phase, from its messages, and its own error."""
     model = RobotModel.from_file("fr3", "tcp")
     rows = []
     for motion in phase.motions:

@@ -140,7 +140,7 @@ def _tools(source: Path, repeats: int, seeds: int) -> tuple[list[Record], dict[s
     floors = {tool.name: references[tool.name].floor(tool.points) for tool in tools}
     records: list[Record] = []
     kept: dict[str, Segmentation] = {}
-    segment(tools[0].points, tools[0].colours)  # nobody's first call pays for loading libraries
+    segment(tools[0].points, tools[0].colours)  # loads the libraries before the first timed call
     for variant in VARIANTS:
         here = []
         for tool in track(tools, variant, console=console, transient=True):

@@ -21,7 +21,7 @@ from poise.nodes.runtime import coded, run
 
 _SERVICE_QOS = QoSProfile(depth=1000)
 """Calls that wait in the middleware: the usual 10 would be overwritten by a burst."""
-GRACE = 0.25
+ANSWER_GRACE = 0.25
 """s after its deadline in which a call may still bring what is certified."""
 _STEP = 0.05
 """s between looks for answers that are overdue."""
@@ -93,7 +93,7 @@ class Jobs:
 
         def receive(request: Any, _: Any) -> "Future[Any]":
             deadline = time.monotonic() + seconds(request)
-            job = Job(lambda response: work(request, response, deadline), kind, deadline + GRACE)
+            job = Job(lambda response: work(request, response, deadline), kind, deadline + ANSWER_GRACE)
             job.answer.add_done_callback(lambda _: self._open.discard(job))
             self._open.add(job)
             self._answers.note_call()

@@ -63,7 +63,7 @@ def diagnosed(effects: Effects, chained: bool) -> Diagnosis:
 
 
 def shaken() -> Diagnosis:
-    """The committed recording of a KUKA arm that somebody knocks at; its load as the static poses weigh it."""
+    """The committed recording of a KUKA arm that a person knocks; its load as identified from the static poses."""
     model = parse_model({"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}})
     reading = read_recording(open_recording(SHAKEN), model)
     return diagnose(reading.recorded, reading.model)

@@ -1,4 +1,4 @@
-"""The pictures of docs/placement.md: `python -m benchmarks.placement.figure`, from scenes placed anew and the results.
+"""The pictures of docs/placement.md: `python -m benchmarks.placement.figure`, from new placements and the results.
 
 - placement.png: the nine scenes, each with the cube where it was put.
 - placement_growth.png: time against vertices and objects, from out/benchmarks/placement_growth.json.

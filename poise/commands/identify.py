@@ -11,7 +11,7 @@ from rich.table import Table
 
 from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
 from poise.commands.identify_model import say, told, without_effects
-from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model import ObjectShape, load_object
 from poise.inertia.pipeline import METHODS, Identification
@@ -106,8 +106,11 @@ ModelOption = Annotated[
 ]
 
 
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP, show_default=False)]
+
+
 def identify(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
+    bag: BagArgument,
     object_file: ObjectOption = None,
     method: MethodOption = METHODS[0],
     object_pose: ObjectPoseOption = None,

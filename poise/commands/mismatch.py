@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
-from poise.commands.output import add_scene, console, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
@@ -38,7 +38,7 @@ _ModelOption = Annotated[
 
 BagsArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
+    typer.Argument(metavar="BAG...", help=f"{BAG_HELP} Of several, the last is held out.", show_default=False),
 ]
 _ReportOption = Annotated[
     Path | None,
@@ -140,7 +140,7 @@ def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagno
 
 def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
     """The fields of the contract, and what else is known; seconds count from the first wrench sample."""
-    proof, rest = found.main.proof, found.main.rest
+    proof, rest = found.main.proof, found.main.residual_test
     unknown = found.unknown
     return {
         "verdict": found.verdict,
@@ -156,7 +156,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
                 "share": window.share,
             }
             for each in found.examinations
-            for window in each.where
+            for window in each.windows
         ]
         if found.verdict != "none"
         else [],
@@ -166,7 +166,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
             "whiteness": rest.whiteness,
         },
-        "calibration": [asdict(small) for each in found.examinations for small in each.small],
+        "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
         "untestable": found.untestable,
         "notes": [note for reading in readings for note in reading.notes],
         "seconds": found.seconds,
@@ -211,7 +211,9 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         f"the tolerances, {proof.augmented:.2f} with what was found.",
         soft_wrap=True,
     )
-    clock = next((small for each in found.examinations for small in each.small if small.group == "clock_offset"), None)
+    clock = next(
+        (small for each in found.examinations for small in each.calibration if small.group == "clock_offset"), None
+    )
     if clock is not None:
         value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
         people.print(f"Inside its tolerance: the wrench's clock is {value} ± {sigma} ms late against the motion's.")

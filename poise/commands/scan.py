@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from poise.commands.output import console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, console, progress_bar, refuse_folder, warn, write_json
 from poise.commands.segment import write_picture
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
@@ -20,7 +20,7 @@ from poise.scanning.reading import MOST_FRAMES
 from poise.shape.segmentation import Segmentation, segment
 from poise.shape.surface_files import labelled_ply, surface_ply
 
-BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file or a rosbag2 folder.")]
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP)]
 CloudOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="PLY", help="Write the cloud: colours, normals, what was seen.", show_default=False),

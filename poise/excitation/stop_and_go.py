@@ -9,11 +9,11 @@ from poise.excitation.certificate import certify
 from poise.excitation.hand import HandMotion, hand_motion, hand_slopes
 from poise.excitation.information import Information
 from poise.excitation.limits import Guard, MotionLimits, position_range
-from poise.excitation.search import Cancelled, Progress, check
+from poise.excitation.search import check
 from poise.inertia.model import motion_signals
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
-from poise.types import Array
+from poise.types import Array, Cancelled, Progress
 
 _TILT = np.deg2rad(60.0)
 _AZIMUTHS = 8

@@ -1,4 +1,4 @@
-"""Recordings: reading and writing mcap bags, and aligning their streams in time."""
+"""Recordings: reading bags and tables, writing mcap bags, and aligning streams in time."""
 
 from poise.recording.alignment import (
     Interpolated,
@@ -10,9 +10,11 @@ from poise.recording.alignment import (
     resample,
 )
 from poise.recording.blocks import Loss, LossKind
+from poise.recording.folders import find_recordings
 from poise.recording.reading import RawMessage, Recording, Topic, open_recording
 from poise.recording.rewriting import rewrite_recording
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
+from poise.recording.trajectories import joint_commands
 from poise.recording.writing import RecordingWriter, write_recording
 
 __all__ = [
@@ -30,8 +32,10 @@ __all__ = [
     "Stream",
     "Topic",
     "WrenchStream",
+    "find_recordings",
     "interpolate",
     "interpolate_rotations",
+    "joint_commands",
     "nearest",
     "open_recording",
     "resample",

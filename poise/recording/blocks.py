@@ -72,7 +72,7 @@ class Loss:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class MessageBlock:
     """A chunk, or a run of messages outside of chunks.
 
     Args:

@@ -84,7 +84,7 @@ class Batch:
 
 
 @dataclass
-class _Layout:
+class MessageLayout:
     """Where everything is in a message, as found by walking it."""
 
     order: str
@@ -124,7 +124,7 @@ def _decode_first(
     first = int(candidates[0])
     start, size = int(starts[first]), int(sizes[first])
     try:
-        layout = _walk(message_type, data[start : start + size])
+        layout = layout_of(message_type, data[start : start + size])
     except (struct.error, UnicodeDecodeError, ValueError) as error:
         raise UndecodableError(first, str(error)) from error
     rows = np.frombuffer(data, dtype=np.uint8)[starts[candidates, None] + np.arange(size)]
@@ -132,7 +132,7 @@ def _decode_first(
     return Batch(candidates[same], _columns(layout, rows[same]))
 
 
-def _columns(layout: _Layout, rows: npt.NDArray[np.uint8]) -> list[dict[str, Any]]:
+def _columns(layout: MessageLayout, rows: npt.NDArray[np.uint8]) -> list[dict[str, Any]]:
     """Read the columns of a layout from (K, size) bytes."""
     elements = []
     for numbers, texts in zip(layout.numbers, layout.texts, strict=True):
@@ -151,11 +151,11 @@ def _column(rows: npt.NDArray[np.uint8], offset: int, size: int, dtype: str) -> 
     return np.ascontiguousarray(rows[:, offset : offset + size]).view(dtype)
 
 
-def _walk(message_type: str, sample: bytes) -> _Layout:
+def layout_of(message_type: str, sample: bytes) -> MessageLayout:
     """Find the layout of one message."""
     if len(sample) < _ENCAPSULATION or sample[0] != 0 or sample[1] not in (0, 1):
         raise ValueError(f"its encapsulation {sample[:2].hex()} is not plain CDR")
-    layout = _Layout("<" if sample[1] else ">", fixed=[0, 1])
+    layout = MessageLayout("<" if sample[1] else ">", fixed=[0, 1])
     walker = _Walker(sample, layout)
     count = walker.length() if message_type in _LISTS else 1
     for _ in range(count):
@@ -168,7 +168,7 @@ def _walk(message_type: str, sample: bytes) -> _Layout:
 class _Walker:
     """A walk through one message, from field to field."""
 
-    def __init__(self, sample: bytes, layout: _Layout) -> None:
+    def __init__(self, sample: bytes, layout: MessageLayout) -> None:
         self.sample, self.layout, self.position = sample, layout, _ENCAPSULATION
 
     def element(self, spec: Spec) -> None:

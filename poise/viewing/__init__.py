@@ -4,6 +4,6 @@
 - `rerun_scene`: `write_identification_recording`, the same story for the Rerun viewer (needs rerun-sdk, an extra).
 - `figures`: the pictures of both, for matplotlib; `canvas`, `sphere` and `decimation` are what they are drawn with,
   `inline_svg` puts them into a page.
-- `summary`, `wording`: what there is to say about a result, and how numbers and foreign names are written.
+- `summary`, `wording`: a result as numbers and sentences; how numbers and external names are written.
 - `files`: `write_whole`, a file or nothing.
 """

@@ -23,7 +23,7 @@ from poise.viewing.wording import readable
 
 SIZE = (420, 330)
 SCALE = "RdYlBu"
-"""Weak to strong; told apart by colour-blind readers too."""
+"""Weak to strong; distinguishable for colour-blind readers."""
 SHARP = 0.9
 """Cosine of the angle between faces at an edge that is drawn."""
 ENDLESS = (0.62, 0.64, 0.67)

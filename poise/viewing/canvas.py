@@ -17,7 +17,7 @@ from poise.viewing.decimation import break_at_gaps, envelope
 Draw = Callable[[FigureBase], None]
 
 # Names of roles; the report turns them into CSS colours that follow the reader's light or dark scheme.
-# x, y, z are red, green and blue as in RViz, in shades that colour-blind readers can tell apart.
+# x, y, z are red, green and blue as in RViz, in shades that colour-blind readers can distinguish.
 PALETTE = {
     "ink": "#1b1f24",
     "muted": "#68707b",

@@ -19,7 +19,7 @@ _TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", 
 
 def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
     """The windows worth a mark: none where nothing was found."""
-    return examination.where if examination.findings or examination.unknown else ()
+    return examination.windows if examination.findings or examination.unknown else ()
 
 
 def _shaded(examination: SignalDiagnosis, left: ScaledResiduals) -> Array:
@@ -30,7 +30,7 @@ def _shaded(examination: SignalDiagnosis, left: ScaledResiduals) -> Array:
 
 
 def timeline_panel(examination: SignalDiagnosis, key: str) -> Panel:
-    """Size of the residual before and after, over time, beside the noise; windows marked, effects named above."""
+    """Size of the residual before and after, over time, in units of the noise; windows marked, effects named above."""
     left = residuals(examination)
     before, after = left.size(left.before), left.size(left.after)
     bars = [(f.effect.name.replace("_", " "), f.windows) for f in examination.findings if f.windows]

@@ -1,4 +1,4 @@
-"""The HTML report of a diagnosis: where recording and simulation part, what was left out, and the proof."""
+"""The HTML report of a diagnosis: where recording and simulation differ, what is missing, and the proof."""
 
 import math
 import shlex

@@ -1,4 +1,4 @@
-"""What there is to say about a diagnosis: residuals in units of the noise, the ladder of evidence, sentences."""
+"""A diagnosis for reports: residuals in units of the noise, the ladder of evidence, sentences."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -61,7 +61,7 @@ def residuals(examination: SignalDiagnosis) -> ScaledResiduals:
     units = ("N",) * 3 + ("N m",) * 3 if effort is None else ("N m",) * len(channels)
     before = problem.measured - problem.predicted(problem.recorded) - examination.best.calibrated
     after = residual_of(problem, examination.best)
-    return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.last)
+    return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.held_out)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Rung:
 
 def ladder(examination: SignalDiagnosis) -> list[Rung]:
     """The answer, the single effects that came furthest, its rivals and what would come next; the best first."""
-    state = examination.state
+    state = examination.search
     answer = tuple(sorted(names(examination.best)))
     base = state.fits[()].log_evidence if () in state.fits else examination.nominal.log_evidence
     gains = {tuple(sorted(key)): each.log_evidence - base for key, each in state.fits.items()}
@@ -108,9 +108,9 @@ def _label(name: str) -> str:
 
 def remaining(examination: SignalDiagnosis) -> tuple[Array, list[Whiteness]]:
     """Whitened residual (N, C) of the best model, and how white each channel is."""
-    frame = examination.best.frame
+    regression = examination.best.regression
     channels = examination.problem.measured.shape[1]
-    white = np.asarray(frame.target - frame.coefficients() @ frame.columns).reshape(channels, -1)
+    white = np.asarray(regression.target - regression.coefficients() @ regression.columns).reshape(channels, -1)
     return white.T, [whiteness(channel) for channel in white]
 
 
@@ -159,7 +159,8 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
             said.append(
                 Finding(
                     "warn",
-                    f"This motion cannot tell {name} from {others}; this would: {finding.effect.separating_motion}.",
+                    f"This motion does not distinguish {name} from {others}; "
+                    f"this one would: {finding.effect.separating_motion}.",
                 )
             )
     if found.unknown is not None:

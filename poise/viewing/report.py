@@ -40,7 +40,7 @@ def write_identification_report(
     command: str | None = None,
     now: datetime | None = None,
 ) -> Path:
-    """Write `identification.html`: the answer, how sure it is, and everything one needs to doubt it.
+    """Write `identification.html`: the answer, its uncertainty, and the evidence for it.
 
     The file is self-contained, forbids itself the network (Content-Security-Policy), and depends on nothing but the
     arguments: the same arguments give the same bytes.
@@ -206,7 +206,7 @@ def _correlation_rows(identification: Identification) -> list[tuple[str, list[in
 
 
 def _provenance(identification: Identification, source: str, command: str, now: datetime) -> list[tuple[str, str]]:
-    """Where the numbers come from, so that somebody else can make them again."""
+    """Where the numbers come from, so that they can be reproduced."""
     lines = origin(source)
     stamps = identification.stamps
     if len(stamps):

@@ -1,4 +1,4 @@
-"""What there is to say about an identification: uncertainties, leftovers and reasons, as numbers and sentences."""
+"""An identification for reports: uncertainties, residuals and reasons, as numbers and sentences."""
 
 from dataclasses import dataclass
 

@@ -44,7 +44,7 @@ def test_bias_and_vibration_are_named_and_nothing_else(run: str, request: pytest
     answer: Diagnosis = request.getfixturevalue(run)
     assert {finding.effect.name for finding in answer.findings} == {"sensor_bias", "external_vibration"}
     # Noise that grows with speed is left, and said; it is no larger than noise and takes nothing from the names.
-    assert answer.main.rest.only_louder
+    assert answer.main.residual_test.only_louder
     assert all(finding.belief.probability > 0.8 for finding in answer.findings)
     proof = answer.main.proof
     assert proof.augmented < proof.nominal < proof.as_given
@@ -80,7 +80,7 @@ def test_only_the_shaken_run_has_blows(free: Diagnosis, shaken: Diagnosis) -> No
 
 
 def test_the_clock_of_the_wrench_is_known_though_it_is_no_finding(shaken: Diagnosis) -> None:
-    (clock,) = [small for small in shaken.main.small if small.group == "clock_offset"]
+    (clock,) = [small for small in shaken.main.calibration if small.group == "clock_offset"]
     assert abs(clock.value) < clock.tolerance
     assert 0 < clock.std < clock.tolerance / 2
 

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: it stands on its own, tells the verdict, and its numbers are the diagnosis'."""
+"""The report of a diagnosis: it is self-contained, states the verdict, and its numbers are those of the diagnosis."""
 
 import json
 import re

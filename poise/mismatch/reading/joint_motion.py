@@ -21,7 +21,7 @@ def seconds_since(stamps: Stamps, start: int) -> Array:
 def recorded_from_streams(
     robot: RobotModel, joints: JointStream, odom: PoseStream | None, wrench: WrenchStream, phi: Array, gravity: float
 ) -> tuple[RecordedMotion, list[str]]:
-    """A world from streams, and what there is to say about them; arguments as `read_recording` has them.
+    """The motion from streams, with sentences on losses and corrections.
 
     Raises:
         InputError: JOINT_MISSING, TOO_FEW_SAMPLES, EMPTY.
@@ -82,7 +82,7 @@ def _efforts(
 def _odometry(odom: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, Mask]:
     """The root link's motion at the wrench's stamps, and where it is known.
 
-    Attitude is followed in yaw, pitch and roll: a base turns round many times, and never stands on its nose.
+    Attitude is differentiated in yaw, pitch and roll: a base may turn many times, and never pitches by 90 degrees.
     """
     sampled = seconds_since(odom.stamps, start)
     angles = np.unwrap(Rotation.from_matrix(odom.rotation_parent_child).as_euler("ZYX"), axis=0)

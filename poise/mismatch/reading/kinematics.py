@@ -12,7 +12,7 @@ from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.types import Array
 
 _STILL = 1e-3
-"""m/s or rad/s below which a base rests."""
+"""m/s or rad/s below which a base is at rest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,14 +36,14 @@ def recorded_from_motion(
     start: int = 0,
     effort: EffortTrack | None = None,
 ) -> RecordedMotion:
-    """A world along a known motion.
+    """The recording of a known motion.
 
     Args:
         robot: with `base="floating"` when `motion.base` is given.
         seconds: (N,).
         motion: at these times, joints in the robot's order.
         phi: (10,) everything that the sensor carries.
-        wrench: (N, 6) measured; None: NaN, a world that is only simulated.
+        wrench: (N, 6) measured; None: NaN, for a motion that is only simulated.
         gravity: m/s2, downwards.
         start: ns, the stamp of second zero.
         effort: joint efforts, see `effort_track`.
@@ -73,7 +73,7 @@ def recorded_from_motion(
 
 
 def _joint_track(robot: RobotModel, motion: Motion, rows: "_Rows") -> JointTrack | None:
-    """The arm's own joints, and how the sensor hangs on them; None for a sensor on a base alone."""
+    """The joints of the arm, and the sensor's derivatives by them; None for a sensor on a base alone."""
     arm = slice(base_joints(robot), None)
     if not robot.joint_names[arm]:
         return None
@@ -97,7 +97,7 @@ def base_joints(robot: RobotModel) -> int:
 
 
 def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Array, phi: ArrayLike) -> EffortTrack:
-    """What the joints gave, and what a rigid arm with its payload needs (Featherstone 2008, section 5.3).
+    """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
 
     With its derivatives (Carpentier and Mansard 2018).
 
@@ -106,7 +106,7 @@ def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Ar
         seconds: (M,).
         motion: of the joints at these times.
         measured: (M, J) N m of all the robot's joints; columns with NaN are left out.
-        phi: (10,) the payload; what the URDF fixes beyond the sensor is carried besides.
+        phi: (10,) the payload, in addition to the links that the URDF fixes beyond the sensor.
     """
     loaded = robot.pinocchio.copy()
     frame = loaded.frames[robot.frame_id(robot.sensor_frame)]

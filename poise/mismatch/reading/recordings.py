@@ -1,4 +1,4 @@
-"""From a recording or live streams to a `RecordedMotion`: which streams there are, and what cannot be right."""
+"""From a recording or live streams to a `RecordedMotion`: which streams there are, and what is invalid."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -102,7 +102,7 @@ def _against(
     model: NominalModel,
     tool: Array,
 ) -> tuple[RecordedMotion, NominalModel, list[str]]:
-    """The motion under the model's payload, or under the payload (10,) that is identified beside the tool."""
+    """The motion with the payload of the model, or with the payload that is identified beside the tool (10,)."""
     if model.phi is None:
         phi = identified(build(np.zeros(10))[0]) - tool
         model = replace(model, phi=phi, tolerance=loosened(model.tolerance), payload_identified=True)
