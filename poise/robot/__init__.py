@@ -12,7 +12,7 @@
 """
 
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
-from poise.robot.hand_frames import HandFrames
+from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
 from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
 from poise.robot.live_imu import LAG_STEP, LONGEST_DELAY, LiveImu
@@ -31,9 +31,9 @@ from poise.robot.motion_buffers import (
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
 from poise.robot.scatter import scatter
 from poise.robot.shared_buffers import SharedBuffers
-from poise.robot.sources import FrameSource, JointSource, MotionSource, went_back
+from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
 from poise.robot.splines import Design, Grid, SplineFit
-from poise.robot.stamped_buffer import StampedBuffer
+from poise.robot.stamped_buffer import StampedBuffer, went_back
 from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
@@ -45,8 +45,8 @@ __all__ = [
     "Derivatives",
     "Design",
     "FrameSource",
+    "FrameTree",
     "Grid",
-    "HandFrames",
     "Imu",
     "ImuSource",
     "JointSource",
@@ -55,6 +55,7 @@ __all__ = [
     "MeasuredMotion",
     "MotionBuffer",
     "MotionSource",
+    "Mounting",
     "PairingSettings",
     "Reasons",
     "RobotModel",
@@ -64,6 +65,7 @@ __all__ = [
     "SmoothedMotion",
     "SplineFit",
     "StampedBuffer",
+    "StampedPoses",
     "StaticPoseBuffer",
     "differentiate",
     "differentiate_rotations",
