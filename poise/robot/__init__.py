@@ -4,6 +4,8 @@
 - `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
 - `splines`, `differentiation`: positions or rotations -> velocities and accelerations with their noise.
+- `resampled`, `regular_clock`: positions and their derivatives at other times, by splines that suit each moment, with
+  the jitter of a regular clock removed; `odometry`: the motion of a base.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
 - `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
   recording; `imu`, `live_imu` take accelerations from an IMU.
@@ -28,7 +30,10 @@ from poise.robot.motion_buffers import (
     SmoothedMotion,
     StaticPoseBuffer,
 )
+from poise.robot.odometry import base_motion_at
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
+from poise.robot.regular_clock import regular_clock
+from poise.robot.resampled import ResampledSignal, resample, sampling_times
 from poise.robot.scatter import scatter
 from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
@@ -58,6 +63,7 @@ __all__ = [
     "Mounting",
     "PairingSettings",
     "Reasons",
+    "ResampledSignal",
     "RobotModel",
     "RotationDerivatives",
     "SensorMotion",
@@ -67,6 +73,7 @@ __all__ = [
     "StampedBuffer",
     "StampedPoses",
     "StaticPoseBuffer",
+    "base_motion_at",
     "differentiate",
     "differentiate_rotations",
     "find_imu",
@@ -83,6 +90,9 @@ __all__ = [
     "phi_of",
     "pinocchio_state",
     "read_urdf",
+    "regular_clock",
+    "resample",
+    "sampling_times",
     "scatter",
     "sensor_motion",
     "went_back",
