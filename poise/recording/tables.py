@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import PIECE, Loss, LossKind
-from poise.recording.contents import UnpackingBudget
+from poise.recording.contents import UnpackingBudget, reason_of
 from poise.recording.mapping import Clock, TextFormat
 from poise.types import Array, Stamps
 
@@ -65,7 +65,7 @@ def read_table(path: Path, names: Sequence[str], clock: Clock | None, text: Text
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is not a text table: {error}") from error
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is not a text table: {reason_of(error)}") from error
 
 
 class _TextTable:
@@ -196,10 +196,12 @@ def _read_arrays(path: Path, names: Sequence[str], clock: Clock | None) -> Table
     read = _read_mat if path.suffix.lower() == ".mat" else _read_npz
     try:
         arrays = read(path, wanted)
-    except (InputError, OSError):
+    except InputError:
         raise
     except Exception as error:  # the libraries raise errors of many kinds for damaged files
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is damaged ({error}): copy it again") from error
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is damaged ({reason_of(error)}): copy it again") from error
     rows = {name: array.shape[0] for name, array in arrays.items()}
     if len(set(rows.values())) != 1 or not min(rows.values()):
         listed = ", ".join(f"{name} {count}" for name, count in rows.items())
