@@ -13,16 +13,15 @@ from poise.fake_robots.depth_noise import D435, StereoNoise, measured
 from poise.fake_robots.rasteriser import Scene, render
 from poise.recording import JointStream, PoseStream, RecordingWriter
 from poise.recording.encoding import encode_stream, encode_text, typestore
-from poise.robot import RobotModel, find_urdf, frame_poses
+from poise.robot import Mounting, RobotModel, find_urdf, frame_poses
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame, View, depth_in_metres
-from poise.scanning.poses import Transform
 from poise.scanning.sweep import Ring, plan_sweep
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
 OPTICAL = "camera_color_optical_frame"
-HAND_EYE = Transform(
+HAND_EYE = Mounting(
     "link_eef", OPTICAL, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.075, 0.0, 0.02])
 )
 """On the xArm7's flange, beside the gripper and looking along it."""

@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,8 @@ from poise.nodes.assembly_message import (
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
-from poise.nodes.transforms import Frames
+from poise.nodes.transforms import add_transforms
+from poise.robot import FrameTree
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
 
@@ -264,9 +266,10 @@ class RobustnessServer(Node):
             self._drawn = self._jobs.do(self._draw)
 
     def _follow_tf(self, rate: float, tolerance: float) -> None:
-        frames = Frames()
-        self.create_subscription(TFMessage, "tf", guarded(self, frames.add), QoSProfile(depth=1000))
-        self.create_subscription(TFMessage, "tf_static", guarded(self, frames.add), TF_STATIC)
+        frames = FrameTree(one_parent=False, keep=False)
+        take = partial(add_transforms, frames)
+        self.create_subscription(TFMessage, "tf", guarded(self, take), QoSProfile(depth=1000))
+        self.create_subscription(TFMessage, "tf_static", guarded(self, partial(take, fixed=True)), TF_STATIC)
 
         def look() -> None:
             analysis, reference = self._analysis, self._frame_id

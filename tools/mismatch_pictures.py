@@ -12,7 +12,6 @@ from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis, diagnose
 from poise.mismatch.reading import (
     ModelEffect,
-    Motion,
     NominalModel,
     parse_model,
     read_recording,
@@ -55,7 +54,7 @@ def diagnosed(effects: Effects, chained: bool) -> Diagnosis:
     seconds = np.arange(0.0, 30.0, 0.01)
     motion = FourierTrajectory.random(robot, np.random.default_rng(4), duration=30.0, speed=0.35)
     phi = InertialParameters(2.1, np.array([0.01, 0.0, 0.1]), np.diag([0.02, 0.02, 0.01])).phi
-    recorded = recorded_from_motion(robot, seconds, Motion(*motion.at(seconds)), phi)
+    recorded = recorded_from_motion(robot, seconds, motion.at(seconds), phi)
     components = [ModelEffect(name, values, np.zeros((len(values), len(values)))) for name, values in effects]
     said = with_model_effects(recorded, components, events=True).prediction + (chain(recorded) if chained else 0.0)
     wrench = said + np.random.default_rng(5).normal(size=said.shape) * NOISE

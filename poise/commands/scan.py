@@ -12,8 +12,8 @@ from poise.commands.segment import write_picture
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.recording import open_recording
-from poise.robot import find_urdf, read_urdf
-from poise.scanning import Scan, ScanOptions, Sweep, SweepOptions, Transform, read_sweep
+from poise.robot import Mounting, find_urdf, read_urdf
+from poise.scanning import Scan, ScanOptions, Sweep, SweepOptions, read_sweep
 from poise.scanning import scan as scan_views
 from poise.scanning.cloud_files import scan_ply
 from poise.scanning.reading import MOST_FRAMES
@@ -161,11 +161,11 @@ def as_json(path: Path, sweep: Sweep, found: Scan, cut: Segmentation, seconds: t
     }
 
 
-def _hand_eye(text: str | None) -> Transform | None:
+def _hand_eye(text: str | None) -> Mounting | None:
     if text is None:
         return None
     link, _, rest = text.strip().partition(" ")
-    return Transform.from_pose(link, "camera", _numbers(rest, 7, "--hand-eye"))
+    return Mounting.of_vector(link, "camera", _numbers(rest, 7, "--hand-eye"))
 
 
 def _numbers(text: str, count: int, option: str) -> Any:

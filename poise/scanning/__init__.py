@@ -10,8 +10,7 @@
 
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame, View
-from poise.scanning.poses import Transform
 from poise.scanning.reading import Sweep, SweepOptions, read_sweep
 from poise.scanning.scan import Scan, ScanOptions, scan
 
-__all__ = ["Camera", "Frame", "Scan", "ScanOptions", "Sweep", "SweepOptions", "Transform", "View", "read_sweep", "scan"]
+__all__ = ["Camera", "Frame", "Scan", "ScanOptions", "Sweep", "SweepOptions", "View", "read_sweep", "scan"]

@@ -11,7 +11,7 @@ _SHORT, _LONG = 128, 512
 """Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
 
-def regular(seconds: Array) -> Array | None:
+def regular_clock(seconds: Array) -> Array | None:
     """(N,) the times of a clock that ticks evenly and drifts slowly, or None when no regular clock fits.
 
     Samples are numbered by the phase of the clock. The mean over many stamps gives this phase even when single stamps

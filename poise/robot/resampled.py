@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.reading.clocks import regular
-from poise.robot import Design, Grid, SplineFit
+from poise.robot.regular_clock import regular_clock
+from poise.robot.splines import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
 _GAP = 6.0
@@ -30,7 +30,7 @@ _HONEST = 2.5
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class ResampledSignal:
     """Values (N, J), rates and second rates at the wanted times; NaN outside the samples.
 
     Args:
@@ -47,7 +47,7 @@ class Smoothed:
     noise: Array
 
 
-def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> Smoothed:
+def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> ResampledSignal:
     """Differentiate samples and evaluate at other times, never across a gap.
 
     Splines with close knots follow a jerk, splines with wide knots have little noise: they are averaged with weights
@@ -66,7 +66,7 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
     fresh = np.concatenate([[True], np.diff(seconds) > 0])
     seconds, values = seconds[fresh], values[fresh]
     rates = None if rates is None else rates[fresh]
-    seconds, jitter = taken(seconds, values)
+    seconds, jitter = sampling_times(seconds, values)
     out = np.full((3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
     for part in _stretches(seconds):
@@ -75,12 +75,12 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
         noise = np.maximum(noise, blend.noise)
         out[:, inside] = blend(wanted[inside])
-    return Smoothed(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
 
 
-def taken(seconds: Array, values: Array) -> tuple[Array, float]:
+def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
     """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
-    even = regular(seconds)
+    even = regular_clock(seconds)
     if even is None or _roughness(even, values) >= _roughness(seconds, values):
         return seconds, 0.0
     return even, float(np.std(seconds - even))
