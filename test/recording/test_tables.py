@@ -1,9 +1,7 @@
 """Tables with a mapping give the streams of the bag with the same content; what is wrong with them is one sentence."""
 
 import csv
-import shutil
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,10 +10,8 @@ import yaml
 from test_bag_bad_input import refused
 
 from poise.errors import ErrorCode
-from poise.recording import LossKind, joint_commands, open_recording
+from poise.recording import LossKind, open_recording
 
-ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples" / "recordings"
 XYZ = ("x", "y", "z")
 
 
@@ -369,52 +365,3 @@ def test_an_array_that_claims_more_than_it_holds_is_refused(tmp_path):
         for name in whole.namelist():
             archive.writestr(name, whole.read(name).replace(b"(3,)", b"(9**9,)"[:4] if name == "t.npy" else b"(9,)"))
     refused(lambda: open_recording(write_mapping(tmp_path, file="run.npz")), ErrorCode.FILE_CORRUPT, "is damaged")
-
-
-# -- the worked examples --------------------------------------------------------------------------------------
-
-
-def test_the_emps_example_is_a_real_recording():
-    recording = open_recording(EXAMPLES / "emps", strict=True)
-    joints = recording.joint_states()
-    assert recording.counts == {"joint_states": 24841, "joint_commands": 24841, "robot_description": 1}
-    assert joints.names == ("slide",)
-    volts = scipy.io.loadmat(EXAMPLES / "emps" / "DATA_EMPS.mat")["vir"]
-    np.testing.assert_allclose(joints.effort, 35.15065188 * volts)
-    tracking = joint_commands(recording).position - joints.position
-    assert np.abs(tracking).max() < 0.01, "the axis follows its reference"
-    assert "prismatic" in recording.robot_description()
-
-
-def test_the_tx40_example_turns_motors_into_joints(tmp_path):
-    shutil.copy(EXAMPLES / "tx40.yaml", tmp_path / "columns.yaml")
-    (tmp_path / "tx40_mdh_modified.urdf").write_text("<robot name='tx40'/>")
-    time = np.arange(500) / 5000
-    joint = 0.3 * np.sin(2 * np.pi * time[:, None] * np.arange(1, 7)) + np.array([0, -np.pi / 2, np.pi / 2, 0, 0, 0])
-    torque = np.random.default_rng(8).normal(size=(500, 6))
-    turns = joint - joint[0]
-    motor = turns * [32, 32, 45, -48, 45, 32]
-    motor[:, 5] += 32 * turns[:, 4]
-    names = [f"Joint_{number}" for number in range(1, 7)]
-    for file, values in (("pos_read_data.csv", motor), ("curr_data.csv", torque)):
-        write_csv(tmp_path / file, dict(zip(names, values.T, strict=True)))
-    found = open_recording(tmp_path).joint_states()
-    np.testing.assert_allclose(found.position, joint, atol=1e-12)
-    assert found.stamps[1] == 200_000
-    speed, motor_speed = np.gradient(joint, axis=0), np.gradient(motor, axis=0)
-    np.testing.assert_allclose((found.effort * speed).sum(axis=1), (torque * motor_speed).sum(axis=1), rtol=1e-9)
-
-
-def test_the_so101_example_reads_lists_in_cells(tmp_path):
-    shutil.copy(EXAMPLES / "so101.yaml", tmp_path / "columns.yaml")
-    (tmp_path / "so101_new_calib.urdf").write_text("<robot name='so101'/>")
-    (tmp_path / "joint_list.txt").write_text("Rotation\nPitch\nElbow\nWrist_Pitch\nWrist_Roll\nJaw\n")
-    cells = '"[0.1, 0.2, 0.3, 0.4, 0.5, 0.6]"'
-    header = "type,timestamp,positions,velocities,torques\n"
-    (tmp_path / "state_motor.csv").write_text(header + f"STATE_MOTOR,4.5,{cells},{cells},{cells}\n" * 2)
-    (tmp_path / "control.csv").write_text(f"type,timestamp,positions\nCONTROL,20084.47,{cells}\n")
-    recording = open_recording(tmp_path)
-    joints = recording.joint_states(names=("gripper", "shoulder_pan"))
-    assert joints.position.tolist() == [[0.6, 0.1]] * 2
-    assert joints.stamps.tolist() == [4500, 4500]
-    assert joint_commands(recording).stamps.tolist() == [20084470]
