@@ -16,7 +16,7 @@ from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import TransferExecution
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
-from poise.nodes.jobs import GRACE, Jobs, run_with_jobs
+from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
@@ -210,7 +210,7 @@ class PlacementPlanner(Node):
             self._end(task, PoiseError(ErrorCode.CANCELLED, f"placing {name} was cancelled; nothing was changed"))
         elif task.done and task.carrying is not None:
             task.carrying.play(task.goal.request.object.id, now)
-        elif now > task.due + GRACE:
+        elif now > task.due + ANSWER_GRACE:
             best = "the best so far comes along" if task.progress.best is not None else "nothing was found by then"
             self._end(task, NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed, and {best}; allow more time"))
         elif not task.ready and task.carrying is not None and task.carrying.found_start(now):

@@ -102,10 +102,9 @@ def carry(
 
 
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:
-    from poise.viewing.assembly_figures import write_picture
-    from poise.viewing.carrying_figures import transfer_panel
+    from poise.viewing import transfer_panel, write_picture
 
-    return write_picture(transfer_panel(reach, transfer, placed), picture)
+    return write_picture([transfer_panel(reach, transfer, placed)], picture)
 
 
 def _content(reach: Reach, transfer: Transfer) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import PoiseError
 from poise.inertia.pipeline import METHODS
 from poise.recording import find_recordings
-from poise.viewing.wording import readable, rounded
+from poise.viewing import readable, rounded
 
 
 def evaluate(

@@ -18,8 +18,7 @@ from poise.inertia.pipeline import METHODS, Identification
 from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
-from poise.viewing.summary import parameter_rows
-from poise.viewing.wording import readable, rounded
+from poise.viewing import parameter_rows, readable, rounded
 
 MethodOption = Annotated[
     str,
@@ -264,8 +263,7 @@ def write_report(folder: Path, bag: Path, answer: Identification) -> list[Path]:
         InputError: FILE_UNWRITABLE.
     """
     # Drawing libraries load slowly: only now.
-    from poise.viewing.report import write_identification_report
-    from poise.viewing.rerun_scene import write_identification_recording
+    from poise.viewing import write_identification_recording, write_identification_report
 
     written = [write_identification_report(folder, answer, title=f"Payload of {bag.name}", source=str(bag))]
     return add_scene(written, lambda: write_identification_recording(folder / "identification.rrd", answer))

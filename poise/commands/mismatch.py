@@ -15,7 +15,7 @@ from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
 from poise.recording import open_recording
-from poise.viewing.wording import readable, rounded
+from poise.viewing import readable, rounded
 
 _MISSED = 1.5
 """Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
@@ -130,8 +130,7 @@ def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagno
         InputError: FILE_UNWRITABLE.
     """
     # Drawing libraries load slowly: only now.
-    from poise.viewing.mismatch_report import write_mismatch_report
-    from poise.viewing.mismatch_scene import write_mismatch_scene
+    from poise.viewing import write_mismatch_report, write_mismatch_scene
 
     title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
     written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]

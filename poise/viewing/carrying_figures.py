@@ -10,7 +10,7 @@ from poise.types import Array
 from poise.viewing.assembly_picture import stage
 from poise.viewing.canvas import PALETTE, Panel
 
-SIZE = (860, 330)
+_SIZE = (860, 330)
 ROBOT, HELD = "#d3d7dd", "#e3b23c"
 
 
@@ -35,7 +35,7 @@ def transfer_panel(reach: Reach, transfer: Transfer, placed: RigidObject) -> Pan
             here.axes.set_title(words, fontsize=11, color=PALETTE["ink"])
 
     alt = f"{placed.id} is picked up, carried and put down by the arm."
-    return Panel("transfer", alt, draw, SIZE)
+    return Panel("transfer", alt, draw, _SIZE)
 
 
 def _scene(reach: Reach, transfer: Transfer, q: Array, phase: Phase) -> Assembly:
