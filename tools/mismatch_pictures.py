@@ -22,7 +22,7 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
-from poise.viewing.mismatch_report import write_mismatch_report
+from poise.viewing import write_mismatch_report
 
 NOISE = np.repeat([0.1, 0.005], 3)
 CONTACT = {"start": 12.3, "length": 1.8, "x": 0.0, "y": 0.0, "z": 0.17} | {
