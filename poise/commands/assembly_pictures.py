@@ -10,7 +10,7 @@ from poise.assembly import Analysis, Push
 from poise.assembly.robustness import AccelerationLimits, Assessment, RobustnessMap
 from poise.commands.output import console, refuse_folder
 
-PictureOption = Annotated[
+ScenePictureOption = Annotated[
     Path | None,
     typer.Option("--picture", metavar="FILE", help="Draw the answer: a PNG, SVG or PDF.", show_default=False),
 ]

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from poise.assembly.scene import load_mesh
-from poise.commands.output import console, refuse_folder, write_json
+from poise.commands.output import JsonOption, console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
 from poise.excitation import (
     COLLABORATIVE_SPEED,
@@ -60,10 +60,6 @@ OutOption = Annotated[
 ]
 PictureOption = Annotated[
     Path | None, typer.Option("--picture", metavar="FILE", help="Draw it (PNG or SVG).", show_default=False)
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write what is known of it; - for stdout.", show_default=False),
 ]
 
 

@@ -11,7 +11,16 @@ from rich.table import Table
 
 from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
 from poise.commands.identify_model import say, told, without_effects
-from poise.commands.output import BAG_HELP, add_scene, console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import (
+    BAG_HELP,
+    JsonOption,
+    add_scene,
+    console,
+    progress_bar,
+    refuse_folder,
+    warn,
+    write_json,
+)
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model import ObjectShape, load_object
 from poise.inertia.pipeline import METHODS, Identification
@@ -82,10 +91,6 @@ MaxForceOption = Annotated[
     typer.Option("--max-force", help="Range of the sensor, N: what reaches it is not used.", show_default=False),
 ]
 MaxTorqueOption = Annotated[float, typer.Option("--max-torque", help="The same, N m.", show_default=False)]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
 
 
 ReportOption = Annotated[

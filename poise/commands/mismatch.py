@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
-from poise.commands.output import BAG_HELP, add_scene, console, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, JsonOption, add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
@@ -21,10 +21,6 @@ _MISSED = 1.5
 """Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
 _MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
 
-_JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
 _ModelOption = Annotated[
     Path | None,
     typer.Option(
@@ -65,7 +61,7 @@ def mismatch(
     report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
-    json_target: _JsonOption = None,
+    json_target: JsonOption = None,
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.
 

@@ -5,7 +5,7 @@ import numpy as np
 from matplotlib.figure import FigureBase
 
 from poise.assembly import Assembly, Box, Cylinder, RigidObject
-from poise.manipulation import Phase, Reach, Transfer, pose_of
+from poise.manipulation import Reach, Transfer, TransferPhase, pose_of
 from poise.types import Array
 from poise.viewing.assembly_picture import stage
 from poise.viewing.canvas import PALETTE, Panel
@@ -38,7 +38,7 @@ def transfer_panel(reach: Reach, transfer: Transfer, placed: RigidObject) -> Pan
     return Panel("transfer", alt, draw, _SIZE)
 
 
-def _scene(reach: Reach, transfer: Transfer, q: Array, phase: Phase) -> Assembly:
+def _scene(reach: Reach, transfer: Transfer, q: Array, phase: TransferPhase) -> Assembly:
     """Robot, surroundings and the object in the hand, as they stand at a configuration."""
     shapes = ((_shape_of(shape), place) for shape, place in reach.arm.shapes(q, phase.opening))
     robot = [
