@@ -1,4 +1,4 @@
-"""A simulated recording: what a bag would hold of a motion, with the sensors' noise."""
+"""A simulated recording: the streams of a motion, with the sensors' noise."""
 
 from dataclasses import dataclass
 
@@ -29,9 +29,9 @@ def record(
     """Let the robot move along a trajectory and record it.
 
     Args:
-        world: robot, payload, gravity.
+        ideal: robot, payload, gravity.
         trajectory: of the model's joints.
-        rng: where chance comes from; the same one gives the same recording.
+        rng: source of randomness; equal seeds give equal recordings.
         wrench_noise, joint_noise: of the sensors; None: none.
         start: stamp of the first sample, ns.
 
