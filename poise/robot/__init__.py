@@ -11,6 +11,8 @@
 - `models/`: URDFs of an FR3, an xArm7 and a UR10 on a Ridgeback.
 """
 
+from poise.robot.base import MeasuredBase, base_from_odometry, base_motion, pose_columns
+from poise.robot.clocks import regular, sampling_times
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
 from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
@@ -28,9 +30,10 @@ from poise.robot.motion_buffers import (
     SmoothedMotion,
     StaticPoseBuffer,
 )
-from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
+from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of
 from poise.robot.scatter import scatter
 from poise.robot.shared_buffers import SharedBuffers
+from poise.robot.smoothing import Smoothed, smooth
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
 from poise.robot.splines import Design, Grid, SplineFit
 from poise.robot.stamped_buffer import StampedBuffer, went_back
@@ -52,6 +55,7 @@ __all__ = [
     "JointSource",
     "Kinematics",
     "LiveImu",
+    "MeasuredBase",
     "MeasuredMotion",
     "MotionBuffer",
     "MotionSource",
@@ -62,11 +66,14 @@ __all__ = [
     "RotationDerivatives",
     "SensorMotion",
     "SharedBuffers",
+    "Smoothed",
     "SmoothedMotion",
     "SplineFit",
     "StampedBuffer",
     "StampedPoses",
     "StaticPoseBuffer",
+    "base_from_odometry",
+    "base_motion",
     "differentiate",
     "differentiate_rotations",
     "find_imu",
@@ -82,8 +89,13 @@ __all__ = [
     "parse_urdf",
     "phi_of",
     "pinocchio_state",
+    "pose_columns",
     "read_urdf",
+    "regular",
+    "robot_of",
+    "sampling_times",
     "scatter",
     "sensor_motion",
+    "smooth",
     "went_back",
 ]

@@ -7,8 +7,8 @@ import pytest
 from cases import make_case
 
 from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis, diagnose
-from poise.mismatch.reading.clocks import regular
 from poise.mismatch.recorded import white_level
+from poise.robot.clocks import regular
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1])

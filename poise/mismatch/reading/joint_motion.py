@@ -1,15 +1,13 @@
 """From joint states, odometry and a wrench to a `RecordedMotion`."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.kinematics import Motion, effort_track, recorded_from_motion
 from poise.mismatch.reading.sanity import check_positions, check_rates
-from poise.mismatch.reading.smoothing import smooth, taken
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.recording import JointStream, PoseStream, WrenchStream
-from poise.robot import BaseMotion, RobotModel
+from poise.robot import BaseMotion, RobotModel, base_motion, pose_columns, sampling_times, smooth
 from poise.types import Array, Mask, Stamps
 
 
@@ -33,7 +31,7 @@ def recorded_from_streams(
     check_rates(joints, wrench)
     start = int(wrench.stamps[0])
     sampled = seconds_since(joints.stamps[finite], start)
-    seconds = taken(seconds_since(wrench.stamps, start), wrench.wrench_in_sensor)[0]
+    seconds = sampling_times(seconds_since(wrench.stamps, start), wrench.wrench_in_sensor)[0]
     moved = smooth(sampled, position[finite], seconds, rates[finite])
     base, known = _odometry(odom, start, seconds) if odom is not None else (None, np.ones(len(seconds), dtype=bool))
     known &= moved.known
@@ -80,41 +78,10 @@ def _efforts(
 
 
 def _odometry(odom: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, Mask]:
-    """The root link's motion at the wrench's stamps, and where it is known.
-
-    Attitude is differentiated in yaw, pitch and roll: a base may turn many times, and never pitches by 90 degrees.
-    """
-    sampled = seconds_since(odom.stamps, start)
-    angles = np.unwrap(Rotation.from_matrix(odom.rotation_parent_child).as_euler("ZYX"), axis=0)
-    moved = smooth(sampled, np.hstack([odom.translation_parent_child, angles]), seconds)
-    place, rate, second = (values[:, :3] for values in (moved.position, moved.velocity, moved.acceleration))
-    angle, turn, change = (values[:, 3:] for values in (moved.position, moved.velocity, moved.acceleration))
-    known = moved.known
-    rotation = np.full((len(seconds), 3, 3), np.nan)
-    rotation[known] = Rotation.from_euler("ZYX", angle[known]).as_matrix()
-    # omega = E(angles) d angles / dt in base axes, E by pitch and roll (Siciliano et al. 2009, section 2.4).
-    matrix, matrix_rate = _euler_rates(angle, turn)
-    omega = np.einsum("nij,nj->ni", matrix, turn)
-    alpha = np.einsum("nij,nj->ni", matrix, change) + np.einsum("nij,nj->ni", matrix_rate, turn)
-
-    def in_base(values: Array) -> Array:
-        return np.asarray(np.einsum("nji,nj->ni", rotation, values))
-
-    return BaseMotion(rotation, place, in_base(rate), omega, in_base(second), alpha), known
-
-
-def _euler_rates(angle: Array, turn: Array) -> tuple[Array, Array]:
-    """(N, 3, 3) from the rates of yaw, pitch, roll to the angular velocity in body axes, and its rate."""
-    _, pitch, roll = angle.T
-    _, dpitch, droll = turn.T
-    (sp, cp), (sr, cr), zero = (np.sin(pitch), np.cos(pitch)), (np.sin(roll), np.cos(roll)), np.zeros(len(angle))
-    matrix = [[-sp, zero, zero + 1.0], [sr * cp, cr, zero], [cr * cp, -sr, zero]]
-    rate = [
-        [-cp * dpitch, zero, zero],
-        [cr * cp * droll - sr * sp * dpitch, -sr * droll, zero],
-        [-sr * cp * droll - cr * sp * dpitch, -cr * droll, zero],
-    ]
-    return np.moveaxis(np.array(matrix), 2, 0), np.moveaxis(np.array(rate), 2, 0)
+    """The motion of the root link at the stamps of the wrench, and where it is known."""
+    columns = pose_columns(odom.rotation_parent_child, odom.translation_parent_child)
+    moved = smooth(seconds_since(odom.stamps, start), columns, seconds)
+    return base_motion(moved.position, moved.velocity, moved.acceleration)
 
 
 def _at(base: BaseMotion | None, known: Mask) -> BaseMotion | None:

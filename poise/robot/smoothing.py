@@ -1,18 +1,14 @@
 """Sampled positions to position, velocity and acceleration at other stamps, by splines that choose their knots."""
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
-from poise.errors import ErrorCode, InputError
-from poise.mismatch.reading.clocks import regular
-from poise.robot import Design, Grid, SplineFit
+from poise.robot.clocks import sampling_times, stretches
+from poise.robot.rest import find_rests
+from poise.robot.splines import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
-_GAP = 6.0
-"""Median sample intervals that make a gap."""
-_MIN_SAMPLES = 30
 _EDGE = 0.08
 """s at the ends of a stretch where accelerations are too uncertain."""
 _SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
@@ -66,24 +62,22 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
     fresh = np.concatenate([[True], np.diff(seconds) > 0])
     seconds, values = seconds[fresh], values[fresh]
     rates = None if rates is None else rates[fresh]
-    seconds, jitter = taken(seconds, values)
+    seconds, jitter = sampling_times(seconds, values)
     out = np.full((3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
-    for part in _stretches(seconds):
+    for part in stretches(seconds):
         begin, end = seconds[part][0], seconds[part][-1]
         inside = (wanted >= begin + _EDGE) & (wanted <= end - _EDGE)
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
         noise = np.maximum(noise, blend.noise)
-        out[:, inside] = blend(wanted[inside])
+        found = blend(wanted[inside])
+        for column, samples in enumerate(values[part].T):
+            for rest in find_rests(seconds[part], samples, blend.shortest_rest[column]):
+                ends = seconds[part][[rest.begin, rest.end - 1]]
+                still = (wanted[inside] >= ends[0]) & (wanted[inside] <= ends[1])
+                found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
+        out[:, inside] = found
     return Smoothed(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
-
-
-def taken(seconds: Array, values: Array) -> tuple[Array, float]:
-    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
-    even = regular(seconds)
-    if even is None or _roughness(even, values) >= _roughness(seconds, values):
-        return seconds, 0.0
-    return even, float(np.std(seconds - even))
 
 
 class _Blend:
@@ -98,6 +92,8 @@ class _Blend:
         columns = np.arange(values.shape[1])
         self.noise = np.array([fit.sigma for fit in plain])[best, columns]
         self.noise = np.maximum(self.noise, 1e-12)
+        self.shortest_rest = 1.5 * np.array([grid.spacing for grid in grids])[best]
+        """(J,) s; a shorter stretch without motion may be a turning point."""
         self._seconds = seconds
         # A base's odometry has more noise while it drives than at rest: the former counts.
         local = self._around((values - plain[-1](seconds)) ** 2)
@@ -159,29 +155,3 @@ def _trusted(
     if (25.0 * np.mean(means**2, axis=0) > _HONEST * scatter).any():
         return None, 0.0
     return rates, float(np.median(noise**2 / scatter))
-
-
-def _roughness(seconds: Array, values: Array) -> float:
-    """Residual of smooth splines for these stamps (log, summed over the columns that move)."""
-    stretch = max(_stretches(seconds), key=lambda part: part.stop - part.start)
-    part = slice(stretch.start, min(stretch.stop, stretch.start + 1500))
-    moving = np.ptp(values[part], axis=0) > 1e-4
-    if not moving.any():
-        return 0.0
-    size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
-    sigma = SplineFit(Design(Grid.across(seconds[part], size), seconds[part]), values[part][:, moving]).sigma
-    return float(np.log(np.maximum(sigma, 1e-12)).sum())
-
-
-def _stretches(seconds: Array) -> list[slice]:
-    steps = np.diff(seconds)
-    limit = _GAP * float(np.median(steps)) if len(steps) else 0.0
-    edges = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(seconds)]
-    found = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= _MIN_SAMPLES]
-    if not found:
-        raise InputError(
-            ErrorCode.TOO_FEW_SAMPLES,
-            f"too few joint samples: of {len(seconds)} no {_MIN_SAMPLES} come without a gap of {limit:.3g} s; "
-            "record at 50 Hz or more, for ten seconds or more",
-        )
-    return found
