@@ -177,7 +177,7 @@ def main() -> None:
     parser.add_argument("--random", type=int, default=24, help="how many random objects")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
-    from poise.viewing.parts_picture import draw_parts
+    from poise.viewing import draw_parts
 
     records, kept = _tools(arguments.tools, arguments.repeats, arguments.seeds)
     if arguments.random:

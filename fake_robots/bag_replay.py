@@ -10,7 +10,7 @@ import yaml
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.stream import Message, TopicInfo
 from poise.recording import open_recording
-from poise.recording.encoding import LATCHED
+from poise.recording.encoding import LATCHED_TOPICS
 
 
 class BagSource:
@@ -83,7 +83,7 @@ def _why_not(type_name: str, encoding: str) -> str:
 
 def _is_latched(relative: str, metadata: dict[str, str]) -> bool:
     """By its name, or by the QoS that it was recorded with."""
-    if relative.rpartition("/")[2] in LATCHED:
+    if relative.rpartition("/")[2] in LATCHED_TOPICS:
         return True
     try:
         profiles = yaml.safe_load(metadata.get("offered_qos_profiles", ""))

@@ -15,12 +15,12 @@ from poise.nodes.parameters import WORDS, Parameter
 from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import FourierTrajectory, IdealRobot, JointNoise, check_limits, read_trajectory, wrench_noise
 
-MODES = ("replay", "arm")
+_MODES = ("replay", "arm")
 PAYLOAD = ("payload.mass", "payload.com", "payload.inertia")
 
 
 PARAMETERS = (
-    Parameter("mode", "replay", "replay a bag, or simulate an arm", MODES),
+    Parameter("mode", "replay", "replay a bag, or simulate an arm", _MODES),
     Parameter("rate", 1.0, "how many times faster than the recording, or than reality", (1e-3, 1e3)),
     Parameter("loop", False, "begin again at the end"),
     Parameter("playing", True, "start at once; false: when the service `play` says so"),

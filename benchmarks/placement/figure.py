@@ -35,7 +35,7 @@ def scene_panel(name: str) -> Panel:
 
     def draw(figure: FigureBase) -> None:
         stage(figure, assembly, (0, 0, 1, 0.9), colours={assembly.index[found.item.id]: PLACED})
-        figure.text(0.04, 0.92, f"{name}, {found.merit.least:.2f} N", fontsize=10.5, color=PALETTE["ink"])
+        figure.text(0.04, 0.92, f"{name}, {found.score.least:.2f} N", fontsize=10.5, color=PALETTE["ink"])
 
     return Panel(name, f"{name}: the cube where it was put.", draw, SIZE)
 

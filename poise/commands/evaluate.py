@@ -10,7 +10,6 @@ from rich.table import Table
 
 from poise.commands.identify import (
     GravityOption,
-    JsonOption,
     MaxForceOption,
     MaxTorqueOption,
     MethodOption,
@@ -20,11 +19,11 @@ from poise.commands.identify import (
     as_json,
     weigh,
 )
-from poise.commands.output import console, refuse_folder, write_json
+from poise.commands.output import JsonOption, console, refuse_folder, write_json
 from poise.errors import PoiseError
 from poise.inertia.pipeline import METHODS
 from poise.recording import find_recordings
-from poise.viewing.wording import readable, rounded
+from poise.viewing import readable, rounded
 
 
 def evaluate(

@@ -10,21 +10,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
-from poise.commands.output import BAG_HELP, add_scene, console, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, JsonOption, add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
 from poise.recording import open_recording
-from poise.viewing.wording import readable, rounded
+from poise.viewing import readable, rounded
 
 _MISSED = 1.5
 """Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
 _MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
 
-_JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
 _ModelOption = Annotated[
     Path | None,
     typer.Option(
@@ -65,7 +61,7 @@ def mismatch(
     report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
-    json_target: _JsonOption = None,
+    json_target: JsonOption = None,
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.
 
@@ -130,8 +126,7 @@ def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagno
         InputError: FILE_UNWRITABLE.
     """
     # Drawing libraries load slowly: only now.
-    from poise.viewing.mismatch_report import write_mismatch_report
-    from poise.viewing.mismatch_scene import write_mismatch_scene
+    from poise.viewing import write_mismatch_report, write_mismatch_scene
 
     title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
     written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]

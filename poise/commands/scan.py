@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from poise.commands.output import BAG_HELP, console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, JsonOption, console, progress_bar, refuse_folder, warn, write_json
 from poise.commands.segment import write_picture
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
@@ -66,10 +66,6 @@ UnitOption = Annotated[float, typer.Option("--depth-unit", min=1e-6, max=1.0, he
 DelayOption = Annotated[float, typer.Option("--delay", help="s that the images' stamps are late.")]
 TopicOption = Annotated[
     str, typer.Option("--depth-topic", help="Depth image or PointCloud2. Without: found.", show_default=False)
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
 ]
 
 

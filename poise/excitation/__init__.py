@@ -10,18 +10,18 @@ from poise.excitation.certificate import Certificate, certify, slowed
 from poise.excitation.information import Information, PayloadBelief
 from poise.excitation.limits import COLLABORATIVE_SPEED, Guard, MotionLimits, tool_centre
 from poise.excitation.plan import ExcitationOptions, ExcitationPlan, plan_excitation, plan_stop_and_go
-from poise.excitation.search import Effort
+from poise.excitation.search import SearchEffort
 
 __all__ = [
     "COLLABORATIVE_SPEED",
     "Certificate",
-    "Effort",
     "ExcitationOptions",
     "ExcitationPlan",
     "Guard",
     "Information",
     "MotionLimits",
     "PayloadBelief",
+    "SearchEffort",
     "certify",
     "plan_excitation",
     "plan_stop_and_go",

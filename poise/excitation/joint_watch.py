@@ -12,7 +12,7 @@ from poise.types import Array
 
 REST_SPAN, REST_TRAVEL = 0.1, 2e-3
 """s within which a resting arm's joints move by less than this, rad or m."""
-OLD = 0.5
+_OLD = 0.5
 """s after which joint states count as stale."""
 
 
@@ -64,7 +64,7 @@ class JointWatch:
                     f" {', '.join(self._model.joint_names)}",
                 )
             return SensorError(ErrorCode.TOPIC_MISSING, "no joint_states have come: start the robot's state publisher")
-        if self.age(now) > OLD:
+        if self.age(now) > _OLD:
             return SensorError(
                 ErrorCode.SENSOR_STALE,
                 f"the last joint state came {self.age(now):.2f} s ago: the robot's driver has stopped",

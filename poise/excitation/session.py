@@ -18,10 +18,10 @@ from poise.excitation.brake import ReadyStops
 from poise.excitation.joint_watch import JointWatch
 from poise.excitation.limits import Guard, MotionLimits
 from poise.excitation.plan import ExcitationPlan
-from poise.excitation.search import Cancelled, Progress
 from poise.inertia import InertialEstimate
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
+from poise.types import Cancelled, Progress
 
 PATIENCE = 2.0
 """s that joint states, wrenches, and an arm that stands still are waited for."""
@@ -35,19 +35,19 @@ LEAD = 0.15
 """s between sending a motion and its begin: it must have arrived by then."""
 STOP_LEAD = 0.06
 """s, the same for a stop, which is urgent."""
-SETTLE = 0.15
+_SETTLE = 0.15
 """s of rest after the motion that still belong to it."""
 MOVED = 0.01
 """rad or m: an arm that is farther from where its motion was planned from has been moved by somebody else."""
 OFF_PATH, LAG = 0.03, 0.15
 """rad or m, and s of the joint's speed, that an arm may be off its path."""
-STOPPING = 3.0
+_STOPPING = 3.0
 """s that an arm may take to come to rest."""
 
 Plan = Callable[[Progress, Cancelled], ExcitationPlan]
 
 
-class Phase(Enum):
+class SessionPhase(Enum):
     """What an identification is doing."""
 
     WAITING = "waiting"
@@ -79,7 +79,7 @@ class Scale(Protocol):
         """When the last wrench came, s of the clock of `now`; None: never."""
 
 
-class Command(NamedTuple):
+class TimedMotion(NamedTuple):
     """A motion for the arm, to begin at `stamp` ns of the joint states' clock."""
 
     motion: WaypointTrajectory
@@ -87,7 +87,7 @@ class Command(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
+class IdentificationTask:
     """What is to be done.
 
     Args:
@@ -104,7 +104,7 @@ class Task:
 
 class Session:
     """One identification. Call `add_joint_state` as they come, `tick` some fifty times a second; then read `phase`,
-    `progress`, and at the end (`Phase.DONE`) `error`, or `answer`.
+    `progress`, and at the end (`SessionPhase.DONE`) `error`, or `answer`.
 
     Args:
         model: the robot.
@@ -115,11 +115,11 @@ class Session:
     """
 
     def __init__(
-        self, model: RobotModel, task: Task, scale: Scale, send: Callable[[Command], None], now: float
+        self, model: RobotModel, task: IdentificationTask, scale: Scale, send: Callable[[TimedMotion], None], now: float
     ) -> None:
         self._model, self._task, self._scale, self._send = model, task, scale, send
         self.joints = JointWatch(model)
-        self.phase, self.progress = Phase.WAITING, 0.0
+        self.phase, self.progress = SessionPhase.WAITING, 0.0
         self.error: PoiseError | None = None
         self.answer: InertialEstimate | None = None
         self.planned: ExcitationPlan | None = None
@@ -132,12 +132,12 @@ class Session:
         self._stop_failure: Exception | None = None
         self._begin = 0  # ns of the motion on the joint states' clock
         self._steps = {
-            Phase.WAITING: self._wait,
-            Phase.PLANNING: self._await_plan,
-            Phase.MOVING: self._watch,
-            Phase.SETTLING: self._settle,
-            Phase.LISTENING: self._listen,
-            Phase.STOPPING: self._await_rest,
+            SessionPhase.WAITING: self._wait,
+            SessionPhase.PLANNING: self._await_plan,
+            SessionPhase.MOVING: self._watch,
+            SessionPhase.SETTLING: self._settle,
+            SessionPhase.LISTENING: self._listen,
+            SessionPhase.STOPPING: self._await_rest,
         }
 
     def add_joint_state(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
@@ -146,7 +146,7 @@ class Session:
 
     def tick(self, now: float) -> None:
         """Go on; never blocks, never raises."""
-        if self.phase is Phase.DONE:
+        if self.phase is SessionPhase.DONE:
             return
         if now - self._ticked > HELD_UP:
             self._trusting_until = now + STALE
@@ -160,12 +160,12 @@ class Session:
 
     def cancel(self, now: float, reason: str = "the goal was cancelled") -> None:
         """Stop the arm, then be done."""
-        if self.phase not in (Phase.DONE, Phase.STOPPING):
+        if self.phase not in (SessionPhase.DONE, SessionPhase.STOPPING):
             self._fail(PoiseError(ErrorCode.CANCELLED, reason), now)
 
     # -- phases ------------------------------------------------------------------------------------------------
 
-    def _enter(self, phase: Phase, now: float) -> None:
+    def _enter(self, phase: SessionPhase, now: float) -> None:
         self.phase, self._since = phase, now
 
     def _wait(self, now: float) -> None:
@@ -182,12 +182,12 @@ class Session:
             return
         if self._task.plan is None:
             self._scale.begin()
-            self._enter(Phase.LISTENING, now)
+            self._enter(SessionPhase.LISTENING, now)
             return
         self._start = self.joints.position.copy()
         plan = self._task.plan(self._start)
         threading.Thread(target=self._make_plan, args=(plan,), name="excitation", daemon=True).start()
-        self._enter(Phase.PLANNING, now)
+        self._enter(SessionPhase.PLANNING, now)
 
     def _make_plan(self, plan: Plan) -> None:
         """Plan the motion and certify its stops, in a worker thread."""
@@ -224,8 +224,8 @@ class Session:
         self._scale.begin()
         self.planned, self._stops = planned
         self._begin = self.joints.clock(now) + round(LEAD * 1e9)
-        self._send(Command(self.planned.motion, self._begin))
-        self._enter(Phase.MOVING, now)
+        self._send(TimedMotion(self.planned.motion, self._begin))
+        self._enter(SessionPhase.MOVING, now)
 
     def _watch(self, now: float) -> None:
         self._require_streams(now)
@@ -233,13 +233,13 @@ class Session:
         seconds = (self.joints.stamp - self._begin) * 1e-9
         self._require_on_path(seconds)
         self.progress = 0.3 + 0.6 * float(np.clip(seconds / plan.motion.duration, 0.0, 1.0))
-        if seconds >= plan.motion.duration + SETTLE:
-            self._enter(Phase.SETTLING, now)
+        if seconds >= plan.motion.duration + _SETTLE:
+            self._enter(SessionPhase.SETTLING, now)
 
     def _settle(self, now: float) -> None:
         """Until the last samples are in."""
         self.progress = 0.95
-        end = self._begin + round((self._the_plan().motion.duration + 0.8 * SETTLE) * 1e9)
+        end = self._begin + round((self._the_plan().motion.duration + 0.8 * _SETTLE) * 1e9)
         if not self._scale.settled(end) and now - self._since < PATIENCE:
             self._require_streams(now)
             return
@@ -254,27 +254,27 @@ class Session:
     def _weigh(self, now: float) -> None:
         self.answer = self._scale.estimate()
         self.progress = 1.0
-        self._enter(Phase.DONE, now)
+        self._enter(SessionPhase.DONE, now)
 
     def _await_rest(self, now: float) -> None:
         if not self._stop_sent:
             self._try_to_stop(now)
         if self.joints.age(now) < STALE and now - self._since > STOP_LEAD and self.joints.at_rest():
-            self._enter(Phase.DONE, now)
-        elif now - self._since > STOPPING:
+            self._enter(SessionPhase.DONE, now)
+        elif now - self._since > _STOPPING:
             failure = "" if self._stop_failure is None else f"the stop could not be sent: {self._stop_failure!r}; "
             self._amend(f"{failure}the arm was not seen to come to rest")
-            self._enter(Phase.DONE, now)
+            self._enter(SessionPhase.DONE, now)
 
     # -- what can go wrong ---------------------------------------------------------------------------------------
 
     def _fail(self, error: PoiseError, now: float) -> None:
         self.error = error
         self._stop_planning.set()
-        if self.planned is None or self.phase is Phase.SETTLING:
-            self._enter(Phase.DONE, now)
+        if self.planned is None or self.phase is SessionPhase.SETTLING:
+            self._enter(SessionPhase.DONE, now)
             return
-        self._enter(Phase.STOPPING, now)
+        self._enter(SessionPhase.STOPPING, now)
         self._try_to_stop(now)
 
     def _try_to_stop(self, now: float) -> None:
@@ -284,7 +284,7 @@ class Session:
         try:
             stamp = self.joints.clock(now) + round(STOP_LEAD * 1e9)
             stop = self._stops.after((stamp - self._begin) * 1e-9)
-            self._send(Command(stop.motion, self._begin + round(stop.begin * 1e9)))
+            self._send(TimedMotion(stop.motion, self._begin + round(stop.begin * 1e9)))
         except Exception as error:
             self._stop_failure = error
             return

@@ -22,9 +22,9 @@ from poise.force_torque.sequence import SequenceCounter
 from poise.force_torque.wire import Link, SensorSamples
 from poise.types import Array
 
-LONGEST_WAIT = 0.05
+_LONGEST_WAIT = 0.05
 """s of one read at the most: how soon a stop is heeded."""
-REPORT_PERIOD = 1.0
+_REPORT_PERIOD = 1.0
 """s between reports while nothing changes."""
 
 
@@ -95,7 +95,7 @@ class Acquisition:
         self._rate_from = (0, time.monotonic())
         self._withheld = 0
         self._reported_kind = ""
-        self._reported_at = -REPORT_PERIOD
+        self._reported_at = -_REPORT_PERIOD
 
     def start(self) -> None:
         """Begin; returns at once, whether a device is there or not."""
@@ -153,7 +153,7 @@ class Acquisition:
                 self._bias = bias.wrench_in_sensor
             return bias
         self._orders.put(self._zero_device)
-        self._stopping.wait(2 * LONGEST_WAIT)  # until samples from before it are gone
+        self._stopping.wait(2 * _LONGEST_WAIT)  # until samples from before it are gone
         after = self._collect(count, deadline)
         if np.any(np.abs(after.wrench_in_sensor) > MAX_DRIFT):
             raise SensorError(
@@ -210,7 +210,7 @@ class Acquisition:
             self._connect()
         now = time.monotonic()
         due = self._options.silence - (self._health.age(now) or 0.0) if connected else self._next_start - now
-        samples = self._read(min(LONGEST_WAIT, max(0.0, due)))
+        samples = self._read(min(_LONGEST_WAIT, max(0.0, due)))
         if samples is None:
             self._health.check(time.monotonic())
             return
@@ -321,10 +321,10 @@ class Acquisition:
         with self._lock:
             now = time.monotonic()
             count, since = self._rate_from
-            if now - since >= REPORT_PERIOD:
+            if now - since >= _REPORT_PERIOD:
                 self._rate = (self._counter.received - count) / (now - since)
                 self._rate_from = (self._counter.received, now)
             kind = self._health.condition(now, "").kind
-        if kind != self._reported_kind or now - self._reported_at >= REPORT_PERIOD:
+        if kind != self._reported_kind or now - self._reported_at >= _REPORT_PERIOD:
             self._reported_kind, self._reported_at = kind, now
             self._sink.report(self.report())

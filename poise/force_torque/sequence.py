@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-WINDOW = 4096
+REORDER_WINDOW = 4096
 """How far back, in samples, a late one is told from a doubled one."""
 MAX_GAP = 1 << 24
 """A longer step forward (40 min at 7 kHz) is a device that started anew."""
@@ -68,7 +68,7 @@ class SequenceCounter:
             if position > before:
                 news.append((position, index))
         news.sort()
-        self._missing = {place for place in self._missing if place > self._position - WINDOW}
+        self._missing = {place for place in self._missing if place > self._position - REORDER_WINDOW}
         return (
             np.array([index for _, index in news], dtype=np.intp),
             np.array([position for position, _ in news], dtype=np.int64),
@@ -81,7 +81,7 @@ class SequenceCounter:
             self._restart_expected = False
         else:
             step = (number - self._last + (1 << 31)) % (1 << 32) - (1 << 31)  # signed distance round the wrap
-            if step > MAX_GAP or step <= -WINDOW or (step <= 0 and self._restart_expected):
+            if step > MAX_GAP or step <= -REORDER_WINDOW or (step <= 0 and self._restart_expected):
                 self.restarts += 1
                 self._restart_expected = False
                 self._missing.clear()
@@ -89,7 +89,7 @@ class SequenceCounter:
         position = self._position + step
         if step > 0:
             self.lost += step - 1
-            self._missing.update(range(max(self._position + 1, position - WINDOW), position))
+            self._missing.update(range(max(self._position + 1, position - REORDER_WINDOW), position))
             self._position = position
             self._last = number
         elif position in self._missing:

@@ -15,7 +15,7 @@ from poise.errors import ErrorCode, InputError
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
 from poise.types import Array
 
-LATCHED = ("tf_static", "robot_description")  # late subscribers get the last message
+LATCHED_TOPICS = ("tf_static", "robot_description")  # late subscribers get the last message
 Encoded = tuple[int, bytes]  # stamp ns, CDR
 
 
@@ -42,7 +42,7 @@ def definition_of(message_type: str) -> tuple[str, str]:
 def qos_profile(topic: str) -> str:
     """Return the QoS that rosbag2 plays a topic with, in the YAML of its metadata version 9."""
     forever = {"sec": 9223372036, "nsec": 854775807}
-    latched = topic.rpartition("/")[2] in LATCHED
+    latched = topic.rpartition("/")[2] in LATCHED_TOPICS
     profile = {
         "history": "keep_last",
         "depth": 1 if latched else 10,

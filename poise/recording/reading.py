@@ -17,7 +17,7 @@ from poise.recording.folders import find_files
 from poise.recording.opening import read_contents
 from poise.recording.streams import ImuStream, JointStream, PoseStream, WrenchStream
 
-BLOCKS_AT_HAND = 8  # kept decompressed while messages are read in the order of time
+_BLOCKS_AT_HAND = 8  # kept decompressed while messages are read in the order of time
 
 
 class RawMessage(NamedTuple):
@@ -164,7 +164,7 @@ class Recording:
         owner = np.repeat(np.arange(len(masks)), [int(mask.sum()) for mask in masks])
         entries = np.concatenate([block.messages[mask] for (block, _), mask in zip(self._blocks, masks, strict=True)])
         numbers = np.concatenate([own[mask] for (_, own), mask in zip(self._blocks, masks, strict=True)])
-        read = functools.lru_cache(BLOCKS_AT_HAND)(lambda number: self._blocks[number][0].read())
+        read = functools.lru_cache(_BLOCKS_AT_HAND)(lambda number: self._blocks[number][0].read())
         for at in np.argsort(entries["log_time"], kind="stable"):
             _, log_time, start, size = entries[at].tolist()
             data = read(int(owner[at]))[start : start + size]

@@ -18,10 +18,10 @@ from poise.recording.blocks import (
     MESSAGE_HEAD,
     PIECE,
     RECORD_HEAD,
-    Block,
     DamagedRecordError,
     Loss,
     LossKind,
+    MessageBlock,
     MessageRows,
     decompress,
     longest_chunk,
@@ -35,7 +35,7 @@ from poise.types import Mask
 
 RUN_SIZE = 4 << 20  # messages outside of chunks are read in runs of about this size
 METADATA_CHECK = "crc32"  # the key under which our writer vouches for a metadata record, which mcap does not
-OUTSIDE_RECORDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
+_OUTSIDE_RECORDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
 
 
 def metadata_checksum(name: str, values: dict[str, str]) -> str:
@@ -44,7 +44,7 @@ def metadata_checksum(name: str, values: dict[str, str]) -> str:
     return f"{zlib.crc32(chr(0).join(words).encode()):08x}"
 
 
-def scan(path: Path) -> Contents[Block]:
+def scan(path: Path) -> Contents[MessageBlock]:
     """Scan an mcap file.
 
     Raises:
@@ -65,7 +65,7 @@ class _Scan:
 
     def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
         self.path, self.file, self.size = path, file, size
-        self.contents: Contents[Block] = Contents()
+        self.contents: Contents[MessageBlock] = Contents()
         self.ending = Ending()
         self.others: list[tuple[int, int, bytes]] = []  # records outside of chunks: (offset, opcode, content)
         self.run_rows = MessageRows()
@@ -74,7 +74,7 @@ class _Scan:
         self.data_end: int | None = None  # where the data section was found to end
         self.last_log_time: int | None = None
 
-    def run(self) -> Contents[Block]:
+    def run(self) -> Contents[MessageBlock]:
         self._check_magic()
         self.ending = read_ending(self.file, self.size)
         self.contents.schemas.update(self.ending.schemas)
@@ -146,7 +146,7 @@ class _Scan:
             self._take_chunk(head)
         elif opcode == Opcode.DATA_END and length == 4 and self.ending.data_end is None:
             self.data_end = position
-        elif opcode in OUTSIDE_RECORDS:
+        elif opcode in _OUTSIDE_RECORDS:
             self.others.append((position, opcode, self.file.read(length)))
         elif opcode in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER):
             self._lose_record(position, f"the record at byte {position} makes no sense and was skipped")
@@ -169,10 +169,10 @@ class _Scan:
         self.file.seek(self.run_start)
         data = self.file.read(self.run_rows.end)
         place = (self.path, self.run_start, len(data), "")
-        self._add_block(Block(*place, len(data), zlib.crc32(data), self.run_rows.table(), False, True))
+        self._add_block(MessageBlock(*place, len(data), zlib.crc32(data), self.run_rows.table(), False, True))
         self.run_rows = MessageRows()
 
-    def _add_block(self, block: Block) -> None:
+    def _add_block(self, block: MessageBlock) -> None:
         if len(block.messages):
             self.last_log_time = int(block.messages["log_time"][-1])
             self.contents.blocks.append(block)
@@ -201,7 +201,7 @@ class _Scan:
         messages, others, end = split_records(data)
         checked = whole and head.crc != 0
         place = (self.path, head.payload, len(payload), head.compression)
-        self._add_block(Block(*place, len(data), crc, messages, checked, False))
+        self._add_block(MessageBlock(*place, len(data), crc, messages, checked, False))
         try:
             for opcode, content in others:
                 self._take_definition(opcode, content)
@@ -319,7 +319,7 @@ class _Scan:
         sentence = f"the chunk at byte {head.record} {what}, logged from {head.start} to {head.end} ns, are lost"
         self._lose(kind, head.record, sentence, (head.start, head.end), messages)
 
-    def _lose_messages(self, block: Block, which: Mask, what: str) -> None:
+    def _lose_messages(self, block: MessageBlock, which: Mask, what: str) -> None:
         times = block.messages["log_time"][which]
         span = (int(times.min()), int(times.max()))
         count = int(which.sum())

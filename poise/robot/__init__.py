@@ -3,7 +3,10 @@
 - `motion`: `SensorMotion`, the motion that every wrench model needs.
 - `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
-- `splines`, `differentiation`: positions or rotations -> velocities and accelerations with their noise.
+- `splines`, `differentiation`, `rest`: positions or rotations -> velocities and accelerations with their covariance.
+- `resampled`, `regular_clock`: positions and their derivatives at other times, by splines that suit each moment, with
+  the jitter of a regular clock removed; `odometry`: the motion of a base.
+- `frame_tree`, `recorded_frames`: the tree of frames of tf, and the transforms of a recording.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
 - `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
   recording; `imu`, `live_imu` take accelerations from an IMU.
@@ -11,8 +14,6 @@
 - `models/`: URDFs of an FR3, an xArm7 and a UR10 on a Ridgeback.
 """
 
-from poise.robot.base import MeasuredBase, base_from_odometry, base_motion, pose_columns
-from poise.robot.clocks import regular, sampling_times
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
 from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
@@ -30,10 +31,12 @@ from poise.robot.motion_buffers import (
     SmoothedMotion,
     StaticPoseBuffer,
 )
+from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_at
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of
+from poise.robot.regular_clock import regular_clock
+from poise.robot.resampled import ResampledSignal, resample, sampling_times
 from poise.robot.scatter import scatter
 from poise.robot.shared_buffers import SharedBuffers
-from poise.robot.smoothing import Smoothed, smooth
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
 from poise.robot.splines import Design, Grid, SplineFit
 from poise.robot.stamped_buffer import StampedBuffer, went_back
@@ -62,18 +65,18 @@ __all__ = [
     "Mounting",
     "PairingSettings",
     "Reasons",
+    "ResampledSignal",
     "RobotModel",
     "RotationDerivatives",
     "SensorMotion",
     "SharedBuffers",
-    "Smoothed",
     "SmoothedMotion",
     "SplineFit",
     "StampedBuffer",
     "StampedPoses",
     "StaticPoseBuffer",
     "base_from_odometry",
-    "base_motion",
+    "base_motion_at",
     "differentiate",
     "differentiate_rotations",
     "find_imu",
@@ -89,13 +92,12 @@ __all__ = [
     "parse_urdf",
     "phi_of",
     "pinocchio_state",
-    "pose_columns",
     "read_urdf",
-    "regular",
+    "regular_clock",
+    "resample",
     "robot_of",
     "sampling_times",
     "scatter",
     "sensor_motion",
-    "smooth",
     "went_back",
 ]

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.robot.base import MeasuredBase
 from poise.robot.differentiation import Derivatives, differentiate, differentiate_rotations
 from poise.robot.kinematics import motion_sigma, sensor_motion
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
+from poise.robot.odometry import MeasuredBase
 from poise.types import Array
 
 

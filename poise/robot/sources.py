@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, are_rotations
 from poise.recording import interpolate, interpolate_rotations
-from poise.robot.base import base_from_odometry
 from poise.robot.differentiation import differentiate
 from poise.robot.frame_tree import FrameTree
 from poise.robot.kinematics import frame_poses
 from poise.robot.measured import MeasuredMotion, motion_from_derivatives, motion_from_poses
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
+from poise.robot.odometry import base_from_odometry
 from poise.robot.stamped_buffer import StampedBuffer, went_back
 from poise.types import Stamps
 

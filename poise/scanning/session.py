@@ -13,7 +13,8 @@ from poise.robot import Mounting
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame
 from poise.scanning.reading import MOST_FRAMES, TOGETHER, Sweep, SweepOptions, frame_of, place
-from poise.scanning.scan import Cancelled, Progress, Scan, ScanOptions, scan
+from poise.scanning.scan import Scan, ScanOptions, scan
+from poise.types import Cancelled, Progress
 
 COLOURS_KEPT = 20
 MOST_STATES = 50_000

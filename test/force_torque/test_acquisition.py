@@ -16,7 +16,7 @@ from poise.force_torque import (
     SampleBatch,
     StreamReport,
 )
-from poise.force_torque.health import GRACE, HOLD, Health, Severity
+from poise.force_torque.health import FIRST_SAMPLE_GRACE, HOLD, Health, Severity
 from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
 from poise.force_torque.sensors.ati_rdt.link import RdtLink, RdtOptions
 from poise.force_torque.wire import SensorSamples, WrenchSource
@@ -310,8 +310,8 @@ def kind(health: Health, now: float) -> str:
 
 def test_before_the_first_sample_patience_ends_after_the_grace_or_with_the_first_error() -> None:
     health = Health(0.05, now=0.0)
-    assert kind(health, GRACE) == "connecting"
-    assert kind(health, GRACE + 0.01) == "unreachable"
+    assert kind(health, FIRST_SAMPLE_GRACE) == "connecting"
+    assert kind(health, FIRST_SAMPLE_GRACE + 0.01) == "unreachable"
     health.failed(SensorError(ErrorCode.SENSOR_PROTOCOL, "no page"))
     condition = health.condition(0.1, "")
     assert (condition.kind, condition.code, condition.text) == ("unreachable", ErrorCode.SENSOR_PROTOCOL, "no page")

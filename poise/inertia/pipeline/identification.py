@@ -25,7 +25,7 @@ from poise.inertia.pipeline.estimate import Identification, InertialEstimate
 from poise.inertia.pipeline.method_pipeline import PairedSamples
 from poise.inertia.pipeline.offline import weigh
 from poise.inertia.pipeline.online import MAX_GRAVITY, OnlineEstimator
-from poise.inertia.pipeline.samples import Progress, collect
+from poise.inertia.pipeline.samples import collect
 from poise.recording import Recording, WrenchStream
 from poise.robot import (
     USED,
@@ -38,7 +38,7 @@ from poise.robot import (
     find_kinematics,
     has_topic,
 )
-from poise.types import Array, Stamps
+from poise.types import Array, Progress, Stamps
 
 __all__ = [
     "METHODS",

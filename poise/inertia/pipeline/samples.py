@@ -1,6 +1,5 @@
 """The samples of a recording: every wrench with the motion at its stamp, why it is not used, and the noise of both."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +24,7 @@ from poise.robot import (
     StaticPoseBuffer,
     scatter,
 )
-from poise.types import Array, Mask, Stamps
+from poise.types import Array, Mask, Progress, Stamps
 
 CHUNKS = 20
 """A recording is worked on in this many pieces, so that progress shows."""
@@ -41,9 +40,6 @@ LEAST_NOISE = NoiseLevels(force=2e-3, torque=1e-4, linear_acceleration=1e-3, ang
 
 UNKNOWN_NOISE = NoiseLevels()
 """Where too few samples tell."""
-
-Progress = Callable[[float], None]
-"""Is told the share of the work that is done."""
 
 
 @dataclass(frozen=True, eq=False)

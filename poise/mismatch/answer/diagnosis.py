@@ -148,7 +148,9 @@ class Diagnosis:
     @property
     def untestable(self) -> dict[str, str]:
         """Effects that this recording cannot show, and why."""
-        return {name: why for each in self.examinations for name, why in each.search.untestable.items()}
+        named = {finding.effect.name for finding in self.findings}
+        reasons = {name: why for each in self.examinations for name, why in each.search.untestable.items()}
+        return {name: why for name, why in reasons.items() if name not in named}
 
     @property
     def augmented(self) -> NominalModel:
@@ -179,8 +181,7 @@ def diagnose(
         problems.append(effort_problem(recorded, model))
     examined = []
     for problem in problems:
-        held = None if last is None else _at_stamps(recorded, last, problem.seconds)
-        examined.append(_examined(problem, held, library))
+        examined.append(_examined(problem, last, library))
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
 
 
@@ -190,10 +191,11 @@ def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
 
 
 def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> SignalDiagnosis:
-    seen, looked = problem, problem
+    seen, looked, held = problem, problem, tail(problem)
     if last is not None:
         # The last of several recordings is not used before the proof.
-        seen = replace(problem, judged=~last)
+        held = _at_stamps(problem.recorded, last, problem.seconds)
+        seen = replace(problem, judged=~held)
         make = wrench_problem if problem.signal == "wrench" else effort_problem
         looked = make(without(problem.recorded, last), problem.model)
     state, best = search(looked, library)
@@ -206,7 +208,6 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
     rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, detected))
     unknown = _unknown(final, best, rest)
     doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
-    held = tail(final) if last is None else last
     channels = (
         WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"

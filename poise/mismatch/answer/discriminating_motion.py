@@ -13,7 +13,7 @@ import numpy as np
 from poise.mismatch.answer.diagnosis import NamedEffect, SignalDiagnosis
 from poise.mismatch.effects import Effect, effect_named
 from poise.mismatch.inference import FittedEffect, Problem, linearization_point, refine
-from poise.mismatch.reading import Motion, recorded_from_motion
+from poise.mismatch.reading import recorded_from_motion
 from poise.mismatch.recorded import RecordedMotion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
@@ -174,4 +174,4 @@ def _world(recorded: RecordedMotion, robot: RobotModel, trajectory: FourierTraje
     """The motion with the nominal prediction, the base at rest."""
     seconds = np.arange(int(_DURATION * _RATE) + 1) / _RATE
     gravity = float(np.linalg.norm(recorded.gravity[0]))
-    return recorded_from_motion(robot, seconds, Motion(*trajectory.at(seconds)), recorded.phi, gravity=gravity)
+    return recorded_from_motion(robot, seconds, trajectory.at(seconds), recorded.phi, gravity=gravity)

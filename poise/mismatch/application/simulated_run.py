@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.mismatch.reading import (
-    Motion,
     NominalModel,
     effort_track,
     recorded_from_motion,
@@ -91,16 +90,17 @@ def run_planned(
         wrench_rate, joint_rate: Hz.
     """
     phi = np.zeros(10) if model.phi is None else model.phi
+    gravity = model.gravity_or_standard
     sampled = np.arange(int(trajectory.duration * joint_rate) + 1) / joint_rate
     joints = trajectory.at(sampled)
-    effort = effort_track(robot, sampled, Motion(*joints), np.zeros(joints.position.shape), phi)
+    effort = effort_track(robot, sampled, joints, np.zeros(joints.position.shape), phi, gravity=gravity)
     seconds = np.arange(int(trajectory.duration * wrench_rate) + 1) / wrench_rate
     nominal = recorded_from_motion(
         robot,
         seconds,
-        Motion(*trajectory.at(seconds)),
+        trajectory.at(seconds),
         phi + robot.load_in_sensor if model.tool_in_wrench else phi,
-        gravity=model.gravity_or_standard,
+        gravity=gravity,
         effort=effort if effort.names else None,
     )
     recorded = with_model_effects(nominal, model.effects, events=True)

@@ -88,7 +88,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     tool = robot.load_in_sensor if model.tool_in_wrench else np.zeros(10)
 
     def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
-        return recorded_from_streams(robot, joints, odometry, wrench, phi + tool, model.gravity_or_standard)
+        return recorded_from_streams(robot, joints, odometry, wrench, phi, model.gravity_or_standard, tool)
 
     recorded, known, corrections = _against(build, streams.name, replace(model, sensor_frame=frame), tool)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections))

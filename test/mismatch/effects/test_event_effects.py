@@ -5,7 +5,8 @@ import pytest
 from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, recorded, trajectory
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import Motion, recorded_from_motion
+from poise.mismatch.reading import recorded_from_motion
+from poise.simulation import JointMotion
 
 SECONDS = np.arange(0.0, 20.0, 0.005)
 
@@ -23,11 +24,11 @@ def moved(shift=None, turn=0.0):
     if shift is not None:
         for part, extra in zip((position, velocity, acceleration), shift, strict=True):
             part[:, :2] += extra
-    return recorded_from_motion(ROBOT, SECONDS, Motion(position, velocity, acceleration), PAYLOAD.phi)
+    return recorded_from_motion(ROBOT, SECONDS, JointMotion(position, velocity, acceleration), PAYLOAD.phi)
 
 
 def with_payload(phi):
-    return recorded_from_motion(ROBOT, SECONDS, Motion(*trajectory().at(SECONDS)), phi)
+    return recorded_from_motion(ROBOT, SECONDS, trajectory().at(SECONDS), phi)
 
 
 def point_phi(mass, place):

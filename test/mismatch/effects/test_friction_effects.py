@@ -8,7 +8,8 @@ from effect_worlds import HOME, PAYLOAD, ROBOT, TYPICAL, effort_world, filled
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION
 from poise.mismatch.effects.part_motion import between_stops
-from poise.mismatch.reading import Motion, effort_track
+from poise.mismatch.reading import effort_track
+from poise.simulation import JointMotion
 
 JOINTS = range(1, 7)
 
@@ -117,7 +118,7 @@ def test_with_backlash_the_efforts_are_those_of_the_links_true_motion():
     for part, extra in zip(parts, play, strict=True):
         part[:, 3] += extra
     whole = np.zeros((len(track.seconds), 9))
-    true = effort_track(ROBOT, track.seconds, Motion(*parts), whole, PAYLOAD.phi).rigid - track.rigid
+    true = effort_track(ROBOT, track.seconds, JointMotion(*parts), whole, PAYLOAD.phi).rigid - track.rigid
     size = np.abs(true).max()
     assert size > 1.0
     # What is left is the speed of the play times that of the arm (Coriolis): small beside the knocks.

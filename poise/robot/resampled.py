@@ -1,14 +1,19 @@
 """Sampled positions to position, velocity and acceleration at other stamps, by splines that choose their knots."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
-from poise.robot.clocks import sampling_times, stretches
+from poise.errors import ErrorCode, InputError
+from poise.robot.regular_clock import regular_clock
 from poise.robot.rest import find_rests
 from poise.robot.splines import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
+_GAP = 6.0
+"""Median sample intervals that make a gap."""
+_MIN_SAMPLES = 30
 _EDGE = 0.08
 """s at the ends of a stretch where accelerations are too uncertain."""
 _SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
@@ -26,7 +31,7 @@ _HONEST = 2.5
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
+class ResampledSignal:
     """Values (N, J), rates and second rates at the wanted times; NaN outside the samples.
 
     Args:
@@ -43,7 +48,7 @@ class Smoothed:
     noise: Array
 
 
-def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> Smoothed:
+def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> ResampledSignal:
     """Differentiate samples and evaluate at other times, never across a gap.
 
     Splines with close knots follow a jerk, splines with wide knots have little noise: they are averaged with weights
@@ -65,7 +70,7 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
     seconds, jitter = sampling_times(seconds, values)
     out = np.full((3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
-    for part in stretches(seconds):
+    for part in _stretches(seconds):
         begin, end = seconds[part][0], seconds[part][-1]
         inside = (wanted >= begin + _EDGE) & (wanted <= end - _EDGE)
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
@@ -77,7 +82,15 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
                 still = (wanted[inside] >= ends[0]) & (wanted[inside] <= ends[1])
                 found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
         out[:, inside] = found
-    return Smoothed(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+
+
+def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
+    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
+    even = regular_clock(seconds)
+    if even is None or _roughness(even, values) >= _roughness(seconds, values):
+        return seconds, 0.0
+    return even, float(np.std(seconds - even))
 
 
 class _Blend:
@@ -155,3 +168,29 @@ def _trusted(
     if (25.0 * np.mean(means**2, axis=0) > _HONEST * scatter).any():
         return None, 0.0
     return rates, float(np.median(noise**2 / scatter))
+
+
+def _roughness(seconds: Array, values: Array) -> float:
+    """Residual of smooth splines for these stamps (log, summed over the columns that move)."""
+    stretch = max(_stretches(seconds), key=lambda part: part.stop - part.start)
+    part = slice(stretch.start, min(stretch.stop, stretch.start + 1500))
+    moving = np.ptp(values[part], axis=0) > 1e-4
+    if not moving.any():
+        return 0.0
+    size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
+    sigma = SplineFit(Design(Grid.across(seconds[part], size), seconds[part]), values[part][:, moving]).sigma
+    return float(np.log(np.maximum(sigma, 1e-12)).sum())
+
+
+def _stretches(seconds: Array) -> list[slice]:
+    steps = np.diff(seconds)
+    limit = _GAP * float(np.median(steps)) if len(steps) else 0.0
+    edges = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(seconds)]
+    found = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= _MIN_SAMPLES]
+    if not found:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"too few joint samples: of {len(seconds)} no {_MIN_SAMPLES} come without a gap of {limit:.3g} s; "
+            "record at 50 Hz or more, for ten seconds or more",
+        )
+    return found

@@ -1,18 +1,9 @@
 """Stamps of a regular clock with jitter: the true sampling times, also with lost samples."""
 
-import itertools
-
 import numpy as np
 from scipy.optimize import isotonic_regression
 
-from poise.errors import ErrorCode, InputError
-from poise.robot.splines import Design, Grid, SplineFit
 from poise.types import Array
-
-_GAP = 6.0
-"""Median sample intervals that make a gap."""
-_MIN_SAMPLES = 30
-"""Fewer samples between two gaps are left out."""
 
 _MAX_JITTER = 0.27
 """Periods; random stamps would have 0.29."""
@@ -20,7 +11,7 @@ _SHORT, _LONG = 128, 512
 """Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
 
-def regular(seconds: Array) -> Array | None:
+def regular_clock(seconds: Array) -> Array | None:
     """(N,) the times of a clock that ticks evenly and drifts slowly, or None when no regular clock fits.
 
     Samples are numbered by the phase of the clock. The mean over many stamps gives this phase even when single stamps
@@ -37,14 +28,6 @@ def regular(seconds: Array) -> Array | None:
     if jitter > _MAX_JITTER * period or not (np.diff(fitted) > 0).all():
         return None
     return fitted
-
-
-def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
-    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
-    even = regular(seconds)
-    if even is None or _roughness(even, values) >= _roughness(seconds, values):
-        return seconds, 0.0
-    return even, float(np.std(seconds - even))
 
 
 def _phasors(seconds: Array, period: float, length: int) -> Array:
@@ -88,29 +71,3 @@ def _wandering(ticks: Array, seconds: Array) -> Array:
         off = np.abs(seconds - fitted)
         kept = off <= max(4.0 * 1.4826 * float(np.median(off)), 1e-7)
     return np.asarray(fitted)
-
-
-def _roughness(seconds: Array, values: Array) -> float:
-    """Residual of smooth splines for these stamps (log, summed over the columns that move)."""
-    stretch = max(stretches(seconds), key=lambda part: part.stop - part.start)
-    part = slice(stretch.start, min(stretch.stop, stretch.start + 1500))
-    moving = np.ptp(values[part], axis=0) > 1e-4
-    if not moving.any():
-        return 0.0
-    size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
-    sigma = SplineFit(Design(Grid.across(seconds[part], size), seconds[part]), values[part][:, moving]).sigma
-    return float(np.log(np.maximum(sigma, 1e-12)).sum())
-
-
-def stretches(seconds: Array) -> list[slice]:
-    steps = np.diff(seconds)
-    limit = _GAP * float(np.median(steps)) if len(steps) else 0.0
-    edges = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(seconds)]
-    found = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= _MIN_SAMPLES]
-    if not found:
-        raise InputError(
-            ErrorCode.TOO_FEW_SAMPLES,
-            f"too few joint samples: of {len(seconds)} no {_MIN_SAMPLES} come without a gap of {limit:.3g} s; "
-            "record at 50 Hz or more, for ten seconds or more",
-        )
-    return found

@@ -1,12 +1,14 @@
-"""The motion of a mobile base from its odometry."""
+"""The motion of a robot's root link from odometry, with its errors."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from poise.recording import PoseStream
 from poise.robot.differentiation import differentiate
 from poise.robot.kinematics import BaseMotion
+from poise.robot.resampled import resample
 from poise.types import Array, Mask, Stamps
 
 
@@ -40,13 +42,13 @@ def base_from_odometry(stamps: Stamps, rotation: Array, translation: Array, want
     Raises:
         InputError: as `differentiate`.
     """
-    found = differentiate(stamps, pose_columns(rotation, translation))
+    found = differentiate(stamps, _pose_columns(rotation, translation))
 
     def at(values: Array) -> Array:
         columns = [np.interp(wanted, found.stamps, column, np.nan, np.nan) for column in values.T]
         return np.stack(columns, axis=1)
 
-    motion, known = base_motion(at(found.position), at(found.velocity), at(found.acceleration))
+    motion, known = _base_motion(at(found.position), at(found.velocity), at(found.acceleration))
     sigmas = []
     for sigma in (at(found.velocity_sigma), at(found.acceleration_sigma)):
         linear = np.sqrt(np.einsum("nji,nj->ni", motion.rotation_world_base**2, sigma[:, :3] ** 2))
@@ -54,7 +56,23 @@ def base_from_odometry(stamps: Stamps, rotation: Array, translation: Array, want
     return MeasuredBase(motion, known, sigmas[0], sigmas[1])
 
 
-def pose_columns(rotation: Array, translation: Array) -> Array:
+def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, Mask]:
+    """The root link's motion at other times, and the mask (N,) where it is known.
+
+    Args:
+        odometry: poses of the root link in the world.
+        start: ns, the stamp of second zero.
+        seconds: (N,) s.
+
+    Raises:
+        InputError: TOO_FEW_SAMPLES.
+    """
+    columns = _pose_columns(odometry.rotation_parent_child, odometry.translation_parent_child)
+    moved = resample(np.asarray((odometry.stamps - start) * 1e-9), columns, seconds)
+    return _base_motion(moved.position, moved.velocity, moved.acceleration)
+
+
+def _pose_columns(rotation: Array, translation: Array) -> Array:
     """(N, 6) x, y, z in m and yaw, pitch, roll in rad without jumps, of poses (N, 3, 3), (N, 3).
 
     A base may turn many times, and never pitches by 90 degrees.
@@ -63,8 +81,8 @@ def pose_columns(rotation: Array, translation: Array) -> Array:
     return np.hstack([translation, np.unwrap(angles, axis=0)])
 
 
-def base_motion(position: Array, velocity: Array, acceleration: Array) -> tuple[BaseMotion, Mask]:
-    """The motion of the root link from the derivatives (N, 6) of `pose_columns`, and where it is known (N,)."""
+def _base_motion(position: Array, velocity: Array, acceleration: Array) -> tuple[BaseMotion, Mask]:
+    """The motion of the root link from the derivatives (N, 6) of `_pose_columns`, and where it is known (N,)."""
     known = np.asarray(np.isfinite(acceleration).all(axis=1))
     angle, turn, change = position[:, 3:], velocity[:, 3:], acceleration[:, 3:]
     rotation = np.full((len(position), 3, 3), np.nan)
