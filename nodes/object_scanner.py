@@ -26,11 +26,8 @@ from poise.nodes.segmented_message import object_transform, segmented_message
 from poise.nodes.trajectory_message import trajectory_message
 from poise.recording import image_of, stamp_of
 from poise.robot import RobotModel
-from poise.scanning.cloud_frames import frame_of_cloud
-from poise.scanning.reading import camera_of, transform_of
-from poise.scanning.session import RobotLog, ScanSession, scan_session
-from poise.shape.independent import independent_parts
-from poise.shape.segmentation import segment
+from poise.scanning import RobotLog, ScanSession, camera_of, frame_of_cloud, scan_session, transform_of
+from poise.shape import independent_parts, segment
 from poise.simulation import WaypointTrajectory, read_trajectory
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject
