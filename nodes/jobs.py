@@ -125,7 +125,7 @@ class Jobs:
         return True
 
     def close(self) -> None:
-        """Answer CANCELLED to all waiting calls and end the thread; a running job ends by itself or with the process."""
+        """Answer CANCELLED to waiting calls and end the thread; a running job ends by itself or with the process."""
         for job in list(self._open):
             job.refuse(ErrorCode.CANCELLED, "the node shuts down; call again when it is back")
         with contextlib.suppress(queue.Empty):
