@@ -21,18 +21,18 @@ from rich.table import Table
 
 from benchmarks.placement.scenes import FRICTION, GLUED, box, glued
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.baselines.placement.engine import Engine
 from poise.errors import NoAnswerError, PoiseError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.files import write_whole
 from poise.geometry import Pose
-from poise.manipulation import Arm, Grasp, Phase, Reach, Transfer, plan_transfer
+from poise.manipulation import Arm, Grasp, Reach, Transfer, TransferPhase, plan_transfer
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.cell import Cell
 from poise.placement import KeptFree, Options, Uncertainty, plan_placement
-from poise.placement.rivals.engine import Engine
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel
-from poise.simulation import JointNoise, WaypointTrajectory, World, wrench_noise
+from poise.simulation import IdealRobot, JointNoise, WaypointTrajectory, wrench_noise
 
 STEPS = ("placement planning", "grasping", "motion planning", "placement execution", "stable assembly")
 THESIS = {"placement planning": 1.0, "grasping": 0.82, "motion planning": 0.902, "placement execution": 0.892}
@@ -103,13 +103,13 @@ def plan(
         return step, error.message, found.item, None, found.analysis
 
 
-def played(phase: Phase, arm: Arm, rng: np.random.Generator) -> np.ndarray:
-    """(N, J) joint positions of the fake arm while it does one phase, as its messages tell them, and its own error."""
+def played(phase: TransferPhase, arm: Arm, rng: np.random.Generator) -> np.ndarray:
+    """(N, J) joint positions of the fake arm while it does one phase, from its messages, and its own error."""
     model = RobotModel.from_file("fr3", "tcp")
     rows = []
     for motion in phase.motions:
         options = ArmOptions(wrench_noise("none", rate=1.0), JointNoise(rate=RATE), end=motion.duration)
-        source = SimulatedArm(World(model), "<robot/>", WaypointTrajectory(*_fields(motion)), options)
+        source = SimulatedArm(IdealRobot(model), "<robot/>", WaypointTrajectory(*_fields(motion)), options)
         said = [m for m in source.messages() if m.topic == "joint_states"]
         states = [typestore().deserialize_cdr(m.data, "sensor_msgs/msg/JointState") for m in said]
         rows += [state.position for state in states]

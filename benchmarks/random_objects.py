@@ -12,8 +12,8 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from benchmarks.identification.objects import BenchmarkObject, load_tools
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.parts import Parts
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.parts import Parts
 from poise.types import Array, Indices, Mask
 
 FIRST_TEST_SEED = 1000

@@ -19,13 +19,19 @@ from benchmarks.identification.objects import BenchmarkObject, load_tools
 from benchmarks.identification.scenarios import DEVELOPMENT_SEEDS, Scenario, make_trial
 from benchmarks.random_objects import FIRST_TEST_SEED, GRIP, as_benchmark_object, make_composite
 from benchmarks.segmentation_truth import NOISE, SHIPPED, Subject, ToolCloud, load_clouds
-from poise.inertia.bayes import SHAPE_ACCURACY, PoiseEstimator
-from poise.inertia.hps import hps
-from poise.inertia.metrics import errors
-from poise.inertia.object_shape import CLOUD_ACCURACY, ObjectShape, load_object, parts_of_segmentation, parts_of_solid
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.parts import Parts
-from poise.inertia.problem import IdentificationProblem
+from poise.inertia.bayes.estimator import SHAPE_ACCURACY, PoiseEstimator
+from poise.inertia.estimators.hps import hps
+from poise.inertia.model.metrics import errors
+from poise.inertia.model.object_shape import (
+    CLOUD_ACCURACY,
+    ObjectShape,
+    load_object,
+    parts_of_segmentation,
+    parts_of_solid,
+)
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.parts import Parts
+from poise.inertia.model.problem import IdentificationProblem
 from poise.shape.independent import independent_parts
 from poise.shape.segmentation import segment
 from poise.types import Array, Indices
@@ -43,8 +49,8 @@ def by_poise(problem: IdentificationProblem, parts: Parts, accuracy: float) -> I
 
 
 def by_hps(problem: IdentificationProblem, parts: Parts, _: float) -> InertialParameters:
-    told = replace(problem, unit_parts=parts.unit_phi, part_volumes=parts.volumes)
-    return InertialParameters.from_phi(hps(told).phi)
+    known = replace(problem, unit_parts=parts.unit_phi, part_volumes=parts.volumes)
+    return InertialParameters.from_phi(hps(known).phi)
 
 
 METHODS: dict[str, Solve] = {"poise": by_poise, "hps": by_hps}

@@ -13,14 +13,14 @@ from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia import InertialParameters
 from poise.nodes.parameters import WORDS, Parameter
 from poise.robot import RobotModel, find_urdf, read_urdf
-from poise.simulation import FourierTrajectory, JointNoise, World, check_limits, read_trajectory, wrench_noise
+from poise.simulation import FourierTrajectory, IdealRobot, JointNoise, check_limits, read_trajectory, wrench_noise
 
-MODES = ("replay", "arm")
+_MODES = ("replay", "arm")
 PAYLOAD = ("payload.mass", "payload.com", "payload.inertia")
 
 
 PARAMETERS = (
-    Parameter("mode", "replay", "replay a bag, or simulate an arm", MODES),
+    Parameter("mode", "replay", "replay a bag, or simulate an arm", _MODES),
     Parameter("rate", 1.0, "how many times faster than the recording, or than reality", (1e-3, 1e3)),
     Parameter("loop", False, "begin again at the end"),
     Parameter("playing", True, "start at once; false: when the service `play` says so"),
@@ -99,7 +99,7 @@ def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
     return SimulatedArm(make_world(model, values), description, trajectory, options, gripper)
 
 
-def make_world(model: RobotModel, values: dict[str, Any]) -> World:
+def make_world(model: RobotModel, values: dict[str, Any]) -> IdealRobot:
     """The nominal world with the payload that the parameters describe.
 
     Raises:
@@ -117,7 +117,7 @@ def make_world(model: RobotModel, values: dict[str, Any]) -> World:
             "the order is ixx ixy ixz iyy iyz izz",
         )
     phi = InertialParameters(values["payload.mass"], np.array(values["payload.com"]), inertia).phi
-    return World(model, phi, values["gravity"], values["tool_in_wrench"])
+    return IdealRobot(model, phi, values["gravity"], values["tool_in_wrench"])
 
 
 def _sensor(values: dict[str, Any]) -> Any:

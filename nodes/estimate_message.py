@@ -6,7 +6,7 @@ from geometry_msgs.msg import Inertia
 
 from poise.errors import PoiseError
 from poise.inertia import InertialEstimate, InertialParameters
-from poise.inertia.change import PayloadChange
+from poise.inertia.bayes import PayloadChange
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 from poise_msgs.msg import InertialEstimate as InertialEstimateMessage

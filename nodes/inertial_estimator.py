@@ -13,16 +13,15 @@ from tf2_msgs.msg import TFMessage
 
 from poise.errors import PoiseError
 from poise.geometry import rotation_of_quaternion
-from poise.inertia.live import LiveEstimator
-from poise.inertia.parts import Parts
-from poise.inertia.status import status_of
+from poise.inertia.model import Parts
+from poise.inertia.pipeline import LiveEstimator, status_of
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
 UPDATE_PERIOD = 0.05
@@ -105,7 +104,8 @@ class InertialEstimator(Node):
         Raises:
             InputError: OBJECT_INVALID for a shape that cannot be, FRAME_UNKNOWN when tf does not tell where it is.
         """
-        return parts_of_message(message).in_frame(*self.live.hand.pose(message.header.frame_id, self.live.sensor_frame))
+        pose = self.live.pose_in_sensor(message.header.frame_id)
+        return parts_of_message(message).in_frame(pose.rotation, pose.translation)
 
     def _on_shape(self, message: SegmentedObject) -> None:
         self.live.hold(self.parts_of(message), accuracy_of(message))

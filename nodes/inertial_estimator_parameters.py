@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.live import IMUS, SOURCES, LiveOptions
-from poise.inertia.object_shape import load_object
-from poise.inertia.problem import NoiseLevels
-from poise.inertia.weighers import METHODS
+from poise.inertia.estimators import METHODS
+from poise.inertia.model import NoiseLevels, load_object
+from poise.inertia.pipeline import IMUS, SOURCES, LiveOptions
 from poise.nodes.parameters import Parameter
 from poise.robot import PairingSettings
 

@@ -1,4 +1,4 @@
-"""Node: holds a running robot, or bags, against the simulation, and says what physics was left out."""
+"""Node: compares a running robot, or bags, with the simulation, and reports the missing physics."""
 
 import sys
 import time
@@ -19,45 +19,44 @@ from poise.errors import InputError, PoiseError
 from poise.files import write_whole
 from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
-from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_world
+from poise.mismatch.reading import MeasuredStreams, NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
-from poise.recording import open_recording
-from poise.recording.streams import stamp_of
+from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
 
-DEEP = QoSProfile(depth=2000)
-LOOK_PERIOD = 0.25
-"""s between looks whether the next window is due."""
-FULL = 0.95
-"""Share of the window that has to have come."""
-GIL_SLICE = 5e-4
+_DEEP = QoSProfile(depth=2000)
+_LOOK_PERIOD = 0.25
+"""s between checks whether the next window is due."""
+_FULL = 0.95
+"""Share of the window that must be filled."""
+_GIL_SLICE = 5e-4
 """s that the thread of the diagnosis may hold the interpreter while a message waits; Python's own 5 ms is too long."""
 
-PARAMETERS = (
+_PARAMETERS = (
     Parameter("model", "", "model.yaml: payload, tolerances, noise; empty: the payload is identified from each window"),
     Parameter("bags", WORDS, "bags to diagnose instead of topics, once; of several the last is held out"),
     Parameter("window", 35.0, "s of messages that are examined together", (8.0, 600.0)),
-    Parameter("period", 10.0, "s from the start of one examination to the next, at the least", (0.1, 3600.0)),
+    Parameter("period", 10.0, "least time from the start of one examination to the next, s", (0.1, 3600.0)),
     Parameter("share", 0.4, "of a core that examinations may take on average", (0.01, 1.0)),
     Parameter("effects", WORDS, "effects to look for; empty: the whole library"),
     Parameter("keep", "", "folder in which windows with a mismatch are kept as bags; empty: nowhere"),
-    Parameter("save", "", "model.yaml to write, with what was found added, after each finding; empty: none"),
+    Parameter("save", "", "model.yaml to write, with the effects found, after each finding; empty: none"),
 )
 
 
 class MismatchDiagnoser(Node):
     """Subscribes to wrench, joint_states, odom, robot_description; publishes mismatch_report (latched), diagnostics.
 
-    Examinations belong to the thread of the jobs, one at a time; the executor only takes in and hands out.
+    Examinations run one at a time in a worker thread; the executor only receives and publishes.
     """
 
     def __init__(self) -> None:
         super().__init__("mismatch_diagnoser")
-        values = declare_parameters(self, PARAMETERS)
-        sys.setswitchinterval(GIL_SLICE)
+        values = declare_parameters(self, _PARAMETERS)
+        sys.setswitchinterval(_GIL_SLICE)
         self._model = load_model(Path(values["model"])) if values["model"] else NominalModel()
         self._library = effects_called(values["effects"])
         self._period, self._share = values["period"], values["share"]
@@ -80,17 +79,17 @@ class MismatchDiagnoser(Node):
 
     def _listen(self) -> None:
         for kind, topic, callback, qos in (
-            (WrenchStamped, "wrench", self._on_wrench, DEEP),
-            (JointState, "joint_states", self._on_joint_state, DEEP),
-            (Odometry, "odom", self._on_odometry, DEEP),
+            (WrenchStamped, "wrench", self._on_wrench, _DEEP),
+            (JointState, "joint_states", self._on_joint_state, _DEEP),
+            (Odometry, "odom", self._on_odometry, _DEEP),
             (String, "robot_description", self._on_description, LATCHED),
         ):
             self.create_subscription(kind, topic, guarded(self, callback), qos)
         self.create_service(Trigger, "reset_window", self._on_reset)
-        self.create_timer(LOOK_PERIOD, guarded(self, self._look))
+        self.create_timer(_LOOK_PERIOD, guarded(self, self._look))
 
     def destroy_node(self) -> None:
-        """End the thread before the node goes."""
+        """Stop the thread before the node is destroyed."""
         if hasattr(self, "_jobs"):
             self._jobs.close()
         super().destroy_node()
@@ -121,17 +120,17 @@ class MismatchDiagnoser(Node):
         return response
 
     def _look(self) -> None:
-        """Begin an examination when the window has what it takes and there is something new in it."""
+        """Start an examination when the window is full and holds new messages."""
         window = self._window
-        full = not window.lacks and window.seconds > FULL * self._full
+        full = not window.lacks and window.seconds > _FULL * self._full
         if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
             return
         self._seen = window.newest
-        streams, description = window.streams(), window.description
-        self._start(lambda: self._examine_window(streams, description))
+        streams = window.streams()
+        self._start(lambda: self._examine_window(streams))
 
     def _start(self, work: Any) -> None:
-        self._busy = True  # before the thread can say that it is done
+        self._busy = True  # set before the thread can reset it
         if not self._jobs.do(work):
             self._busy = False
 
@@ -162,11 +161,11 @@ class MismatchDiagnoser(Node):
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
-    def _examine_window(self, streams: dict[str, Any], description: str) -> None:
-        newest, frame = int(streams["wrench"].stamps[-1]), streams["wrench"].frame_id
+    def _examine_window(self, streams: MeasuredStreams) -> None:
+        newest, frame = int(streams.wrench.stamps[-1]), streams.wrench.frame_id
 
         def work() -> MismatchReport:
-            made = examine(streams, description, self._model, self._library, self._keep)
+            made = examine(streams, self._model, self._library, self._keep)
             self._save_model(made.found)
             return report_message(made.found, made.start, newest, frame)
 
@@ -174,18 +173,18 @@ class MismatchDiagnoser(Node):
 
     def _examine_bags(self, bags: list[Path]) -> None:
         def work() -> MismatchReport:
-            first = read_world(open_recording(bags[0]), self._model)
-            readings = [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
-            world, last = joined([reading.world for reading in readings])
-            found = diagnose(world, first.model, last if last.any() else None, self._library)
+            first = read_recording(open_recording(bags[0]), self._model)
+            readings = [first, *(read_recording(open_recording(bag), first.model) for bag in bags[1:])]
+            recorded, last = joined([reading.recorded for reading in readings])
+            found = diagnose(recorded, first.model, last if last.any() else None, self._library)
             self._save_model(found)
-            newest = world.start + round(float(world.seconds[-1]) * 1e9)
-            return report_message(found, world.start, newest, first.model.sensor_frame or "")
+            newest = recorded.start + round(float(recorded.seconds[-1]) * 1e9)
+            return report_message(found, recorded.start, newest, first.model.sensor_frame or "")
 
         self._report(work, 0, "")
 
     def _report(self, work: Any, newest: int, frame: str) -> None:
-        """Publish what comes of the work, and rest for as long as its share of a core asks for."""
+        """Publish the result of the work, and pause to keep to the share of a core."""
         begin, used = time.monotonic(), time.thread_time()
         try:
             message = work()
@@ -193,7 +192,7 @@ class MismatchDiagnoser(Node):
             self.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=10.0)
             message = no_report_message(error, newest, frame)
         except Exception as error:
-            self.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=10.0)
+            self.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=10.0)
             message = no_report_message(coded(error), newest, frame)
         finally:
             self._spent = time.monotonic() - begin
@@ -201,7 +200,7 @@ class MismatchDiagnoser(Node):
             self._count += 1
             self._busy = False
         self._last = message
-        if not rclpy.ok():  # the node is on its way out
+        if not rclpy.ok():  # the node is being shut down
             return
         self._reports.publish(message)
         self.get_logger().info(f"examined in {self._spent:.1f} s: {self._status()[1]}")

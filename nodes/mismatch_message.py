@@ -1,12 +1,12 @@
-"""A diagnosis of the core -> the message MismatchReport."""
+"""Convert a diagnosis to the message MismatchReport."""
 
 from poise.errors import PoiseError
-from poise.mismatch.answer import Diagnosis, Finding
+from poise.mismatch.answer import Diagnosis, NamedEffect
 from poise.nodes.estimate_message import time_message
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import EffectFinding, MismatchReport
 
-VERDICTS = {
+_VERDICTS = {
     "none": MismatchReport.VERDICT_NONE,
     "named": MismatchReport.VERDICT_NAMED,
     "unknown": MismatchReport.VERDICT_UNKNOWN,
@@ -15,7 +15,7 @@ VERDICTS = {
 
 
 def report_message(found: Diagnosis, start: int, newest: int, frame_id: str) -> MismatchReport:
-    """Turn a diagnosis into a message.
+    """Convert a diagnosis to a message.
 
     Args:
         found: the diagnosis.
@@ -23,7 +23,7 @@ def report_message(found: Diagnosis, start: int, newest: int, frame_id: str) -> 
         newest: ns, stamp of the last wrench in it.
         frame_id: the sensor frame.
     """
-    message = MismatchReport(verdict=VERDICTS[found.verdict])
+    message = MismatchReport(verdict=_VERDICTS[found.verdict])
     message.header.stamp, message.header.frame_id = time_message(newest), frame_id
     message.effects = [_finding_message(finding, start) for finding in found.findings]
     if found.unknown is not None:
@@ -34,14 +34,14 @@ def report_message(found: Diagnosis, start: int, newest: int, frame_id: str) -> 
 
 
 def no_report_message(error: PoiseError, newest: int, frame_id: str) -> MismatchReport:
-    """Say with a message that a window could not be examined, and why."""
+    """The message for a window that could not be examined, with the reason."""
     message = MismatchReport(error=to_message(error))
     message.header.stamp, message.header.frame_id = time_message(newest), frame_id
     message.holdout_nominal = message.holdout_augmented = float("nan")
     return message
 
 
-def _finding_message(finding: Finding, start: int) -> EffectFinding:
+def _finding_message(finding: NamedEffect, start: int) -> EffectFinding:
     numbers = finding.parameters
     return EffectFinding(
         name=finding.effect.name,

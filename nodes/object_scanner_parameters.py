@@ -6,9 +6,8 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.nodes.parameters import Parameter
-from poise.scanning import ScanOptions, SweepOptions, Transform
-from poise.scanning.reading import MOST_FRAMES
-from poise.scanning.session import STATIONARY_FRAMES, SessionOptions
+from poise.robot import Mounting
+from poise.scanning import MOST_FRAMES, STATIONARY_FRAMES, ScanOptions, SessionOptions, SweepOptions
 
 REFINE = ("auto", "always", "never")
 NOWHERE, UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
@@ -56,7 +55,7 @@ def sweep_options(values: dict[str, Any]) -> SweepOptions:
     """
     given = None
     if not np.isnan(values["hand_eye"]).all():
-        given = Transform.from_pose(values["hand_frame"], "camera", values["hand_eye"])
+        given = Mounting.of_vector(values["hand_frame"], "camera", values["hand_eye"])
     return SweepOptions(hand_eye=given, unit=values["depth_unit"], delay=values["camera_delay"])
 
 

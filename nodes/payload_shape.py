@@ -4,9 +4,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
-from poise.inertia.object_shape import CLOUD_ACCURACY
-from poise.inertia.parameters import symmetric
-from poise.inertia.parts import Parts
+from poise.inertia.model import CLOUD_ACCURACY, Parts, symmetric
 from poise_msgs.msg import Part, SegmentedObject
 
 WORST_ACCURACY = 0.05

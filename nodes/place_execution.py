@@ -14,22 +14,32 @@ from trajectory_msgs.msg import JointTrajectory
 
 from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.manipulation import Arm, Hand, Limits, Reach, Transfer, plan_transfer
-from poise.manipulation.arm import standing_at
-from poise.manipulation.gripper import Gripper
-from poise.manipulation.playing import Playing, Robot, Tolerances, steps_of
-from poise.manipulation.reach import require_room
+from poise.manipulation import (
+    Arm,
+    Gripper,
+    Hand,
+    Limits,
+    Reach,
+    RobotPort,
+    Tolerances,
+    Transfer,
+    TransferExecution,
+    plan_transfer,
+    require_room,
+    standing_at,
+    steps_of,
+)
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
-from poise.placement import Options, Placement, Progress, plan_placement
-from poise.recording.streams import stamp_of
+from poise.placement import Options, Placement, PlacementPlanner, PlacementProgress
+from poise.recording import stamp_of
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-ARM_TOPIC, GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
+_ARM_TOPIC, _GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
 
-PARAMETERS = (
+PLACE_EXECUTION_PARAMETERS = (
     Parameter("tcp_frame", "tcp", "execute: frame of robot_description between the finger tips, z out of the hand"),
     Parameter("base", [0.0] * 4, "execute: where the robot stands in the assembly's frame, x y z m and yaw rad"),
     Parameter("speed", 0.5, "execute: m/s of the tool at the most", (0.01, 2.0)),
@@ -65,12 +75,12 @@ class Carrying:
         values: parameters.
     """
 
-    def __init__(self, arm: Arm, robot: Robot, values: dict[str, Any]) -> None:
+    def __init__(self, arm: Arm, robot: RobotPort, values: dict[str, Any]) -> None:
         self._arm, self.robot, self._values = arm, robot, values
         self._begun = time.monotonic()
         self.start: Array | None = None
         self._transfer: Transfer | None = None
-        self.playing: Playing | None = None
+        self.playing: TransferExecution | None = None
 
     def found_start(self, now: float) -> bool:
         """Whether it is known where the arm rests; raises as `Robot.rests_at`."""
@@ -79,17 +89,18 @@ class Carrying:
 
     def plan(
         self,
+        planner: PlacementPlanner,
         analysis: Analysis,
         item: RigidObject,
         options: Options,
         seed: int,
         due: float,
-        tell: Callable[[Progress], bool],
+        report: Callable[[PlacementProgress], bool],
     ) -> Placement:
         """Where the object stays, and how it gets there; in the thread of the jobs.
 
         Raises:
-            InputError, NoAnswerError: as `plan_placement`, `plan_transfer`, `require_room`,
+            InputError, NoAnswerError: as the planner, `plan_transfer`, `require_room`,
                 `Reach.require_free_start` and `Reach.require_pick`.
         """
         require_room(analysis, item)
@@ -99,7 +110,7 @@ class Carrying:
         left = seconds_left(due, "the first pose")
         for_ways = min(self._values["ways_seconds"], left / 2)
         wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=reach.looks)
-        found = plan_placement(analysis, item, wanted, seed, tell)
+        found = planner.plan(analysis, item, wanted, seed, report)
         seconds = min(self._values["ways_seconds"], seconds_left(due, "a way was looked for"))
         limits = Limits(speed=self._values["speed"])
         self._transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
@@ -111,7 +122,7 @@ class Carrying:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
         values = self._values
         tolerances = Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
-        self.playing = Playing(name, steps_of(self._transfer, values["speed"]), self.robot, tolerances, now)
+        self.playing = TransferExecution(name, steps_of(self._transfer, values["speed"]), self.robot, tolerances, now)
 
     def stop(self) -> None:
         """Whatever it is at."""
@@ -128,7 +139,7 @@ class PlaceExecution:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._values = values = declare_parameters(node, PARAMETERS)
+        self._values = values = declare_parameters(node, PLACE_EXECUTION_PARAMETERS)
         if len(values["base"]) != 4 or not np.isfinite(values["base"]).all():
             raise InputError(ErrorCode.BAD_INPUT, "parameter base must be four finite numbers: x y z yaw")
         self._base = standing_at(values["base"])
@@ -145,7 +156,9 @@ class PlaceExecution:
             ErrorCode.ROBOT_DESCRIPTION_MISSING, "execute needs a robot, and there is no robot_description: publish it"
         )
         self._listening: Any = None
-        self._outlets = {name: node.create_publisher(JointTrajectory, name, 10) for name in (ARM_TOPIC, GRIPPER_TOPIC)}
+        self._outlets = {
+            name: node.create_publisher(JointTrajectory, name, 10) for name in (_ARM_TOPIC, _GRIPPER_TOPIC)
+        }
         node.create_subscription(String, "robot_description", guarded(node, self._on_description), LATCHED)
 
     def open(self) -> Carrying:
@@ -161,7 +174,7 @@ class PlaceExecution:
                 raise InputError(
                     ErrorCode.TOPIC_MISSING, f"no controller listens on {name}: remap it to the robot's, or start it"
                 )
-        robot = Robot(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip)
+        robot = RobotPort(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip)
         self._listening = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, partial(_hear, robot)), 100
         )
@@ -181,12 +194,12 @@ class PlaceExecution:
             self._problem = coded(failure)
 
     def _move(self, names: tuple[str, ...], motion: WaypointTrajectory, stamp: int) -> None:
-        self._outlets[ARM_TOPIC].publish(trajectory_message(names, motion, stamp))
+        self._outlets[_ARM_TOPIC].publish(trajectory_message(names, motion, stamp))
 
     def _grip(self, position: float) -> None:
         there = WaypointTrajectory(np.array([self._gripper.seconds]), np.array([[position]]))
-        self._outlets[GRIPPER_TOPIC].publish(trajectory_message([self._gripper.joint], there))
+        self._outlets[_GRIPPER_TOPIC].publish(trajectory_message([self._gripper.joint], there))
 
 
-def _hear(robot: Robot, message: JointState) -> None:
+def _hear(robot: RobotPort, message: JointState) -> None:
     robot.add_joint_state(stamp_of(message), message.name, message.position, time.monotonic())

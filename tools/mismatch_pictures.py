@@ -11,19 +11,18 @@ import numpy as np
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis, diagnose
 from poise.mismatch.reading import (
-    Component,
-    Motion,
+    ModelEffect,
     NominalModel,
     parse_model,
-    read_world,
-    with_components,
-    world_from_motion,
+    read_recording,
+    recorded_from_motion,
+    with_model_effects,
 )
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
-from poise.viewing.mismatch_report import write_mismatch_report
+from poise.viewing import write_mismatch_report
 
 NOISE = np.repeat([0.1, 0.005], 3)
 CONTACT = {"start": 12.3, "length": 1.8, "x": 0.0, "y": 0.0, "z": 0.17} | {
@@ -41,11 +40,11 @@ CASES: tuple[tuple[str, str, Effects, bool], ...] = (
 )
 
 
-def chain(world: World) -> np.ndarray:
+def chain(recorded: RecordedMotion) -> np.ndarray:
     """(N, 6) what no effect of the library says: a pull that waves with an angle of the arm."""
-    out = np.zeros((len(world), 6))
-    if world.joints is not None:
-        out[:, 1] = 1.5 * np.sin(4.0 * world.joints.position[:, 2])
+    out = np.zeros((len(recorded), 6))
+    if recorded.joints is not None:
+        out[:, 1] = 1.5 * np.sin(4.0 * recorded.joints.position[:, 2])
     return out
 
 
@@ -55,18 +54,18 @@ def diagnosed(effects: Effects, chained: bool) -> Diagnosis:
     seconds = np.arange(0.0, 30.0, 0.01)
     motion = FourierTrajectory.random(robot, np.random.default_rng(4), duration=30.0, speed=0.35)
     phi = InertialParameters(2.1, np.array([0.01, 0.0, 0.1]), np.diag([0.02, 0.02, 0.01])).phi
-    world = world_from_motion(robot, seconds, Motion(*motion.at(seconds)), phi)
-    components = [Component(name, values, np.zeros((len(values), len(values)))) for name, values in effects]
-    said = with_components(world, components, events=True).prediction + (chain(world) if chained else 0.0)
+    recorded = recorded_from_motion(robot, seconds, motion.at(seconds), phi)
+    components = [ModelEffect(name, values, np.zeros((len(values), len(values)))) for name, values in effects]
+    said = with_model_effects(recorded, components, events=True).prediction + (chain(recorded) if chained else 0.0)
     wrench = said + np.random.default_rng(5).normal(size=said.shape) * NOISE
-    return diagnose(replace(world, wrench=wrench), NominalModel(sensor_frame="ft_sensor", phi=phi))
+    return diagnose(replace(recorded, wrench=wrench), NominalModel(sensor_frame="ft_sensor", phi=phi))
 
 
 def shaken() -> Diagnosis:
-    """The committed recording of a KUKA arm that somebody knocks at; its load as the static poses weigh it."""
+    """The committed recording of a KUKA arm that a person knocks; its load as identified from the static poses."""
     model = parse_model({"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}})
-    reading = read_world(open_recording(SHAKEN), model)
-    return diagnose(reading.world, reading.model)
+    reading = read_recording(open_recording(SHAKEN), model)
+    return diagnose(reading.recorded, reading.model)
 
 
 def mismatch_pictures(photograph: Callable[[str, Path], None], **made: object) -> None:

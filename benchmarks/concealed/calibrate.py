@@ -16,7 +16,7 @@ from benchmarks.concealed.score import read_json
 from benchmarks.concealed.seals import open_seals
 from benchmarks.concealed.table import brier, calibration_error
 from benchmarks.concealed.tally import judge
-from poise.mismatch.answer import MOST_SURE, Basis
+from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis
 from poise.types import Array
 
 WIDTH = 3.0
@@ -35,7 +35,7 @@ def stated(folder: Path, private: Path) -> tuple[Array, Array, Array, Array]:
         for effect in answer["effects"]:
             if effect["basis"] is None or (label["kind"] == "foreign" and effect["name"] in label["accept"]):
                 continue
-            rows.append((number, *Basis(**effect["basis"]).terms, effect["name"] in known, effect["probability"]))
+            rows.append((number, *BeliefBasis(**effect["basis"]).terms, effect["name"] in known, effect["probability"]))
     table = np.array(rows, dtype=np.float64)
     return table[:, 0].astype(int), table[:, 1:-2], table[:, -2], table[:, -1]
 
@@ -52,7 +52,7 @@ def fitted(speaks: Array, true: Array) -> Array:
 
 def judged(speaks: Array, true: Array, weights: Array) -> tuple[float, float]:
     """Expected calibration error and Brier's score of weights on names they were not fitted to."""
-    probability = np.minimum(1.0 / (1.0 + np.exp(-speaks @ weights)), MOST_SURE)
+    probability = np.minimum(1.0 / (1.0 + np.exp(-speaks @ weights)), MAX_PROBABILITY)
     pairs = [(float(p), bool(t)) for p, t in zip(probability, true, strict=True)]
     return calibration_error(pairs) or 0.0, brier(pairs) or 0.0
 

@@ -12,10 +12,10 @@ from benchmarks.identification.motions import wrist_motion
 from benchmarks.identification.objects import BenchmarkObject
 from benchmarks.identification.scenarios import Scenario, Trial, make_trial
 from poise.errors import PoiseError
-from poise.inertia.least_squares import Solution
-from poise.inertia.metrics import effort_error, errors
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.problem import Method
+from poise.inertia.estimators.answer import Method
+from poise.inertia.model.metrics import effort_error, errors
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.solution import InertialSolution
 from poise.robot import SensorMotion
 from poise.types import Array
 
@@ -120,7 +120,7 @@ def run(experiment: Experiment, seeds: Iterable[int], advance: Callable[[], None
 
 
 def warm_up(experiment: Experiment) -> None:
-    """Nobody's first call pays for loading libraries."""
+    """Load the libraries before the first timed call."""
     trial = make_trial(experiment.subjects[0], experiment.scenarios[0], 0)
     for method in experiment.methods.values():
         try:
@@ -157,7 +157,7 @@ def record(
     )
 
 
-def honesty(solution: Solution, phi: Array) -> tuple[float, float]:
+def honesty(solution: InertialSolution, phi: Array) -> tuple[float, float]:
     """Normalised estimation error squared, and the share of parameters within their 95 % intervals."""
     if not np.all(np.isfinite(solution.covariance)):
         return math.nan, math.nan

@@ -22,12 +22,12 @@ from poise.excitation import ExcitationOptions, Guard, Information, MotionLimits
 from poise.excitation import plan_stop_and_go as plan_rests
 from poise.excitation.hand import hand_motion
 from poise.excitation.plan import believe
-from poise.inertia.bayes import poise
-from poise.inertia.metrics import errors, predict_wrench
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.parts import Parts
-from poise.inertia.problem import IdentificationProblem, NoiseLevels
-from poise.inertia.signals import motion_signals
+from poise.inertia.bayes.estimator import poise
+from poise.inertia.model.metrics import errors, predict_wrench
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.parts import Parts
+from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.signals import motion_signals
 from poise.robot import RobotModel, sensor_motion
 from poise.simulation import FourierTrajectory, JointMotion, WaypointTrajectory
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.identification.objects import BenchmarkObject
-from poise.inertia.parameters import InertialParameters, frame_change
+from poise.inertia.model.parameters import InertialParameters, frame_change
 from poise.types import Array
 
 PLATE = np.array([0.26, 0.18, 0.03])  # m

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.parameters import InertialParameters, frame_change
+from poise.inertia.model.parameters import InertialParameters, frame_change
 from poise.robot import SensorMotion
 from poise.types import Array
 

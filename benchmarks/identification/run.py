@@ -22,8 +22,8 @@ from benchmarks.identification.figure import draw
 from benchmarks.identification.modular import modular_objects
 from benchmarks.identification.objects import load_tools
 from benchmarks.identification.scenarios import DEVELOPMENT_SEEDS, FINAL_SEEDS, Scenario
-from poise.inertia.methods import method, method_names
-from poise.inertia.pmd import pmd
+from poise.inertia.estimators.pmd import pmd
+from poise.inertia.estimators.registry import method, method_names
 
 SPEEDS = (1.0, 1.5, 2.0)  # rad/s
 ERRORS = ("e_m %", "e_c %", "e_I %", "e_Rie", "cons. %", "effort %", "delay ms")

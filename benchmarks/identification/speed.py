@@ -8,10 +8,10 @@ import numpy as np
 
 from benchmarks.identification.objects import load_tools
 from benchmarks.identification.scenarios import Scenario, make_trial
-from poise.inertia.bayes import PoiseEstimator
-from poise.inertia.methods import method
-from poise.inertia.parts import Parts
-from poise.inertia.problem import IdentificationProblem
+from poise.inertia.bayes.estimator import PoiseEstimator
+from poise.inertia.estimators.registry import method
+from poise.inertia.model.parts import Parts
+from poise.inertia.model.problem import IdentificationProblem
 
 REPEATS = 7
 METHODS = ("poise", "geo", "pmd", "rtls", "ols")

@@ -9,16 +9,25 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
 from poise.commands.identify_model import say, told, without_effects
-from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import (
+    BAG_HELP,
+    JsonOption,
+    add_scene,
+    console,
+    progress_bar,
+    refuse_folder,
+    warn,
+    write_json,
+)
 from poise.errors import ErrorCode, InputError
-from poise.inertia.identification import METHODS, Identification
-from poise.inertia.identification import identify as identify_recording
-from poise.inertia.object_shape import ObjectShape, load_object
+from poise.inertia.model import ObjectShape, load_object
+from poise.inertia.pipeline import METHODS, Identification
+from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
-from poise.viewing.summary import parameter_rows
-from poise.viewing.wording import readable, rounded
+from poise.viewing import parameter_rows, readable, rounded
 
 MethodOption = Annotated[
     str,
@@ -82,10 +91,6 @@ MaxForceOption = Annotated[
     typer.Option("--max-force", help="Range of the sensor, N: what reaches it is not used.", show_default=False),
 ]
 MaxTorqueOption = Annotated[float, typer.Option("--max-torque", help="The same, N m.", show_default=False)]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
 
 
 ReportOption = Annotated[
@@ -105,8 +110,11 @@ ModelOption = Annotated[
 ]
 
 
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP, show_default=False)]
+
+
 def identify(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
+    bag: BagArgument,
     object_file: ObjectOption = None,
     method: MethodOption = METHODS[0],
     object_pose: ObjectPoseOption = None,
@@ -120,6 +128,8 @@ def identify(
     max_torque: MaxTorqueOption = np.inf,
     model: ModelOption = None,
     report: ReportOption = None,
+    exports: ExportOption = None,
+    flange_pose: FlangePoseOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Estimate mass, centre of mass and inertia of the payload on a force-torque sensor.
@@ -132,6 +142,7 @@ def identify(
     Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
     """
     refuse_folder(json_target, "--json")
+    requests, flange_from_sensor = read_exports(exports, json_target), read_pose(flange_pose, "--flange-pose")
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people = console(json_target)
     known = (sensor_frame, gravity, wrench_topic)
@@ -145,6 +156,7 @@ def identify(
     write_json(json_target, content)
     print_answer(people, bag, answer)
     say(people, taken)
+    written += write_exports(requests, answer.estimate, flange_from_sensor)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
@@ -256,8 +268,7 @@ def write_report(folder: Path, bag: Path, answer: Identification) -> list[Path]:
         InputError: FILE_UNWRITABLE.
     """
     # Drawing libraries load slowly: only now.
-    from poise.viewing.report import write_identification_report
-    from poise.viewing.rerun_scene import write_identification_recording
+    from poise.viewing import write_identification_recording, write_identification_report
 
     written = [write_identification_report(folder, answer, title=f"Payload of {bag.name}", source=str(bag))]
     return add_scene(written, lambda: write_identification_recording(folder / "identification.rrd", answer))

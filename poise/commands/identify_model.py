@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from poise.commands.output import warn
-from poise.mismatch.application import TakenOut, take_out
+from poise.mismatch.application import CompensatedWrench, compensate
 from poise.mismatch.reading import load_model
 from poise.recording import open_recording, rewrite_recording
 
@@ -20,7 +20,7 @@ from poise.recording import open_recording, rewrite_recording
 @contextmanager
 def without_effects(
     bag: Path, model: Path | None, sensor_frame: str | None, gravity: float | None, wrench_topic: str
-) -> Iterator[tuple[Path, TakenOut | None]]:
+) -> Iterator[tuple[Path, CompensatedWrench | None]]:
     """The recording with the wrench corrected, for as long as it is needed; the bag itself without a model.
 
     Sensor frame and gravity of the command line count before the model's.
@@ -33,7 +33,7 @@ def without_effects(
         return
     recording, known = open_recording(bag), load_model(model)
     known = replace(known, sensor_frame=sensor_frame or known.sensor_frame, gravity=gravity or known.gravity)
-    taken = take_out(recording, known)
+    taken = compensate(recording, known)
     for note in taken.notes:
         warn(f"{bag}: {note}")
     with tempfile.TemporaryDirectory(prefix="poise-identify-") as folder:
@@ -42,13 +42,13 @@ def without_effects(
         yield path, taken
 
 
-def told(taken: TakenOut | None) -> dict[str, Any]:
+def told(taken: CompensatedWrench | None) -> dict[str, Any]:
     """For the answer."""
     content = None if taken is None else {"effects": list(taken.names), "left": taken.left, "rms": taken.size}
     return {"taken_out": content}
 
 
-def say(people: Console, taken: TakenOut | None) -> None:
+def say(people: Console, taken: CompensatedWrench | None) -> None:
     """What was taken out, and what was not."""
     if taken is None:
         return

@@ -1,4 +1,4 @@
-"""`poise mismatch`: what physics a recording shows that the simulation lacks."""
+"""`poise mismatch`: the physics that a recording shows and the simulation lacks."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -10,22 +10,18 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
-from poise.commands.output import add_scene, console, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, JsonOption, add_scene, console, refuse_folder, warn, write_json
 from poise.files import write_whole
-from poise.mismatch.answer import Diagnosis, Finding, Quantity, diagnose
-from poise.mismatch.reading import NominalModel, Reading, dump_model, joined, load_model, read_world, spans
+from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
+from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
 from poise.recording import open_recording
-from poise.viewing.wording import readable, rounded
+from poise.viewing import readable, rounded
 
-MISSED = 1.5
-"""Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
-MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
+_MISSED = 1.5
+"""Held-out error over the error of the fits, from which the last recording is reported to differ from the others."""
+_MISSED_SENTENCE = "{} deviates by more than that: effects in it alone are not searched; diagnose it separately."
 
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
-ModelOption = Annotated[
+_ModelOption = Annotated[
     Path | None,
     typer.Option(
         "--model",
@@ -38,22 +34,22 @@ ModelOption = Annotated[
 
 BagsArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
+    typer.Argument(metavar="BAG...", help=f"{BAG_HELP} Of several, the last is held out.", show_default=False),
 ]
-ReportOption = Annotated[
+_ReportOption = Annotated[
     Path | None,
     typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
 ]
 SaveOption = Annotated[
     Path | None,
-    typer.Option("--save", metavar="FILE", help="Write the model with what was found.", show_default=False),
+    typer.Option("--save", metavar="FILE", help="Write the model with the effects found.", show_default=False),
 ]
 SeparateOption = Annotated[
     Path | None,
     typer.Option(
         "--separate",
         metavar="FILE",
-        help="Design the motion that tells apart what this recording cannot, and write it (YAML).",
+        help="Design the motion that discriminates between the remaining explanations, and write it (YAML).",
         show_default=False,
     ),
 ]
@@ -61,8 +57,8 @@ SeparateOption = Annotated[
 
 def mismatch(
     bags: BagsArgument,
-    model: ModelOption = None,
-    report: ReportOption = None,
+    model: _ModelOption = None,
+    report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
     json_target: JsonOption = None,
@@ -70,8 +66,8 @@ def mismatch(
     """Identify the physical effects that a recording shows and the simulation lacks.
 
     The recordings need the wrench, joint_states and robot_description (or tf up to the sensor); odom and joint efforts
-    are used where they are. Effects of a library compete by evidence, with small calibration errors always allowed
-    for; where none fits, the answer is `unknown`, with the state that it depends on.
+    are used if present. The effects of a library compete by evidence; small calibration errors are always fitted. When
+    no effect fits, the answer is `unknown`, with the state that the residual depends on.
 
     Example:  poise mismatch run.mcap --model model.yaml --json answer.json --report out --save augmented.yaml
     """
@@ -81,8 +77,8 @@ def mismatch(
     for reading, bag in zip(readings, bags, strict=True):
         for note in reading.notes:
             warn(f"{bag}: {note}")
-    world, last = joined([reading.world for reading in readings])
-    found = diagnose(world, readings[0].model, last if last.any() else None)
+    recorded, last = joined([reading.recorded for reading in readings])
+    found = diagnose(recorded, readings[0].model, last if last.any() else None)
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
     written = [] if report is None else write_report(report, bags, remarks, found)
@@ -90,7 +86,7 @@ def mismatch(
         written.append(write_design(separate, design))
     if save is not None:
         written.append(write_whole(save, dump_model(found.augmented).encode()))
-    times = spans([reading.world for reading in readings])
+    times = spans([reading.recorded for reading in readings])
     recordings = [{"bag": str(bag), "start": a, "end": b} for bag, (a, b) in zip(bags, times, strict=True)]
     more = {"recordings": recordings, "designed_motion": design_json(design, separate)}
     write_json(json_target, as_json(found, readings) | more)
@@ -104,23 +100,23 @@ def mismatch(
 
 
 def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[str, Any]]) -> None:
-    """Of several, from when to when each lies, and whether the last differs from the others."""
+    """The time span of each recording, and whether the last differs from the others."""
     if len(recordings) == 1:
         return
     for entry in recordings:
         people.print(f"From {entry['start']:.1f} s to {entry['end']:.1f} s: {escape(entry['bag'])}", soft_wrap=True)
-    if found.main.proof.augmented > MISSED * max(found.main.proof.floor, 1.0):
-        people.print(MISSED_SENTENCE.format(escape(recordings[-1]["bag"])), soft_wrap=True)
+    if found.main.proof.augmented > _MISSED * max(found.main.proof.floor, 1.0):
+        people.print(_MISSED_SENTENCE.format(escape(recordings[-1]["bag"])), soft_wrap=True)
 
 
-def read_all(bags: list[Path], nominal: NominalModel) -> list[Reading]:
-    """Every recording as a world, all with the payload of the model or, without one, that of the first recording.
+def read_all(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:
+    """Every recording, read with the payload of the model or, without one, of the first recording.
 
     Raises:
-        InputError: as `read_world`.
+        InputError: as `read_recording`.
     """
-    first = read_world(open_recording(bags[0]), nominal)
-    return [first, *(read_world(open_recording(bag), first.model) for bag in bags[1:])]
+    first = read_recording(open_recording(bags[0]), nominal)
+    return [first, *(read_recording(open_recording(bag), first.model) for bag in bags[1:])]
 
 
 def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagnosis) -> list[Path]:
@@ -129,18 +125,17 @@ def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagno
     Raises:
         InputError: FILE_UNWRITABLE.
     """
-    # Drawing libraries load slowly: only now.
-    from poise.viewing.mismatch_report import write_mismatch_report
-    from poise.viewing.mismatch_scene import write_mismatch_scene
+    # Drawing libraries load slowly: they are imported on use.
+    from poise.viewing import write_mismatch_report, write_mismatch_scene
 
     title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
     written = [write_mismatch_report(folder, found, title, [str(bag) for bag in bags], notes=notes)]
     return add_scene(written, lambda: write_mismatch_scene(folder / "mismatch.rrd", found))
 
 
-def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:
-    """The fields of the contract, and what else is known; seconds count from the first wrench sample."""
-    proof, rest = found.main.proof, found.main.rest
+def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
+    """The fields of the contract and further ones; seconds count from the first wrench sample."""
+    proof, rest = found.main.proof, found.main.residual_test
     unknown = found.unknown
     return {
         "verdict": found.verdict,
@@ -156,7 +151,7 @@ def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:
                 "share": window.share,
             }
             for each in found.examinations
-            for window in each.where
+            for window in each.windows
         ]
         if found.verdict != "none"
         else [],
@@ -166,14 +161,14 @@ def as_json(found: Diagnosis, readings: list[Reading]) -> dict[str, Any]:
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
             "whiteness": rest.whiteness,
         },
-        "calibration": [asdict(small) for each in found.examinations for small in each.small],
+        "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
         "untestable": found.untestable,
         "notes": [note for reading in readings for note in reading.notes],
         "seconds": found.seconds,
     }
 
 
-def _effect(finding: Finding) -> dict[str, Any]:
+def _effect(finding: NamedEffect) -> dict[str, Any]:
     def quantity(number: Quantity) -> dict[str, Any]:
         return {"value": number.value, "std": number.std, "unit": number.unit}
 
@@ -199,8 +194,8 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(f"{escape(finding.sentence)} ({100 * finding.belief.probability:.1f} %)", soft_wrap=True)
         if finding.belief.alike:
             people.print(
-                f"  Not to be told from {', '.join(finding.belief.alike)} here; "
-                f"this would: {escape(finding.effect.separating_motion)}",
+                f"  Indistinguishable here from {', '.join(finding.belief.alike)} here; "
+                f"a motion that discriminates: {escape(finding.effect.separating_motion)}",
                 soft_wrap=True,
             )
         people.print(_table(finding))
@@ -208,10 +203,12 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(escape(readable(found.unknown.sentence, 500)), soft_wrap=True)
     people.print(
         f"Held-out error, in units of the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} calibrated within "
-        f"the tolerances, {proof.augmented:.2f} with what was found.",
+        f"the tolerances, {proof.augmented:.2f} with the effects found.",
         soft_wrap=True,
     )
-    clock = next((small for each in found.examinations for small in each.small if small.group == "clock_offset"), None)
+    clock = next(
+        (small for each in found.examinations for small in each.calibration if small.group == "clock_offset"), None
+    )
     if clock is not None:
         value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
         people.print(f"Inside its tolerance: the wrench's clock is {value} ± {sigma} ms late against the motion's.")
@@ -219,7 +216,7 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(f"Not tested here: {escape(', '.join(sorted(found.untestable)))}.", soft_wrap=True)
 
 
-def _table(finding: Finding) -> Table:
+def _table(finding: NamedEffect) -> Table:
     table = Table("", "value", "one sigma", "unit", title=finding.effect.name, title_justify="left")
     for name, number in finding.parameters.items():
         value, sigma = rounded(number.value, number.std)

@@ -13,27 +13,28 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from poise.assembly import RigidObject, read_object, write_scene
-from poise.commands.output import console, number_for_json, refuse_folder, write_json
-from poise.commands.scenes import open_scene
+from poise.assembly import RigidObject, write_scene
+from poise.assembly.scene import read_object
+from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, write_json
+from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import (
     CRITERIA,
+    DEFAULT_PLANNER,
+    PLACEMENT_PLANNERS,
     KeptFree,
     Options,
     Placement,
+    PlacementProgress,
     PlacementSequence,
-    Progress,
+    PoseTest,
     Uncertainty,
     plan_sequence,
 )
-from poise.placement.planners import PLANNERS, find_planner
-from poise.placement.validation import Look
 
-MOST_BYTES = 1_000_000
+_MOST_BYTES = 1_000_000
 
 
-SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
 SpecsOption = Annotated[
     list[str],
     typer.Option(
@@ -44,9 +45,9 @@ SpecsOption = Annotated[
         show_default=False,
     ),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)]
+PlacementSeedOption = Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)]
 AttemptsOption = Annotated[int, typer.Option("--attempts", help="Poses to test at the most.", min=1)]
-DeadlineOption = Annotated[
+_DeadlineOption = Annotated[
     float | None, typer.Option("--deadline", help="s; the best found by then is taken.", show_default=False)
 ]
 CandidatesOption = Annotated[
@@ -58,7 +59,7 @@ RobustOption = Annotated[
     bool, typer.Option("--robust", help="It has to stay in spite of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
 ]
 RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as it gets better.")]
-PlannerOption = Annotated[str, typer.Option("--planner", help=f"To compare with: {', '.join(PLANNERS)}.")]
+PlannerOption = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLACEMENT_PLANNERS.names())}.")]
 OrdersOption = Annotated[int, typer.Option("--orders", help="Orders of several objects to look at.", min=1)]
 KeepFreeOption = Annotated[
     tuple[float, float, float, float, float, float] | None,
@@ -73,24 +74,20 @@ OutputOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="Write the scene with the object in it.", show_default=False),
 ]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
 
 
 def place(
     scene: SceneArgument,
     specs: SpecsOption,
-    seed: SeedOption = 0,
+    seed: PlacementSeedOption = 0,
     attempts: AttemptsOption = 500,
-    deadline: DeadlineOption = None,
+    deadline: _DeadlineOption = None,
     candidates: CandidatesOption = 3,
     criterion: CriterionOption = "least",
     on: OnOption = "any",
     robust: RobustOption = False,
     refining: RefiningOption = False,
-    planner: PlannerOption = "poise",
+    planner: PlannerOption = DEFAULT_PLANNER,
     orders: OrdersOption = 1,
     keep_free: KeepFreeOption = None,
     output: OutputOption = None,
@@ -111,8 +108,8 @@ def place(
     options = Options(
         attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining, looks=looks
     )
-    find = find_planner(planner)
-    if len(items) > 1 and planner != "poise":
+    chosen = PLACEMENT_PLANNERS.find(planner)
+    if len(items) > 1 and not chosen.sequences:
         raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
     people = console(json_target)
     try:
@@ -120,7 +117,7 @@ def place(
             if len(items) > 1:
                 found: Placement | PlacementSequence = plan_sequence(analysis, items, options, seed, orders, tell)
             else:
-                found = find(analysis, items[0], options, seed, tell)
+                found = chosen.plan(analysis, items[0], options, seed, tell)
     except NoAnswerError as error:
         write_json(json_target, failure_of(error))
         raise
@@ -130,7 +127,7 @@ def place(
     say(people, found)
 
 
-def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, Look], ...]:
+def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, PoseTest], ...]:
     """For `Options.looks`: the room that the option names stays free."""
     if keep_free is None:
         return ()
@@ -138,12 +135,12 @@ def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, Look], ...
 
 
 @contextmanager
-def watching(people: Console, attempts: int) -> Iterator[Callable[[Progress], bool]]:
+def watching(people: Console, attempts: int) -> Iterator[Callable[[PlacementProgress], bool]]:
     """A line that says how far the search is."""
     with Bar(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=people) as bar:
         task = bar.add_task("looking", total=None)
 
-        def tell(progress: Progress) -> bool:
+        def tell(progress: PlacementProgress) -> bool:
             found = "" if progress.best is None else ", one that stays is found"
             bar.update(task, description=f"pose {progress.iteration} of up to {attempts}{found}")
             return True
@@ -159,7 +156,7 @@ def say(people: Console, found: Placement | PlacementSequence) -> None:
         turn = f"{number + 1}. " if len(placements) > 1 else ""
         where = f"x {x:.4f} y {y:.4f} z {z:.4f} m, quaternion {np.round(quaternion, 4).tolist()}"
         people.print(f"{turn}{placement.item.id} stays at {where}")
-    people.print(f"least robustness of the assembly then: {found.merit.least:.3g} N")
+    people.print(f"least robustness of the assembly then: {found.score.least:.3g} N")
     counts = sum((Counter(placement.rejected) for placement in placements), Counter[str]())
     rejected = ", ".join(f"{count} {why}" for why, count in counts.most_common())
     tested = sum(placement.iterations for placement in placements)
@@ -173,15 +170,15 @@ def failure_of(error: NoAnswerError) -> dict[str, Any]:
 
 def content_of(found: Placement) -> dict[str, Any]:
     """The answer for programs."""
-    return _one(found) | {"robustness": number_for_json(found.merit.least), "volume": found.merit.volume}
+    return _one(found) | {"robustness": number_for_json(found.score.least), "volume": found.score.volume}
 
 
 def _sequence_content(found: PlacementSequence) -> dict[str, Any]:
     return {
         "order": list(found.order),
         "placements": [{"id": one.item.id} | _one(one) for one in found.placements],
-        "robustness": number_for_json(found.merit.least),
-        "volume": found.merit.volume,
+        "robustness": number_for_json(found.score.least),
+        "volume": found.score.volume,
         "iterations": sum(one.iterations for one in found.placements),
         "seconds": found.seconds,
     }
@@ -207,7 +204,7 @@ def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObje
     if "{" not in spec and ":" not in spec:
         folder = path.parent
         try:
-            if path.stat().st_size > MOST_BYTES:
+            if path.stat().st_size > _MOST_BYTES:
                 raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: too large for one object entry")
             text = path.read_text(encoding="utf-8")
         except OSError as error:

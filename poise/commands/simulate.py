@@ -1,4 +1,4 @@
-"""`poise simulate`: the simulation, with what a diagnosis added to it, run along a recorded or a planned motion."""
+"""`poise simulate`: the simulation with the effects of a diagnosis, along a recorded or a planned motion."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,14 +11,14 @@ from rich.table import Table
 
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.application import Run, run_planned, run_recorded
-from poise.mismatch.reading import NominalModel, absent, effect_of, load_model, read_world
+from poise.mismatch.application import SimulatedRun, run_planned, run_recorded
+from poise.mismatch.reading import NominalModel, absent, effect_of, load_model, read_recording
+from poise.mismatch.recorded import WRENCH_CHANNELS
 from poise.recording import open_recording, rewrite_recording, write_recording
 from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import read_trajectory
 
-PLANNED = (".csv", ".yaml", ".yml")
-CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+_PLANNED = (".csv", ".yaml", ".yml")
 
 
 def simulate(
@@ -33,7 +33,7 @@ def simulate(
         typer.Option(
             "--motion",
             metavar="FILE",
-            help="A recording whose motion is run again, or a trajectory (.csv, .yaml; see docs/fake_robots.md).",
+            help="A recording whose motion is repeated, or a trajectory (.csv, .yaml; see docs/fake_robots.md).",
             show_default=False,
         ),
     ],
@@ -53,10 +53,10 @@ def simulate(
 ) -> None:
     """Simulate the sensor and the joints along a motion and write a recording.
 
-    With a model that `poise mismatch --save` wrote, the effects that were found act: the recording made here is then
-    what the diagnosis expects, and holding it against the plain model finds them again. Of a recording the wrench is
-    replaced, and joint efforts where it holds some; everything else stays as it was. Along a trajectory wrench (100
-    Hz), joint states with efforts (125 Hz) and robot_description are written.
+    With a model that `poise mismatch --save` wrote, the effects that were found act: the simulated recording is what
+    the diagnosis expects, and its comparison with the plain model finds them again. In a recording the wrench and
+    measured joint efforts are replaced; all other topics are unchanged. Along a trajectory, wrench (100 Hz), joint
+    states with efforts (125 Hz) and robot_description are written.
 
     Example:  poise simulate augmented.yaml --motion run.mcap --out expected.mcap --json -
 
@@ -65,25 +65,29 @@ def simulate(
     refuse_folder(json_target, "--json")
     known = load_model(model)
     rng = np.random.default_rng(seed) if noise else None
-    run = _planned if motion.suffix in PLANNED else _recorded
+    run = _planned if motion.suffix in _PLANNED else _recorded
     made = run(known, motion, out, urdf, rng)
     content = summary(made, known, out, noise)
     write_json(json_target, content)
     print_summary(console(json_target), content)
 
 
-def _recorded(known: NominalModel, motion: Path, out: Path, urdf: Path | None, rng: np.random.Generator | None) -> Run:
+def _recorded(
+    known: NominalModel, motion: Path, out: Path, urdf: Path | None, rng: np.random.Generator | None
+) -> SimulatedRun:
     if urdf is not None:
         raise InputError(ErrorCode.BAD_INPUT, "--urdf is for a trajectory; for a recording put `urdf:` into the model")
     recording = open_recording(motion)
-    reading = read_world(recording, known)
-    joints = None if reading.world.effort is None else recording.joint_states()
-    made = run_recorded(reading.world, joints, reading.model, rng)
+    reading = read_recording(recording, known)
+    joints = None if reading.recorded.effort is None else recording.joint_states()
+    made = run_recorded(reading.recorded, joints, reading.model, rng)
     rewrite_recording(recording, out, made.streams)
     return made
 
 
-def _planned(known: NominalModel, motion: Path, out: Path, urdf: Path | None, rng: np.random.Generator | None) -> Run:
+def _planned(
+    known: NominalModel, motion: Path, out: Path, urdf: Path | None, rng: np.random.Generator | None
+) -> SimulatedRun:
     source = urdf or known.urdf
     if source is None:
         raise InputError(ErrorCode.BAD_INPUT, f"the trajectory {motion} needs a robot: give --urdf, or urdf: in MODEL")
@@ -97,9 +101,9 @@ def _metadata(known: NominalModel) -> dict[str, dict[str, str]]:
     return {} if known.gravity is None else {"poise": {"gravity": repr(known.gravity)}}
 
 
-def summary(made: Run, known: NominalModel, out: Path, noisy: bool) -> dict[str, Any]:
-    """What was written: SI units; sizes are of the whole difference that an effect makes."""
-    world = made.world
+def summary(made: SimulatedRun, known: NominalModel, out: Path, noisy: bool) -> dict[str, Any]:
+    """The summary of what was written, in SI units; sizes are of an effect's whole response."""
+    recorded = made.recorded
     effects = []
     for component in known.effects:
         effect = effect_of(component)
@@ -120,13 +124,13 @@ def summary(made: Run, known: NominalModel, out: Path, noisy: bool) -> dict[str,
     wrench = made.wrench.wrench_in_sensor
     return {
         "out": str(out),
-        "duration": world.duration,
+        "duration": recorded.duration,
         "wrenches": len(made.wrench),
         "frame_id": made.wrench.frame_id,
-        "mass": float(world.phi[0]),
+        "mass": float(recorded.phi[0]),
         "noise": noisy,
-        "efforts": [] if world.effort is None else list(world.effort.names),
-        "rms": dict(zip(CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
+        "efforts": [] if recorded.effort is None else list(recorded.effort.names),
+        "rms": dict(zip(WRENCH_CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
         "effects": effects,
     }
 

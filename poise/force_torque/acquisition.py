@@ -1,4 +1,4 @@
-"""One thread that reads a device and hands on averages, batches and reports; it connects, and connects again."""
+"""One thread that reads a device, delivers averages, batches and reports, and reconnects."""
 
 import threading
 import time
@@ -12,33 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, PoiseError, SensorError
-from poise.force_torque.batch import Batch, Batcher
+from poise.force_torque.batch import Batcher, SampleBatch
 from poise.force_torque.bias import MAX_DRIFT, Bias, BiasJob
 from poise.force_torque.clock import SampleClock
 from poise.force_torque.connection import Backoff
-from poise.force_torque.decimation import BlockAverager, Blocks, Stamped, block_size
-from poise.force_torque.health import Health, Report
-from poise.force_torque.link import Link
-from poise.force_torque.samples import Samples
+from poise.force_torque.decimation import BlockAverager, BlockAverages, Stamped, block_size
+from poise.force_torque.health import Health, StreamReport
 from poise.force_torque.sequence import SequenceCounter
+from poise.force_torque.wire import Link, SensorSamples
 from poise.types import Array
 
-LONGEST_WAIT = 0.05
+_LONGEST_WAIT = 0.05
 """s of one read at the most: how soon a stop is heeded."""
-REPORT_PERIOD = 1.0
+_REPORT_PERIOD = 1.0
 """s between reports while nothing changes."""
 
 
 class Sink(Protocol):
     """Where the acquisition delivers; called from its thread."""
 
-    def blocks(self, blocks: Blocks) -> None:
+    def blocks(self, blocks: BlockAverages) -> None:
         """Averages to publish, one or more."""
 
-    def batch(self, batch: Batch) -> None:
-        """Samples to publish together."""
+    def batch(self, batch: SampleBatch) -> None:
+        """SensorSamples to publish together."""
 
-    def report(self, report: Report) -> None:
+    def report(self, report: StreamReport) -> None:
         """The condition changed, or a second has passed."""
 
 
@@ -96,7 +95,7 @@ class Acquisition:
         self._rate_from = (0, time.monotonic())
         self._withheld = 0
         self._reported_kind = ""
-        self._reported_at = -REPORT_PERIOD
+        self._reported_at = -_REPORT_PERIOD
 
     def start(self) -> None:
         """Begin; returns at once, whether a device is there or not."""
@@ -111,13 +110,13 @@ class Acquisition:
                 self._job.fail(SensorError(ErrorCode.CANCELLED, "the driver was stopped"))
         return not self._thread.is_alive()
 
-    def report(self) -> Report:
+    def report(self) -> StreamReport:
         """How things are now."""
         with self._lock:
             now = time.monotonic()
             status_text = self._link.describe(self._health.status)
             counter = self._counter
-            return Report(
+            return StreamReport(
                 condition=self._health.condition(now, status_text),
                 device=self._link.name,
                 received=counter.received,
@@ -154,7 +153,7 @@ class Acquisition:
                 self._bias = bias.wrench_in_sensor
             return bias
         self._orders.put(self._zero_device)
-        self._stopping.wait(2 * LONGEST_WAIT)  # until samples from before it are gone
+        self._stopping.wait(2 * _LONGEST_WAIT)  # until samples from before it are gone
         after = self._collect(count, deadline)
         if np.any(np.abs(after.wrench_in_sensor) > MAX_DRIFT):
             raise SensorError(
@@ -197,7 +196,7 @@ class Acquisition:
         self._link.close()
 
     def _guard(self, act: Callable[[], None]) -> None:
-        """Let a fault of ours, or of the sink, show in the reports and not end the stream."""
+        """Report an exception of this code or of the sink, and go on with the stream."""
         try:
             act()
         except Exception as error:
@@ -211,7 +210,7 @@ class Acquisition:
             self._connect()
         now = time.monotonic()
         due = self._options.silence - (self._health.age(now) or 0.0) if connected else self._next_start - now
-        samples = self._read(min(LONGEST_WAIT, max(0.0, due)))
+        samples = self._read(min(_LONGEST_WAIT, max(0.0, due)))
         if samples is None:
             self._health.check(time.monotonic())
             return
@@ -219,7 +218,7 @@ class Acquisition:
             self._backoff.reset()
         self._deliver(*self._digest(samples))
 
-    def _deliver(self, blocks: Blocks, batch: Batch | None) -> None:
+    def _deliver(self, blocks: BlockAverages, batch: SampleBatch | None) -> None:
         if len(blocks):
             self._sink.blocks(blocks)
         if batch is not None:
@@ -246,7 +245,7 @@ class Acquisition:
                     self._averager = BlockAverager(block_size(rate, self._options.publish_rate))
         self._next_start = time.monotonic() + self._backoff.next()
 
-    def _read(self, timeout: float) -> Samples | None:
+    def _read(self, timeout: float) -> SensorSamples | None:
         if not self._is_open:
             self._stopping.wait(timeout)
             return None
@@ -276,7 +275,7 @@ class Acquisition:
             self._health.failed(known)
         self._stopping.wait(0.001)
 
-    def _digest(self, samples: Samples) -> tuple[Blocks, Batch | None]:
+    def _digest(self, samples: SensorSamples) -> tuple[BlockAverages, SampleBatch | None]:
         with self._lock:
             now = time.monotonic()
             counter, before = self._counter, (self._counter.lost, self._counter.restarts)
@@ -285,7 +284,7 @@ class Acquisition:
             if counter.lost > before[0]:
                 self._health.note("losing", f"{counter.lost} of {counter.lost + counter.received} samples lost", now)
             if counter.restarts > before[1]:
-                self._health.note("restarted", "the device began its count anew", now)
+                self._health.note("restarted", "the device restarted its count", now)
                 self._averager.clear()
                 if self._clock is not None:
                     self._clock.restart()
@@ -297,7 +296,7 @@ class Acquisition:
             batch = self._batcher.push(samples, stamped, counter, self._clock)
             return self._publishable(self._averager.push(stamped)), batch
 
-    def _stamp(self, samples: Samples, position: NDArray[np.int64]) -> Stamped:
+    def _stamp(self, samples: SensorSamples, position: NDArray[np.int64]) -> Stamped:
         if self._clock is None:
             stamps = np.full(len(samples), samples.arrival, dtype=np.int64)
         elif len(samples):
@@ -308,7 +307,7 @@ class Acquisition:
         wrench = samples.wrench_in_sensor - self._bias
         return Stamped(position, stamps, wrench, samples.saturated, samples.faulty)
 
-    def _publishable(self, blocks: Blocks) -> Blocks:
+    def _publishable(self, blocks: BlockAverages) -> BlockAverages:
         """Leave out what is no measurement."""
         bad = blocks.faulty | (blocks.saturated & (not self._options.publish_saturated))
         if self._health.is_stalled:
@@ -322,10 +321,10 @@ class Acquisition:
         with self._lock:
             now = time.monotonic()
             count, since = self._rate_from
-            if now - since >= REPORT_PERIOD:
+            if now - since >= _REPORT_PERIOD:
                 self._rate = (self._counter.received - count) / (now - since)
                 self._rate_from = (self._counter.received, now)
             kind = self._health.condition(now, "").kind
-        if kind != self._reported_kind or now - self._reported_at >= REPORT_PERIOD:
+        if kind != self._reported_kind or now - self._reported_at >= _REPORT_PERIOD:
             self._reported_kind, self._reported_at = kind, now
             self._sink.report(self.report())

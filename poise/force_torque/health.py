@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from poise.errors import ErrorCode, PoiseError
-from poise.force_torque.samples import Samples
+from poise.force_torque.wire import SensorSamples
 
 HOLD = 1.0
 """s for which a passing fault stays visible after it was last seen."""
-GRACE = 1.0
+FIRST_SAMPLE_GRACE = 1.0
 """s after activation within which a missing first sample is no error yet."""
 
 
@@ -42,7 +42,7 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Report:
+class StreamReport:
     """A frozen picture for diagnostics; counts are since activation.
 
     Attributes:
@@ -124,7 +124,7 @@ class Health:
         """A passing fault was seen: it shows for HOLD."""
         self._seen[kind] = (now, text)
 
-    def take(self, samples: Samples, now: float) -> None:
+    def take(self, samples: SensorSamples, now: float) -> None:
         """Note a read."""
         self.check(now)
         if samples.rejected:
@@ -167,7 +167,7 @@ class Health:
         if self._last_sample is not None:
             text = f"no sample for {now - self._last_sample:.2f} s; trying again{why}"
             return Condition("silent", Severity.ERROR, ErrorCode.SENSOR_STALE, text)
-        if self._error is None and now - self._began <= GRACE:
+        if self._error is None and now - self._began <= FIRST_SAMPLE_GRACE:
             return Condition("connecting", Severity.WARN, ErrorCode.OK, "waiting for the first sample")
         code = self._error.code if self._error else ErrorCode.SENSOR_UNREACHABLE
         text = self._error.message if self._error else "no sample since activation: check address, port, cable, power"

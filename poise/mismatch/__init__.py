@@ -11,6 +11,15 @@ Rooms, from the ground up; arrows between them run upwards only:
 """
 
 from poise.mismatch.answer import Diagnosis, diagnose
-from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, parse_model, read_world
+from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, parse_model, read_recording
 
-__all__ = ["Diagnosis", "NominalModel", "diagnose", "dump_model", "joined", "load_model", "parse_model", "read_world"]
+__all__ = [
+    "Diagnosis",
+    "NominalModel",
+    "diagnose",
+    "dump_model",
+    "joined",
+    "load_model",
+    "parse_model",
+    "read_recording",
+]

@@ -4,6 +4,8 @@
 - `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
 - `splines`, `differentiation`: positions or rotations -> velocities and accelerations with their noise.
+- `resampled`, `regular_clock`: positions and their derivatives at other times, by splines that suit each moment, with
+  the jitter of a regular clock removed; `odometry`: the motion of a base.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
 - `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
   recording; `imu`, `live_imu` take accelerations from an IMU.
@@ -12,7 +14,7 @@
 """
 
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
-from poise.robot.hand_frames import HandFrames
+from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
 from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
 from poise.robot.live_imu import LAG_STEP, LONGEST_DELAY, LiveImu
@@ -28,13 +30,15 @@ from poise.robot.motion_buffers import (
     SmoothedMotion,
     StaticPoseBuffer,
 )
+from poise.robot.odometry import base_motion_at
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
+from poise.robot.regular_clock import regular_clock
+from poise.robot.resampled import ResampledSignal, resample, sampling_times
 from poise.robot.scatter import scatter
 from poise.robot.shared_buffers import SharedBuffers
-from poise.robot.sliding import SlidingDifferentiator
-from poise.robot.sources import FrameSource, JointSource, MotionSource, went_back
-from poise.robot.splines import Grid, SplineFit
-from poise.robot.stamped_buffer import StampedBuffer
+from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
+from poise.robot.splines import Design, Grid, SplineFit
+from poise.robot.stamped_buffer import StampedBuffer, went_back
 from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
@@ -44,9 +48,10 @@ __all__ = [
     "USED",
     "BaseMotion",
     "Derivatives",
+    "Design",
     "FrameSource",
+    "FrameTree",
     "Grid",
-    "HandFrames",
     "Imu",
     "ImuSource",
     "JointSource",
@@ -55,17 +60,20 @@ __all__ = [
     "MeasuredMotion",
     "MotionBuffer",
     "MotionSource",
+    "Mounting",
     "PairingSettings",
     "Reasons",
+    "ResampledSignal",
     "RobotModel",
     "RotationDerivatives",
     "SensorMotion",
     "SharedBuffers",
-    "SlidingDifferentiator",
     "SmoothedMotion",
     "SplineFit",
     "StampedBuffer",
+    "StampedPoses",
     "StaticPoseBuffer",
+    "base_motion_at",
     "differentiate",
     "differentiate_rotations",
     "find_imu",
@@ -82,6 +90,9 @@ __all__ = [
     "phi_of",
     "pinocchio_state",
     "read_urdf",
+    "regular_clock",
+    "resample",
+    "sampling_times",
     "scatter",
     "sensor_motion",
     "went_back",

@@ -174,8 +174,11 @@ def phi_of(inertia: pin.Inertia) -> Array:
 
 
 def inertia_of(phi: ArrayLike) -> pin.Inertia:
-    """The pinocchio inertia of (10,) parameters in Poise's order about the frame's origin."""
-    return pin.Inertia.FromDynamicParameters(np.asarray(phi, dtype=np.float64)[[0, 1, 2, 3, 4, 5, 7, 6, 8, 9]])
+    """The pinocchio inertia of (10,) parameters in Poise's order about the frame's origin; zero without mass."""
+    values = np.asarray(phi, dtype=np.float64)
+    return (
+        pin.Inertia.FromDynamicParameters(values[[0, 1, 2, 3, 4, 5, 7, 6, 8, 9]]) if values[0] else pin.Inertia.Zero()
+    )
 
 
 def _build(tree: UrdfTree, base: str) -> pin.Model:

@@ -8,6 +8,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.recording import PoseStream, Recording
 from poise.robot.model import RobotModel
+from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.sources import FrameSource, JointSource, MotionSource
 from poise.types import Stamps
 
@@ -90,20 +91,8 @@ def _joint_kinematics(recording: Recording, model: RobotModel) -> Kinematics:
 def _frame_kinematics(recording: Recording, sensor_frame: str, base_frame: str | None) -> Kinematics:
     """Every transform from the sensor up to the base."""
     source = FrameSource(sensor_frame, base_frame)
-    streams: list[PoseStream] = []
-    frame = sensor_frame
-    while frame != base_frame:
-        try:
-            stream = recording.poses(frame)
-        except InputError as error:
-            if error.code is ErrorCode.FRAME_UNKNOWN and streams and base_frame is None:
-                break  # the top of the tree
-            raise
-        if any(stream.parent in (frame, other.child) for other in streams):
-            raise InputError(ErrorCode.FRAME_UNKNOWN, f"{recording.path}: tf goes round in a circle at {stream.parent}")
-        streams.append(stream)
-        frame = stream.parent
-    still = [_is_constant(stream) for stream in streams]
+    streams = frames_above(recording, sensor_frame, base_frame, strict=True)
+    still = [is_constant(stream) for stream in streams]
     if all(still):  # then all is rest, which the samples of the first one may say
         still[0] = False
     parts: list[tuple[Stamps, Callable[[slice], None]]] = []
@@ -114,11 +103,6 @@ def _frame_kinematics(recording: Recording, sensor_frame: str, base_frame: str |
         else:
             parts.append((stream.stamps, add))
     return Kinematics(source, parts, any(np.any(stream.translation_parent_child) for stream in streams))
-
-
-def _is_constant(stream: PoseStream) -> bool:
-    rotation, translation = stream.rotation_parent_child, stream.translation_parent_child
-    return bool(np.all(rotation == rotation[:1]) and np.all(translation == translation[:1]))
 
 
 def _adder(source: FrameSource, stream: PoseStream, fixed: bool) -> Callable[[slice], None]:

@@ -8,30 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.recording.alignment import interpolate, interpolate_rotations
+from poise.geometry import Pose
+from poise.robot.frame_tree import FrameTree
 from poise.robot.kinematics import frame_poses
 from poise.robot.measured import MeasuredMotion, motion_from_joints, motion_from_poses
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
-from poise.robot.stamped_buffer import StampedBuffer
-from poise.types import Array, Stamps
-
-JUMP = 500_000_000
-"""ns; stamps that go back by more are no late messages: the clock was set, or a recording started over."""
-
-
-def went_back(stamps: Stamps, newest: int | None) -> bool:
-    """New stamps (N,) lie so far before the newest one known that the clock must have been set back."""
-    return newest is not None and bool(len(stamps)) and int(stamps[0]) < newest - JUMP
+from poise.robot.stamped_buffer import StampedBuffer, went_back
+from poise.types import Stamps
 
 
 @dataclass(frozen=True, eq=False)
-class Poses:
-    """Poses of the sensor in a gravity-aligned frame: (N,) ns, (N, 3, 3), (N, 3) m."""
+class StampedPoses(Pose):
+    """Poses (N) of the sensor in a gravity-aligned frame, and their stamps (N,) ns."""
 
     stamps: Stamps
-    rotation: Array
-    translation: Array
 
 
 class MotionSource(Protocol):
@@ -48,11 +39,11 @@ class MotionSource(Protocol):
     def stamps(self, begin: int, end: int) -> Stamps:
         """Those of the samples."""
 
-    def poses(self, begin: int, end: int) -> Poses:
+    def poses(self, begin: int, end: int) -> StampedPoses:
         """As sampled, not smoothed."""
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
-        """Smoothed, with rates; the samples for which there are any.
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
+        """Smoothed, with rates; the samples for which there are any. Samples up to `margin` ns outside take part.
 
         Raises:
             InputError: TOO_FEW_SAMPLES.
@@ -64,8 +55,9 @@ class MotionSource(Protocol):
     def clear(self) -> None:
         """Drop all samples: time has jumped."""
 
-    jumps: int
-    """How often the stamps went back by more than messages can be late."""
+    @property
+    def jumps(self) -> int:
+        """How often the stamps went back by more than messages can be late."""
 
 
 class JointSource:
@@ -135,18 +127,20 @@ class JointSource:
     def stamps(self, begin: int, end: int) -> Stamps:
         return self._buffer.between(begin, end)[0]
 
-    def poses(self, begin: int, end: int) -> Poses:
+    def poses(self, begin: int, end: int) -> StampedPoses:
         stamps, rows = self._buffer.between(begin, end)
-        return Poses(stamps, *frame_poses(self.model, np.hsplit(rows, 2)[0]))
+        return StampedPoses(*frame_poses(self.model, np.hsplit(rows, 2)[0]), stamps)
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
-        return self.measured(begin, end).motion
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
+        return self.measured(begin, end, margin, errors=False).motion
 
-    def measured(self, begin: int, end: int) -> MeasuredMotion:
-        """The same with its uncertainty."""
-        stamps, rows = self._buffer.between(begin, end)
+    def measured(self, begin: int, end: int, margin: int = 0, errors: bool = True) -> MeasuredMotion:
+        """The motion with its uncertainty; NaN without `errors`."""
+        stamps, rows = self._buffer.between(begin - margin, end + margin)
         position, velocity = np.hsplit(rows, 2)
-        return motion_from_joints(self.model, stamps, self.model.joint_names, position, velocity)
+        return motion_from_joints(
+            self.model, stamps, self.model.joint_names, position, velocity, within=(begin, end), errors=errors
+        )
 
     def forget_before(self, stamp: int) -> None:
         self._buffer.forget_before(stamp)
@@ -160,141 +154,74 @@ class FrameSource:
 
     Args:
         sensor_frame: the frame that is measured in.
-        base_frame: the gravity-aligned frame; None: the topmost that tf tells of.
+        base_frame: the gravity-aligned frame; None: the topmost in tf.
         max_gap: s between samples of a transform across which it is not interpolated.
     """
 
     def __init__(self, sensor_frame: str, base_frame: str | None = None, max_gap: float = 0.2) -> None:
         self.sensor_frame = sensor_frame
         self.base_frame = base_frame
-        self.max_gap = max_gap
-        self.not_finite = 0
-        """Transforms that are no rigid motion, or not finite."""
-        self.jumps = 0
-        self._parents: dict[str, str] = {}
-        self._moving: dict[str, StampedBuffer] = {}
-        self._fixed: dict[str, Array] = {}
-        self._has_positions = False
+        self.tree = FrameTree(max_gap=max_gap)
+        self.extend = self.tree.add
+        """Adds transforms, see `FrameTree.add`."""
 
     @property
     def words(self) -> str:
-        chain = self._chain()
-        top = self._parents[chain[0]] if chain else self.base_frame or "?"
-        lack = "" if self._has_positions else "; attitudes only: linear accelerations are taken as zero"
-        return f"tf ({top} to {self.sensor_frame}{lack})"
-
-    def extend(
-        self,
-        stamps: ArrayLike,
-        parent: str,
-        child: str,
-        rotation: ArrayLike,
-        translation: ArrayLike,
-        *,
-        fixed: bool = False,
-    ) -> bool:
-        """Add transforms, x_parent = rotation @ x_child + translation; what is no rigid motion is counted and left out.
-
-        Args:
-            stamps: (N,) int64 ns.
-            parent, child: frames.
-            rotation: (N, 3, 3).
-            translation: (N, 3) m.
-            fixed: they come from tf_static; the last one holds for all times.
-
-        Returns:
-            Whether any of them is used.
-
-        Raises:
-            InputError: FRAME_UNKNOWN when a frame changes its parent.
-        """
-        if self._parents.setdefault(child, parent) != parent:
-            raise InputError(
-                ErrorCode.FRAME_UNKNOWN,
-                f"tf: frame {child} hangs on {self._parents[child]} and now on {parent}: only one of them may publish",
-            )
-        times, turns = np.asarray(stamps, dtype=np.int64), np.asarray(rotation, dtype=np.float64)
-        rows = np.hstack([turns.reshape(-1, 9), np.asarray(translation, dtype=np.float64).reshape(-1, 3)])
-        unit = np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2)) < 1e-3  # false for NaN
-        good = unit & np.isfinite(rows).all(axis=1)
-        self.not_finite += int(np.count_nonzero(~good))
-        if not good.any():
-            return False
-        self._has_positions |= bool(np.any(rows[good, 9:] != 0))
-        if fixed:
-            self._fixed[child] = rows[good][-1]
-            return True
-        buffer = self._moving.setdefault(child, StampedBuffer(12))
-        if went_back(times[good], buffer.newest):
-            self.jumps += 1
-            self.clear()
-        buffer.extend(times[good], rows[good])
-        return True
+        lack = "" if self.has_positions else "; attitudes only: linear accelerations are taken as zero"
+        return f"tf ({self._top} to {self.sensor_frame}{lack})"
 
     @property
-    def known_frames(self) -> tuple[str, ...]:
-        """Every child that was told of."""
-        return tuple(self._parents)
+    def not_finite(self) -> int:
+        """Transforms that are not a rigid motion, or not finite."""
+        return self.tree.not_finite
 
     @property
-    def newest(self) -> int | None:
-        ends = [self._moving[child].newest for child in self._chain() if child in self._moving]
-        known = [end for end in ends if end is not None]
-        return min(known) if known and len(known) == len(ends) else None
-
-    def stamps(self, begin: int, end: int) -> Stamps:
-        # Those of the moving transform next to the sensor.
-        moving = [self._moving[child] for child in self._chain() if child in self._moving]
-        return moving[-1].between(begin, end)[0] if moving else np.zeros(0, dtype=np.int64)
-
-    def poses(self, begin: int, end: int) -> Poses:
-        stamps = self.stamps(begin, end)
-        rotation, translation = np.tile(np.eye(3), (len(stamps), 1, 1)), np.zeros((len(stamps), 3))
-        valid = np.ones(len(stamps), dtype=bool)
-        for child in self._chain():
-            if child in self._moving:
-                known, rows = self._moving[child].stamps, self._moving[child].rows
-                turns = interpolate_rotations(known, rows[:, :9], stamps, max_gap=self.max_gap)
-                turn, valid = turns.values, valid & turns.found
-                shift = interpolate(known, rows[:, 9:], stamps, max_gap=self.max_gap).values
-            else:
-                turn, shift = self._fixed[child][:9].reshape(3, 3), self._fixed[child][9:]
-            translation = translation + np.einsum("nij,nj->ni", rotation, np.broadcast_to(shift, translation.shape))
-            rotation = rotation @ turn
-        return Poses(stamps[valid], rotation[valid], translation[valid])
+    def jumps(self) -> int:
+        return self.tree.jumps
 
     @property
     def has_positions(self) -> bool:
         """Some transform has a translation; without any only attitudes were recorded."""
-        return self._has_positions
+        return self.tree.has_positions
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
-        return self.measured(begin, end).motion
+    @property
+    def newest(self) -> int | None:
+        return self.tree.newest(self._path)
 
-    def measured(self, begin: int, end: int) -> MeasuredMotion:
-        """The same with its uncertainty."""
-        poses = self.poses(begin, end)
-        return motion_from_poses(poses.stamps, poses.rotation, poses.translation)
+    def stamps(self, begin: int, end: int) -> Stamps:
+        # Those of the moving transform next to the sensor.
+        return self.tree.stamps(self._path, begin, end)
+
+    def poses(self, begin: int, end: int) -> StampedPoses:
+        stamps = self.stamps(begin, end)
+        reference = self._top if len(stamps) else self.sensor_frame
+        pose, known = self.tree.poses(self.sensor_frame, reference, stamps)
+        return StampedPoses(pose.rotation[known], pose.translation[known], stamps[known])
+
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
+        return self.measured(begin, end, margin).motion
+
+    def measured(self, begin: int, end: int, margin: int = 0) -> MeasuredMotion:
+        """The motion with its uncertainty."""
+        poses = self.poses(begin - margin, end + margin)
+        return motion_from_poses(poses.stamps, poses.rotation, poses.translation, within=(begin, end))
 
     def forget_before(self, stamp: int) -> None:
-        for buffer in self._moving.values():
-            buffer.forget_before(stamp)
+        self.tree.forget_before(stamp)
 
     def keep_last(self, seconds: float) -> None:
         """Of each transform, drop what is older than its newest by more."""
-        for buffer in self._moving.values():
-            if buffer.newest is not None:
-                buffer.forget_before(buffer.newest - round(seconds * 1e9))
+        self.tree.keep_last(seconds)
 
     def clear(self) -> None:
-        for buffer in self._moving.values():
-            buffer.clear()
+        self.tree.clear()
 
-    def _chain(self) -> list[str]:
-        """Children from the base down to the sensor; empty while they do not connect."""
-        chain: list[str] = []
-        frame = self.sensor_frame
-        while frame != self.base_frame and frame in self._parents and frame not in chain:
-            chain.append(frame)
-            frame = self._parents[frame]
-        return chain[::-1] if self.base_frame in (None, frame) else []
+    @property
+    def _path(self) -> list[str]:
+        """Frames below the base down to the sensor; empty while they do not connect."""
+        return self.tree.path(self.sensor_frame, self.base_frame)
+
+    @property
+    def _top(self) -> str:
+        """The gravity-aligned frame."""
+        return self.base_frame or self.tree.top(self.sensor_frame)

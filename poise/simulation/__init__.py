@@ -1,11 +1,12 @@
-"""The nominal world that recordings are compared with, and that fake robots live in.
+"""Ideal robots and their sensors: the reference for recordings, and the plant of fake robots.
 
-- `trajectories`: how joints are told to move.
+- `trajectories`: commanded motions of joints.
 - `world`: robot, payload and gravity -> joint efforts and the wrench on the sensor.
 - `noise`: what sensors add, as published.
 - `recorded`: all of it, as a bag would hold it.
 """
 
+from poise.simulation.ideal_robot import IdealRobot, Truth
 from poise.simulation.noise import WRENCH_NOISE, JointNoise, NoisyJoints, NoisyWrench, WrenchNoise, wrench_noise
 from poise.simulation.recorded import SimulatedRecording, record
 from poise.simulation.trajectories import (
@@ -18,11 +19,11 @@ from poise.simulation.trajectories import (
     home,
 )
 from poise.simulation.trajectory_files import read_trajectory
-from poise.simulation.world import Truth, World
 
 __all__ = [
     "WRENCH_NOISE",
     "FourierTrajectory",
+    "IdealRobot",
     "JointMotion",
     "JointNoise",
     "NoisyJoints",
@@ -32,7 +33,6 @@ __all__ = [
     "Trajectory",
     "Truth",
     "WaypointTrajectory",
-    "World",
     "WrenchNoise",
     "check_limits",
     "home",

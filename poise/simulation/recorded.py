@@ -1,13 +1,13 @@
-"""A simulated recording: what a bag would hold of a motion, with the sensors' noise."""
+"""A simulated recording: the streams of a motion, with the sensors' noise."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from poise.recording.streams import JointStream, WrenchStream
+from poise.recording import JointStream, WrenchStream
+from poise.simulation.ideal_robot import IdealRobot
 from poise.simulation.noise import JointNoise, NoisyJoints, NoisyWrench, WrenchNoise
 from poise.simulation.trajectories import Trajectory
-from poise.simulation.world import World
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class SimulatedRecording:
 
 
 def record(
-    world: World,
+    ideal: IdealRobot,
     trajectory: Trajectory,
     rng: np.random.Generator,
     wrench_noise: WrenchNoise | None = None,
@@ -29,27 +29,27 @@ def record(
     """Let the robot move along a trajectory and record it.
 
     Args:
-        world: robot, payload, gravity.
+        ideal: robot, payload, gravity.
         trajectory: of the model's joints.
-        rng: where chance comes from; the same one gives the same recording.
+        rng: source of randomness; equal seeds give equal recordings.
         wrench_noise, joint_noise: of the sensors; None: none.
         start: stamp of the first sample, ns.
 
     Raises:
-        InputError: as `World.simulate`.
+        InputError: as `IdealRobot.simulate`.
     """
     joint_rng, wrench_rng = rng.spawn(2)
     joints = NoisyJoints(joint_noise or JointNoise(), joint_rng)
     sensor = NoisyWrench(wrench_noise or WrenchNoise(), wrench_rng)
 
     taken = _times(trajectory.duration, joints.noise.rate)
-    truth = world.simulate(taken, trajectory.at(taken * np.float64(1e-9)))
+    truth = ideal.simulate(taken, trajectory.at(taken * np.float64(1e-9)))
     position, velocity, effort = joints.report(truth.joints.position, truth.joints.velocity, truth.effort)
-    joint_stream = JointStream(start + joints.stamps(taken), world.model.joint_names, position, velocity, effort)
+    joint_stream = JointStream(start + joints.stamps(taken), ideal.model.joint_names, position, velocity, effort)
 
     taken = _times(trajectory.duration, sensor.noise.rate)
-    wrench = world.simulate(taken, trajectory.at(taken * np.float64(1e-9))).wrench_in_sensor
-    wrench_stream = WrenchStream(start + sensor.stamps(taken), sensor.report(wrench), world.model.sensor_frame)
+    wrench = ideal.simulate(taken, trajectory.at(taken * np.float64(1e-9))).wrench_in_sensor
+    wrench_stream = WrenchStream(start + sensor.stamps(taken), sensor.report(wrench), ideal.model.sensor_frame)
     return SimulatedRecording(joint_stream, wrench_stream)
 
 

@@ -1,36 +1,36 @@
-"""The figures of a diagnosis: when, by how much, what was weighed against what, and what remains."""
+"""The figures of a diagnosis: residuals over time, evidence of the hypotheses, autocorrelations."""
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import FigureBase
 
-from poise.mismatch.answer import Examination, ResidualWindow
-from poise.mismatch.inference import Shape, spoken
+from poise.mismatch.answer import ResidualWindow, SignalDiagnosis
+from poise.mismatch.inference import DependenceCurve, state_description
 from poise.types import Array
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
-from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals
+from poise.viewing.mismatch_summary import ScaledResiduals, correlations, ladder, remaining, residuals
 
-WIDE = 1110
+_WIDE = 1110
 """Points: the width of a page."""
-WHOLE = 0.9
-"""Share of a recording from which a window is not shaded: it is all."""
-TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
+_WHOLE = 0.9
+"""Share of a recording from which a window is not shaded, as it covers nearly all."""
+_TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
 
 
-def marked(examination: Examination) -> tuple[ResidualWindow, ...]:
-    """The windows worth a mark: none where nothing was found."""
-    return examination.where if examination.findings or examination.unknown else ()
+def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
+    """The windows to mark: none when nothing was found."""
+    return examination.windows if examination.findings or examination.unknown else ()
 
 
-def _shaded(examination: Examination, left: Residuals) -> Array:
-    """(K, 2) s: windows, but for those that are nearly all of the recording."""
-    whole = WHOLE * float(left.seconds[-1] - left.seconds[0])
+def _shaded(examination: SignalDiagnosis, left: ScaledResiduals) -> Array:
+    """(K, 2) s: windows, except those that cover nearly all of the recording."""
+    whole = _WHOLE * float(left.seconds[-1] - left.seconds[0])
     spans = [(window.start, window.end) for window in marked(examination) if window.end - window.start < whole]
     return np.array(spans).reshape(-1, 2)
 
 
-def timeline_panel(examination: Examination, key: str) -> Panel:
-    """Size of the residual before and after, over time, beside the noise; windows marked, effects named above."""
+def timeline_panel(examination: SignalDiagnosis, key: str) -> Panel:
+    """Size of the residual before and after, over time, in units of the noise; windows marked, effects named above."""
     left = residuals(examination)
     before, after = left.size(left.before), left.size(left.after)
     bars = [(f.effect.name.replace("_", " "), f.windows) for f in examination.findings if f.windows]
@@ -57,11 +57,11 @@ def timeline_panel(examination: Examination, key: str) -> Panel:
         _mark_held(axes, left)
         _name_effects(axes, bars, left)
 
-    return Panel(key, alt, draw, (WIDE, height))
+    return Panel(key, alt, draw, (_WIDE, height))
 
 
-def _mark_held(axes: Axes, left: Residuals) -> None:
-    """A line under what was held out from the fits of the proof."""
+def _mark_held(axes: Axes, left: ScaledResiduals) -> None:
+    """A line under the samples that were held out from the fits of the proof."""
     if not left.held.any():
         return
     begin, end = left.seconds[left.held][[0, -1]]
@@ -72,7 +72,7 @@ def _mark_held(axes: Axes, left: Residuals) -> None:
     )  # fmt: skip
 
 
-def _name_effects(axes: Axes, bars: list[tuple[str, tuple[tuple[float, float], ...]]], left: Residuals) -> None:
+def _name_effects(axes: Axes, bars: list[tuple[str, tuple[tuple[float, float], ...]]], left: ScaledResiduals) -> None:
     """Above the axes, a bar with a name for the windows of each effect."""
     across = axes.get_xaxis_transform()
     points = axes.bbox.height * 72.0 / axes.figure.dpi
@@ -92,14 +92,14 @@ def _name_effects(axes: Axes, bars: list[tuple[str, tuple[tuple[float, float], .
             )  # fmt: skip
 
 
-def residual_panels(examination: Examination, key: str) -> list[Panel]:
+def residual_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
     """Residual of each channel before and after, with two sigma of the noise on both sides."""
     left = residuals(examination)
     panels = []
     for channel, (name, unit) in enumerate(zip(left.names, left.units, strict=True)):
         before, after, noise = (part[:, channel] for part in (left.before, left.after, left.noise))
         rms = [float(np.sqrt(np.mean(part**2))) for part in (before, after)]
-        title = f"{TITLES.get(name, name)}, {unit}"
+        title = f"{_TITLES.get(name, name)}, {unit}"
         alt = (
             f"Residual of {title}: {rms[0]:.3g} rms before, {rms[1]:.3g} after; "
             f"one sigma of the noise is {float(np.median(noise)):.2g}."
@@ -119,7 +119,7 @@ def residual_panels(examination: Examination, key: str) -> list[Panel]:
     return panels
 
 
-def ladder_panel(examination: Examination, key: str) -> Panel:
+def ladder_panel(examination: SignalDiagnosis, key: str) -> Panel:
     """Log evidence of the best hypotheses over the nominal model, the answer in colour."""
     rungs = ladder(examination)
     height = 46 + 22 * len(rungs)
@@ -154,8 +154,8 @@ def ladder_panel(examination: Examination, key: str) -> Panel:
     return Panel(key, alt, draw, (760, height))
 
 
-def correlation_panels(examination: Examination, key: str) -> list[Panel]:
-    """Autocorrelations of what remains, whitened, at one to twenty samples, with the bound that noise keeps to."""
+def correlation_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
+    """Autocorrelations of the whitened residual at one to twenty samples, with the bound of white noise."""
     white, verdicts = remaining(examination)
     values = correlations(white)
     bound = max(0.1, 3.5 / float(np.sqrt(len(white))))
@@ -165,7 +165,7 @@ def correlation_panels(examination: Examination, key: str) -> list[Panel]:
         alt = f"Autocorrelations of {name}: at most {verdict.strongest_correlation:.2f}; {verdict.verdict}."
 
         def draw(figure: FigureBase, series: Array = values[:, channel], name: str = name) -> None:
-            axes = add_axes(figure, TITLES.get(name, name), below="samples apart")
+            axes = add_axes(figure, _TITLES.get(name, name), below="samples apart")
             lags = np.arange(1, len(series) + 1)
             axes.axhspan(-bound, bound, color=PALETTE["grid"], linewidth=0, zorder=0.5)
             axes.axhline(0, color=PALETTE["muted"], linewidth=0.8)
@@ -178,15 +178,13 @@ def correlation_panels(examination: Examination, key: str) -> list[Panel]:
     return panels
 
 
-def shape_panel(shape: Shape, key: str) -> Panel:
+def shape_panel(shape: DependenceCurve, key: str) -> Panel:
     """The curve of an unknown dependence."""
-    what = spoken(shape.state)
-    alt = (
-        f"What was found of the unknown: {shape.channel} over {what}, {np.ptp(shape.response):.3g} {shape.unit} in all."
-    )
+    what = state_description(shape.state)
+    alt = f"The unknown dependence: {shape.channel} over {what}, {np.ptp(shape.response):.3g} {shape.unit} in all."
 
     def draw(figure: FigureBase) -> None:
-        title = f"{TITLES.get(shape.channel, shape.channel)}, {shape.unit}, over {what}"
+        title = f"{_TITLES.get(shape.channel, shape.channel)}, {shape.unit}, over {what}"
         axes = add_axes(figure, title, below="", left=0.08)
         axes.axhline(0, color=PALETTE["muted"], linewidth=0.8)
         axes.plot(shape.values, shape.response, color=PALETTE["accent"], linewidth=1.8, gid="series-Unknown")

@@ -1,4 +1,4 @@
-"""The HTML report of a diagnosis: where recording and simulation part, what was left out, and the proof."""
+"""The HTML report of a diagnosis: where recording and simulation differ, what is missing, and the proof."""
 
 import math
 import shlex
@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from poise.files import write_whole
-from poise.mismatch.answer import Diagnosis, Examination, Finding
+from poise.mismatch.answer import Diagnosis, NamedEffect, SignalDiagnosis
 from poise.viewing import mismatch_figures as figures
 from poise.viewing.mismatch_summary import headline, labelled, remaining, remarks, residuals
 from poise.viewing.page import drawn, making, origin, render_page
 from poise.viewing.wording import readable, rounded
 
-FILE_NAME = "mismatch.html"
-SIGNALS = {"wrench": "Wrench", "effort": "Joint efforts"}
+_FILE_NAME = "mismatch.html"
+_SIGNALS = {"wrench": "Wrench", "effort": "Joint efforts"}
 
 
 def write_mismatch_report(
@@ -31,30 +31,30 @@ def write_mismatch_report(
     command: str | None = None,
     now: datetime | None = None,
 ) -> Path:
-    """Write `mismatch.html`: the verdict, when and by how much, the evidence, the held-out proof, what remains.
+    """Write `mismatch.html`: the verdict, residuals over time, the evidence, the held-out proof, the remainder.
 
-    The file is self-contained and forbids itself the network; the same arguments give the same bytes.
+    The file is self-contained and loads nothing from the network; equal arguments give equal bytes.
 
     Args:
         directory: made when missing.
-        found: what `diagnose` says.
+        found: the result of `diagnose`.
         title: heading, any text.
         sources: paths or names of the recordings; of files, the SHA-256 is shown.
-        notes: what was said when they were read.
-        command: how it was made; default: this process's command line.
+        notes: sentences of the reading.
+        command: that made it; default: this process's command line.
         now: date shown; default: the current time.
 
     Returns:
         The file's path.
 
     Raises:
-        InputError: FILE_UNWRITABLE; an earlier report is then as it was.
+        InputError: FILE_UNWRITABLE; an earlier report is then unchanged.
     """
     command = shlex.join(sys.argv) if command is None else command
     now = datetime.now(UTC) if now is None else now
     provenance = [entry for source in sources for entry in origin(source)]
     page = render_mismatch(found, title, notes, [*provenance, *_model_lines(found), *making(command, now)])
-    return write_whole(Path(directory) / FILE_NAME, page.encode("utf-8"))
+    return write_whole(Path(directory) / _FILE_NAME, page.encode("utf-8"))
 
 
 def render_mismatch(found: Diagnosis, title: str, notes: Sequence[str], provenance: Sequence[tuple[str, str]]) -> str:
@@ -77,7 +77,7 @@ def render_mismatch(found: Diagnosis, title: str, notes: Sequence[str], provenan
     )
 
 
-def _signal(examination: Examination, index: int) -> dict[str, Any]:
+def _signal(examination: SignalDiagnosis, index: int) -> dict[str, Any]:
     """Pictures and tables of one signal."""
     key = f"{examination.problem.signal}{index}"
     left = residuals(examination)
@@ -85,7 +85,7 @@ def _signal(examination: Examination, index: int) -> dict[str, Any]:
     nominal, augmented, given = examination.proof.by_channel
     noise = np.median(left.noise, axis=0)
     return {
-        "name": SIGNALS[examination.problem.signal],
+        "name": _SIGNALS[examination.problem.signal],
         "timeline": drawn([figures.timeline_panel(examination, f"{key}-timeline")]),
         "residuals": drawn(figures.residual_panels(examination, f"{key}-residual")),
         "ladder": drawn([figures.ladder_panel(examination, f"{key}-ladder")]),
@@ -94,7 +94,7 @@ def _signal(examination: Examination, index: int) -> dict[str, Any]:
         "proof": examination.proof,
         "channels": [
             {
-                "name": figures.TITLES.get(name, name),
+                "name": figures._TITLES.get(name, name),
                 "unit": unit,
                 "given": given[c],
                 "nominal": nominal[c],
@@ -107,7 +107,7 @@ def _signal(examination: Examination, index: int) -> dict[str, Any]:
     }
 
 
-def _effect(finding: Finding) -> dict[str, Any]:
+def _effect(finding: NamedEffect) -> dict[str, Any]:
     """One effect in full."""
     rows = [
         (name.replace("_", " "), *rounded(number.value, number.std), number.unit)
@@ -135,12 +135,12 @@ def _unknown(found: Diagnosis) -> dict[str, Any] | None:
 
 
 def _model_lines(found: Diagnosis) -> list[tuple[str, str]]:
-    """What the recording was held against."""
+    """The nominal model of the comparison."""
     problem = found.main.problem
-    world, model = problem.world, problem.model
+    recorded, model = problem.recorded, problem.model
     held = ", ".join(component.name for component in model.effects) or "none"
-    span = f"{world.duration:.2f} s, {len(world)} wrenches"
-    mass = f"{world.phi[0]:.4g} kg" + (" (identified from the recording)" if model.payload_identified else "")
+    span = f"{recorded.duration:.2f} s, {len(recorded)} wrenches"
+    mass = f"{recorded.phi[0]:.4g} kg" + (" (identified from the recording)" if model.payload_identified else "")
     return [
         ("Recorded", span),
         ("Sensor frame", model.sensor_frame or "not said"),

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from poise.mismatch.answer import Diagnosis, Examination
+from poise.mismatch.answer import Diagnosis, SignalDiagnosis
 from poise.viewing.mismatch_summary import headline, remarks, residuals
 from poise.viewing.rerun_file import RerunFile
 from poise.viewing.wording import readable
 
-BEFORE, AFTER, NOISE = (163, 171, 182), (64, 128, 240), (120, 130, 140)
+_BEFORE, _AFTER, _NOISE = (163, 171, 182), (64, 128, 240), (120, 130, 140)
 
 
 def write_mismatch_scene(path: Path, found: Diagnosis) -> Path:
@@ -28,7 +28,7 @@ def write_mismatch_scene(path: Path, found: Diagnosis) -> Path:
     Raises:
         InputError: UNSUPPORTED when rerun-sdk is not installed, FILE_UNWRITABLE.
     """
-    scene = RerunFile("poise_mismatch", found.main.problem.world.start)
+    scene = RerunFile("poise_mismatch", found.main.problem.recorded.start)
     views: dict[str, list[str]] = {}
     for examination in found.examinations:
         views[examination.problem.signal] = _send(scene, examination)
@@ -41,16 +41,16 @@ def write_mismatch_scene(path: Path, found: Diagnosis) -> Path:
     return scene.write(path, _blueprint(views))
 
 
-def _send(scene: RerunFile, examination: Examination) -> list[str]:
+def _send(scene: RerunFile, examination: SignalDiagnosis) -> list[str]:
     """One signal's curves; the paths of its views."""
     signal, left = examination.problem.signal, residuals(examination)
     stamps = scene.origin + np.round(left.seconds * 1e9).astype(np.int64)
-    for name, part, colour in (("before", left.before, BEFORE), ("after", left.after, AFTER)):
+    for name, part, colour in (("before", left.before, _BEFORE), ("after", left.after, _AFTER)):
         scene.curve(f"{signal}/size/{name}", stamps, left.size(part), colour, name)
     for channel, name in enumerate(left.names):
         measured = examination.problem.measured[:, channel]
-        scene.curve(f"measured/{signal}/{name}", stamps, measured, NOISE, name)
-        for kind, part, colour in (("before", left.before, BEFORE), ("after", left.after, AFTER)):
+        scene.curve(f"measured/{signal}/{name}", stamps, measured, _NOISE, name)
+        for kind, part, colour in (("before", left.before, _BEFORE), ("after", left.after, _AFTER)):
             scene.curve(f"{signal}/{name}/{kind}", stamps, part[:, channel], colour, kind)
     return [f"{signal}/size", *(f"{signal}/{name}" for name in left.names)]
 
@@ -60,7 +60,7 @@ def _events(found: Diagnosis) -> list[tuple[float, str]]:
     windows = [
         (window.start, f"until {window.end:.2f} s: {window.kind}, {100 * window.share:.0f} % of the excess")
         for each in found.examinations
-        for window in each.where
+        for window in each.windows
         if found.verdict != "none"
     ]
     effects = [(start, finding.sentence) for finding in found.findings for start, _ in finding.windows]

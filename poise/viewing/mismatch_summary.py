@@ -1,39 +1,39 @@
-"""What there is to say about a diagnosis: residuals in units of the noise, the ladder of evidence, sentences."""
+"""A diagnosis for reports: residuals in units of the noise, the ladder of evidence, sentences."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.answer import Diagnosis, Examination
-from poise.mismatch.inference import left_over, names, spoken
-from poise.mismatch.recorded import channel_names
+from poise.mismatch.answer import Diagnosis, SignalDiagnosis
+from poise.mismatch.inference import names, residual_of, state_description
+from poise.mismatch.recorded import WRENCH_CHANNELS
 from poise.types import Array, Mask
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
 
-STRETCH = 0.25
-"""s over which a residual's size is averaged for the eye."""
-ALONE, BESIDE = 8, 3
-"""Hypotheses that are drawn: of single effects, and of as many effects as the answer has or one more."""
-SURE = 0.9
-"""Probability below which a name is said with a warning."""
-MUCH = 1.25
-"""Held-out error, in units of the noise, from which a model is said to miss something."""
+_STRETCH = 0.25
+"""s over which a residual's size is averaged for display."""
+_ALONE, _BESIDE = 8, 3
+"""Hypotheses that are drawn: single effects, and those with as many effects as the answer or one more."""
+_SURE = 0.9
+"""Probability below which a name is reported with a warning."""
+_MUCH = 1.25
+"""Held-out error, in units of the noise, from which a model is reported as incomplete."""
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class ScaledResiduals:
     """One signal's residuals, in its units.
 
     Args:
         seconds: (N,).
         names: (C) of the channels.
         units: (C).
-        before, after: (N, C) measured minus predicted by the nominal and by the best model. Calibration errors, as the
-            best model shows them, are taken out of both: fitted without what was found they would be bent by it.
+        before, after: (N, C) measured minus predicted by the nominal and by the best model. The calibration
+            errors of the best model are removed from both: a fit without the findings would bias them.
         noise: (N, C) one sigma.
-        held: (N,) what no fit of the proof saw.
+        held: (N,) samples that no fit of the proof used.
     """
 
     seconds: Array
@@ -47,21 +47,21 @@ class Residuals:
     def size(self, residual: Array) -> Array:
         """(N,) root mean square over channels and a quarter of a second, in units of the noise."""
         energy = np.mean((residual / self.noise) ** 2, axis=1)
-        count = max(round(STRETCH / float(np.median(np.diff(self.seconds)))), 1)
+        count = max(round(_STRETCH / float(np.median(np.diff(self.seconds)))), 1)
         kernel = np.ones(count) / count
         padded = np.pad(energy, (count // 2, count - 1 - count // 2), mode="reflect")
         return np.asarray(np.sqrt(np.convolve(padded, kernel, mode="valid")))
 
 
-def residuals(examination: Examination) -> Residuals:
-    """What the models leave of a signal."""
+def residuals(examination: SignalDiagnosis) -> ScaledResiduals:
+    """The residuals of a signal under both models."""
     problem = examination.problem
-    effort = problem.world.effort if problem.signal == "effort" else None
-    channels = channel_names() if effort is None else effort.names
+    effort = problem.recorded.effort if problem.signal == "effort" else None
+    channels = WRENCH_CHANNELS if effort is None else effort.names
     units = ("N",) * 3 + ("N m",) * 3 if effort is None else ("N m",) * len(channels)
-    before = problem.measured - problem.predicted(problem.world) - examination.best.calibrated
-    after = left_over(problem, examination.best)
-    return Residuals(problem.seconds, channels, units, before, after, problem.noise.total, examination.last)
+    before = problem.measured - problem.predicted(problem.recorded) - examination.best.calibrated
+    after = residual_of(problem, examination.best)
+    return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.held_out)
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,9 @@ class Rung:
     answer: bool
 
 
-def ladder(examination: Examination) -> list[Rung]:
+def ladder(examination: SignalDiagnosis) -> list[Rung]:
     """The answer, the single effects that came furthest, its rivals and what would come next; the best first."""
-    state = examination.state
+    state = examination.search
     answer = tuple(sorted(names(examination.best)))
     base = state.fits[()].log_evidence if () in state.fits else examination.nominal.log_evidence
     gains = {tuple(sorted(key)): each.log_evidence - base for key, each in state.fits.items()}
@@ -90,27 +90,27 @@ def ladder(examination: Examination) -> list[Rung]:
         return sorted((key for key in keys if key != answer), key=lambda key: -gains[key])[:count]
 
     kept = {answer, ()}
-    kept.update(best(ALONE, (key for key in gains if len(key) == 1)))
-    kept.update(best(BESIDE, (key for key in gains if len(key) == len(answer) > 1)))
-    kept.update(best(BESIDE, (key for key in gains if len(key) == len(answer) + 1 and set(answer) < set(key))))
+    kept.update(best(_ALONE, (key for key in gains if len(key) == 1)))
+    kept.update(best(_BESIDE, (key for key in gains if len(key) == len(answer) > 1)))
+    kept.update(best(_BESIDE, (key for key in gains if len(key) == len(answer) + 1 and set(answer) < set(key))))
     return [Rung(labelled(key), gains[key], key == answer) for key in sorted(kept, key=lambda key: -gains[key])]
 
 
 def labelled(parts: tuple[str, ...]) -> str:
-    """The names of a hypothesis' effects as people read them."""
+    """The names of a hypothesis' effects for display."""
     return " + ".join(_label(part) for part in parts) or "nothing: the nominal model"
 
 
 def _label(name: str) -> str:
     kind, _, state = name.partition(":")
-    return f"some function of {spoken(state)}" if kind == "unknown" else name.replace("_", " ")
+    return f"some function of {state_description(state)}" if kind == "unknown" else name.replace("_", " ")
 
 
-def remaining(examination: Examination) -> tuple[Array, list[Whiteness]]:
+def remaining(examination: SignalDiagnosis) -> tuple[Array, list[Whiteness]]:
     """Whitened residual (N, C) of the best model, and how white each channel is."""
-    frame = examination.best.frame
+    regression = examination.best.regression
     channels = examination.problem.measured.shape[1]
-    white = np.asarray(frame.target - frame.coefficients() @ frame.columns).reshape(channels, -1)
+    white = np.asarray(regression.target - regression.coefficients() @ regression.columns).reshape(channels, -1)
     return white.T, [whiteness(channel) for channel in white]
 
 
@@ -146,20 +146,21 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
     else:
         said.append(
             Finding(
-                "good" if proof.augmented < MUCH else "warn",
+                "good" if proof.augmented < _MUCH else "warn",
                 f"Held-out error, times the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} with the nominal "
                 f"model calibrated on the rest, {proof.augmented:.2f} with what was found.",
             )
         )
     for finding in found.findings:
         chance, name = finding.belief.probability, finding.effect.name.replace("_", " ")
-        said.append(Finding("good" if chance > SURE else "warn", f"{name}: probability {100 * chance:.1f} %."))
+        said.append(Finding("good" if chance > _SURE else "warn", f"{name}: probability {100 * chance:.1f} %."))
         if finding.belief.alike:
             others = ", ".join(_label(other) for other in finding.belief.alike)
             said.append(
                 Finding(
                     "warn",
-                    f"This motion cannot tell {name} from {others}; this would: {finding.effect.separating_motion}.",
+                    f"This motion does not distinguish {name} from {others}; "
+                    f"this one would: {finding.effect.separating_motion}.",
                 )
             )
     if found.unknown is not None:

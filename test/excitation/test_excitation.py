@@ -5,12 +5,12 @@ import pytest
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.excitation import (
-    Effort,
     ExcitationOptions,
     Guard,
     Information,
     MotionLimits,
     PayloadBelief,
+    SearchEffort,
     certify,
     plan_excitation,
     plan_stop_and_go,
@@ -22,15 +22,15 @@ from poise.excitation.clamped_spline import ClampedSpline
 from poise.excitation.hand import hand_motion
 from poise.excitation.information import SENSOR
 from poise.excitation.limits import moving_joints
-from poise.excitation.search import Objective
-from poise.inertia.parts import Parts
-from poise.inertia.regressor import regressor
-from poise.inertia.signals import motion_signals, residual_covariance
+from poise.excitation.search import ExcitationObjective
+from poise.inertia.model.parts import Parts
+from poise.inertia.model.signals import motion_signals, residual_covariance
+from poise.inertia.model.wrench_regressor import regressor
 from poise.robot import RobotModel, frame_poses, sensor_motion
 from poise.simulation import FourierTrajectory, SplineTrajectory, WaypointTrajectory, check_limits, home
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
-QUICK = ExcitationOptions(effort=Effort(starts=2, first=8, steps=15))
+QUICK = ExcitationOptions(effort=SearchEffort(starts=2, first=8, steps=15))
 RADIUS = 0.12
 
 
@@ -50,6 +50,18 @@ def wander(rng: np.random.Generator, model: RobotModel, stops: int = 5) -> Waypo
     times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.2, 0.6, stops - 1))])
     position = home(model) + rng.uniform(-0.3, 0.3, size)
     return WaypointTrajectory(times, position, rng.normal(0, 0.4, size), rng.normal(0, 2.0, size))
+
+
+def test_all_guarded_points_at_once_give_what_each_gives_alone(fr3: RobotModel) -> None:
+    motion = FourierTrajectory.random(fr3, np.random.default_rng(4), duration=2.0, speed=0.5)
+    times = np.linspace(0.0, 2.0, 41)
+    motion = WaypointTrajectory(times, *motion.at(times))
+    points = np.random.default_rng(5).normal(scale=0.2, size=(7, 3))
+    each = [certify(fr3, motion, Guard(point[None])).speed for point in points]
+    reach = [certify(fr3, motion, Guard(np.vstack([point, points]))).speed for point in points]
+    np.testing.assert_allclose(reach, reach[0], rtol=1e-12)
+    assert reach[0] == pytest.approx(max(each), rel=1e-3)  # the bound of the jerk grows with the farthest point
+    assert reach[0] >= max(each) * (1 - 1e-12)
 
 
 def fastest(model: RobotModel, motion, points: np.ndarray, count: int = 4000) -> float:
@@ -76,7 +88,7 @@ def test_the_gradient_is_that_of_finite_differences(robot: str) -> None:
     spline = ClampedSpline.make(1.5, 30)
     information = Information(PayloadBelief.ball(guard.tcp, 0.1, 1.0))
     start, active = home(model), moving_joints(model)
-    objective = Objective(model, start, active, spline, guard, MotionLimits(), information)
+    objective = ExcitationObjective(model, start, active, spline, guard, MotionLimits(), information)
     rng = np.random.default_rng(1)
     unknowns = rng.normal(size=objective.shape).ravel() * 0.01
     _, gradient = objective(unknowns, 0.1)

@@ -11,7 +11,7 @@ from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
 from poise.fake_robots.gripper import SimulatedGripper
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel, frame_poses, motion_from_joints
-from poise.simulation import FourierTrajectory, JointNoise, World, home, wrench_noise
+from poise.simulation import FourierTrajectory, IdealRobot, JointNoise, home, wrench_noise
 
 PAYLOAD = np.array([1.5, 0.03, -0.02, 0.12, 0.02, 0.001, 0.0, 0.018, 0.0, 0.006])
 CLEAN = ArmOptions(wrench_noise("none", rate=100.0), JointNoise(rate=100.0))
@@ -19,7 +19,7 @@ CLEAN = ArmOptions(wrench_noise("none", rate=100.0), JointNoise(rate=100.0))
 
 def arm(name="fr3", trajectory=None, options=CLEAN, **world):
     model = RobotModel.from_file(name)
-    return SimulatedArm(World(model, PAYLOAD, **world), "<robot/>", trajectory, options)
+    return SimulatedArm(IdealRobot(model, PAYLOAD, **world), "<robot/>", trajectory, options)
 
 
 def fourier(name="fr3", duration=8.0):
@@ -159,7 +159,7 @@ def test_a_grasp_changes_the_wrench_from_then_on():
     robot = arm()
     stream = robot.messages()
     before = read(run(stream, 0.3), "wrench", "geometry_msgs/msg/WrenchStamped")[-1].wrench.force
-    robot.hold(World(robot.model, 2 * PAYLOAD))
+    robot.hold(IdealRobot(robot.model, 2 * PAYLOAD))
     after = read(run(stream, 0.6), "wrench", "geometry_msgs/msg/WrenchStamped")[-1].wrench.force
     np.testing.assert_allclose([after.x, after.y, after.z], 2 * np.array([before.x, before.y, before.z]))
 
@@ -167,7 +167,7 @@ def test_a_grasp_changes_the_wrench_from_then_on():
 def test_a_gripper_goes_where_it_is_told_no_faster_than_it_can_and_leaves_the_arm_as_it_is():
     options = ArmOptions(CLEAN.wrench_noise, CLEAN.joint_noise, end=2.0)
     model = RobotModel.from_file("fr3")
-    held = SimulatedArm(World(model, PAYLOAD), "<robot/>", fourier(), options, SimulatedGripper("fingers", 0.8))
+    held = SimulatedArm(IdealRobot(model, PAYLOAD), "<robot/>", fourier(), options, SimulatedGripper("fingers", 0.8))
     stream = held.messages()
     first = list(itertools.islice(stream, 50))
     held.grip(["fingers"], 0.4)

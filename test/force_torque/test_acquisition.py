@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, NoAnswerError, SensorError
-from poise.fake_robots.rdt_sensor import FakeRdtSensor
-from poise.fake_robots.wrench_source import WrenchSource
-from poise.force_torque import Acquisition, AcquisitionOptions, Batch, Blocks, RdtLink, RdtOptions, Report
-from poise.force_torque.health import GRACE, HOLD, Health, Severity
-from poise.force_torque.samples import Samples
+from poise.force_torque import (
+    Acquisition,
+    AcquisitionOptions,
+    BlockAverages,
+    SampleBatch,
+    StreamReport,
+)
+from poise.force_torque.health import FIRST_SAMPLE_GRACE, HOLD, Health, Severity
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
+from poise.force_torque.sensors.ati_rdt.link import RdtLink, RdtOptions
+from poise.force_torque.wire import SensorSamples, WrenchSource
 
 WRENCH = np.array([1.0, -2.0, 30.0, 0.4, -0.5, 0.6])
 
@@ -23,23 +29,23 @@ class Witness:
 
     def __init__(self) -> None:
         self._arrived = threading.Condition()
-        self.all_blocks: list[Blocks] = []
-        self.batches: list[Batch] = []
-        self.reports: list[Report] = []
+        self.all_blocks: list[BlockAverages] = []
+        self.batches: list[SampleBatch] = []
+        self.reports: list[StreamReport] = []
         self.broken = False
         self.free = threading.Event()
         self.free.set()
 
-    def blocks(self, blocks: Blocks) -> None:
+    def blocks(self, blocks: BlockAverages) -> None:
         self._keep(self.all_blocks, blocks)
         self.free.wait(20.0)
         if self.broken:
             raise RuntimeError("a sink that fails")
 
-    def batch(self, batch: Batch) -> None:
+    def batch(self, batch: SampleBatch) -> None:
         self._keep(self.batches, batch)
 
-    def report(self, report: Report) -> None:
+    def report(self, report: StreamReport) -> None:
         self._keep(self.reports, report)
 
     def _keep(self, where: list[Any], what: Any) -> None:
@@ -224,7 +230,7 @@ def test_a_device_that_does_not_zero_itself_is_found_out(sensor: FakeRdtSensor) 
         bias = session.acquisition.zero(50, timeout=20.0, hardware=True)
         assert bias.count == 50
         report = session.acquisition.report()
-        assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream began anew
+        assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream restarted
         sensor._source = WrenchSource(WRENCH)
         received = session.acquisition.report().received
         session.witness.wait_for(lambda: session.acquisition.report().received > received + 200)
@@ -283,8 +289,10 @@ def test_a_stopped_acquisition_has_silenced_its_sensor(sensor: FakeRdtSensor) ->
     session.witness.wait_for(lambda: not sensor.is_streaming)
 
 
-def samples(status: int = 0, saturated: bool = False, faulty: bool = False, rejected: int = 0, n: int = 1) -> Samples:
-    return Samples(
+def samples(
+    status: int = 0, saturated: bool = False, faulty: bool = False, rejected: int = 0, n: int = 1
+) -> SensorSamples:
+    return SensorSamples(
         np.zeros(n, dtype=np.uint32),
         np.zeros((n, 6)),
         np.full(n, status, dtype=np.uint32),
@@ -302,8 +310,8 @@ def kind(health: Health, now: float) -> str:
 
 def test_before_the_first_sample_patience_ends_after_the_grace_or_with_the_first_error() -> None:
     health = Health(0.05, now=0.0)
-    assert kind(health, GRACE) == "connecting"
-    assert kind(health, GRACE + 0.01) == "unreachable"
+    assert kind(health, FIRST_SAMPLE_GRACE) == "connecting"
+    assert kind(health, FIRST_SAMPLE_GRACE + 0.01) == "unreachable"
     health.failed(SensorError(ErrorCode.SENSOR_PROTOCOL, "no page"))
     condition = health.condition(0.1, "")
     assert (condition.kind, condition.code, condition.text) == ("unreachable", ErrorCode.SENSOR_PROTOCOL, "no page")
@@ -329,7 +337,7 @@ def test_the_worst_condition_is_named_and_passing_ones_are_held() -> None:
 def test_silence_is_judged_by_reads_and_not_by_the_clock() -> None:
     health = Health(silence=1.0, now=0.0)
     health.take(samples(), 0.0)
-    assert health.condition(10.0, "").kind == "streaming"  # nobody has looked since
+    assert health.condition(10.0, "").kind == "streaming"  # not checked since
     health.check(10.0)
     assert health.condition(10.0, "").kind == "silent"
 

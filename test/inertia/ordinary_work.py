@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from simulated_motion import HOME, fr3
 
-from poise.inertia import InertialParameters, regressor
+from poise.inertia import InertialParameters
+from poise.inertia.model import regressor
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel, sensor_motion
 from poise.types import Array

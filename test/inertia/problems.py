@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from simulated_loads import GRAVITY, random_body
 
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.pmd import unit_points
-from poise.inertia.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.estimators.pmd import unit_points
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
 from poise.types import Array
 
 EXACT = NoiseLevels(force=1e-3, torque=1e-4, linear_acceleration=1e-3, angular_acceleration=1e-3)

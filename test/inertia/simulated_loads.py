@@ -3,7 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poise.inertia import InertialParameters, regressor
+from poise.inertia import InertialParameters
+from poise.inertia.model import regressor
 from poise.types import Array
 
 GRAVITY = 9.80665

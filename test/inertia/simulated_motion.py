@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.inertia import InertialParameters, regressor
+from poise.inertia import InertialParameters
+from poise.inertia.model import regressor
 from poise.recording import JointStream, PoseStream, WrenchStream
 from poise.robot import RobotModel, frame_poses, sensor_motion
 from poise.types import Array

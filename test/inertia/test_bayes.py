@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia import frame_change
-from poise.inertia.bayes import BayesSolution, PoiseEstimator, poise
-from poise.inertia.hps import hps
-from poise.inertia.methods import method
-from poise.inertia.parts import Parts, box_moments
-from poise.inertia.problem import IdentificationProblem, NoiseLevels
-from poise.inertia.regressor import regressor
+from poise.inertia.bayes.estimator import BayesSolution, PoiseEstimator, poise
+from poise.inertia.estimators.hps import hps
+from poise.inertia.estimators.registry import method
+from poise.inertia.model.parts import Parts, box_moments
+from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.wrench_regressor import regressor
 
 
 @pytest.fixture

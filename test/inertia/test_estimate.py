@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from simulated_loads import random_body
 
-from poise.inertia import InertialEstimate, InertialParameters, Solution
+from poise.inertia import InertialEstimate, InertialParameters
+from poise.inertia.model.solution import InertialSolution
 
 
 @pytest.fixture
@@ -13,7 +14,7 @@ def rng() -> np.random.Generator:
 
 
 def estimate(phi, covariance) -> InertialEstimate:
-    solution = Solution(phi, covariance, np.zeros(6), np.eye(6), (), 1.0, 0.1, 0.01, 100, 100.0)
+    solution = InertialSolution(phi, covariance, np.zeros(6), np.eye(6), (), 1.0, 0.1, 0.01, 100, 100.0)
     return InertialEstimate.from_solution(solution, stamp=1, frame_id="ft", method="ols", rejected=())
 
 

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from simulated_loads import BIAS, random_body
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.geo import geo, homogeneous_prior
-from poise.inertia.metrics import errors, riemannian_error
-from poise.inertia.parameters import InertialParameters, frame_change, phi_of_pseudo_inertia, pseudo_inertia
-from poise.inertia.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.estimators.geo import geo, homogeneous_prior
+from poise.inertia.model.metrics import errors, riemannian_error
+from poise.inertia.model.parameters import InertialParameters, frame_change, phi_of_pseudo_inertia, pseudo_inertia
+from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
 from poise.types import Array
 
 RANDOM_INPUTS = int(os.environ.get("POISE_RANDOM_INPUTS", "500"))

@@ -8,9 +8,9 @@ from problems import NoiseLevels, box_body, motion, problem_of, two_boxes
 from simulated_loads import random_body
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.hps import MAX_PARTS, hps, merge_parts, standing_still, static_regressor
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.problem import IdentificationProblem
+from poise.inertia.estimators.hps import MAX_PARTS, hps, merge_parts, standing_still, static_regressor
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.problem import IdentificationProblem
 
 
 def known() -> dict[str, np.ndarray]:

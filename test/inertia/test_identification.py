@@ -8,7 +8,7 @@ import pytest
 from simulated_motion import BIAS, LOAD, fr3, record, steps, swing
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia import identification
+from poise.inertia.pipeline import identification
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream, open_recording, write_recording
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf

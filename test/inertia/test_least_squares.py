@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 from simulated_loads import BIAS, GRAVITY, random_body, random_motion, static_regressor
 
 from poise.errors import ErrorCode, NoAnswerError
-from poise.inertia import InformationAccumulator, regressor, solve
+from poise.inertia import InformationAccumulator, solve
+from poise.inertia.model import regressor
 
 FORCE_NOISE, TORQUE_NOISE = 0.1, 0.005
 

@@ -7,9 +7,9 @@ import pytest
 from problems import EXACT, problem_of
 
 from poise.errors import InputError
-from poise.inertia.bayes import PoiseEstimator
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.parts import SAME_DENSITY, Parts, box_moments, likeness_of_colours
+from poise.inertia.bayes.estimator import PoiseEstimator
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.parts import SAME_DENSITY, Parts, box_moments, likeness_of_colours
 
 GREY, RED = (0.5, 0.5, 0.5), (0.8, 0.1, 0.1)
 COLOURS = np.array([GREY, RED, RED, GREY, RED, GREY, GREY, RED, RED])

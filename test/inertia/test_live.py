@@ -5,9 +5,9 @@ import pytest
 from simulated_motion import LOAD, Scene, record, steps
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.identification import Kinematics, identify_wrenches
-from poise.inertia.live import GRACE, QUIET, LiveEstimator, LiveOptions
-from poise.inertia.status import Level, status_of
+from poise.inertia.pipeline.identification import Kinematics, identify_wrenches
+from poise.inertia.pipeline.live import GRACE, QUIET, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf
 from poise.robot.sources import JointSource
 

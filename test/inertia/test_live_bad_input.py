@@ -7,11 +7,12 @@ import pytest
 from simulated_motion import BIAS, LOAD, Scene, record, steps, swing
 
 from poise.errors import ErrorCode, NoAnswerError
-from poise.inertia import InertialEstimate, regressor
-from poise.inertia.live import QUIET, LiveEstimator, LiveOptions
-from poise.inertia.parts import Parts, box_moments
-from poise.inertia.problem import NoiseLevels
-from poise.inertia.status import Level, status_of
+from poise.inertia import InertialEstimate
+from poise.inertia.model import regressor
+from poise.inertia.model.parts import Parts, box_moments
+from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.pipeline.live import QUIET, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf
 
 URDF = find_urdf("fr3").read_text()

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from simulated_loads import random_body
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.metrics import (
+from poise.inertia.model.metrics import (
     com_errors,
     effort_error,
     errors,
@@ -17,7 +17,7 @@ from poise.inertia.metrics import (
     predict_wrench,
     riemannian_error,
 )
-from poise.inertia.parameters import UPPER, InertialParameters
+from poise.inertia.model.parameters import UPPER, InertialParameters
 from poise.robot.motion import SensorMotion
 
 

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.object_shape import PIECES, load_object
-from poise.inertia.parts import box_moments, phi_of_pseudo_inertia
+from poise.inertia.model.object_shape import PIECES, load_object
+from poise.inertia.model.parts import box_moments, phi_of_pseudo_inertia
 
 SIDES = (0.2, 0.05, 0.03)
 

@@ -7,9 +7,9 @@ import pytest
 from simulated_motion import BIAS, LOAD, Scene, record, steps, swing
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.identification import Kinematics, identify_wrenches
-from poise.inertia.online import OnlineEstimator
-from poise.inertia.problem import NoiseLevels
+from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.pipeline.identification import Kinematics, identify_wrenches
+from poise.inertia.pipeline.online import OnlineEstimator
 from poise.robot.sources import FrameSource, JointSource
 
 SECOND = 10**9

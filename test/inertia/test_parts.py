@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
-from poise.inertia.parts import Parts, box_moments, surface_moments
+from poise.inertia.model.parts import Parts, box_moments, surface_moments
 from poise.shape.solid import tetrahedron_moments
 
 

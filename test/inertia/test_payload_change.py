@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from ordinary_work import START, Nuisance, Work, work
 
-from poise.inertia.change import PayloadChange
-from poise.inertia.online import OnlineEstimator
-from poise.inertia.problem import NoiseLevels
+from poise.inertia.bayes.change import PayloadChange
+from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.pipeline.online import OnlineEstimator
 from poise.robot.sources import JointSource
 
 PERIOD = 0.05

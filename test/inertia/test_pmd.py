@@ -10,11 +10,12 @@ from scipy.optimize import minimize
 from simulated_loads import random_body
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.inertia.hps import static_regressor
-from poise.inertia.metrics import errors
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.pmd import dynamism, full_model_weight, minimise_sum_of_norms, pmd, spread, unit_points
-from poise.inertia.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.estimators.hps import static_regressor
+from poise.inertia.estimators.pmd import dynamism, full_model_weight, minimise_sum_of_norms, pmd, unit_points
+from poise.inertia.model.metrics import errors
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.spread_points import spread
 from poise.types import Array
 
 RANDOM_INPUTS = int(os.environ.get("POISE_RANDOM_INPUTS", "200"))

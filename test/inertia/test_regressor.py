@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 from simulated_loads import random_body, random_motion
 
 from poise.geometry import cross_matrix
-from poise.inertia import frame_change, regressor
+from poise.inertia import frame_change
+from poise.inertia.model import regressor
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ from problems import EXACT, motion, problem_of
 from simulated_loads import BIAS, random_body
 
 from poise.errors import ErrorCode, NoAnswerError
-from poise.inertia.ols import ols
-from poise.inertia.problem import IdentificationProblem, NoiseLevels
-from poise.inertia.regressor import regressor
-from poise.inertia.rtls import RecursiveTotalLeastSquares, rtls
+from poise.inertia.estimators.ols import ols
+from poise.inertia.estimators.rtls import RecursiveTotalLeastSquares, rtls
+from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.wrench_regressor import regressor
 from poise.types import Array
 
 BIASED = replace(EXACT, force_bias=np.inf, torque_bias=np.inf)

@@ -38,10 +38,10 @@ from benchmarks.identification.scenarios import (
     make_trial,
 )
 from poise.errors import ErrorCode, InputError
-from poise.inertia.methods import method, method_names
-from poise.inertia.metrics import errors, expected_errors
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.problem import IdentificationProblem
+from poise.inertia.estimators.registry import method, method_names
+from poise.inertia.model.metrics import errors, expected_errors
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.model.problem import IdentificationProblem
 
 Array = np.ndarray
 FAST = Scenario("fast", 1.5)

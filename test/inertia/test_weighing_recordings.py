@@ -12,8 +12,8 @@ from simulated_motion import BIAS, GRAVITY, LOAD, record, swing
 from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia import InertialParameters
-from poise.inertia.identification import identify
-from poise.inertia.parts import Parts, box_moments
+from poise.inertia.model.parts import Parts, box_moments
+from poise.inertia.pipeline.identification import identify
 from poise.recording import ImuStream, PoseStream, Recording, WrenchStream, open_recording, write_recording
 from poise.robot import frame_poses, sensor_motion
 from poise.robot.model import find_urdf

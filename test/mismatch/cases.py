@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import Part, Problem, payload_steps
-from poise.mismatch.reading import Motion, NominalModel, Tolerance, world_from_motion
-from poise.mismatch.reading.recordings import world_from_streams
+from poise.mismatch.inference import FittedEffect, Problem, payload_steps
+from poise.mismatch.reading import NominalModel, Tolerance, recorded_from_motion
+from poise.mismatch.reading.joint_motion import recorded_from_streams
 from poise.mismatch.reading.sanity import without_spikes
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory
@@ -36,12 +36,12 @@ class Case:
     wrench: WrenchStream
     model: NominalModel
     truth: tuple[tuple[str, dict[str, float]], ...]
-    exact: World
+    exact: RecordedMotion
 
-    def world(self) -> World:
+    def recorded(self) -> RecordedMotion:
         """As the tool reads it."""
         phi = np.zeros(10) if self.model.phi is None else self.model.phi
-        return without_spikes(world_from_streams(ROBOT, self.joints, None, self.wrench, phi, 9.80665)[0])[0]
+        return without_spikes(recorded_from_streams(ROBOT, self.joints, None, self.wrench, phi, 9.80665)[0])[0]
 
 
 def make_case(
@@ -49,7 +49,7 @@ def make_case(
     effects: tuple[tuple[str, float], ...] = (),
     *,
     motion: str = "fourier",
-    spoil: Callable[[World, Array, np.random.Generator], Array] | None = None,
+    spoil: Callable[[RecordedMotion, Array, np.random.Generator], Array] | None = None,
     duration: float = DURATION,
 ) -> Case:
     """A case with effects (name, strength), values drawn at random; `spoil` adds what no effect of the library is."""
@@ -66,7 +66,7 @@ def make_case(
     late = float(error(tolerance.clock_offset))
     taken = np.arange(round(duration * 100)) * 0.01 + 0.003
     said = taken + late
-    exact = world_from_motion(ROBOT, taken, Motion(*trajectory.at(taken)), true_phi)
+    exact = recorded_from_motion(ROBOT, taken, trajectory.at(taken), true_phi)
     truth = tuple((name, DRAWS[name](rng, exact, strength)) for name, strength in effects)
     wrench, shift = _composed(exact, truth)
     if spoil is not None:
@@ -98,7 +98,7 @@ def make_case(
     )
 
 
-def _composed(exact: World, truth: tuple[tuple[str, dict[str, float]], ...]) -> tuple[Array, Array]:
+def _composed(exact: RecordedMotion, truth: tuple[tuple[str, dict[str, float]], ...]) -> tuple[Array, Array]:
     """What the sensor would read without calibration errors, and what the encoders read too much."""
     shift = np.zeros(9)
     parts = []
@@ -109,7 +109,7 @@ def _composed(exact: World, truth: tuple[tuple[str, dict[str, float]], ...]) -> 
         if name == "joint_offset":
             shift[3:] += [values[f"offset_{i}"] for i in range(1, 7)]
         else:
-            parts.append(Part(effect, values))
+            parts.append(FittedEffect(effect, values))
     problem = Problem(exact, NominalModel(), None)  # type: ignore[arg-type]
     return problem.compose(parts)[1].prediction, shift
 
@@ -135,7 +135,7 @@ def _trajectory(rng: np.random.Generator, motion: str, duration: float) -> Fouri
     return WaypointTrajectory.stop_and_go(poses, 1.5, 0.4)
 
 
-def _noise(rng: np.random.Generator, exact: World) -> Array:
+def _noise(rng: np.random.Generator, exact: RecordedMotion) -> Array:
     """White FT-300 noise, and coloured noise in proportion to 0.2 + 0.5 * joint speed."""
     n, sigma = len(exact), np.repeat([0.1, 0.005], 3)
     slow = np.empty((n, 6))
@@ -164,16 +164,16 @@ def _named(prefix: str, values: Array) -> dict[str, float]:
     return {f"{prefix}{a}": float(v) for a, v in zip("xyz", values, strict=True)}
 
 
-def _bias(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _bias(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     return _vectors(rng, 2.4 * strength, 0.15 * strength)
 
 
-def _drift(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _drift(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     return _vectors(rng, 0.72 * strength, 0.048 * strength)
 
 
-def _gain(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
-    names = [p.name for p in effect_named("sensor_gain").parameters(world)]  # type: ignore[union-attr]
+def _gain(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
+    names = [p.name for p in effect_named("sensor_gain").parameters(recorded)]  # type: ignore[union-attr]
     values = dict.fromkeys(names, 0.0)
     block = rng.choice(["f", "t"])
     inside = [name for name in names if name.count(block) == 2 and name[5] == block == name[8]]
@@ -182,50 +182,50 @@ def _gain(rng: np.random.Generator, world: World, strength: float) -> dict[str, 
     return values
 
 
-def _rotation(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _rotation(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     return _named("rotation_", 0.03 * strength * _unit(rng))
 
 
-def _low_pass(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _low_pass(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     return {"time_constant": 0.08 * strength}
 
 
-def _clock(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _clock(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     return {"offset": float(0.025 * strength * rng.choice([-1, 1]))}
 
 
-def _joints(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _joints(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     values = {f"offset_{i}": 0.0 for i in range(1, 7)}
     for i in rng.choice([1, 2, 3, 4, 5], rng.integers(1, 3), replace=False):
         values[f"offset_{i}"] = float(0.015 * strength * rng.choice([-1, 1]))
     return values
 
 
-def _payload_error(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
-    body = InertialParameters.from_phi(world.phi)
+def _payload_error(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
+    body = InertialParameters.from_phi(recorded.phi)
     mass = body.mass * (1 + 0.06 * strength * rng.choice([-1, 1]))
     new = InertialParameters(
         mass, body.com + 0.012 * strength * _unit(rng), body.inertia * (1 + 0.6 * strength * rng.uniform(0, 1))
     )
-    rows = [p.name for p in effect_named("payload_parameters").parameters(world)]  # type: ignore[union-attr]
-    return dict(zip(rows, (new.phi - world.phi).tolist(), strict=True))
+    rows = [p.name for p in effect_named("payload_parameters").parameters(recorded)]  # type: ignore[union-attr]
+    return dict(zip(rows, (new.phi - recorded.phi).tolist(), strict=True))
 
 
-def _mass_step(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _mass_step(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     mass = 0.3 * strength * rng.choice([-1, 1])
     moment = mass * np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.03, 0.15)])
     return {"time": float(rng.uniform(5, 30)), "mass": float(mass), **_named("moment_", moment)}
 
 
-def _world_force(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _world_force(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     point = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.2)])
     force = 2.0 * strength * _unit(rng) * [1, 1, 0.3]
     return {**dict(zip("xyz", point.tolist(), strict=True)), **_named("force_", force)}
 
 
-def _cable(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
-    anchor = world.position_in_world.mean(axis=0) + _unit(rng) * 1.0
-    length = np.linalg.norm(world.position_in_world - anchor, axis=1)
+def _cable(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
+    anchor = recorded.position_in_world.mean(axis=0) + _unit(rng) * 1.0
+    length = np.linalg.norm(recorded.position_in_world - anchor, axis=1)
     point = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.0, 0.2)])
     return {
         "on_base": 0.0,
@@ -237,7 +237,7 @@ def _cable(rng: np.random.Generator, world: World, strength: float) -> dict[str,
     }
 
 
-def _contact(rng: np.random.Generator, world: World, strength: float) -> dict[str, float]:
+def _contact(rng: np.random.Generator, recorded: RecordedMotion, strength: float) -> dict[str, float]:
     """A bump of force with a part across it; the point is the finger tip."""
     point = np.array([0.0, 0.0, 0.17])
     direction, across = _unit(rng), rng.normal(size=3) * 0.2
@@ -250,7 +250,7 @@ def _contact(rng: np.random.Generator, world: World, strength: float) -> dict[st
     return values
 
 
-DRAWS: dict[str, Callable[[np.random.Generator, World, float], dict[str, float]]] = {
+DRAWS: dict[str, Callable[[np.random.Generator, RecordedMotion, float], dict[str, float]]] = {
     "sensor_bias": _bias,
     "bias_drift": _drift,
     "sensor_gain": _gain,

@@ -1,4 +1,4 @@
-"""What the diagnosis stands on: stamps with much jitter, the level of noise beside knocks and steps, how sure it is."""
+"""Inputs of the diagnosis: stamps with large jitter, the noise level beside knocks and steps, and its confidence."""
 
 from dataclasses import replace
 
@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from cases import make_case
 
-from poise.mismatch.answer import MOST_SURE, Basis, diagnose
-from poise.mismatch.reading.clocks import regular
+from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis, diagnose
 from poise.mismatch.recorded import white_level
+from poise.robot import regular_clock
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1])
@@ -17,13 +17,13 @@ def test_a_clock_is_found_through_jitter_of_a_quarter_of_its_period(lost: float)
     true = 0.0031 + 0.008 * np.arange(4000) * (1.0 + 2e-5)
     kept = rng.random(len(true)) >= lost
     stamps = true + np.clip(rng.normal(size=len(true)) * 0.002, -0.0036, 0.0036)
-    found = regular(stamps[kept])
+    found = regular_clock(stamps[kept])
     assert found is not None
     assert np.abs(found - true[kept]).max() < 3e-4
 
 
 def test_stamps_without_a_clock_behind_them_are_left_as_they_are() -> None:
-    assert regular(np.cumsum(np.random.default_rng(6).uniform(0.001, 0.02, 3000))) is None
+    assert regular_clock(np.cumsum(np.random.default_rng(6).uniform(0.001, 0.02, 3000))) is None
 
 
 def test_knocks_do_not_raise_the_level_of_the_noise() -> None:
@@ -35,15 +35,15 @@ def test_knocks_do_not_raise_the_level_of_the_noise() -> None:
 
 def test_coarse_readings_are_named_for_what_they_are() -> None:
     case, step = make_case(32), np.repeat([1.0, 0.05], 3)
-    world = case.world()
-    found = diagnose(replace(world, wrench=np.round(world.wrench / step) * step), case.model)
+    recorded = case.recorded()
+    found = diagnose(replace(recorded, wrench=np.round(recorded.wrench / step) * step), case.model)
     assert [finding.effect.name for finding in found.findings] == ["quantisation"]
     assert found.findings[0].parameters["force_step"].value == pytest.approx(1.0, rel=1e-3)
     assert found.verdict == "named"
 
 
 def test_more_evidence_is_surer_and_what_is_left_unexplained_is_not() -> None:
-    chances = [Basis(evidence, 1, False).probability for evidence in (1.0, 10.0, 100.0, 1e6)]
+    chances = [BeliefBasis(evidence, 1, False).probability for evidence in (1.0, 10.0, 100.0, 1e6)]
     assert chances == sorted(chances)
-    assert chances[-1] <= MOST_SURE
-    assert Basis(100.0, 2, True).probability < 0.5 < Basis(100.0, 1, False).probability
+    assert chances[-1] <= MAX_PROBABILITY
+    assert BeliefBasis(100.0, 2, True).probability < 0.5 < BeliefBasis(100.0, 1, False).probability

@@ -19,9 +19,9 @@ from benchmarks.concealed.motions import HOME, Motion, drive, fourier, pick_and_
 from benchmarks.concealed.payload import Payload
 from benchmarks.concealed.robot import description
 from benchmarks.concealed.scene import Scene
-from poise.inertia.parameters import InertialParameters
+from poise.inertia.model.parameters import InertialParameters
 from poise.robot import BaseMotion, RobotModel
-from poise.simulation import JointMotion, World
+from poise.simulation import IdealRobot, JointMotion
 
 SHORT = 6.0  # s
 GRAVITY = 9.80665
@@ -53,9 +53,9 @@ def test_without_an_effect_mujoco_and_pinocchio_agree_to_a_millionth(arm: str) -
     log = Engine(there.payload, there.motion, step=0.01).run()
     model = RobotModel.from_urdf(description(), base="floating")
     payload = there.payload
-    world = World(model, InertialParameters(payload.mass, payload.com, payload.inertia).phi)
+    recorded = IdealRobot(model, InertialParameters(payload.mass, payload.com, payload.inertia).phi)
     base = BaseMotion.planar(*there.motion.base(log.seconds))
-    truth = world.simulate((log.seconds * 1e9).astype(np.int64), JointMotion(*log.arm), base)
+    truth = recorded.simulate((log.seconds * 1e9).astype(np.int64), JointMotion(*log.arm), base)
     assert np.abs(truth.wrench_in_sensor).max() > 10.0
     np.testing.assert_allclose(log.wrench, truth.wrench_in_sensor, atol=1e-6)
     np.testing.assert_allclose(log.effort, truth.effort, atol=1e-6)

@@ -1,5 +1,6 @@
 """The diagnosis on recordings with a known effect in them, beside what every honest robot has."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,9 +9,9 @@ import yaml
 from cases import Case, make_case
 
 from poise.mismatch.answer import Diagnosis, diagnose
-from poise.mismatch.answer.diagnosis import with_components
+from poise.mismatch.answer.diagnosis import with_model_effects
 from poise.mismatch.reading import dump_model, parse_model
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 # Effect, and which of its numbers is the size that is compared, within what share of it.
@@ -24,11 +25,11 @@ PLAIN = {
 
 
 @cache
-def examined(name: str) -> tuple[Case, World, Diagnosis]:
+def examined(name: str) -> tuple[Case, RecordedMotion, Diagnosis]:
     """A recording with one plain effect, or with none for ""."""
     case = make_case(11 + sorted([*PLAIN, ""]).index(name), ((name, 1.0),) if name else ())
-    world = case.world()
-    return case, world, diagnose(world, case.model)
+    recorded = case.recorded()
+    return case, recorded, diagnose(recorded, case.model)
 
 
 @pytest.mark.parametrize("name", PLAIN)
@@ -52,6 +53,13 @@ def test_the_augmented_model_removes_most_of_the_held_out_excess(name: str) -> N
     assert after < 0.15 if before < 0.3 else after < 0.2 * before
 
 
+def test_a_named_effect_is_not_listed_as_untestable() -> None:
+    found = examined("sensor_bias")[2]
+    search = replace(found.main.search, untestable={"sensor_bias": "too weak alone", "cable": "too weak"})
+    doubtful = replace(found, examinations=(replace(found.main, search=search),))
+    assert set(doubtful.untestable) == {"cable"}
+
+
 def test_a_contact_is_found_in_time() -> None:
     case, _, found = examined("contact")
     ((begin, end),) = found.findings[0].windows
@@ -73,30 +81,30 @@ def test_calibration_errors_within_tolerance_are_no_finding() -> None:
 
 
 def test_the_saved_model_explains_the_recording_when_it_is_read_again() -> None:
-    _, world, found = examined("world_force")
+    _, recorded, found = examined("world_force")
     model = parse_model(yaml.safe_load(dump_model(found.augmented)))
-    again = diagnose(world, model)
+    again = diagnose(recorded, model)
     assert [part.name for part in model.effects] == ["world_force"]
     assert again.verdict == "none"
-    rest = world.wrench - with_components(world, model.effects).prediction
-    assert rest[:, :3].std() < 0.5 * (world.wrench - world.prediction)[:, :3].std() + 0.2
+    rest = recorded.wrench - with_model_effects(recorded, model.effects).prediction
+    assert rest[:, :3].std() < 0.5 * (recorded.wrench - recorded.prediction)[:, :3].std() + 0.2
 
 
 def test_what_depends_on_a_joint_in_a_way_of_no_effect_is_unknown() -> None:
-    def catches(world: World, wrench: Array, rng: np.random.Generator) -> Array:
+    def catches(recorded: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:
         """A hose that catches eleven times in a turn of the fourth joint."""
-        assert world.joints is not None
-        angle = world.joints.position[:, world.joints.names.index("wrist_1_joint")]
+        assert recorded.joints is not None
+        angle = recorded.joints.position[:, recorded.joints.names.index("wrist_1_joint")]
         return np.outer(np.sin(11.0 * angle), [1.5, 0.0, 1.0, 0.0, 0.1, 0.0])
 
     case = make_case(31, spoil=catches)
-    found = diagnose(case.world(), case.model)
+    found = diagnose(case.recorded(), case.model)
     assert found.verdict in ("unknown", "mixed")
     assert found.unknown is not None
     assert "joint_position:wrist_1_joint" in found.unknown.depends_on
 
 
 def test_the_same_recording_gives_the_same_answer() -> None:
-    case, world, found = examined("mass_step")
-    again = diagnose(world, case.model)
+    case, recorded, found = examined("mass_step")
+    again = diagnose(recorded, case.model)
     assert [finding.values for finding in again.findings] == [finding.values for finding in found.findings]

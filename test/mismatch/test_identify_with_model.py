@@ -10,7 +10,7 @@ from cases import Case, make_case
 
 from poise.cli import run
 from poise.inertia import InertialParameters
-from poise.mismatch.reading import Component, NominalModel, dump_model
+from poise.mismatch.reading import ModelEffect, NominalModel, dump_model
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -25,7 +25,7 @@ FLAWS = {
 BETTER = {"sensor_rotation": (0.0, 2.0), "low_pass": (10.0, 1.0), "world_force": (10.0, 2.0)}
 
 
-def recorded(folder: Path, name: str, case: Case) -> Path:
+def recorded_bag(folder: Path, name: str, case: Case) -> Path:
     path = folder / f"{name}.mcap"
     urdf = read_urdf(find_urdf("ridgeback_ur10"))
     write_recording(path, {"wrench": case.wrench, "joint_states": case.joints}, robot_description=urdf)
@@ -43,13 +43,13 @@ def errors(bag: Path, case: Case, answer: Path, *more: str) -> tuple[float, floa
 def test_another_load_is_weighed_better_with_the_model(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(cases.DRAWS, name, lambda rng, world, strength: FLAWS[name])
+    monkeypatch.setitem(cases.DRAWS, name, lambda rng, recorded, strength: FLAWS[name])
     known, other = (make_case(seed, ((name, 1.0),), duration=20.0) for seed in (21, 22))
     model, saved, answer = tmp_path / "model.yaml", tmp_path / "saved.yaml", tmp_path / "answer.json"
     model.write_text(dump_model(known.model))
-    first = recorded(tmp_path, "known", known)
+    first = recorded_bag(tmp_path, "known", known)
     assert run(["mismatch", str(first), "--model", str(model), "--save", str(saved)]) == 0
-    bag = recorded(tmp_path, "other", other)
+    bag = recorded_bag(tmp_path, "other", other)
     without, with_it = errors(bag, other, answer), errors(bag, other, answer, "--model", str(saved))
     assert json.loads(answer.read_text())["taken_out"]["effects"] == [name]
     for before, after, ratio in zip(without, with_it, BETTER[name], strict=True):
@@ -58,10 +58,10 @@ def test_another_load_is_weighed_better_with_the_model(
 
 def test_the_payload_and_events_are_not_taken_out(tmp_path: Path) -> None:
     case = make_case(22, duration=12.0)
-    bag, answer, model = recorded(tmp_path, "run", case), tmp_path / "answer.json", tmp_path / "model.yaml"
+    bag, answer, model = recorded_bag(tmp_path, "run", case), tmp_path / "answer.json", tmp_path / "model.yaml"
     parts = (
-        Component("payload_parameters", {"mass": 0.1}, np.zeros((1, 1))),
-        Component("mass_step", {"time": 3.0, "mass": 0.4}, np.zeros((2, 2))),
+        ModelEffect("payload_parameters", {"mass": 0.1}, np.zeros((1, 1))),
+        ModelEffect("mass_step", {"time": 3.0, "mass": 0.4}, np.zeros((2, 2))),
     )
     model.write_text(dump_model(NominalModel(effects=parts)))
     plain = errors(bag, case, answer)

@@ -8,10 +8,10 @@ import pytest
 from cases import make_case
 
 from poise.inertia import identify
-from poise.mismatch.answer import Diagnosis, Finding, diagnose
+from poise.mismatch.answer import Diagnosis, NamedEffect, diagnose
 from poise.mismatch.effects import accelerometer_input, effect_named
 from poise.mismatch.effects.external_vibration import ExternalVibration
-from poise.mismatch.reading import parse_model, read_world
+from poise.mismatch.reading import parse_model, read_recording
 from poise.mismatch.recorded import load_wrench
 from poise.recording import open_recording
 from poise.types import Array
@@ -21,8 +21,8 @@ STATIC = {"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}}
 
 
 def diagnosed(name: str) -> Diagnosis:
-    reading = read_world(open_recording(BAGS / name), parse_model(STATIC))
-    return diagnose(reading.world, reading.model)
+    reading = read_recording(open_recording(BAGS / name), parse_model(STATIC))
+    return diagnose(reading.recorded, reading.model)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def shaken() -> Diagnosis:
     return diagnosed("kuka_vibration.mcap")
 
 
-def found(answer: Diagnosis, name: str) -> Finding:
+def found(answer: Diagnosis, name: str) -> NamedEffect:
     return next(finding for finding in answer.findings if finding.effect.name == name)
 
 
@@ -44,7 +44,7 @@ def test_bias_and_vibration_are_named_and_nothing_else(run: str, request: pytest
     answer: Diagnosis = request.getfixturevalue(run)
     assert {finding.effect.name for finding in answer.findings} == {"sensor_bias", "external_vibration"}
     # Noise that grows with speed is left, and said; it is no larger than noise and takes nothing from the names.
-    assert answer.main.rest.only_louder
+    assert answer.main.residual_test.only_louder
     assert all(finding.belief.probability > 0.8 for finding in answer.findings)
     proof = answer.main.proof
     assert proof.augmented < proof.nominal < proof.as_given
@@ -55,7 +55,7 @@ def test_the_bias_is_that_of_the_static_poses(run: str, request: pytest.FixtureR
     bias = identify(open_recording(BAGS / "kuka_static_poses.mcap")).estimate.bias
     parameters = found(request.getfixturevalue(run), "sensor_bias").parameters
     force = np.array([parameters[f"force_{axis}"].value for axis in "xyz"])
-    # The sensor was warm and zeroed anew between the two: its bias is the same to 5 %.
+    # The sensor was warm and zeroed again between the two recordings: the biases agree to 5 %.
     assert np.linalg.norm(force - bias[:3]) < 0.05 * np.linalg.norm(bias[:3])
 
 
@@ -68,11 +68,11 @@ def test_the_arm_shakes_at_forty_hertz_and_the_accelerometers_clock_is_late(free
 
 
 def test_only_the_shaken_run_has_blows(free: Diagnosis, shaken: Diagnosis) -> None:
-    assert accelerometer_input.blows_in(free.main.problem.world) == []
-    blows = accelerometer_input.blows_in(shaken.main.problem.world)
+    assert accelerometer_input.blows_in(free.main.problem.recorded) == []
+    blows = accelerometer_input.blows_in(shaken.main.problem.recorded)
     # Where the raw accelerometer jumps by more than 5 m/s2 from one sample to the next.
     imu = open_recording(BAGS / "kuka_vibration.mcap").imu()
-    start = shaken.main.problem.world.start
+    start = shaken.main.problem.recorded.start
     jumps = np.linalg.norm(np.diff(imu.linear_acceleration, axis=0), axis=1) > 5.0
     moments = (imu.stamps[1:][jumps] - start) * 1e-9
     assert len(blows) == 4
@@ -80,28 +80,30 @@ def test_only_the_shaken_run_has_blows(free: Diagnosis, shaken: Diagnosis) -> No
 
 
 def test_the_clock_of_the_wrench_is_known_though_it_is_no_finding(shaken: Diagnosis) -> None:
-    (clock,) = [small for small in shaken.main.small if small.group == "clock_offset"]
+    (clock,) = [small for small in shaken.main.calibration if small.group == "clock_offset"]
     assert abs(clock.value) < clock.tolerance
     assert 0 < clock.std < clock.tolerance / 2
 
 
 def test_a_felt_vibration_is_the_payload_carried_along_by_it() -> None:
     """Thesis eq. 2.97 with the shaking in the acceleration; the accelerometer's clock late by three samples."""
-    world = make_case(3, duration=10.0).world()
+    recorded = make_case(3, duration=10.0).recorded()
 
     def shaken_at(seconds: Array) -> Array:
         at = seconds[:, None]
         return np.asarray(np.sin(2 * np.pi * 10.0 * at + np.arange(3)) * np.exp(-(((at - 5.0) / 2.0) ** 2)))
 
-    shaking = shaken_at(world.seconds)
-    world = replace(world, accelerometer=world.linear_acceleration + shaken_at(world.seconds - 0.03))
+    shaking = shaken_at(recorded.seconds)
+    recorded = replace(recorded, accelerometer=recorded.linear_acceleration + shaken_at(recorded.seconds - 0.03))
     values = {"start": 0.0, "length": 10.0, "frequency": 10.0, "accelerometer_late": 0.03, "smoothing": 2e-4}
-    columns = ExternalVibration().columns(world, values)[:, :, 0]
-    moved = load_wrench(world.phi, world.specific - shaking, world.angular_velocity, world.angular_acceleration)
+    columns = ExternalVibration().columns(recorded, values)[:, :, 0]
+    moved = load_wrench(
+        recorded.phi, recorded.specific - shaking, recorded.angular_velocity, recorded.angular_acceleration
+    )
     inner = slice(100, -100)
-    assert np.abs(columns - (moved - world.nominal))[inner].max() < 0.02 * np.abs(columns).max()
+    assert np.abs(columns - (moved - recorded.nominal))[inner].max() < 0.02 * np.abs(columns).max()
     effect = effect_named("external_vibration")
     assert effect is not None
-    (start,) = effect.starts(world, moved - world.nominal)
+    (start,) = effect.starts(recorded, moved - recorded.nominal)
     assert start["accelerometer_late"] == pytest.approx(0.03, abs=2e-3)
     assert start["frequency"] == pytest.approx(10.0, abs=0.2)

@@ -1,4 +1,4 @@
-"""The designed excitation: a motion along which the recording tells what the first one could not."""
+"""The designed excitation: a motion whose recording resolves what the first one left ambiguous."""
 
 import json
 from dataclasses import replace
@@ -12,9 +12,9 @@ from cases import ARM_HOME, ROBOT, make_case
 from poise.cli import run
 from poise.mismatch.answer.discriminating_motion import distance
 from poise.mismatch.effects import Values, effect_named
-from poise.mismatch.inference import Part, wrench_problem
-from poise.mismatch.reading import Motion, NominalModel, dump_model, world_from_motion
-from poise.mismatch.recorded import World
+from poise.mismatch.inference import FittedEffect, wrench_problem
+from poise.mismatch.reading import NominalModel, dump_model, recorded_from_motion
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -29,17 +29,17 @@ def slow_sine(duration: float = 24.0) -> FourierTrajectory:
     return FourierTrajectory(ARM_HOME, sine, np.zeros_like(sine), 0.125, duration, 8.0)
 
 
-def along(trajectory: FourierTrajectory) -> World:
+def along(trajectory: FourierTrajectory) -> RecordedMotion:
     seconds = np.arange(int(trajectory.duration * 100)) / 100
-    world = world_from_motion(ROBOT, seconds, Motion(*trajectory.at(seconds)), PHI)
-    noise = np.random.default_rng(0).normal(size=world.wrench.shape) * np.repeat([0.1, 0.005], 3)
-    return replace(world, wrench=world.prediction + noise)
+    recorded = recorded_from_motion(ROBOT, seconds, trajectory.at(seconds), PHI)
+    noise = np.random.default_rng(0).normal(size=recorded.wrench.shape) * np.repeat([0.1, 0.005], 3)
+    return replace(recorded, wrench=recorded.prediction + noise)
 
 
-def part(name: str, values: Values) -> Part:
+def part(name: str, values: Values) -> FittedEffect:
     effect = effect_named(name)
     assert effect is not None
-    return Part(effect, values)
+    return FittedEffect(effect, values)
 
 
 def test_the_distance_is_small_where_two_effects_look_alike_and_none_to_itself() -> None:
@@ -47,7 +47,7 @@ def test_the_distance_is_small_where_two_effects_look_alike_and_none_to_itself()
     slow = wrench_problem(along(slow_sine()), NominalModel(phi=PHI))
     fast = slow_sine()
     fast = replace(fast, sine=fast.sine / 5, frequency=0.9)
-    assert distance(slow, slow.world, (), late, late) == pytest.approx(0.0, abs=0.1)
+    assert distance(slow, slow.recorded, (), late, late) == pytest.approx(0.0, abs=0.1)
     near, far = (distance(slow, along(motion), (), late, filtered) for motion in (slow_sine(), fast))
     assert 0.0 <= near < 5.0
     assert far > 10.0 * near

@@ -11,9 +11,9 @@ from cases import ROBOT, make_case
 from poise.cli import run
 from poise.mismatch.application import run_planned
 from poise.mismatch.effects import Effect, all_effects
-from poise.mismatch.reading import Component, NominalModel, dump_model, joined, spans
-from poise.mismatch.reading.joining import PAUSE
-from poise.mismatch.recorded import World
+from poise.mismatch.reading import ModelEffect, NominalModel, dump_model, joined, spans
+from poise.mismatch.reading.joining import RECORDING_GAP
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -24,11 +24,11 @@ BIAS = {"force_x": 2.0, "force_y": -1.0, "force_z": 0.0, "torque_x": 0.1, "torqu
 STEP = {"time": 8.0, "mass": 0.4, "moment_x": 0.0, "moment_y": 0.0, "moment_z": 0.04}
 
 
-def component(name: str, values: dict[str, float]) -> Component:
-    return Component(name, values, np.zeros((len(values), len(values))))
+def component(name: str, values: dict[str, float]) -> ModelEffect:
+    return ModelEffect(name, values, np.zeros((len(values), len(values))))
 
 
-def recorded(folder: Path, seed: int, *parts: Component) -> Path:
+def recorded_bag(folder: Path, seed: int, *parts: ModelEffect) -> Path:
     """A bag of the simulator, with the effects in it."""
     rng = np.random.default_rng(seed)
     motion = FourierTrajectory.random(ROBOT, rng, duration=14.0, speed=0.3, amplitude=0.7, frequency=0.12)
@@ -44,41 +44,41 @@ def recorded(folder: Path, seed: int, *parts: Component) -> Path:
 
 
 @pytest.fixture(scope="module")
-def world() -> World:
+def recorded() -> RecordedMotion:
     """Two recordings as one, their break in the middle."""
-    worlds = [make_case(seed, duration=12.0).world() for seed in (3, 4)]
-    return joined(worlds)[0]
+    recordings = [make_case(seed, duration=12.0).recorded() for seed in (3, 4)]
+    return joined(recordings)[0]
 
 
 @pytest.mark.parametrize("effect", [each for each in all_effects() if each.signal == "wrench"], ids=lambda e: e.name)
-def test_effects_survive_a_break_where_there_are_no_samples(world: World, effect: Effect) -> None:
+def test_effects_survive_a_break_where_there_are_no_samples(recorded: RecordedMotion, effect: Effect) -> None:
     """A burst on both sides of the break, so that windows and moments are looked for within it."""
-    residual = np.random.default_rng(0).normal(size=(len(world), 6)) * 0.1
-    middle = int(np.argmax(np.diff(world.seconds)))
+    residual = np.random.default_rng(0).normal(size=(len(recorded), 6)) * 0.1
+    middle = int(np.argmax(np.diff(recorded.seconds)))
     residual[middle - 30 : middle + 30] += 5.0
-    if effect.untestable(world):
-        pytest.skip(effect.untestable(world))
-    for start in effect.starts(world, residual):
-        values = {**start, **{p.name: p.scale for p in effect.parameters(world) if p.linear}}
-        assert np.isfinite(effect.simulate(world, values)).all()
-        assert all(np.isfinite(window).all() for window in effect.windows(world, values))
+    if effect.untestable(recorded):
+        pytest.skip(effect.untestable(recorded))
+    for start in effect.starts(recorded, residual):
+        values = {**start, **{p.name: p.scale for p in effect.parameters(recorded) if p.linear}}
+        assert np.isfinite(effect.simulate(recorded, values)).all()
+        assert all(np.isfinite(window).all() for window in effect.windows(recorded, values))
 
 
 def test_recordings_lie_one_after_the_other_on_one_clock() -> None:
-    worlds = [make_case(seed, duration=6.0).world() for seed in (3, 4, 5)]
-    whole, last = joined(worlds)
-    for (begin, end), each in zip(spans(worlds), worlds, strict=True):
+    recordings = [make_case(seed, duration=6.0).recorded() for seed in (3, 4, 5)]
+    whole, last = joined(recordings)
+    for (begin, end), each in zip(spans(recordings), recordings, strict=True):
         inside = (whole.seconds >= begin - 1e-9) & (whole.seconds <= end + 1e-9)
         assert np.array_equal(whole.wrench[inside], each.wrench)
-    assert whole.seconds[last][0] - whole.seconds[~last][-1] == pytest.approx(PAUSE)
-    assert last.sum() == len(worlds[-1])
+    assert whole.seconds[last][0] - whole.seconds[~last][-1] == pytest.approx(RECORDING_GAP)
+    assert last.sum() == len(recordings[-1])
 
 
 def test_what_transfers_is_proven_on_the_last_and_an_event_stays_in_its_own(tmp_path: Path) -> None:
     bias = component("sensor_bias", BIAS)
     bags = [
-        recorded(tmp_path, 1, bias, component("mass_step", STEP)),
-        recorded(tmp_path, 2, bias),
+        recorded_bag(tmp_path, 1, bias, component("mass_step", STEP)),
+        recorded_bag(tmp_path, 2, bias),
     ]
     model = tmp_path / "model.yaml"
     model.write_text(dump_model(NominalModel(sensor_frame="ft_sensor", phi=PHI)))

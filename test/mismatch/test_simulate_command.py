@@ -9,7 +9,7 @@ import yaml
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import Component, load_model, read_world, with_components
+from poise.mismatch.reading import ModelEffect, load_model, read_recording, with_model_effects
 from poise.recording import open_recording
 
 PAYLOAD = {"mass": 2.1, "com": [0.0, 0.01, 0.1], "inertia": [0.01, 0, 0, 0.01, 0, 0.005]}
@@ -43,29 +43,29 @@ def simulated(files, model, out, *options):
 
 
 def test_the_nominal_simulation_agrees_with_the_nominal_world_that_reads_it(files):
-    world = read_world(open_recording(files["plain.mcap"]), load_model(files["nominal.yaml"])).world
-    inner = (world.seconds > 1.5) & (world.seconds < 10.5)  # where the motion begins, jerk jumps
-    assert np.abs(world.wrench - world.prediction)[inner].max() < 2e-3
-    moving = (world.effort.seconds > 1.5) & (world.effort.seconds < 10.5)
-    assert np.abs(world.effort.measured - world.effort.rigid)[moving].max() < 2e-2
+    recorded = read_recording(open_recording(files["plain.mcap"]), load_model(files["nominal.yaml"])).recorded
+    inner = (recorded.seconds > 1.5) & (recorded.seconds < 10.5)  # where the motion begins, jerk jumps
+    assert np.abs(recorded.wrench - recorded.prediction)[inner].max() < 2e-3
+    moving = (recorded.effort.seconds > 1.5) & (recorded.effort.seconds < 10.5)
+    assert np.abs(recorded.effort.measured - recorded.effort.rigid)[moving].max() < 2e-2
 
 
 def test_the_residual_of_the_nominal_world_is_what_the_effects_say(files):
     """Kinematics, load, event and sensor in their order, and the friction in the efforts."""
     bag = simulated(files, "augmented.yaml", "augmented.mcap")
-    world = read_world(open_recording(bag), load_model(files["nominal.yaml"])).world
+    recorded = read_recording(open_recording(bag), load_model(files["nominal.yaml"])).recorded
     pull, filtered, dropped, rubbing = (
         (effect_named(entry["name"]), entry["parameters"]) for entry in (EFFECTS[1], EFFECTS[0], EFFECTS[2], EFFECTS[3])
     )
-    said = world.prediction + pull[0].simulate(world, pull[1])
-    said = said + dropped[0].simulate(world, dropped[1])
-    said = said + filtered[0].simulate(world.with_prediction(said), filtered[1])
-    inner = (world.seconds > 1.5) & (world.seconds < 10.5)
-    assert np.abs(world.wrench - said)[inner].max() < 5e-3
-    assert np.abs(world.wrench - world.prediction)[inner].max() > 2.0
-    friction = world.effort.measured - world.effort.rigid
-    inner = (world.effort.seconds > 1.5) & (world.effort.seconds < 10.5)
-    exact = rubbing[0].simulate(world, rubbing[1])
+    said = recorded.prediction + pull[0].simulate(recorded, pull[1])
+    said = said + dropped[0].simulate(recorded, dropped[1])
+    said = said + filtered[0].simulate(recorded.with_prediction(said), filtered[1])
+    inner = (recorded.seconds > 1.5) & (recorded.seconds < 10.5)
+    assert np.abs(recorded.wrench - said)[inner].max() < 5e-3
+    assert np.abs(recorded.wrench - recorded.prediction)[inner].max() > 2.0
+    friction = recorded.effort.measured - recorded.effort.rigid
+    inner = (recorded.effort.seconds > 1.5) & (recorded.effort.seconds < 10.5)
+    exact = rubbing[0].simulate(recorded, rubbing[1])
     assert np.quantile(np.abs(friction - exact)[inner], 0.99) < 0.02
 
 
@@ -127,11 +127,11 @@ def test_a_trajectory_needs_a_robot(files, capsys):
 
 
 def test_events_stay_in_their_recording_unless_asked(files):
-    world = read_world(open_recording(files["plain.mcap"]), load_model(files["nominal.yaml"])).world
+    recorded = read_recording(open_recording(files["plain.mcap"]), load_model(files["nominal.yaml"])).recorded
     (event,) = [entry for entry in EFFECTS if entry["name"] == "mass_step"]
-    component = Component("mass_step", event["parameters"], np.zeros((5, 5)))
-    assert with_components(world, [component]) is world
-    assert with_components(world, [component], events=True) is not world
+    component = ModelEffect("mass_step", event["parameters"], np.zeros((5, 5)))
+    assert with_model_effects(recorded, [component]) is recorded
+    assert with_model_effects(recorded, [component], events=True) is not recorded
     with pytest.raises(InputError) as raised:
-        with_components(world, [Component("gremlins", {}, np.zeros((0, 0)))])
+        with_model_effects(recorded, [ModelEffect("gremlins", {}, np.zeros((0, 0)))])
     assert raised.value.code is ErrorCode.BAD_INPUT

@@ -5,8 +5,8 @@ import pytest
 import shape_samples as samples
 
 from benchmarks.random_objects import make_composite
-from poise.inertia.object_shape import parts_of_segmentation, parts_of_solid
-from poise.inertia.parameters import pseudo_inertia
+from poise.inertia.model.object_shape import parts_of_segmentation, parts_of_solid
+from poise.inertia.model.parameters import pseudo_inertia
 from poise.shape.carving import carve, spacing_of
 from poise.shape.segmentation import segment
 from poise.shape.solid import Solid

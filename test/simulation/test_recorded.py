@@ -5,14 +5,14 @@ import pytest
 from scipy.stats import kurtosis
 
 from poise.errors import InputError
-from poise.inertia import regressor
+from poise.inertia.model import regressor
 from poise.robot import RobotModel, motion_from_joints
 from poise.simulation import (
     WRENCH_NOISE,
     FourierTrajectory,
+    IdealRobot,
     JointNoise,
     NoisyWrench,
-    World,
     WrenchNoise,
     record,
     wrench_noise,
@@ -62,9 +62,9 @@ def test_stamps_are_late_by_the_latency_and_never_out_of_order():
 
 
 def test_one_seed_is_one_recording():
-    world, motion = World(XARM, PAYLOAD), FourierTrajectory.random(XARM, np.random.default_rng(5), duration=3.0)
+    ideal, motion = IdealRobot(XARM, PAYLOAD), FourierTrajectory.random(XARM, np.random.default_rng(5), duration=3.0)
     noise = (wrench_noise("ft300"), JointNoise(position=1e-5, velocity=1e-3, effort=0.1))
-    first, second, other = (record(world, motion, np.random.default_rng(seed), *noise) for seed in (1, 1, 2))
+    first, second, other = (record(ideal, motion, np.random.default_rng(seed), *noise) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.wrench.wrench_in_sensor, second.wrench.wrench_in_sensor)
     np.testing.assert_array_equal(first.joints.effort, second.joints.effort)
     assert (first.wrench.wrench_in_sensor != other.wrench.wrench_in_sensor).any()
@@ -72,10 +72,10 @@ def test_one_seed_is_one_recording():
 
 def test_the_payload_comes_back_out_of_what_was_recorded():
     """Joint states -> splines -> motion -> least squares, from noisy samples on two clocks."""
-    world = World(XARM, PAYLOAD)
+    ideal = IdealRobot(XARM, PAYLOAD)
     motion = FourierTrajectory.random(XARM, np.random.default_rng(6), duration=15.0, speed=0.4)
     noise = wrench_noise("ft300", bias=(1.0, -2.0, 0.5, 0.1, 0.0, -0.1))
-    recorded = record(world, motion, np.random.default_rng(7), noise, JointNoise(rate=100.0, position=2e-5))
+    recorded = record(ideal, motion, np.random.default_rng(7), noise, JointNoise(rate=100.0, position=2e-5))
     moved = motion_from_joints(XARM, recorded.joints.stamps, recorded.joints.names, recorded.joints.position).motion
     at = np.searchsorted(moved.stamps, recorded.wrench.stamps)
     assert (moved.stamps[at] == recorded.wrench.stamps).all()

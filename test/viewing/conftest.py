@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from swinging_payload import START, identify_motion, swing
 
-from poise.inertia.estimate import Identification
+from poise.inertia.pipeline.estimate import Identification
 from poise.robot import SensorMotion
 
 

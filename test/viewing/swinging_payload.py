@@ -6,9 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.geometry import GRAVITY_IN_WORLD
-from poise.inertia import InformationAccumulator, regressor, solve
-from poise.inertia.estimate import Identification, InertialEstimate, RejectedInterval
-from poise.inertia.parameters import InertialParameters
+from poise.inertia import InformationAccumulator, solve
+from poise.inertia.model import regressor
+from poise.inertia.model.parameters import InertialParameters
+from poise.inertia.pipeline.estimate import Identification, InertialEstimate, RejectedInterval
 from poise.robot import SensorMotion
 
 START = 1_708_857_503_000_000_000

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from poise.inertia.estimate import Identification
+from poise.inertia.pipeline.estimate import Identification
 from poise.viewing import figures
 from poise.viewing.canvas import PALETTE, STYLE, sheet
 from poise.viewing.inline_svg import inline_svg

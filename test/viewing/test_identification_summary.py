@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import lfilter
 from swinging_payload import with_estimate
 
-from poise.inertia.estimate import Identification
-from poise.inertia.parameters import UPPER, InertialParameters
+from poise.inertia.model.parameters import UPPER, InertialParameters
+from poise.inertia.pipeline.estimate import Identification
 from poise.viewing.summary import (
     com_covariance,
     correlation,

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: it stands on its own, tells the verdict, and its numbers are the diagnosis'."""
+"""The report of a diagnosis: it is self-contained, states the verdict, and its numbers are those of the diagnosis."""
 
 import json
 import re
@@ -13,7 +13,7 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import diagnose
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import Motion, NominalModel, world_from_motion
+from poise.mismatch.reading import NominalModel, recorded_from_motion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 from poise.viewing.mismatch_report import write_mismatch_report
@@ -31,15 +31,15 @@ def found():
     seconds = np.arange(0.0, 14.0, 0.01)
     motion = FourierTrajectory.random(robot, np.random.default_rng(2), duration=14.0, speed=0.3)
     phi = InertialParameters(2.0, np.array([0.0, 0.01, 0.1]), 0.01 * np.eye(3)).phi
-    world = world_from_motion(robot, seconds, Motion(*motion.at(seconds)), phi)
+    recorded = recorded_from_motion(robot, seconds, motion.at(seconds), phi)
     contact, rng = effect_named("contact"), np.random.default_rng(1)
     values = {"start": 6.0, "length": 1.0, "x": 0.0, "y": 0.0, "z": 0.15}
     values |= {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(7)}
     values |= {f"force_x_{k}": 6.0 * np.sin(np.pi * (k + 1) / 8) for k in range(7)}
-    wrench = world.prediction + contact.simulate(world, values) + rng.normal(size=(len(seconds), 6)) * SIGMA
+    wrench = recorded.prediction + contact.simulate(recorded, values) + rng.normal(size=(len(seconds), 6)) * SIGMA
     model = NominalModel(sensor_frame="ft_sensor", phi=phi)
     library = [effect_named(name) for name in ("contact", "bias_drift", "flywheel")]
-    return diagnose(replace(world, wrench=wrench), model, None, library)
+    return diagnose(replace(recorded, wrench=wrench), model, None, library)
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_before_and_after_differ_by_what_the_effect_says_and_only_in_its_window(
     left = residuals(found.main)
     said = left.before - left.after
     (finding,) = found.findings
-    exact = finding.effect.simulate(found.main.problem.world, finding.values)
+    exact = finding.effect.simulate(found.main.problem.recorded, finding.values)
     np.testing.assert_allclose(said, exact, atol=1e-9)
     size = left.size(left.before)
     assert size[(left.seconds > 6.2) & (left.seconds < 6.8)].min() > 3.0

@@ -1,21 +1,21 @@
 """The diagnosis: named effects with probabilities, what no effect explains, the held-out proof, live windows."""
 
-from poise.mismatch.answer.belief import MOST_SURE, Basis
-from poise.mismatch.answer.diagnosis import Diagnosis, Examination, Finding, Quantity, diagnose
-from poise.mismatch.answer.discriminating_motion import Separation, separating_motion
+from poise.mismatch.answer.belief import MAX_PROBABILITY, BeliefBasis
+from poise.mismatch.answer.diagnosis import Diagnosis, NamedEffect, Quantity, SignalDiagnosis, diagnose
+from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, separating_motion
 from poise.mismatch.answer.live_window import LiveWindow, effects_called, examine
 from poise.mismatch.answer.residual_windows import ResidualWindow
 
 __all__ = [
-    "MOST_SURE",
-    "Basis",
+    "MAX_PROBABILITY",
+    "BeliefBasis",
     "Diagnosis",
-    "Examination",
-    "Finding",
+    "DiscriminatingMotion",
     "LiveWindow",
+    "NamedEffect",
     "Quantity",
     "ResidualWindow",
-    "Separation",
+    "SignalDiagnosis",
     "diagnose",
     "effects_called",
     "examine",

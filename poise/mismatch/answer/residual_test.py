@@ -1,6 +1,6 @@
-"""What a model leaves: is it noise, or structure that nothing named explains - and what does that go with?
+"""The test of a model's residual: is it noise or structure, and with which states does it correlate?
 
-The gate is absolute: the residual is held against the size that sensor noise may have, not against itself whitened
+The test is absolute: the residual is compared with the size that sensor noise may have, not with its own whitened form
 (an autoregressive filter can make any residual white).
 """
 
@@ -9,24 +9,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
-from poise.mismatch.inference import Problem, hats
+from poise.mismatch.inference import Problem, linear_bspline_basis
 from poise.types import Array
 
-MATERIAL = 0.05
-"""Excess energy of the residual, relative to the noise's, from which it is no longer noise."""
-LOUDER = 1.3
-"""Fast noise that is this much louder in fast motion than in slow is no sensor noise."""
+_MATERIAL = 0.05
+"""Excess energy of the residual, relative to the noise, from which it is structure."""
+_LOUDER = 1.3
+"""Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
 
 
 @dataclass(frozen=True)
-class Leftover:
-    """What remains.
+class ResidualTest:
+    """The result of the test.
 
     Args:
         excess: energy of the residual over that of the noise, less one.
-        structured: it is more than noise may be.
+        structured: the residual exceeds the noise.
         louder: its fast part grows with the speed.
-        depends_on: states that it goes with, the best first.
+        depends_on: states that it correlates with, the best first.
         whiteness: largest autocorrelation of the whitened residual at one to twenty samples, any channel.
     """
 
@@ -38,42 +38,44 @@ class Leftover:
 
     @property
     def only_louder(self) -> bool:
-        """Nothing but fast noise that grows with the speed: no larger than noise may be, it casts no doubt on names."""
-        return self.louder and self.excess <= MATERIAL
+        """Only fast noise that grows with the speed; it is within the size of noise and does not question the names."""
+        return self.louder and self.excess <= _MATERIAL
 
 
-def leftover(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> Leftover:
-    """Judge a residual (N, C), and the whitened one (R,); rounding (C,) of the readings, one sigma, is no structure."""
+def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
+    """Test a residual (N, C) and its whitened form (R,); rounding (C,) of the readings, one sigma, is no structure."""
     rows = problem.active
     scaled = (residual / problem.noise.total)[rows]
     seconds = problem.seconds[rows]
-    # A few spikes are no structure: what is beyond five sigmas counts as five.
+    # A few spikes are no structure: residuals are limited to five sigmas.
     excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
     loud = _louder_when_fast(problem, residual)
-    allowed = MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
+    allowed = _MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
     depends = _depends(problem, seconds, residual, scaled, loud) if structured else ()
-    return Leftover(excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1)))
+    return ResidualTest(
+        excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1))
+    )
 
 
 def _depends(problem: Problem, seconds: Array, residual: Array, scaled: Array, loud: bool) -> tuple[str, ...]:
     if loud:
         return ("joint_velocity",)
-    direct = goes_with(problem.world, seconds, scaled, slice(None)) if len(seconds) == len(problem.world) else []
+    direct = goes_with(problem.recorded, seconds, scaled, slice(None)) if len(seconds) == len(problem.recorded) else []
     if direct:
         return tuple(direct)
     energy = np.clip(scaled**2, 0.0, 25.0).sum(axis=1, keepdims=True)
     energy = energy - energy.mean()
     rows = problem.active
-    speed, load = problem.noise.speed[rows], np.linalg.norm(problem.predicted(problem.world)[rows], axis=1)
+    speed, load = problem.noise.speed[rows], np.linalg.norm(problem.predicted(problem.recorded)[rows], axis=1)
     curves = {"joint_velocity": speed, "load": load, "time": seconds}
-    shares = {name: explained(hats(values, 10), energy) for name, values in curves.items()}
+    shares = {name: explained(linear_bspline_basis(values, 10), energy) for name, values in curves.items()}
     best = max(shares, key=lambda name: shares[name])
     return (best,) if shares[best] > 0.1 else ("time",)
 
 
 def _louder_when_fast(problem: Problem, residual: Array) -> bool:
-    """Third differences, blind to all that is slow, grow with the speed."""
+    """Whether third differences, which slow changes do not affect, grow with the speed."""
     fast = np.abs(np.diff(residual, n=3, axis=0)) / np.sqrt(20.0) / problem.noise.sigma
     level = np.sqrt(np.mean(np.clip(fast, 0.0, 8.0) ** 2, axis=1))
     speed = problem.noise.speed[2:-1]
@@ -81,7 +83,7 @@ def _louder_when_fast(problem: Problem, residual: Array) -> bool:
     if quick - slow < 0.1:
         return False
     before, after = level[speed <= slow], level[speed >= quick]
-    return bool(np.sqrt(np.mean(after**2)) > LOUDER * np.sqrt(np.mean(before**2)))
+    return bool(np.sqrt(np.mean(after**2)) > _LOUDER * np.sqrt(np.mean(before**2)))
 
 
 def _strongest_correlation(whitened: Array) -> float:

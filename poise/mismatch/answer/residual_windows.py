@@ -1,23 +1,23 @@
-"""Where a residual lies: windows, channels, band, and states that it goes with; each with its share of the excess."""
+"""Windows of a residual: times, channels, frequency band, correlated states, and share of the excess."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.inference import Noise, hats
-from poise.mismatch.recorded import World
+from poise.mismatch.inference import SignalNoise, linear_bspline_basis
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-STRETCH = 0.25
+_STRETCH = 0.25
 """s over which the energy of a residual is averaged."""
-ALERT, CALM = 6.0, 2.5
+_ALERT, _CALM = 6.0, 2.5
 """Sigmas of that average at which a window opens, and closes."""
-JOINED = 0.5
-"""s between windows that are one."""
-MOST = 8
-"""Windows that are told."""
-NOTABLE = 0.15
+_JOINED = 0.5
+"""s between windows that are joined."""
+_MOST = 8
+"""Most windows that are reported."""
+_NOTABLE = 0.15
 """Share of a window's excess from which a channel or a state is named."""
 
 
@@ -43,11 +43,13 @@ class ResidualWindow:
     share: float
 
 
-def locate(world: World, residual: Array, noise: Noise, names: Sequence[str]) -> tuple[ResidualWindow, ...]:
-    """Windows in which a residual (N, C) is larger than its noise; none when it nowhere is.
+def locate(
+    recorded: RecordedMotion, residual: Array, noise: SignalNoise, names: Sequence[str]
+) -> tuple[ResidualWindow, ...]:
+    """Windows in which a residual (N, C) is larger than its noise; none otherwise.
 
     Args:
-        world: the recording.
+        recorded: the recording.
         residual: measured minus predicted.
         noise: of the signal.
         names: (C) of the channels.
@@ -62,40 +64,40 @@ def locate(world: World, residual: Array, noise: Noise, names: Sequence[str]) ->
     for a, b in spans:
         energy = excess[a:b].sum(axis=0)
         whole = max(float(energy.clip(0).sum()), 1e-12)
-        order = [int(c) for c in np.argsort(-energy) if energy[c] > NOTABLE * whole]
+        order = [int(c) for c in np.argsort(-energy) if energy[c] > _NOTABLE * whole]
         found.append(
             ResidualWindow(
                 float(noise.seconds[a]),
                 float(noise.seconds[b - 1]),
                 _kind(noise.seconds, scaled, a, b),
                 tuple(names[c] for c in order),
-                _band(world, noise.seconds[a:b], scaled[a:b]),
-                tuple(goes_with(world, noise.seconds, scaled, slice(a, b))),
+                _band(recorded, noise.seconds[a:b], scaled[a:b]),
+                tuple(goes_with(recorded, noise.seconds, scaled, slice(a, b))),
                 float(energy.sum() / total),
             )
         )
-    return tuple(sorted(found, key=lambda window: -window.share)[:MOST])
+    return tuple(sorted(found, key=lambda window: -window.share)[:_MOST])
 
 
 def _spans(seconds: Array, energy: Array) -> list[tuple[int, int]]:
-    """Rows (from, to) where the smoothed energy stands out: it opens at ALERT sigmas and lasts down to CALM."""
+    """Rows (from, to) where the smoothed energy is significant: from `_ALERT` sigmas down to `_CALM`."""
     period = float(np.median(np.diff(seconds)))
-    half = max(round(STRETCH / period / 2), 1)
+    half = max(round(_STRETCH / period / 2), 1)
     kernel = np.hanning(2 * half + 3)[1:-1]
     kernel /= kernel.sum()
     smooth = np.convolve(np.pad(energy, half, mode="reflect"), kernel, mode="valid")
     # Of noise alone the sum over C channels of z^2 - 1 has variance 2 C; C is 6 for a wrench.
     sigma = float(np.sqrt(12.0 * np.sum(kernel**2)))
-    calm = smooth > CALM * sigma
+    calm = smooth > _CALM * sigma
     edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(int)))
     spans = [
         (int(a), int(b))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
-        if float(smooth[a:b].max()) > ALERT * sigma
+        if float(smooth[a:b].max()) > _ALERT * sigma
     ]
     joined: list[tuple[int, int]] = []
     for a, b in spans:
-        if joined and seconds[a] - seconds[joined[-1][1] - 1] < JOINED:
+        if joined and seconds[a] - seconds[joined[-1][1] - 1] < _JOINED:
             joined[-1] = (joined[-1][0], b)
         else:
             joined.append((a, b))
@@ -115,13 +117,13 @@ def _kind(seconds: Array, scaled: Array, a: int, b: int) -> str:
     return "trend" if trend > 0.5 * float(np.sum(centred**2) - centred.size) else "throughout"
 
 
-def _band(world: World, seconds: Array, scaled: Array) -> tuple[float, float]:
+def _band(recorded: RecordedMotion, seconds: Array, scaled: Array) -> tuple[float, float]:
     """Hz between which the middle four fifths of the power above the white floor lie."""
     if len(seconds) < 16:
-        return 0.0, 0.5 / world.period
-    even = np.arange(seconds[0], seconds[-1], world.period)
+        return 0.0, 0.5 / recorded.period
+    even = np.arange(seconds[0], seconds[-1], recorded.period)
     values = np.stack([np.interp(even, seconds, column) for column in scaled.T], axis=1)
-    frequency, power = spectrum_of(values, world.period)
+    frequency, power = spectrum_of(values, recorded.period)
     above = np.clip(power - np.median(power[len(power) // 2 :]), 0.0, None)
     grown = np.cumsum(above)
     if grown[-1] <= 0:
@@ -137,38 +139,38 @@ def spectrum_of(values: Array, period: float) -> tuple[Array, Array]:
     return np.asarray(np.fft.rfftfreq(len(values), period)), power
 
 
-def goes_with(world: World, seconds: Array, scaled: Array, rows: slice) -> list[str]:
-    """States whose curves explain most of a residual in some rows, judged on blocks that were left out."""
-    shares = {name: explained(curves[rows], scaled[rows]) for name, curves in _curves(world, seconds).items()}
+def goes_with(recorded: RecordedMotion, seconds: Array, scaled: Array, rows: slice) -> list[str]:
+    """States whose curves explain most of a residual in some rows, evaluated on blocks that were left out."""
+    shares = {name: explained(curves[rows], scaled[rows]) for name, curves in _curves(recorded, seconds).items()}
     best = max(shares.values(), default=0.0)
-    good = [name for name, share in shares.items() if share > max(NOTABLE, 0.75 * best)]
+    good = [name for name, share in shares.items() if share > max(_NOTABLE, 0.75 * best)]
     return sorted(good, key=lambda name: -shares[name])[:3]
 
 
-def _curves(world: World, seconds: Array) -> dict[str, Array]:
-    """(N, b) functions of each state that a person would look at, at the signal's stamps."""
+def _curves(recorded: RecordedMotion, seconds: Array) -> dict[str, Array]:
+    """(N, b) functions of each candidate state, at the signal's stamps."""
 
     def here(values: Array) -> Array:
-        return values if seconds is world.seconds else np.interp(seconds, world.seconds, values)
+        return values if seconds is recorded.seconds else np.interp(seconds, recorded.seconds, values)
 
-    found = {"time": hats(seconds, 8)}
-    found["gravity_direction"] = np.stack([here(world.gravity[:, k]) / 9.81 for k in range(3)], axis=1)
-    found["load"] = hats(here(np.linalg.norm(world.nominal[:, :3], axis=1)), 6)
-    if world.joints is not None:
+    found = {"time": linear_bspline_basis(seconds, 8)}
+    found["gravity_direction"] = np.stack([here(recorded.gravity[:, k]) / 9.81 for k in range(3)], axis=1)
+    found["load"] = linear_bspline_basis(here(np.linalg.norm(recorded.nominal[:, :3], axis=1)), 6)
+    if recorded.joints is not None:
         for kind in ("position", "velocity", "acceleration"):
-            track = getattr(world.joints, kind)
-            for j, name in enumerate(world.joints.names):
+            track = getattr(recorded.joints, kind)
+            for j, name in enumerate(recorded.joints.names):
                 if float(np.ptp(track[:, j])) > 0.05:
-                    found[f"joint_{kind}:{name}"] = hats(here(track[:, j]), 6)
-    if world.base is not None:
-        felt = np.einsum("nji,nj->ni", world.base.rotation_world_base, world.base.acceleration_in_world)
+                    found[f"joint_{kind}:{name}"] = linear_bspline_basis(here(track[:, j]), 6)
+    if recorded.base is not None:
+        felt = np.einsum("nji,nj->ni", recorded.base.rotation_world_base, recorded.base.acceleration_in_world)
         if float(np.ptp(felt, axis=0).max()) > 0.05:
-            found["base_acceleration"] = np.hstack([hats(here(felt[:, k]), 4) for k in (0, 1)])
+            found["base_acceleration"] = np.hstack([linear_bspline_basis(here(felt[:, k]), 4) for k in (0, 1)])
     return found
 
 
 def explained(curves: Array, scaled: Array, blocks: int = 8) -> float:
-    """Share of the energy (N, C) that curves (N, b) with a constant predict in blocks that they did not see."""
+    """Share of the energy (N, C) that curves (N, b) with a constant predict in held-out blocks."""
     columns = np.hstack([curves, np.ones((len(curves), 1))])
     if len(scaled) < 4 * blocks:
         return 0.0

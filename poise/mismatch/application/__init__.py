@@ -1,7 +1,7 @@
 """A model with effects, put to use: simulate a motion, compensate a recording, state the known load."""
 
-from poise.mismatch.application.compensation import TakenOut, take_out
+from poise.mismatch.application.compensation import CompensatedWrench, compensate
 from poise.mismatch.application.known_load import loads_about
-from poise.mismatch.application.simulated_run import Run, run_planned, run_recorded
+from poise.mismatch.application.simulated_run import SimulatedRun, run_planned, run_recorded
 
-__all__ = ["Run", "TakenOut", "loads_about", "run_planned", "run_recorded", "take_out"]
+__all__ = ["CompensatedWrench", "SimulatedRun", "compensate", "loads_about", "run_planned", "run_recorded"]

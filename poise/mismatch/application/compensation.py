@@ -1,33 +1,33 @@
-"""A recording without the effects that a model knows: what the sensor would have read had they not been there.
+"""Compensation: the wrench of a recording without the effects of a model.
 
-What an effect does to the wrench depends on the load, which is what is asked for: it is identified from the wrench
-without the effects, these are computed anew for it, and so on; each round changes less, for effects are corrections.
+The response of an effect depends on the load, which is unknown. The load is identified from the compensated wrench and
+the effects are computed for this load, in turn; the iteration converges because effects are small corrections.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.mismatch.reading import NominalModel, absent, effect_of, identified, read_world, with_components
+from poise.mismatch.reading import NominalModel, absent, effect_of, identified, read_recording, with_model_effects
 from poise.mismatch.recorded import load_wrench
 from poise.recording import Recording, WrenchStream
 from poise.types import Array
 
-ROUNDS = 15
-SETTLED = 1e-7
-"""Change of the payload (kg, kg m, kg m2) below which the rounds end."""
+_ROUNDS = 15
+_SETTLED = 1e-7
+"""Change of the payload (kg, kg m, kg m2) at which the iteration ends."""
 
 
 @dataclass(frozen=True, eq=False)
-class TakenOut:
-    """A wrench without known effects.
+class CompensatedWrench:
+    """A compensated wrench.
 
     Args:
-        wrench: the corrected samples; what could not be corrected is absent.
-        names: of the effects that were taken out.
-        left: those that were not, and why.
-        size: (6,) rms of what was taken out, N and N m.
-        notes: what there is to say about how the recording was read.
+        wrench: the compensated samples; others are absent.
+        names: of the compensated effects.
+        left: effects that were not compensated, and why.
+        size: (6,) rms of the compensation, N and N m.
+        notes: sentences on losses and corrections of the reading.
     """
 
     wrench: WrenchStream
@@ -37,44 +37,44 @@ class TakenOut:
     notes: tuple[str, ...]
 
 
-def take_out(recording: Recording, model: NominalModel) -> TakenOut:
-    """Take a model's effects out of the wrench of a recording.
+def compensate(recording: Recording, model: NominalModel) -> CompensatedWrench:
+    """Compensate the wrench of a recording for the effects of a model.
 
-    Events belong to the recording that they were found in and `payload_parameters` is the load itself: they stay.
+    Events belong to their recording and `payload_parameters` is the load itself: both are not compensated.
 
     Args:
-        recording: of any load, in the hand that the model was found with.
+        recording: with any load, in the hand of the model.
         model: with effects; its payload does not matter.
 
     Raises:
-        InputError: as `read_world` and `with_components`.
+        InputError: as `read_recording` and `with_model_effects`.
     """
-    reading = read_world(recording, replace(model, phi=None, effects=()))
-    world = reading.world
+    reading = read_recording(recording, replace(model, phi=None, effects=()))
+    recorded = reading.recorded
     chosen, left = [], {}
     for component in model.effects:
         effect = effect_of(component)
-        reason = absent(effect, world, events=False)
+        reason = absent(effect, recorded, events=False)
         if effect.widens == "payload":
-            reason = "it is the payload, which is asked for"
+            reason = "it is the payload itself"
         if effect.signal != "wrench":
             reason = "it acts on joint efforts"
         if reason:
             left[component.name] = reason
         else:
             chosen.append(component)
-    phi, response = world.phi, np.zeros((len(world), 6))
-    for _ in range(ROUNDS if chosen else 0):
-        nominal = load_wrench(phi, world.specific, world.angular_velocity, world.angular_acceleration)
-        here = replace(world, phi=phi, prediction=nominal)
-        response = with_components(here, chosen).prediction - nominal
-        before, phi = phi, identified(replace(world, wrench=world.wrench - response))
-        if float(np.abs(phi - before).max()) < SETTLED:
+    phi, response = recorded.phi, np.zeros((len(recorded), 6))
+    for _ in range(_ROUNDS if chosen else 0):
+        nominal = load_wrench(phi, recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
+        here = replace(recorded, phi=phi, prediction=nominal)
+        response = with_model_effects(here, chosen).prediction - nominal
+        before, phi = phi, identified(replace(recorded, wrench=recorded.wrench - response))
+        if float(np.abs(phi - before).max()) < _SETTLED:
             break
-    stamps = world.start + np.round(world.seconds * 1e9).astype(np.int64)
+    stamps = recorded.start + np.round(recorded.seconds * 1e9).astype(np.int64)
     frame = reading.model.sensor_frame or "ft_sensor"
-    return TakenOut(
-        WrenchStream(stamps, world.wrench - response, frame),
+    return CompensatedWrench(
+        WrenchStream(stamps, recorded.wrench - response, frame),
         tuple(component.name for component in chosen),
         left,
         np.sqrt(np.mean(response**2, axis=0)),

@@ -1,4 +1,4 @@
-"""The load that a model knows, with how well it knows it; as an object of an assembly that stands on a base."""
+"""The load of a model with its covariance, as an object of an assembly on a base."""
 
 from dataclasses import replace
 
@@ -7,37 +7,39 @@ import numpy as np
 from poise.assembly import RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.inertia.parameters import InertialParameters, frame_change
-from poise.mismatch.effects import ROWS
-from poise.mismatch.inference import SIGMAS, payload_steps
+from poise.inertia.model import InertialParameters, frame_change
+from poise.mismatch.effects import PAYLOAD_PARAMETERS
+from poise.mismatch.inference import PRIOR_SIGMA, payload_steps
 from poise.mismatch.reading import NominalModel
 from poise.types import Array
 
-CAUTION = 2.0
+_CAUTION = 2.0
 """Sigmas by which mass and centre of mass are varied."""
 
 
 def known_load(model: NominalModel) -> tuple[Array, Array]:
     """(10,) phi of the payload, sensor axes, and its covariance (10, 10).
 
-    What a diagnosis found counts, with its covariance; else what is stated, known to half of its tolerances.
+    The payload that a diagnosis found, with its covariance; else the stated one, with half its tolerances as sigmas.
 
     Raises:
         InputError: BAD_INPUT for a model without a payload.
     """
     if model.phi is None:
         raise InputError(ErrorCode.BAD_INPUT, "the model has no payload: state one, or save a diagnosis of a recording")
-    steps = payload_steps(model.phi, model.tolerance) * SIGMAS
+    steps = payload_steps(model.phi, model.tolerance) * PRIOR_SIGMA
     found = next((part for part in model.effects if part.name == "payload_parameters"), None)
     if found is None:
         return model.phi, np.asarray(steps @ steps.T)
-    order = [list(found.values).index(name) for name in ROWS]
-    return model.phi + np.array([found.values[name] for name in ROWS]), found.covariance[np.ix_(order, order)]
+    order = [list(found.values).index(name) for name in PAYLOAD_PARAMETERS]
+    return model.phi + np.array([found.values[name] for name in PAYLOAD_PARAMETERS]), found.covariance[
+        np.ix_(order, order)
+    ]
 
 
 def loads_about(item: RigidObject, model: NominalModel, pose_sensor_object: Pose) -> list[RigidObject]:
-    """The object as the model knows it, first, and then as it may be too: a sigma point each way along every axis of
-    the covariance of mass and first moment (Julier and Uhlmann 2004), at `CAUTION` sigmas.
+    """The object with the load of the model, then its sigma points: one each way along every axis of
+    the covariance of mass and first moment (Julier and Uhlmann 2004), at `_CAUTION` sigmas.
 
     Args:
         item: of an assembly; its mass, centre of mass and inertia are replaced.
@@ -52,7 +54,7 @@ def loads_about(item: RigidObject, model: NominalModel, pose_sensor_object: Pose
     change = frame_change(rotation.T, -rotation.T @ pose_sensor_object.translation)
     phi, covariance = change @ phi, change @ covariance @ change.T
     strength, axes = np.linalg.eigh(covariance[:4, :4])
-    steps = CAUTION * np.sqrt(np.maximum(strength, 0.0)) * axes
+    steps = _CAUTION * np.sqrt(np.maximum(strength, 0.0)) * axes
     body = InertialParameters.from_phi(phi)
     made = []
     for step in (np.zeros(4), *steps.T, *-steps.T):

@@ -1,38 +1,43 @@
-"""The simulation with what a diagnosis added, run along a motion: what sensor and joints would say."""
+"""The simulation with the effects of a diagnosis along a motion: wrench and joint states."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.geometry import STANDARD_GRAVITY
-from poise.mismatch.reading import Motion, NominalModel, base_joints, effort_track, with_components, world_from_motion
-from poise.mismatch.recorded import World
+from poise.mismatch.reading import (
+    NominalModel,
+    base_joints,
+    effort_track,
+    recorded_from_motion,
+    with_model_effects,
+)
+from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import Trajectory
 
-NOISE = (0.1, 0.005)
-"""N and N m: where a model states no noise, an FT-300's (thesis table 3.2, moderate)."""
-EFFORT_NOISE = 0.1
+_NOISE = (0.1, 0.005)
+"""N and N m: noise of an FT-300, for a model that states none (thesis table 3.2, moderate)."""
+_EFFORT_NOISE = 0.1
 """N m, of motor currents (as `fake_robot` has it)."""
-ROUNDED = 1000
-"""ns that a stamp may be off after it was seconds for a while."""
+_ROUNDED = 1000
+"""ns, rounding error of a stamp after conversion to seconds and back."""
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class SimulatedRun:
     """A simulated motion.
 
     Args:
-        nominal: the world without the model's effects.
-        world: with them.
-        wrench: what the sensor would say.
-        joints: what the joints would say, with their efforts; None when nothing new is to be said of them.
+        nominal: the motion without the model's effects.
+        recorded: the motion with them.
+        wrench: of the sensor.
+        joints: joint states with efforts; None when the simulation does not change them.
     """
 
-    nominal: World
-    world: World
+    nominal: RecordedMotion
+    recorded: RecordedMotion
     wrench: WrenchStream
     joints: JointStream | None
 
@@ -44,27 +49,27 @@ class Run:
 
 
 def run_recorded(
-    nominal: World, joints: JointStream | None, model: NominalModel, rng: np.random.Generator | None = None
-) -> Run:
+    nominal: RecordedMotion, joints: JointStream | None, model: NominalModel, rng: np.random.Generator | None = None
+) -> SimulatedRun:
     """Along the motion of a recording.
 
     Args:
         nominal: the recording as read.
         joints: its joint states; where it holds efforts, they are replaced by the simulated ones.
-        model: with its effects; events happen again.
+        model: with its effects; events are repeated.
         rng: adds the model's white noise to the wrench, and that of currents to efforts; None: none.
     """
-    world = with_components(nominal, model.effects, events=True)
-    told = None
-    if world.effort is not None and joints is not None:
-        # The recording's own samples, but those at its ends that no smoothing reaches.
-        stamps = world.start + np.round(world.effort.seconds * 1e9).astype(np.int64)
-        rows, first = np.unique(np.searchsorted(joints.stamps, stamps - ROUNDED), return_index=True)
+    recorded = with_model_effects(nominal, model.effects, events=True)
+    simulated = None
+    if recorded.effort is not None and joints is not None:
+        # The samples of the recording, without its ends, where no smoothed motion exists.
+        stamps = recorded.start + np.round(recorded.effort.seconds * 1e9).astype(np.int64)
+        rows, first = np.unique(np.searchsorted(joints.stamps, stamps - _ROUNDED), return_index=True)
         effort = np.full((len(rows), len(joints.names)), np.nan)
-        effort[:, [joints.names.index(name) for name in world.effort.names]] = world.effort.prediction[first]
-        told = replace(joints.select(rows), effort=effort)
-    wrench = _wrench(world, model, rng)
-    return Run(nominal, world, wrench, told if told is None else _noisy(told, rng))
+        effort[:, [joints.names.index(name) for name in recorded.effort.names]] = recorded.effort.prediction[first]
+        simulated = replace(joints.select(rows), effort=effort)
+    wrench = _wrench(recorded, model, rng)
+    return SimulatedRun(nominal, recorded, wrench, simulated if simulated is None else _noisy(simulated, rng))
 
 
 def run_planned(
@@ -75,53 +80,54 @@ def run_planned(
     *,
     wrench_rate: float = 100.0,
     joint_rate: float = 125.0,
-) -> Run:
+) -> SimulatedRun:
     """Along a trajectory of a robot's joints.
 
     Args:
         robot: fixed base.
         trajectory: its joints' motion.
-        model: as in `run_recorded`; without a payload nothing is held.
+        model: as in `run_recorded`; without a payload the hand is empty.
         rng: likewise.
         wrench_rate, joint_rate: Hz.
     """
     phi = np.zeros(10) if model.phi is None else model.phi
+    gravity = model.gravity_or_standard
     sampled = np.arange(int(trajectory.duration * joint_rate) + 1) / joint_rate
     joints = trajectory.at(sampled)
-    effort = effort_track(robot, sampled, Motion(*joints), np.zeros(joints.position.shape), phi)
+    effort = effort_track(robot, sampled, joints, np.zeros(joints.position.shape), phi, gravity=gravity)
     seconds = np.arange(int(trajectory.duration * wrench_rate) + 1) / wrench_rate
-    nominal = world_from_motion(
+    nominal = recorded_from_motion(
         robot,
         seconds,
-        Motion(*trajectory.at(seconds)),
+        trajectory.at(seconds),
         phi + robot.load_in_sensor if model.tool_in_wrench else phi,
-        gravity=STANDARD_GRAVITY if model.gravity is None else model.gravity,
+        gravity=gravity,
         effort=effort if effort.names else None,
     )
-    world = with_components(nominal, model.effects, events=True)
-    told = np.full(joints.position.shape, np.nan)
-    if world.effort is not None:
-        told[:, base_joints(robot) :] = world.effort.prediction
+    recorded = with_model_effects(nominal, model.effects, events=True)
+    simulated = np.full(joints.position.shape, np.nan)
+    if recorded.effort is not None:
+        simulated[:, base_joints(robot) :] = recorded.effort.prediction
     stamps = np.round(sampled * 1e9).astype(np.int64)
-    stream = JointStream(stamps, robot.joint_names, joints.position, joints.velocity, told)
+    stream = JointStream(stamps, robot.joint_names, joints.position, joints.velocity, simulated)
     settled = replace(model, sensor_frame=robot.sensor_frame)
-    wrench = _wrench(world, settled, rng)
-    return Run(nominal, world, wrench, _noisy(stream, rng))
+    wrench = _wrench(recorded, settled, rng)
+    return SimulatedRun(nominal, recorded, wrench, _noisy(stream, rng))
 
 
 def _noisy(joints: JointStream, rng: np.random.Generator | None) -> JointStream:
     if rng is None:
         return joints
-    return replace(joints, effort=joints.effort + rng.normal(size=joints.effort.shape) * EFFORT_NOISE)
+    return replace(joints, effort=joints.effort + rng.normal(size=joints.effort.shape) * _EFFORT_NOISE)
 
 
-def _wrench(world: World, model: NominalModel, rng: np.random.Generator | None) -> WrenchStream:
-    wrench = np.array(world.prediction)
+def _wrench(recorded: RecordedMotion, model: NominalModel, rng: np.random.Generator | None) -> WrenchStream:
+    wrench = np.array(recorded.prediction)
     if rng is not None:
-        given = (model.noise_force or NOISE[0], model.noise_torque or NOISE[1])
+        given = (model.noise_force or _NOISE[0], model.noise_torque or _NOISE[1])
         wrench += rng.normal(size=wrench.shape) * np.repeat(given, 3)
-    stamps = world.start + np.round(world.seconds * 1e9).astype(np.int64)
-    if stamps[0] > world.start:
-        # The seconds of events count from the first wrench, also where no motion was known yet.
-        stamps, wrench = np.insert(stamps, 0, world.start), np.insert(wrench, 0, wrench[0], axis=0)
+    stamps = recorded.start + np.round(recorded.seconds * 1e9).astype(np.int64)
+    if stamps[0] > recorded.start:
+        # The seconds of events count from the first wrench, even if the motion was unknown there.
+        stamps, wrench = np.insert(stamps, 0, recorded.start), np.insert(wrench, 0, wrench[0], axis=0)
     return WrenchStream(stamps, wrench, model.sensor_frame or "ft_sensor")

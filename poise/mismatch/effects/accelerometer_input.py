@@ -1,4 +1,4 @@
-"""Vibration that an accelerometer on the sensor felt: its course is known, only its clock and its size are not."""
+"""Vibration measured by an accelerometer on the sensor: only its clock offset and its gain are unknown."""
 
 from collections.abc import Iterable
 
@@ -6,148 +6,148 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from poise.mismatch.effects.base import Parameter, Values
+from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.effects.part_wrench import shaking, shaking_columns
 from poise.mismatch.effects.starts import smoothed, spectrum
-from poise.mismatch.recorded import World, at_times
+from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
-LOWEST = 2.0
-"""Hz; what an accelerometer feels more slowly is a motion."""
-LATEST = 0.06
-"""s by which its clock may be off."""
-STEP = 0.001
-STRETCH = 0.1
-"""s over which the size of the shaking is averaged."""
-CALM, BLOW = 3.0, 2.2
-"""It shakes from this many times its size in the calmest tenth; a blow is this many times the usual shaking."""
-APART = 0.5
+SLOWEST_VIBRATION = 2.0
+"""Hz; slower accelerations belong to the commanded motion."""
+_LATEST = 0.06
+"""s, the largest offset of its clock."""
+_STEP = 0.001
+_STRETCH = 0.1
+"""s over which the vibration amplitude is averaged."""
+_CALM, _BLOW = 3.0, 2.2
+"""Vibration: this many times the amplitude of the calmest tenth. Blow: this many times the median vibration."""
+_APART = 0.5
 """s between blows."""
-RINGS = (0.05, 0.35)
-"""s before and after a blow in which an accelerometer is too slow to tell all of it."""
+_RINGS = (0.05, 0.35)
+"""s before and after a blow in which the bandwidth of the accelerometer is too low."""
 
 
 def slow_part(seconds: Array, values: Array) -> Array:
-    """(N, ...) without what is faster than `LOWEST` (there half the power is left): a Gaussian filter, no delay."""
+    """(N, ...) low-passed by a Gaussian filter without delay: half the power is left at `SLOWEST_VIBRATION`."""
     period = float(np.median(np.diff(seconds)))
-    width = np.sqrt(np.log(2.0)) / (2.0 * np.pi * LOWEST) / period
+    width = np.sqrt(np.log(2.0)) / (2.0 * np.pi * SLOWEST_VIBRATION) / period
     return np.asarray(gaussian_filter1d(values, width, axis=0, mode="nearest"))
 
 
-def parameters(world: World) -> tuple[Parameter, ...]:
-    """What the answer tells: the moments and the line are found, clock, gain and smoothing are fitted.
+def parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+    """Start, length and frequency are found; clock offset, gain and smoothing are fitted.
 
-    `smoothing` is the width of a Gaussian filter: of what is fastest, accelerometer and wrench share little.
+    `smoothing` is the width of a Gaussian filter: accelerometer and wrench agree little at the highest frequencies.
     """
-    first, last = float(world.seconds[0]), float(world.seconds[-1])
+    first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
     return (
-        Parameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=STRETCH),
-        Parameter("length", "s", low=0.1, high=world.duration + 2.0, linear=False, resolution=STRETCH),
-        Parameter(
+        EffectParameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=_STRETCH),
+        EffectParameter("length", "s", low=0.1, high=recorded.duration + 2.0, linear=False, resolution=_STRETCH),
+        EffectParameter(
             "frequency",
             "Hz",
             low=0.0,
-            high=0.5 / world.period,
+            high=0.5 / recorded.period,
             linear=False,
-            resolution=1.0 / max(world.duration, 1.0),
+            resolution=1.0 / max(recorded.duration, 1.0),
         ),
-        Parameter("accelerometer_late", "s", low=-LATEST, high=LATEST, linear=False),
-        Parameter("smoothing", "s", low=2e-4, high=0.02, linear=False, log=True),
-        Parameter("gain", "", 1.0),
+        EffectParameter("accelerometer_late", "s", low=-_LATEST, high=_LATEST, linear=False),
+        EffectParameter("smoothing", "s", low=2e-4, high=0.02, linear=False, log=True),
+        EffectParameter("gain", "", 1.0),
     )
 
 
-def starts(world: World, residual: Array) -> Iterable[Values]:
-    """The lag at which the residual force follows the felt acceleration best; when, and how fast, it shakes."""
-    felt = _felt(world)
-    wanted = world.to_sensor(shaking(world, residual))
-    wanted = wanted - slow_part(world.seconds, wanted)
-    lags = np.arange(-LATEST + STEP, LATEST, STEP)
-    likeness = [float(np.sum(at_times(world.seconds, felt, world.seconds + lag) * wanted)) for lag in lags]
-    begin, end = _span(world, felt)
-    inside = (world.seconds >= begin) & (world.seconds <= end)
-    frequency, power = spectrum(world, felt * inside[:, None])
+def starts(recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+    """The lag of best correlation between residual force and acceleration; start, length and frequency."""
+    felt = _felt(recorded)
+    wanted = recorded.to_sensor(shaking(recorded, residual))
+    wanted = wanted - slow_part(recorded.seconds, wanted)
+    lags = np.arange(-_LATEST + _STEP, _LATEST, _STEP)
+    likeness = [float(np.sum(at_times(recorded.seconds, felt, recorded.seconds + lag) * wanted)) for lag in lags]
+    begin, end = _span(recorded, felt)
+    inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
+    frequency, power = spectrum(recorded, felt * inside[:, None])
     yield {
         "start": begin,
-        "length": max(end - begin, STRETCH),
-        "frequency": float(frequency[int(np.argmax(power * (frequency > LOWEST)))]),
+        "length": max(end - begin, _STRETCH),
+        "frequency": float(frequency[int(np.argmax(power * (frequency > SLOWEST_VIBRATION)))]),
         "accelerometer_late": float(lags[int(np.argmax(likeness))]),
         "smoothing": 0.002,
     }
 
 
-def columns(world: World, nonlinear: Values) -> Array:
-    """(N, 6, 1) the payload's answer to what was felt."""
-    felt = gaussian_filter1d(_felt(world), nonlinear["smoothing"] / world.period, axis=0, mode="nearest")
-    late = at_times(world.seconds, felt, world.seconds + nonlinear["accelerometer_late"])
-    answer = shaking_columns(world, world.rotation_world_sensor)
+def columns(recorded: RecordedMotion, nonlinear: Values) -> Array:
+    """(N, 6, 1) the payload's wrench under the measured acceleration."""
+    felt = gaussian_filter1d(_felt(recorded), nonlinear["smoothing"] / recorded.period, axis=0, mode="nearest")
+    late = at_times(recorded.seconds, felt, recorded.seconds + nonlinear["accelerometer_late"])
+    answer = shaking_columns(recorded, recorded.rotation_world_sensor)
     return np.asarray(np.einsum("nci,ni->nc", answer, late)[:, :, None])
 
 
-def windows(world: World, values: Values) -> tuple[tuple[float, float], ...]:
-    """All its time, and the blows in it."""
-    blows = ((moment - RINGS[0], moment + RINGS[1]) for moment in blows_in(world))
+def windows(recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+    """The window of the vibration, and the blows in it."""
+    blows = ((moment - _RINGS[0], moment + _RINGS[1]) for moment in blows_in(recorded))
     return ((values["start"], values["start"] + values["length"]), *blows)
 
 
-def derived(world: World, values: Values) -> dict[str, tuple[float, str]]:
-    """Its size: root of the mean square over all its time, and the largest in a moment."""
-    size = np.linalg.norm(_felt(world), axis=1)
+def derived(recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+    """Root mean square and peak of the acceleration within the window."""
+    size = np.linalg.norm(_felt(recorded), axis=1)
     start, end = values["start"], values["start"] + values["length"]
-    inside = size[(world.seconds >= start) & (world.seconds <= end)]
+    inside = size[(recorded.seconds >= start) & (recorded.seconds <= end)]
     root = float(np.sqrt(np.mean(inside**2))) if len(inside) else 0.0
     return {"amplitude": (root * np.sqrt(2.0), "m/s2"), "peak": (float(inside.max(initial=0.0)), "m/s2")}
 
 
-def sentence(world: World, values: Values) -> str:
-    """When, how fast, how much; single blows in it; and what the accelerometer's clock is worth."""
-    told = derived(world, values)
-    blows = blows_in(world)
-    struck = f", with blows at {_listed(blows)} of up to {told['peak'][0]:.1f} m/s2" if blows else ""
+def sentence(recorded: RecordedMotion, values: Values) -> str:
+    """Window, amplitude, frequency, single blows, and the offset of the accelerometer's clock."""
+    sizes = derived(recorded, values)
+    blows = blows_in(recorded)
+    struck = f", with blows at {_listed(blows)} of up to {sizes['peak'][0]:.1f} m/s2" if blows else ""
     late = 1e3 * values["accelerometer_late"]
     when = f"{abs(late):.1f} ms {'late' if late > 0 else 'early'}"
     return (
-        f"From {values['start']:.1f} s to {values['start'] + values['length']:.1f} s the robot shook, as the "
-        f"accelerometer felt too: {told['amplitude'][0]:.1f} m/s2, most at {values['frequency']:.1f} Hz{struck}; the "
-        f"nominal robot does not shake. The accelerometer's clock is {when}."
+        f"From {values['start']:.1f} s to {values['start'] + values['length']:.1f} s the robot vibrated, as the "
+        f"accelerometer measured too: {sizes['amplitude'][0]:.1f} m/s2, most at {values['frequency']:.1f} Hz{struck}; "
+        f"the nominal robot does not vibrate. The accelerometer's clock is {when}."
     )
 
 
-def blows_in(world: World) -> list[float]:
-    """Moments, s, at which it shakes far more than usual, in the order of time."""
-    felt = _felt(world)
-    begin, end = _span(world, felt)
-    size = np.sqrt(smoothed(world, np.sum(felt**2, axis=1), STRETCH))
-    inside = (world.seconds >= begin) & (world.seconds <= end)
+def blows_in(recorded: RecordedMotion) -> list[float]:
+    """Moments, s, at which the vibration is far above its median, in the order of time."""
+    felt = _felt(recorded)
+    begin, end = _span(recorded, felt)
+    size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), _STRETCH))
+    inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
     usual = float(np.median(size[inside])) if inside.any() else np.inf
     raw = np.linalg.norm(felt, axis=1)
     found: list[float] = []
     for index in np.argsort(-size):
-        if size[index] < BLOW * usual or len(found) == 8:
+        if size[index] < _BLOW * usual or len(found) == 8:
             break
-        near = np.abs(world.seconds - world.seconds[index]) <= STRETCH
-        moment = float(world.seconds[near][int(np.argmax(raw[near]))])
-        if all(abs(moment - other) > APART for other in found):
+        near = np.abs(recorded.seconds - recorded.seconds[index]) <= _STRETCH
+        moment = float(recorded.seconds[near][int(np.argmax(raw[near]))])
+        if all(abs(moment - other) > _APART for other in found):
             found.append(moment)
     return sorted(found)
 
 
-def _felt(world: World) -> Array:
+def _felt(recorded: RecordedMotion) -> Array:
     """(N, 3) m/s2 beyond the nominal motion, sensor axes."""
-    if world.accelerometer is None:
-        return np.zeros((len(world), 3))
-    beyond = world.accelerometer - world.linear_acceleration
-    return np.asarray(beyond - slow_part(world.seconds, beyond))
+    if recorded.accelerometer is None:
+        return np.zeros((len(recorded), 3))
+    beyond = recorded.accelerometer - recorded.linear_acceleration
+    return np.asarray(beyond - slow_part(recorded.seconds, beyond))
 
 
-def _span(world: World, felt: Array) -> tuple[float, float]:
-    """First and last moment at which it shakes."""
-    size = np.sqrt(smoothed(world, np.sum(felt**2, axis=1), STRETCH))
-    loud: NDArray[np.intp] = np.flatnonzero(size > CALM * np.quantile(size, 0.1))
+def _span(recorded: RecordedMotion, felt: Array) -> tuple[float, float]:
+    """First and last moment of the vibration."""
+    size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), _STRETCH))
+    loud: NDArray[np.intp] = np.flatnonzero(size > _CALM * np.quantile(size, 0.1))
     first, last = (int(loud[0]), int(loud[-1])) if len(loud) else (0, len(size) - 1)
-    return float(world.seconds[first]), float(world.seconds[last])
+    return float(recorded.seconds[first]), float(recorded.seconds[last])
 
 
 def _listed(moments: list[float]) -> str:
-    told = [f"{moment:.1f} s" for moment in moments]
-    return told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+    named = [f"{moment:.1f} s" for moment in moments]
+    return named[0] if len(named) == 1 else f"{', '.join(named[:-1])} and {named[-1]}"

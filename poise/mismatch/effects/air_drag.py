@@ -1,13 +1,13 @@
-"""Air drag: a broad load is held back by the air, with the square of its speed."""
+"""Air drag: the air resists a broad load with the square of its speed."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
-from poise.mismatch.recorded import World, forces_at
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.part_wrench import PAYLOAD_REACH, POINT_PARAMETERS, likely_place, payload_centre, place_of
+from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
 
@@ -22,40 +22,43 @@ class AirDrag(Effect):
     separating_motion = "the same stroke at half and at full speed, both ways: drag grows by four and changes sign"
     confused_with = ("cable", "flywheel", "low_pass", "clock_offset")
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
-        places = (Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE)
-        return (*places, Parameter("coefficient", "N s2/m2", 1.5, positive=True))
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
+        places = (
+            EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+            for name in POINT_PARAMETERS
+        )
+        return (*places, EffectParameter("coefficient", "N s2/m2", 1.5, positive=True))
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The point from the torque, with the force of the drag at the payload's centre."""
-        centre = payload_centre(world)
-        force = self._per_unit(world, centre)
+        centre = payload_centre(recorded)
+        force = self._per_unit(recorded, centre)
         centred = force - force.mean(axis=0)
         wanted = residual - residual.mean(axis=0)
         size = float(np.sum(centred * wanted[:, :3]) / max(float(np.sum(centred**2)), 1e-12))
         place = likely_place(size * centred, wanted[:, 3:]) if size > 0.0 else centre
         for point in (centre, place):
-            yield dict(zip(PLACE, point.tolist(), strict=True))
+            yield dict(zip(POINT_PARAMETERS, point.tolist(), strict=True))
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         place = place_of(nonlinear)
-        return forces_at(place, self._per_unit(world, place))[:, :, None]
+        return forces_at(place, self._per_unit(recorded, place))[:, :, None]
 
-    def untestable(self, world: World) -> str:
-        lacking = super().untestable(world)
-        fastest = float(np.linalg.norm(world.velocity_in_world, axis=1).max())
+    def untestable(self, recorded: RecordedMotion) -> str:
+        lacking = super().untestable(recorded)
+        fastest = float(np.linalg.norm(recorded.velocity_in_world, axis=1).max())
         return lacking or ("" if fastest > 0.05 else f"the tool never moves faster than {fastest:.2f} m/s")
 
-    def sentence(self, world: World, values: Values) -> str:
-        force = np.linalg.norm(values["coefficient"] * self._per_unit(world, place_of(values)), axis=1)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        force = np.linalg.norm(values["coefficient"] * self._per_unit(recorded, place_of(values)), axis=1)
         return (
-            f"The air holds the load back with {values['coefficient']:.2f} N s2/m2, up to {force.max():.1f} N at the "
+            f"Air drag resists the load with {values['coefficient']:.2f} N s2/m2, up to {force.max():.1f} N at the "
             "highest speed: the nominal load moves in a vacuum."
         )
 
     @staticmethod
-    def _per_unit(world: World, place: Array) -> Array:
+    def _per_unit(recorded: RecordedMotion, place: Array) -> Array:
         """(N, 3) force at coefficient 1."""
-        speed = world.to_sensor(world.velocity_in_world) + cross(world.angular_velocity, place)
+        speed = recorded.to_sensor(recorded.velocity_in_world) + cross(recorded.angular_velocity, place)
         return np.asarray(-speed * np.linalg.norm(speed, axis=1, keepdims=True))

@@ -1,23 +1,23 @@
-"""Backlash: between a motor and its link there is play."""
+"""Backlash: the gear has play between motor and link."""
 
 from collections.abc import Iterable
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers
 from poise.mismatch.effects.part_motion import between_stops
-from poise.mismatch.recorded import World, white_level
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-LOUD = 1.1
-"""Residual in units of white noise from which a joint is looked at."""
-GAPS = tuple(np.geomspace(0.001, 0.08, 16).tolist())
+_LOUD = 1.1
+"""Residual in units of white noise from which a joint is examined."""
+_GAPS = tuple(np.geomspace(0.001, 0.08, 16).tolist())
 """rad."""
-BLURS, REACHES = (15, 5), (0.3, 0.1)
-"""Samples, and log gap around the best so far that is tried."""
-SOFT = (0.003, 0.006, 0.01, 0.02)
+_BLURS, _REACHES = (15, 5), (0.3, 0.1)
+"""Widths of the blur in samples; factors, as logarithms, by which the best gap so far is varied."""
+_SOFT = (0.003, 0.006, 0.01, 0.02)
 """s in which a knock settles."""
 
 
@@ -25,7 +25,7 @@ class Backlash(Effect):
     """The link of one joint is free within a gap: no effort while it crosses, and a knock where it arrives.
 
     Encoder and effort are the motor's. With e the link's angle beyond the motor's: e'' = -tau_j / M_jj when free;
-    whatever e does, the efforts change by M e'' and by dtau/dq e.
+    for any e(t) the efforts change by M e'' and by dtau/dq e.
     """
 
     name = "backlash"
@@ -38,44 +38,44 @@ class Backlash(Effect):
     confused_with = ("coulomb_friction", "stribeck_friction", "motor_inertia")
     needs = ("effort",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        if world.effort is None:
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        if recorded.effort is None:
             return ()
         return (
-            Parameter("joint", "", low=1.0, high=float(max(numbers(world))), linear=False, choice=True),
-            Parameter("gap", "rad", low=2e-4, high=0.3, linear=False, log=True),
-            Parameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
-            Parameter("own", "", 1.0, positive=True, hidden=True),
-            Parameter("others", "", 1.0, hidden=True),
+            EffectParameter("joint", "", low=1.0, high=float(max(numbers(recorded))), linear=False, choice=True),
+            EffectParameter("gap", "rad", low=2e-4, high=0.3, linear=False, log=True),
+            EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
+            EffectParameter("own", "", 1.0, positive=True, hidden=True),
+            EffectParameter("others", "", 1.0, hidden=True),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """The joint whose residual is loudest; its gap and the softness of the knock, in an ever less blurred residual.
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """The joint with the largest residual; its gap and the softness of the knock, from coarse to fine blur.
 
-        A knock that comes some samples too late explains nothing: only blurred does its gap lead to a better one.
+        A knock some samples too late explains nothing; in a blurred residual its gap still leads to a better one.
         """
         loud = residual.std(axis=0) / np.maximum(white_level(residual), 1e-12)
         column = int(np.argmax(loud))
-        if loud[column] < LOUD:
+        if loud[column] < _LOUD:
             return
-        joint = float(list(numbers(world))[column])
+        joint = float(list(numbers(recorded))[column])
 
         def left(gap: float, settling: float, blur: int) -> float:
             values = {"joint": joint, "gap": gap, "settling": settling}
-            response = self.columns(world, values)[:, column, 0]
+            response = self.columns(recorded, values)[:, column, 0]
             there, here = (uniform_filter1d(part, blur) for part in (residual[:, column], response))
             there, here = there - there.mean(), here - here.mean()
             return -(max(float(there @ here), 0.0) ** 2) / max(float(here @ here), 1e-12)
 
-        gap = min(GAPS, key=lambda each: left(each, SOFT[1], BLURS[0]))
-        for blur, reach in zip(BLURS, REACHES, strict=True):
-            gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), SOFT[1], blur))
-        settling = min(SOFT, key=lambda each: left(float(gap), each, 1))
+        gap = min(_GAPS, key=lambda each: left(each, _SOFT[1], _BLURS[0]))
+        for blur, reach in zip(_BLURS, _REACHES, strict=True):
+            gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), _SOFT[1], blur))
+        settling = min(_SOFT, key=lambda each: left(float(gap), each, 1))
         yield {"joint": joint, "gap": float(gap), "settling": settling}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        """What the joint itself feels, and what reaches the others: less of it where these give way."""
-        track, column = efforts(world), column_of(world, nonlinear["joint"])
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        """The effort of the joint itself, and of the others: less where these yield."""
+        track, column = efforts(recorded), column_of(recorded, nonlinear["joint"])
         inertia = track.by_acceleration[:, :, column]
         push = -track.rigid[:, column] / np.maximum(inertia[:, column], 1e-6)
         beyond, _, second = between_stops(track.seconds, push, nonlinear["gap"], nonlinear["settling"])
@@ -83,8 +83,8 @@ class Backlash(Effect):
         own = np.arange(whole.shape[1]) == column
         return np.stack([whole * own, whole * ~own], axis=2)
 
-    def sentence(self, world: World, values: Values) -> str:
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return (
-            f"{joint_called(world, values['joint'])} has {np.degrees(values['gap']):.2f} degrees of backlash: its "
-            "torque vanishes when it changes sign, then knocks; the nominal gear has no play."
+            f"{joint_called(recorded, values['joint'])} has {np.degrees(values['gap']):.2f} degrees of backlash: its "
+            "torque vanishes at each change of sign, then a knock follows; the nominal gear has no play."
         )

@@ -1,30 +1,30 @@
-"""Base motion: for a while the base moves level, and odometry does not say so."""
+"""Base motion: for a while the base moves horizontally, and odometry does not report it."""
 
 from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import shaking, shaking_columns
 from poise.mismatch.effects.starts import bursts, smoothed
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-FEWEST, MOST = 10, 36
-"""Splines of a speed: a single move needs few, a base that goes on swaying many."""
-FINEST = 0.4
-"""s between the knots of what sways."""
-CHAINED = 2.5
-"""s between bursts of one motion: a base that sways stands still for a moment at every turn."""
-MARGIN = 0.15
-"""s that a window may be wider than what stands out of the noise."""
+_FEWEST, MAX_SPLINES = 10, 36
+"""Number of splines of a speed: few for a single move, many for a base that keeps swaying."""
+_FINEST = 0.4
+"""s between the knots of a swaying motion."""
+_CHAINED = 2.5
+"""s between bursts of one motion: a swaying base stands still for a moment at every reversal."""
+_MARGIN = 0.15
+"""s by which a window may be wider than the burst that exceeds the noise."""
 
 
-class BaseMotion(Effect):
-    """The whole robot accelerates level in the world from rest to rest; the payload's inertia answers.
+class UnreportedBaseMotion(Effect):
+    """The whole robot accelerates horizontally from rest to rest; the payload responds with its inertia.
 
-    The base's speed is a chain of cubic B-splines within the window: with its acceleration zero at both ends.
+    The base's velocity is a sum of cubic B-splines within the window; its acceleration is zero at both ends.
     """
 
     name = "base_motion"
@@ -37,60 +37,60 @@ class BaseMotion(Effect):
     needs = ("load",)
     transfers = False
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        first, last = float(world.seconds[0]), float(world.seconds[-1])
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
         when = (
-            Parameter("start", "s", low=first - 1.0, high=last, linear=False),
-            Parameter("length", "s", low=0.1, high=max(world.duration, 1.0), linear=False, log=True),
-            Parameter("splines", "", low=FEWEST, high=MOST, linear=False, choice=True, hidden=True),
+            EffectParameter("start", "s", low=first - 1.0, high=last, linear=False),
+            EffectParameter("length", "s", low=0.1, high=max(recorded.duration, 1.0), linear=False, log=True),
+            EffectParameter("splines", "", low=_FEWEST, high=MAX_SPLINES, linear=False, choice=True, hidden=True),
         )
-        speeds = (Parameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(MOST) for a in "xy")
+        speeds = (EffectParameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(MAX_SPLINES) for a in "xy")
         return (*when, *speeds)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """Bursts of the level acceleration that the residual force would mean."""
-        level = shaking(world, residual)[:, :2]
-        calm = np.stack([smoothed(world, part, 0.1) for part in level.T], axis=1)
-        found = list(bursts(world, calm, count=8))
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """Bursts of the horizontal acceleration that the residual force implies."""
+        level = shaking(recorded, residual)[:, :2]
+        calm = np.stack([smoothed(recorded, part, 0.1) for part in level.T], axis=1)
+        found = list(bursts(recorded, calm, count=8))
         for begin, end in sorted({_chained(found, found[0]), found[0]}) if found else ():
-            length = min(end - begin + 2 * MARGIN, 0.98 * max(world.duration, 1.0))
-            for splines in sorted({FEWEST, min(max(round(length / FINEST), FEWEST), MOST)}):
-                yield {"start": begin - MARGIN, "length": max(length, 0.2), "splines": float(splines)}
+            length = min(end - begin + 2 * _MARGIN, 0.98 * max(recorded.duration, 1.0))
+            for splines in sorted({_FEWEST, min(max(round(length / _FINEST), _FEWEST), MAX_SPLINES)}):
+                yield {"start": begin - _MARGIN, "length": max(length, 0.2), "splines": float(splines)}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        rows, rates = self._rates(world, nonlinear)
-        out = np.zeros((len(world), 6, 2 * MOST))
-        level = shaking_columns(world)[rows, :, :2]
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        rows, rates = self._rates(recorded, nonlinear)
+        out = np.zeros((len(recorded), 6, 2 * MAX_SPLINES))
+        level = shaking_columns(recorded)[rows, :, :2]
         waves = rates[:, None, :, None] * level[:, :, None, :]
         out[rows, :, : 2 * rates.shape[1]] = waves.reshape(len(rows), 6, 2 * rates.shape[1])
         return out
 
-    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        del world
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        del recorded
         return ((values["start"], values["start"] + values["length"]),)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         count = int(values["splines"])
         speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(count)])
-        acceleration = self._rates(world, values)[1] @ speed
+        acceleration = self._rates(recorded, values)[1] @ speed
         peak = float(np.linalg.norm(acceleration, axis=1).max(initial=0.0))
         shift = float(np.linalg.norm(speed.sum(axis=0))) * values["length"] / (count + 3)
         return {"peak_acceleration": (peak, "m/s2"), "displacement": (shift, "m")}
 
-    def sentence(self, world: World, values: Values) -> str:
-        ((start, end),) = self.windows(world, values)
-        told = self.derived(world, values)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        ((start, end),) = self.windows(recorded, values)
+        sizes = self.derived(recorded, values)
         return (
-            f"From {start:.1f} s to {end:.1f} s the base accelerated by up to {told['peak_acceleration'][0]:.2f} m/s2 "
-            f"and moved by {told['displacement'][0]:.2f} m; odometry, and so the nominal model, says nothing of it."
+            f"From {start:.1f} s to {end:.1f} s the base accelerated by up to {sizes['peak_acceleration'][0]:.2f} m/s2 "
+            f"and moved by {sizes['displacement'][0]:.2f} m; odometry, and so the nominal model, does not report it."
         )
 
     @staticmethod
-    def _rates(world: World, values: Values) -> tuple[NDArray[np.intp], Array]:
+    def _rates(recorded: RecordedMotion, values: Values) -> tuple[NDArray[np.intp], Array]:
         """Samples within the window, and (n, K) d B_k / dt there, 1/s; B_k spans four of K + 3 intervals."""
         count = int(values["splines"])
         interval = values["length"] / (count + 3)
-        place = (world.seconds - values["start"]) / interval
+        place = (recorded.seconds - values["start"]) / interval
         rows = np.flatnonzero((place > 0.0) & (place < count + 3))
         x = place[rows, None] - np.arange(2, count + 2)
         size = np.abs(x)
@@ -99,10 +99,10 @@ class BaseMotion(Effect):
 
 
 def _chained(spans: list[tuple[float, float]], seed: tuple[float, float]) -> tuple[float, float]:
-    """From the first to the last of the spans that follow one another closely, the seed among them."""
+    """From the first to the last of the spans that follow one another closely and include the seed."""
     begin, end = seed
     for _ in spans:
         for a, b in spans:
-            if a < end + CHAINED and b > begin - CHAINED:
+            if a < end + _CHAINED and b > begin - _CHAINED:
                 begin, end = min(begin, a), max(end, b)
     return begin, end

@@ -1,15 +1,15 @@
-"""Bias drift: the sensor's zero wanders steadily, as when it warms up."""
+"""Bias drift: the sensor's zero changes linearly, as during warm-up."""
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.recorded import World, directed
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
+from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
 
 class BiasDrift(Effect):
-    """w_read = w + d (t - middle) / T: the change d is what counts, the offset is the bias's business."""
+    """w_read = w + d (t - middle) / T: d is the change over the recording; the offset belongs to `sensor_bias`."""
 
     name = "bias_drift"
     layer = "sensor"
@@ -20,21 +20,21 @@ class BiasDrift(Effect):
     confused_with = ("sensor_bias", "sensor_creep", "mass_leak", "clock_skew")
     widens = "drift"
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         return tuple(
-            Parameter(axis, unit, size)
-            for axis, unit, size in zip(AXES, ["N"] * 3 + ["N m"] * 3, [0.6] * 3 + [0.04] * 3, strict=True)
+            EffectParameter(axis, unit, size)
+            for axis, unit, size in zip(BIAS_PARAMETERS, ["N"] * 3 + ["N m"] * 3, [0.6] * 3 + [0.04] * 3, strict=True)
         )
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        middle = (world.seconds[0] + world.seconds[-1]) / 2
-        return np.asarray(((world.seconds - middle) / world.duration)[:, None, None] * np.eye(6))
+        middle = (recorded.seconds[0] + recorded.seconds[-1]) / 2
+        return np.asarray(((recorded.seconds - middle) / recorded.duration)[:, None, None] * np.eye(6))
 
-    def sentence(self, world: World, values: Values) -> str:
-        del world
-        change = np.array([values[axis] for axis in AXES])
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        del recorded
+        change = np.array([values[axis] for axis in BIAS_PARAMETERS])
         return (
             f"Over the recording the sensor's zero drifts by {directed(change[:3].tolist(), 'N')} and "
             f"{np.linalg.norm(change[3:]):.3f} N m: the nominal model's sensor does not drift."

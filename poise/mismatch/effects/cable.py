@@ -4,20 +4,20 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, forces_at
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
-ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
-HOOK = ("x", "y", "z")
-LEAST_WAY = 0.02
-"""m that the tool has to travel for a cable's length to change."""
+_ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
+_HOOK = ("x", "y", "z")
+_LEAST_WAY = 0.02
+"""m that the tool must travel to change a cable's length."""
 
 
 class Cable(Effect):
     """A cord from a hook on the tool to an anchor: taut beyond its length, f = (k (l - l0) + c dl/dt) towards it.
 
-    The geometry is exact: direction and length follow the tool. The anchor is fixed in the world, or to the base.
+    The geometry is exact: direction and length follow the tool. The anchor is fixed in the world or to the base.
     """
 
     name = "cable"
@@ -28,28 +28,28 @@ class Cable(Effect):
     separating_motion = "circle the anchor at a constant distance, then move towards and away from it"
     confused_with = ("world_force", "payload_parameters", "joint_offset")
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        place, _ = self._hook(world, dict.fromkeys(HOOK, 0.0) | {"on_base": 0.0})
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        place, _ = self._hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": 0.0})
         low, high = place.min(axis=0) - 3.0, place.max(axis=0) + 3.0
         anchors = (
-            Parameter(name, "m", low=a, high=b, linear=False)
-            for name, a, b in zip(ANCHOR, low.tolist(), high.tolist(), strict=True)
+            EffectParameter(name, "m", low=a, high=b, linear=False)
+            for name, a, b in zip(_ANCHOR, low.tolist(), high.tolist(), strict=True)
         )
-        hooks = (Parameter(name, "m", low=-0.4, high=0.4, linear=False) for name in HOOK)
+        hooks = (EffectParameter(name, "m", low=-0.4, high=0.4, linear=False) for name in _HOOK)
         return (
-            Parameter("on_base", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
+            EffectParameter("on_base", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
             *anchors,
             *hooks,
-            Parameter("rest_length", "m", low=0.0, high=4.0, linear=False),
-            Parameter("stiffness", "N/m", 30.0, positive=True),
-            Parameter("damping", "N s/m", 5.0),
+            EffectParameter("rest_length", "m", low=0.0, high=4.0, linear=False),
+            EffectParameter("stiffness", "N/m", 30.0, positive=True),
+            EffectParameter("damping", "N s/m", 5.0),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The residual forces point at the anchor: the point nearest to all their lines; then force against length."""
-        for on_base in (0.0, 1.0) if world.base is not None else (0.0,):
-            hook, turn = self._hook(world, dict.fromkeys(HOOK, 0.0) | {"on_base": on_base})
-            force = np.einsum("nji,nj->ni", turn, world.to_world(residual[:, :3]))
+        for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
+            hook, turn = self._hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
+            force = np.einsum("nji,nj->ni", turn, recorded.to_world(residual[:, :3]))
             square = np.einsum("ni,ni->n", force, force)
             # Weighted by the force's square: sum (|f|^2 1 - f f^T)(x - hook) = 0.
             across = square[:, None, None] * np.eye(3) - force[:, :, None] * force[:, None, :]
@@ -64,45 +64,45 @@ class Cable(Effect):
             for slack in sorted({0.7 * float(length.min()), rest, float(np.quantile(length, 0.3))}):
                 yield {
                     "on_base": on_base,
-                    **dict(zip(ANCHOR, anchor.tolist(), strict=True)),
-                    **dict.fromkeys(HOOK, 0.0),
+                    **dict(zip(_ANCHOR, anchor.tolist(), strict=True)),
+                    **dict.fromkeys(_HOOK, 0.0),
                     "rest_length": slack,
                 }
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        hook, turn = self._hook(world, nonlinear)
-        away = np.array([nonlinear[name] for name in ANCHOR]) - hook
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        hook, turn = self._hook(recorded, nonlinear)
+        away = np.array([nonlinear[name] for name in _ANCHOR]) - hook
         length = np.linalg.norm(away, axis=1)
         toward = away / np.maximum(length, 1e-6)[:, None]
         taut = length > nonlinear["rest_length"]
         stretch = np.where(taut, length - nonlinear["rest_length"], 0.0)
-        speed = np.gradient(length, world.seconds)
-        # The sample in which the cord goes taut counts in part: so the response follows the length smoothly.
-        share = (length - nonlinear["rest_length"]) / (np.abs(speed) * world.period + 1e-9) + 0.5
+        speed = np.gradient(length, recorded.seconds)
+        # The sample in which the cord goes taut counts in part: the response is then smooth in the length.
+        share = (length - nonlinear["rest_length"]) / (np.abs(speed) * recorded.period + 1e-9) + 0.5
         rate = np.clip(share, 0.0, 1.0) * speed
-        pull = world.to_sensor(np.einsum("nij,nj->ni", turn, toward))
-        point = np.array([nonlinear[name] for name in HOOK])
+        pull = recorded.to_sensor(np.einsum("nij,nj->ni", turn, toward))
+        point = np.array([nonlinear[name] for name in _HOOK])
         return np.stack([forces_at(point, pull * size[:, None]) for size in (stretch, rate)], axis=2)
 
-    def untestable(self, world: World) -> str:
-        lacking = super().untestable(world)
-        way = float(np.ptp(world.position_in_world, axis=0).max())
-        return lacking or ("" if way > LEAST_WAY else f"the tool stays within {1e3 * way:.0f} mm")
+    def untestable(self, recorded: RecordedMotion) -> str:
+        lacking = super().untestable(recorded)
+        way = float(np.ptp(recorded.position_in_world, axis=0).max())
+        return lacking or ("" if way > _LEAST_WAY else f"the tool stays within {1e3 * way:.0f} mm")
 
-    def sentence(self, world: World, values: Values) -> str:
-        place = ", ".join(f"{values[name]:.2f}" for name in ANCHOR)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        place = ", ".join(f"{values[name]:.2f}" for name in _ANCHOR)
         return (
             f"A cable pulls the tool towards ({place}) m with {values['stiffness']:.0f} N/m beyond "
             f"{values['rest_length']:.2f} m: the nominal model has no cable."
         )
 
     @staticmethod
-    def _hook(world: World, values: Values) -> tuple[Array, Array]:
+    def _hook(recorded: RecordedMotion, values: Values) -> tuple[Array, Array]:
         """(N, 3) the hook, in the world or in the base's frame, and rotation (N, 3, 3) from that frame to the world."""
-        place = world.position_in_world + world.to_world(
-            np.broadcast_to(np.array([values[name] for name in HOOK]), (len(world), 3))
+        place = recorded.position_in_world + recorded.to_world(
+            np.broadcast_to(np.array([values[name] for name in _HOOK]), (len(recorded), 3))
         )
-        if values["on_base"] > 0.5 and world.base is not None:
-            turn = world.base.rotation_world_base
-            return np.einsum("nji,nj->ni", turn, place - world.base.position_in_world), turn
-        return place, np.broadcast_to(np.eye(3), (len(world), 3, 3))
+        if values["on_base"] > 0.5 and recorded.base is not None:
+            turn = recorded.base.rotation_world_base
+            return np.einsum("nji,nj->ni", turn, place - recorded.base.position_in_world), turn
+        return place, np.broadcast_to(np.eye(3), (len(recorded), 3, 3))

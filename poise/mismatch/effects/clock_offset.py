@@ -4,14 +4,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, at_times
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
-LARGEST = 0.3
+_LARGEST = 0.3
 """s that are searched."""
-COARSE = 0.03
-"""s between the samples that choose where to begin."""
+_COARSE = 0.03
+"""s between the samples that choose a starting point."""
 
 
 class ClockOffset(Effect):
@@ -27,24 +27,24 @@ class ClockOffset(Effect):
     needs = ("load",)
     widens = "clock"
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
-        return (Parameter("offset", "s", 0.02, -LARGEST, LARGEST, linear=False, peaked=True),)
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
+        return (EffectParameter("offset", "s", 0.02, -_LARGEST, _LARGEST, linear=False, peaked=True),)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         weight = np.repeat([1.0, 20.0], 3)
-        rows = slice(None, None, max(round(COARSE / world.period), 1))
-        seconds, said, left = world.seconds[rows], world.prediction[rows], residual[rows]
-        tried = np.arange(-LARGEST, LARGEST + 0.005, 0.01)
-        moved = (np.stack([np.interp(seconds - delay, seconds, c) for c in said.T], axis=1) - said for delay in tried)
+        rows = slice(None, None, max(round(_COARSE / recorded.period), 1))
+        seconds, model, left = recorded.seconds[rows], recorded.prediction[rows], residual[rows]
+        tried = np.arange(-_LARGEST, _LARGEST + 0.005, 0.01)
+        moved = (np.stack([np.interp(seconds - delay, seconds, c) for c in model.T], axis=1) - model for delay in tried)
         misfit = [float(np.var((left - shift) * weight, axis=0).sum()) for shift in moved]
-        yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * LARGEST, 0.99 * LARGEST))}
+        yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * _LARGEST, 0.99 * _LARGEST))}
 
-    def simulate(self, world: World, values: Values) -> Array:
-        moved = at_times(world.seconds, world.prediction, world.seconds - values["offset"])
-        return np.asarray(moved - world.prediction)
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        moved = at_times(recorded.seconds, recorded.prediction, recorded.seconds - values["offset"])
+        return np.asarray(moved - recorded.prediction)
 
-    def sentence(self, world: World, values: Values) -> str:
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         delay = values["offset"]
         return (
             f"The wrench's stamps are {1e3 * abs(delay):.1f} ms {'late' if delay > 0 else 'early'} "

@@ -4,12 +4,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import best_fit
-from poise.mismatch.recorded import World, at_times
+from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
-LARGEST = 0.02
+_LARGEST = 0.02
 
 
 class ClockSkew(Effect):
@@ -25,40 +25,40 @@ class ClockSkew(Effect):
     order = 50
     needs = ("load",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
-        return (Parameter("skew", "", scale=5e-4, low=-LARGEST, high=LARGEST, linear=False, peaked=True),)
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
+        return (EffectParameter("skew", "", scale=5e-4, low=-_LARGEST, high=_LARGEST, linear=False, peaked=True),)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """First order about some skews, beside a constant shift; straight lines between samples."""
         weight = np.repeat([1.0, 20.0], 3)
         found = []
         for about in (0.0, -0.003, 0.003, -0.01, 0.01):
-            moved = self._shifted(world, about)
-            late = -np.gradient(moved, world.seconds, axis=0) * weight
-            columns = np.stack([late * world.seconds[:, None], late], axis=2).reshape(-1, 2)
-            left = ((residual - moved + world.prediction) * weight).ravel()
+            moved = self._shifted(recorded, about)
+            late = -np.gradient(moved, recorded.seconds, axis=0) * weight
+            columns = np.stack([late * recorded.seconds[:, None], late], axis=2).reshape(-1, 2)
+            left = ((residual - moved + recorded.prediction) * weight).ravel()
             step, rest = best_fit(columns, left)
             found.append((rest, about + float(step[0])))
-        yield {"skew": float(np.clip(min(found)[1], -0.9 * LARGEST, 0.9 * LARGEST))}
+        yield {"skew": float(np.clip(min(found)[1], -0.9 * _LARGEST, 0.9 * _LARGEST))}
 
-    def simulate(self, world: World, values: Values) -> Array:
-        moved = at_times(world.seconds, world.prediction, world.seconds / (1.0 + values["skew"]))
-        return np.asarray(moved - world.prediction)
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        moved = at_times(recorded.seconds, recorded.prediction, recorded.seconds / (1.0 + values["skew"]))
+        return np.asarray(moved - recorded.prediction)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        return {"late_at_end": (values["skew"] * float(world.seconds[-1]), "s")}
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        return {"late_at_end": (values["skew"] * float(recorded.seconds[-1]), "s")}
 
-    def sentence(self, world: World, values: Values) -> str:
-        late = values["skew"] * float(world.seconds[-1])
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        late = values["skew"] * float(recorded.seconds[-1])
         return (
             f"The wrench's clock runs {1e6 * abs(values['skew']):.0f} ppm {'fast' if late > 0 else 'slow'}: "
             f"{1e3 * abs(late):.0f} ms at the end; the nominal model has one clock."
         )
 
     @staticmethod
-    def _shifted(world: World, skew: float) -> Array:
+    def _shifted(recorded: RecordedMotion, skew: float) -> Array:
         """(N, 6) the reading under a skew, coarsely."""
-        taken = world.seconds / (1.0 + skew)
-        moved = [np.interp(taken, world.seconds, channel) for channel in world.prediction.T]
+        taken = recorded.seconds / (1.0 + skew)
+        moved = [np.interp(taken, recorded.seconds, channel) for channel in recorded.prediction.T]
         return np.stack(moved, axis=1)

@@ -1,121 +1,121 @@
-"""Contact: for a while something pushes on the tool, with or without sliding along it."""
+"""Contact: for a while something pushes on the tool, with or without sliding."""
 
 from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.starts import bursts
-from poise.mismatch.recorded import World, directed, forces_at
+from poise.mismatch.recorded import RecordedMotion, directed, forces_at
 from poise.types import Array
 
-POINT = ("x", "y", "z")
-KNOTS = 7
-REACH = 0.5
-ENOUGH = 100
-"""Samples outside a touch from which the rest of the recording is known."""
-AROUND = 0.3
-"""s before and after a burst that take part in the search for its window, at the least."""
-SHORTEST = 0.05
+_POINT = ("x", "y", "z")
+_KNOTS = 7
+_REACH = 0.5
+_ENOUGH = 100
+"""Samples outside a contact that suffice to fit the rest of the recording."""
+_AROUND = 0.3
+"""s before and after a burst that the search for its window includes at least."""
+_SHORTEST = 0.05
 """s of a touch."""
-NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
-"""Shares of a burst by which its window may begin later and end sooner."""
-MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
+_NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
+"""Shares of a burst by which its window may begin later and end earlier."""
+_MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
 """Steps of start and end that are tried."""
 
 
-class Contact(Effect):
-    """A force in the world at a point of the tool, from `start` for `length`; its course is a chain of hat functions.
+class PlateContact(Effect):
+    """A force in the world at a point of the tool, from `start` for `length`; its time course is a linear B-spline.
 
-    The course covers normal force and friction alike: friction is what of the force lies against the sliding.
+    The course contains the normal force and the friction: friction is the component against the sliding.
     """
 
     name = "contact"
     layer = "event"
     equation = "f = R^T sum_k h_k(t) F_k, tau = p x f; h_k: hat functions, zero at both ends of the window"
-    source = "a unilateral contact whose force is known by its course alone (Coulomb: friction opposes sliding)"
+    source = "a unilateral contact described by the time course of its force alone (Coulomb: friction opposes sliding)"
     excited_by = "nothing: it happens"
     separating_motion = "repeat the motion without the obstacle; press again at another attitude"
     confused_with = ("mass_step", "external_vibration", "loose_part", "cable")
     transfers = False
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        first, last = float(world.seconds[0]), float(world.seconds[-1])
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
         when = (
-            Parameter("start", "s", low=first - 1.0, high=last, linear=False),
-            Parameter("length", "s", low=0.03, high=max(world.duration / 2, 1.0), linear=False, log=True),
+            EffectParameter("start", "s", low=first - 1.0, high=last, linear=False),
+            EffectParameter("length", "s", low=0.03, high=max(recorded.duration / 2, 1.0), linear=False, log=True),
         )
-        points = (Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in POINT)
-        forces = (Parameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(KNOTS) for a in "xyz")
+        points = (EffectParameter(name, "m", low=-_REACH, high=_REACH, linear=False) for name in _POINT)
+        forces = (EffectParameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(_KNOTS) for a in "xyz")
         return (*when, *points, *forces)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Bursts of the residual; in each, the point from torque = p x force, then the window that fits best."""
-        for begin, end in bursts(world, residual):
-            straight = _straight(world, residual, begin, end)
-            inside = (world.seconds >= begin) & (world.seconds <= end)
+        for begin, end in bursts(recorded, residual):
+            straight = _straight(recorded, residual, begin, end)
+            inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
             force, torque = straight[inside, :3], straight[inside, 3:]
             lever = np.stack([cross(unit, force) for unit in np.eye(3)], axis=2)
             normal = np.einsum("nci,ncj->ij", lever, lever)
             normal += (0.02 * np.trace(normal) + 1e-9) / 3 * np.eye(3)
             point = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
-            place = dict(zip(POINT, np.clip(point, -0.9 * REACH, 0.9 * REACH).tolist(), strict=True))
-            start, stop = self._window(world, straight, (begin - world.period, end + world.period))
-            yield {"start": start, "length": float(np.clip(stop - start, SHORTEST, world.duration / 3)), **place}
+            place = dict(zip(_POINT, np.clip(point, -0.9 * _REACH, 0.9 * _REACH).tolist(), strict=True))
+            start, stop = self._window(recorded, straight, (begin - recorded.period, end + recorded.period))
+            yield {"start": start, "length": float(np.clip(stop - start, _SHORTEST, recorded.duration / 3)), **place}
 
     @staticmethod
-    def _window(world: World, residual: Array, seen: tuple[float, float]) -> tuple[float, float]:
-        """The window that leaves least of the force in the world: many are tried around the one that stands out.
+    def _window(recorded: RecordedMotion, residual: Array, seen: tuple[float, float]) -> tuple[float, float]:
+        """The window with the least residual force in world axes: many windows around the burst are tried.
 
-        There are narrow optima one after the other, as knots meet the bends of the course; a descent stays in the next.
+        The optima are narrow and close together, as knots meet bends of the course; a descent stops at the nearest.
         """
         length = seen[1] - seen[0]
-        around = max(0.5 * length, AROUND)
-        rows = (world.seconds > seen[0] - around) & (world.seconds < seen[1] + around)
-        seconds, force = world.seconds[rows], world.to_world(residual[:, :3])[rows]
-        # Beside a cubic: what else is wrong, and what a touch made of the calibration, changes slowly.
+        around = max(0.5 * length, _AROUND)
+        rows = (recorded.seconds > seen[0] - around) & (recorded.seconds < seen[1] + around)
+        seconds, force = recorded.seconds[rows], recorded.to_world(residual[:, :3])[rows]
+        # Beside a cubic: other errors, and the effect of the contact on the calibration, change slowly.
         slow = np.linalg.qr(np.vander(seconds - seconds.mean(), 4))[0]
         force = force - slow @ (slow.T @ force)
 
         def left(window: tuple[float, float]) -> float:
-            if window[1] - window[0] < SHORTEST:
+            if window[1] - window[0] < _SHORTEST:
                 return np.inf
-            hats = _hats(seconds, window[0], window[1] - window[0])
-            hats = hats - slow @ (slow.T @ hats)
-            normal = hats.T @ hats
-            right = hats.T @ force
+            linear_bspline_basis = _hats(seconds, window[0], window[1] - window[0])
+            linear_bspline_basis = linear_bspline_basis - slow @ (slow.T @ linear_bspline_basis)
+            normal = linear_bspline_basis.T @ linear_bspline_basis
+            right = linear_bspline_basis.T @ force
             ridge = 1e-6 * float(np.trace(normal)) + 1e-12  # a window may lie where there are no samples
-            solved = np.linalg.solve(normal + ridge * np.eye(KNOTS), right)
+            solved = np.linalg.solve(normal + ridge * np.eye(_KNOTS), right)
             return -float(np.sum(solved * right))
 
-        tried = [(seen[0] + a * length, seen[1] - b * length) for a in NARROWER for b in NARROWER]
+        tried = [(seen[0] + a * length, seen[1] - b * length) for a in _NARROWER for b in _NARROWER]
         found = [_descended(left, window, length / 100) for window in sorted(tried, key=left)[:3]]
         return min(found, key=left)
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        point = np.array([nonlinear[name] for name in POINT])
-        whole = _hats(world.seconds, nonlinear["start"], nonlinear["length"])
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        point = np.array([nonlinear[name] for name in _POINT])
+        whole = _hats(recorded.seconds, nonlinear["start"], nonlinear["length"])
         rows = np.flatnonzero(whole.any(axis=1))
-        out = np.zeros((len(world), 6, 3 * KNOTS))
-        hats = whole[rows]
-        turn = world.rotation_world_sensor[rows]
+        out = np.zeros((len(recorded), 6, 3 * _KNOTS))
+        linear_bspline_basis = whole[rows]
+        turn = recorded.rotation_world_sensor[rows]
         for axis in range(3):
             unit = forces_at(point, turn[:, axis])
-            out[rows, :, axis::3] = unit[:, :, None] * hats[:, None, :]
+            out[rows, :, axis::3] = unit[:, :, None] * linear_bspline_basis[:, None, :]
         return out
 
-    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        del world
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        del recorded
         return ((values["start"], values["start"] + values["length"]),)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         peak = self._peak(values)
         parts = {f"force_{axis}": (float(value), "N") for axis, value in zip("xyz", peak, strict=True)}
         return {"peak_force": (float(np.linalg.norm(peak)), "N"), **parts}
 
-    def sentence(self, world: World, values: Values) -> str:
-        ((start, end),) = self.windows(world, values)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        ((start, end),) = self.windows(recorded, values)
         return (
             f"From {start:.1f} s to {end:.1f} s something pushed on the tool: up to "
             f"{directed(self._peak(values).tolist(), 'N')} of the world; the nominal model has no contact."
@@ -124,37 +124,43 @@ class Contact(Effect):
     @staticmethod
     def _peak(values: Values) -> Array:
         """(3,) the force at the knot where it is greatest, world axes."""
-        forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(KNOTS)])
+        forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(_KNOTS)])
         return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])
 
 
-def _straight(world: World, residual: Array, begin: float, end: float) -> Array:
-    """(N, 6) the residual without what a touch made of the calibration: seen outside its window, where it is alone.
+def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: float) -> Array:
+    """(N, 6) the residual without the error that the contact caused in the calibration, as seen outside its window.
 
-    A calibration that was fitted in spite of the touch is bent by it, all along the recording.
+    A calibration that was fitted with the contact in the data is biased by it over the whole recording.
     """
-    outside = (world.seconds < begin) | (world.seconds > end)
-    if outside.sum() < ENOUGH:
+    outside = (recorded.seconds < begin) | (recorded.seconds > end)
+    if outside.sum() < _ENOUGH:
         return residual
-    states = (np.ones((len(world), 1)), world.seconds[:, None], world.gravity, world.specific, world.prediction)
+    states = (
+        np.ones((len(recorded), 1)),
+        recorded.seconds[:, None],
+        recorded.gravity,
+        recorded.specific,
+        recorded.prediction,
+    )
     basis = np.hstack(states)
     basis /= np.maximum(np.abs(basis).max(axis=0), 1e-9)
     return np.asarray(residual - basis @ np.linalg.lstsq(basis[outside], residual[outside], rcond=1e-9)[0])
 
 
 def _hats(seconds: Array, start: float, length: float) -> Array:
-    """(N, KNOTS) hat functions whose knots part a window evenly."""
-    place = (seconds - start) / length * (KNOTS + 1)
-    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, KNOTS + 1)), 0.0)
+    """(N, K) linear B-splines whose knots divide a window evenly."""
+    place = (seconds - start) / length * (_KNOTS + 1)
+    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, _KNOTS + 1)), 0.0)
 
 
 def _descended(
     left: Callable[[tuple[float, float]], float], window: tuple[float, float], step: float
 ) -> tuple[float, float]:
-    """A pattern search: start and end move by a step as long as that helps, then by half of it."""
+    """A pattern search: start and end move by a step while the fit improves, then by half of it."""
     least, smallest = left(window), step / 10
     while step > smallest:
-        tried = [(window[0] + i * step, window[1] + j * step) for i, j in MOVES]
+        tried = [(window[0] + i * step, window[1] + j * step) for i, j in _MOVES]
         sizes = [left(each) for each in tried]
         if min(sizes) < least:
             window, least = tried[int(np.argmin(sizes))], min(sizes)

@@ -1,32 +1,32 @@
-"""External vibration: for a while the robot's base shakes as a sine."""
+"""External vibration: for a while the robot's base vibrates sinusoidally."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
 import poise.mismatch.effects.accelerometer_input as felt
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_wrench import shaking, shaking_columns
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
-PHASES = ("sine", "cosine")
-LOWEST = 2.0
-"""Hz; what shakes more slowly is a motion."""
-STRETCH = 1.28
-"""s of a spectrum that is looked at, each begins a quarter after the one before."""
-RAMP = 0.1
-"""s in which the shaking comes and goes."""
-CLEAR = 0.05
-"""Share of the robot's own acceleration that a line must reach: splines smooth bends of a jerk by up to 4 % of it."""
-FEWEST_WAVES = 6.0
-"""Of a vibration; a shorter burst is some other event."""
+_PHASES = ("sine", "cosine")
+_LOWEST = 2.0
+"""Hz; slower oscillations belong to the commanded motion."""
+_STRETCH = 1.28
+"""s of each spectrum; the next one begins a quarter of it later."""
+_RAMP = 0.1
+"""s in which the vibration rises and falls."""
+_CLEAR = 0.05
+"""Share of the robot's own acceleration that a line must exceed: splines smooth a jerk by up to 4 % of it."""
+_FEWEST_WAVES = 6.0
+"""Of a vibration; a shorter burst is another event."""
 
 
 class ExternalVibration(Effect):
     """The base accelerates as A sin(2 pi f t) + B cos(2 pi f t) in its own axes, from `start` for `length`.
 
-    Where an accelerometer rides on the sensor, a is what it felt instead: its clock and a gain are fitted.
+    With an accelerometer on the sensor, its measurement replaces the sine: its clock offset and a gain are fitted.
     """
 
     name = "external_vibration"
@@ -35,90 +35,92 @@ class ExternalVibration(Effect):
     equation = "dw = (-m a, -mc x a), a = R_sensor_base (A sin 2 pi f t + B cos 2 pi f t) in the window"
     source = "base excitation (Inman 2014, Engineering Vibration, section 2.4)"
     excited_by = "nothing: a machine nearby, a fan, a pump"
-    separating_motion = "stand still in two attitudes: a vibration stays in the base's axes, a part's swing dies away"
+    separating_motion = (
+        "stand still in two attitudes: a vibration keeps the base's axes, the oscillation of a part decays"
+    )
     confused_with = ("flexible_mode", "base_motion", "contact", "gear_ripple")
     needs = ("load",)
     transfers = False
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        if world.accelerometer is not None:
-            return felt.parameters(world)
-        first, last = float(world.seconds[0]), float(world.seconds[-1])
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        if recorded.accelerometer is not None:
+            return felt.parameters(recorded)
+        first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
         when = (
-            Parameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=0.05),
-            Parameter("length", "s", low=0.1, high=world.duration + 2.0, linear=False, resolution=0.05),
-            Parameter("frequency", "Hz", low=LOWEST, high=0.5 / world.period, linear=False),
+            EffectParameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=0.05),
+            EffectParameter("length", "s", low=0.1, high=recorded.duration + 2.0, linear=False, resolution=0.05),
+            EffectParameter("frequency", "Hz", low=_LOWEST, high=0.5 / recorded.period, linear=False),
         )
-        sizes = (Parameter(f"{phase}_{a}", "m/s2", 0.4, hidden=True) for phase in PHASES for a in "xyz")
+        sizes = (EffectParameter(f"{phase}_{a}", "m/s2", 0.4, hidden=True) for phase in _PHASES for a in "xyz")
         return (*when, *sizes)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """A line that stands out of the spectra of some stretches in a row; then its phase says when it begins."""
-        if world.accelerometer is not None:
-            yield from felt.starts(world, residual)
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """A line above the spectra of several stretches in a row; its phase then gives the start."""
+        if recorded.accelerometer is not None:
+            yield from felt.starts(recorded, residual)
             return
-        shake = shaking(world, residual)
-        for frequency, begin, end in self._lines(world, shake):
-            near = frequency + np.linspace(-0.6, 0.6, 61) / STRETCH
-            inside = (world.seconds >= begin) & (world.seconds <= end)
-            turns = np.exp(-2j * np.pi * np.outer(near, world.seconds[inside]))
+        shake = shaking(recorded, residual)
+        for frequency, begin, end in self._lines(recorded, shake):
+            near = frequency + np.linspace(-0.6, 0.6, 61) / _STRETCH
+            inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
+            turns = np.exp(-2j * np.pi * np.outer(near, recorded.seconds[inside]))
             best = float(near[int(np.argmax((np.abs(turns @ shake[inside]) ** 2).sum(axis=1)))])
-            start, stop = self._span(world, shake, best, inside)
-            if (stop - start) * best < FEWEST_WAVES or not self._clear(world, shake, best, (start, stop)):
+            start, stop = self._span(recorded, shake, best, inside)
+            if (stop - start) * best < _FEWEST_WAVES or not self._clear(recorded, shake, best, (start, stop)):
                 continue
-            yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, LOWEST)}
+            yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, _LOWEST)}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        if world.accelerometer is not None:
-            return felt.columns(world, nonlinear)
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        if recorded.accelerometer is not None:
+            return felt.columns(recorded, nonlinear)
         start, length = nonlinear["start"], nonlinear["length"]
-        since = world.seconds - start
-        ramp = min(RAMP, length / 4)
+        since = recorded.seconds - start
+        ramp = min(_RAMP, length / 4)
         size = np.clip(np.minimum(since, length - since) / ramp + 0.5, 0.0, 1.0)
-        # Phases count from the middle of the window: the frequency then hardly moves them.
+        # Phases count from the middle of the window: they then hardly depend on the frequency.
         turn = 2.0 * np.pi * nonlinear["frequency"] * (since - length / 2)
         waves = np.stack([np.sin(turn), np.cos(turn)], axis=1) * size[:, None]
-        answer = shaking_columns(world, None if world.base is None else world.base.rotation_world_base)
-        return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(len(world), 6, 6))
+        answer = shaking_columns(recorded, None if recorded.base is None else recorded.base.rotation_world_base)
+        return np.asarray((waves[:, None, :, None] * answer[:, :, None, :]).reshape(len(recorded), 6, 6))
 
-    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        if world.accelerometer is not None:
-            return felt.windows(world, values)
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        if recorded.accelerometer is not None:
+            return felt.windows(recorded, values)
         return ((values["start"], values["start"] + values["length"]),)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        if world.accelerometer is not None:
-            return felt.derived(world, values)
-        ellipse = np.array([[values[f"{phase}_{axis}"] for axis in "xyz"] for phase in PHASES])
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        if recorded.accelerometer is not None:
+            return felt.derived(recorded, values)
+        ellipse = np.array([[values[f"{phase}_{axis}"] for axis in "xyz"] for phase in _PHASES])
         _, size, axes = np.linalg.svd(ellipse)
         parts = {f"direction_{axis}": (float(value), "") for axis, value in zip("xyz", axes[0], strict=True)}
         return {"amplitude": (float(size[0]), "m/s2"), **parts}
 
-    def sentence(self, world: World, values: Values) -> str:
-        if world.accelerometer is not None:
-            return felt.sentence(world, values)
-        ((start, end),) = self.windows(world, values)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        if recorded.accelerometer is not None:
+            return felt.sentence(recorded, values)
+        ((start, end),) = self.windows(recorded, values)
         return (
-            f"From {start:.1f} s to {end:.1f} s the base shook at {values['frequency']:.1f} Hz with "
-            f"{self.derived(world, values)['amplitude'][0]:.2f} m/s2: the nominal base does not shake."
+            f"From {start:.1f} s to {end:.1f} s the base vibrated at {values['frequency']:.1f} Hz with "
+            f"{self.derived(recorded, values)['amplitude'][0]:.2f} m/s2: the nominal base does not vibrate."
         )
 
     @staticmethod
-    def _lines(world: World, shake: Array, count: int = 2) -> Iterable[tuple[float, float, float]]:
-        """(frequency, begin, end) of what stands out of the spectra for longest and most."""
-        period = world.period
-        even = np.arange(world.seconds[0], world.seconds[-1], period)
-        length = min(int(STRETCH / period), len(even))
+    def _lines(recorded: RecordedMotion, shake: Array, count: int = 2) -> Iterable[tuple[float, float, float]]:
+        """(frequency, begin, end) of the line that exceeds the spectra longest and most."""
+        period = recorded.period
+        even = np.arange(recorded.seconds[0], recorded.seconds[-1], period)
+        length = min(int(_STRETCH / period), len(even))
         firsts = np.arange(0, len(even) - length + 1, max(length // 4, 1))
         rows = firsts[:, None] + np.arange(length)
         power = np.zeros((len(firsts), length // 2 + 1))
         for part in shake.T:
-            pieces = np.interp(even, world.seconds, part)[rows]
+            pieces = np.interp(even, recorded.seconds, part)[rows]
             pieces = pieces - pieces.mean(axis=1, keepdims=True)
             power += np.abs(np.fft.rfft(pieces * np.hanning(length))) ** 2
         frequency = np.fft.rfftfreq(length, period)
-        fast = frequency >= LOWEST
-        # What is usual at higher frequencies is noise; less than thrice of it does not count.
+        fast = frequency >= _LOWEST
+        # The median at higher frequencies is noise; lines below a multiple of it do not count.
         excess = np.where(fast, power / max(float(np.median(power[:, frequency > 4.0])), 1e-30) - 6.0, -1.0)
         for _ in range(count):
             total, begin, end = _longest_gain(excess)
@@ -130,24 +132,24 @@ class ExternalVibration(Effect):
             excess[:, max(line - 2, 0) : line + 3] = -1.0
 
     @staticmethod
-    def _clear(world: World, shake: Array, frequency: float, span: tuple[float, float]) -> bool:
-        """Whether a line is more than what differentiated encoders get wrong while the robot moves like this."""
-        inside = (world.seconds >= span[0]) & (world.seconds <= span[1])
+    def _clear(recorded: RecordedMotion, shake: Array, frequency: float, span: tuple[float, float]) -> bool:
+        """Whether a line exceeds the error of differentiated encoders during this motion."""
+        inside = (recorded.seconds >= span[0]) & (recorded.seconds <= span[1])
         window = np.hanning(int(inside.sum()) + 2)[1:-1]
-        wave = np.exp(-2j * np.pi * frequency * world.seconds[inside]) * window / window.sum()
+        wave = np.exp(-2j * np.pi * frequency * recorded.seconds[inside]) * window / window.sum()
         amplitude = 2.0 * float(np.linalg.norm(wave @ shake[inside]))
-        own = np.sqrt(np.mean(np.sum(world.linear_acceleration[inside] ** 2, axis=1)))
-        return bool(amplitude > CLEAR * own)
+        own = np.sqrt(np.mean(np.sum(recorded.linear_acceleration[inside] ** 2, axis=1)))
+        return bool(amplitude > _CLEAR * own)
 
     @staticmethod
-    def _span(world: World, shake: Array, frequency: float, inside: Mask) -> tuple[float, float]:
+    def _span(recorded: RecordedMotion, shake: Array, frequency: float, inside: Mask) -> tuple[float, float]:
         """Most likely first and last moment of a sine whose amplitude is that of the samples inside."""
-        wave = np.exp(-2j * np.pi * frequency * world.seconds)
+        wave = np.exp(-2j * np.pi * frequency * recorded.seconds)
         amplitude = 2.0 * (shake[inside] * wave[inside, None]).mean(axis=0)
         said = (amplitude * wave.conj()[:, None]).real
         gain = (2.0 * shake * said - said**2).sum(axis=1)
         _, begin, end = _longest_gain(gain[:, None])
-        return float(world.seconds[begin[0]]), float(world.seconds[end[0]])
+        return float(recorded.seconds[begin[0]]), float(recorded.seconds[end[0]])
 
 
 def _longest_gain(values: Array) -> tuple[Array, Array, Array]:

@@ -1,16 +1,16 @@
-"""Flexible mode: a part of the payload sits on a spring and swings along an axis."""
+"""Flexible mode: a part of the payload is mounted on a spring and oscillates along an axis."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import (
-    AXIS,
-    PLACE,
-    REACH,
+    AXIS_PARAMETERS,
+    PAYLOAD_REACH,
+    POINT_PARAMETERS,
     best_fit,
     chart,
     direction,
@@ -22,16 +22,16 @@ from poise.mismatch.effects.part_wrench import (
     specific_at,
     spin_square,
 )
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
+_PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 
 
 class FlexibleMode(Effect):
-    """A mass on a spring and damper along an axis of the tool; without load it is where the nominal model has it.
+    """A mass on a spring and damper along an axis of the tool; without load it is at its nominal place.
 
-    Its mass is part of the nominal payload: what is added is the difference that its swinging makes.
+    Its mass is part of the nominal payload: the response is the difference that its oscillation makes.
     """
 
     name = "flexible_mode"
@@ -43,68 +43,71 @@ class FlexibleMode(Effect):
     confused_with = ("grasp_compliance", "slosh", "payload_parameters", "external_vibration", "low_pass")
     needs = ("load",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         return (
-            Parameter("frequency", "Hz", low=1.5, high=30.0, linear=False, log=True),
-            Parameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
-            *(Parameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS),
-            *(Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
-            Parameter("mass", "kg", 0.5, positive=True),
+            EffectParameter("frequency", "Hz", low=1.5, high=30.0, linear=False, log=True),
+            EffectParameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
+            *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
+            *(
+                EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+                for name in POINT_PARAMETERS
+            ),
+            EffectParameter("mass", "kg", 0.5, positive=True),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """At some frequencies the axis and mass that fit best: the response is linear in m n n^T.
 
         The torque of a swing n z is m (n x u)(n.Z) with Z the swing that u would make along every axis.
         """
-        place = payload_centre(world)
+        place = payload_centre(recorded)
         weight = np.repeat([1.0, 20.0], 3)[:, None]
         wanted = ((residual - residual.mean(axis=0)) * weight[:, 0]).ravel()
         found = []
         for frequency in np.geomspace(2.0, 14.0, 10):
-            columns = self._tensor(world, place, float(frequency), 0.05)
+            columns = self._tensor(recorded, place, float(frequency), 0.05)
             flat = ((columns - columns.mean(axis=0)) * weight).reshape(-1, 6)
             entries, left = best_fit(flat, wanted)
             found.append((left, float(frequency), entries))
         for _, frequency, entries in sorted(found, key=lambda item: item[0])[:3:2]:
             matrix = np.zeros((3, 3))
-            for (i, j), entry in zip(PAIRS, entries, strict=True):
+            for (i, j), entry in zip(_PAIRS, entries, strict=True):
                 matrix[i, j] = matrix[j, i] = entry
             sizes, axes = np.linalg.eigh(matrix)
             axis = axes[:, int(np.argmax(np.abs(sizes)))]
             nonlinear = {"frequency": frequency, "damping_ratio": 0.05, **chart(axis)}
-            better = self._better_place(world, residual, nonlinear, place)
-            yield {**nonlinear, **dict(zip(PLACE, better.tolist(), strict=True))}
+            better = self._better_place(recorded, residual, nonlinear, place)
+            yield {**nonlinear, **dict(zip(POINT_PARAMETERS, better.tolist(), strict=True))}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         place, axis = place_of(nonlinear), direction(nonlinear)
         omega = 2.0 * np.pi * nonlinear["frequency"]
-        pull, spin = specific_at(world, place) @ axis, spin_square(world, axis)
+        pull, spin = specific_at(recorded, place) @ axis, spin_square(recorded, axis)
         damping = 2.0 * nonlinear["damping_ratio"] * omega
         # The spin weakens the spring: constant between stamps.
         stiffness = np.maximum(omega**2 - (spin[1:] + spin[:-1]) / 2.0, 0.1 * omega**2)
-        z, dz = (part[:, 0] for part in Oscillator(world.seconds, stiffness, damping)(pull[:, None]))
+        z, dz = (part[:, 0] for part in Oscillator(recorded.seconds, stiffness, damping)(pull[:, None]))
         second = pull + spin * z - damping * dz - omega**2 * z
-        return sliding_wrench(world, place, axis, (z, dz, second))[:, :, None]
+        return sliding_wrench(recorded, place, axis, (z, dz, second))[:, :, None]
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)
 
-    def sentence(self, world: World, values: Values) -> str:
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return (
-            f"{values['mass']:.2f} kg of the payload swing at {values['frequency']:.1f} Hz along "
+            f"{values['mass']:.2f} kg of the payload oscillate at {values['frequency']:.1f} Hz along "
             f"{'xyz'[int(np.argmax(np.abs(direction(values))))]}, damping ratio {values['damping_ratio']:.2f}: "
             "the nominal payload is rigid."
         )
 
     @staticmethod
-    def _tensor(world: World, place: Array, frequency: float, damping_ratio: float) -> Array:
+    def _tensor(recorded: RecordedMotion, place: Array, frequency: float, damping_ratio: float) -> Array:
         """(N, 6, 6) response to the entries of m n n^T, for a tool that turns slowly."""
         omega = 2.0 * np.pi * frequency
         damping = 2.0 * damping_ratio * omega
-        pull = specific_at(world, place)
-        z, dz = Oscillator(world.seconds, omega**2, damping)(pull)
+        pull = specific_at(recorded, place)
+        z, dz = Oscillator(recorded.seconds, omega**2, damping)(pull)
         second = pull - damping * dz - omega**2 * z
         # The part of axis a under the swing of axis b: force -e_a z_b'', torque e_a x pull z_b - p x e_a z_b''.
         axes = np.eye(3)
@@ -112,12 +115,14 @@ class FlexibleMode(Effect):
         force = np.broadcast_to(-axes[None, :, :, None] * second[:, None, None, :], turned.shape)
         lever = -cross(place, axes).T[None, :, :, None] * second[:, None, None, :]
         whole = np.concatenate([force, turned + lever], axis=1)
-        return np.stack([whole[:, :, i, j] + (whole[:, :, j, i] if i != j else 0.0) for i, j in PAIRS], axis=2)
+        return np.stack([whole[:, :, i, j] + (whole[:, :, j, i] if i != j else 0.0) for i, j in _PAIRS], axis=2)
 
-    def _better_place(self, world: World, residual: Array, nonlinear: Values, place: Array) -> Array:
-        """Where the force must attack that the torque is explained, once axis and frequency are there."""
-        response = self.columns(world, {**nonlinear, **dict(zip(PLACE, place.tolist(), strict=True))})[:, :, 0]
+    def _better_place(self, recorded: RecordedMotion, residual: Array, nonlinear: Values, place: Array) -> Array:
+        """The point of attack that explains the torque, for a known axis and frequency."""
+        response = self.columns(recorded, {**nonlinear, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))})[
+            :, :, 0
+        ]
         centred, wanted = response - response.mean(axis=0), residual - residual.mean(axis=0)
         mass = float(np.sum(centred[:, :3] * wanted[:, :3]) / max(float(np.sum(centred[:, :3] ** 2)), 1e-12))
         shifted = place + likely_place(mass * centred[:, :3], wanted[:, 3:] - mass * centred[:, 3:])
-        return np.asarray(np.clip(shifted, -0.9 * REACH, 0.9 * REACH))
+        return np.asarray(np.clip(shifted, -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH))

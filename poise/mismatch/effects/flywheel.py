@@ -1,13 +1,13 @@
-"""Flywheel: something in the tool spins, and its angular momentum resists turning."""
+"""Flywheel: a rotor in the tool spins, and its angular momentum resists rotation."""
 
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, directed
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
-NAMES = ("momentum_x", "momentum_y", "momentum_z")
+_NAMES = ("momentum_x", "momentum_y", "momentum_z")
 
 
 class Flywheel(Effect):
@@ -23,19 +23,19 @@ class Flywheel(Effect):
     )
     confused_with = ("payload_parameters", "air_drag", "clock_offset")
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
-        return tuple(Parameter(name, "N m s", 0.05) for name in NAMES)
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
+        return tuple(EffectParameter(name, "N m s", 0.05) for name in _NAMES)
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        out = np.zeros((len(world), 6, 3))
-        out[:, 3:] = -cross(world.angular_velocity[:, None], np.eye(3)).swapaxes(1, 2)
+        out = np.zeros((len(recorded), 6, 3))
+        out[:, 3:] = -cross(recorded.angular_velocity[:, None], np.eye(3)).swapaxes(1, 2)
         return out
 
-    def sentence(self, world: World, values: Values) -> str:
-        del world
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        del recorded
         return (
-            "Something in the tool spins with an angular momentum of "
-            f"{directed([values[name] for name in NAMES], 'N m s')}: the nominal load has no rotor."
+            "A rotor in the tool spins with an angular momentum of "
+            f"{directed([values[name] for name in _NAMES], 'N m s')}: the nominal load has no rotor."
         )

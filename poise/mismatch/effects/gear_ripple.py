@@ -1,16 +1,16 @@
-"""Gear ripple: a joint's torque waves with its position, as teeth or wave generators mesh."""
+"""Gear ripple: a joint's torque oscillates with its position, as teeth or wave generators mesh."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers, torque_sizes
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-HIGHEST = 250.0
-"""Waves per turn that are looked for."""
+_HIGHEST = 250.0
+"""Waves per revolution that are tried."""
 
 
 class GearRipple(Effect):
@@ -26,22 +26,22 @@ class GearRipple(Effect):
     confused_with = ("external_vibration", "coulomb_friction")
     needs = ("effort",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        if world.effort is None:
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        if recorded.effort is None:
             return ()
-        count, size = float(max(numbers(world))), float(np.median(torque_sizes(world)))
+        count, size = float(max(numbers(recorded))), float(np.median(torque_sizes(recorded)))
         return (
-            Parameter("joint", "", low=1.0, high=count, linear=False, choice=True),
-            Parameter("order", "", low=1.0, high=1.2 * HIGHEST, linear=False, log=True),
-            Parameter("sine", "N m", size, hidden=True),
-            Parameter("cosine", "N m", size, hidden=True),
+            EffectParameter("joint", "", low=1.0, high=count, linear=False, choice=True),
+            EffectParameter("order", "", low=1.0, high=1.2 * _HIGHEST, linear=False, log=True),
+            EffectParameter("sine", "N m", size, hidden=True),
+            EffectParameter("cosine", "N m", size, hidden=True),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The highest peaks of the residuals' spectra over position, joint by joint."""
-        track = efforts(world)
+        track = efforts(recorded)
         peaks = []
-        for column, number in enumerate(numbers(world)):
+        for column, number in enumerate(numbers(recorded)):
             orders, power = _spectrum(track.position[:, column], residual[:, column])
             if len(orders):
                 best = int(np.argmax(power))
@@ -49,35 +49,35 @@ class GearRipple(Effect):
         for _, order, joint in sorted(peaks, reverse=True)[:2]:
             yield {"joint": joint, "order": order}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        track, column = efforts(world), column_of(world, nonlinear["joint"])
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        track, column = efforts(recorded), column_of(recorded, nonlinear["joint"])
         turn = nonlinear["order"] * track.position[:, column]
         out = np.zeros((*track.position.shape, 2))
         out[:, column, 0], out[:, column, 1] = np.sin(turn), np.cos(turn)
         return out
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        del world
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        del recorded
         sine, cosine = values["sine"], values["cosine"]
         return {
             "amplitude": (float(np.hypot(sine, cosine)), "N m"),
             "phase": (float(np.arctan2(cosine, sine)), "rad"),
         }
 
-    def sentence(self, world: World, values: Values) -> str:
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return (
-            f"The torque of {joint_called(world, values['joint'])} waves {values['order']:.1f} times per turn by "
-            f"{self.derived(world, values)['amplitude'][0]:.2f} N m: the nominal gear runs smoothly."
+            f"The torque of {joint_called(recorded, values['joint'])} oscillates {values['order']:.1f} times per "
+            f"revolution by {self.derived(recorded, values)['amplitude'][0]:.2f} N m: the nominal gear runs smoothly."
         )
 
 
 def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
-    """Orders (waves per turn, 1/rad) of two waves or more in the range travelled, and the power of each over noise."""
+    """Orders (waves per revolution, 1/rad) of two waves or more in the range travelled; their power over the noise."""
     span = float(np.ptp(position))
     if span < 0.05:
         return np.zeros(0), np.zeros(0)
     # Sums of the residual in narrow bins of position; their Fourier transform is that over the positions.
-    count = int(np.ceil(span * HIGHEST * 8.0 / (2.0 * np.pi))) + 1
+    count = int(np.ceil(span * _HIGHEST * 8.0 / (2.0 * np.pi))) + 1
     place = np.minimum((position - position.min()) / span * count, count - 1).astype(int)
     smooth = np.polynomial.Polynomial.fit(position, residual, 3)(position)
     left = residual - smooth
@@ -85,5 +85,5 @@ def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
     size = 4 * count
     power = np.abs(np.fft.rfft(sums, size)) ** 2 / max(float(left @ left), 1e-12)
     order = np.asarray(2.0 * np.pi * np.arange(len(power)) * count / (size * span))
-    kept = (order > 2.0 * 2.0 * np.pi / span) & (order < HIGHEST)
+    kept = (order > 2.0 * 2.0 * np.pi / span) & (order < _HIGHEST)
     return order[kept], power[kept]

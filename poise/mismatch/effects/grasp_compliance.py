@@ -1,30 +1,30 @@
-"""Grasp compliance: the whole payload turns a little in the grip, about a point on the sensor's z axis."""
+"""Grasp compliance: the whole payload rotates slightly in the grip, about a point on the sensor's z axis."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
 from poise.geometry import cross
-from poise.inertia.parameters import symmetric
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.inertia.model import symmetric
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import specific_at
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-MOST_ROUNDS = 8
-SETTLED = 2e-5
-"""rad by which a round may still move the payload."""
-LARGEST = 0.5
-"""rad, beyond which the grip is not followed."""
+_MOST_ROUNDS = 8
+_SETTLED = 2e-5
+"""rad, the change of the payload's rotation at which the iteration ends."""
+_LARGEST = 0.5
+"""rad, the largest rotation that is simulated."""
 
 
 class GraspCompliance(Effect):
-    """Springs and dampers, equal about all axes, between sensor and payload: straight without load.
+    """Springs and dampers, equal about all axes, between sensor and payload; aligned without load.
 
     The turn theta (a rotation vector, sensor axes) obeys I theta'' + c theta' + k theta = torque of the turned and
     turning payload about the pivot, beyond -I theta''. In the principal axes of I these are three oscillators; what
-    the turn itself does to the torque is put in from the round before, to second order.
+    the rotation itself does to the torque is taken from the previous iteration, to second order.
     """
 
     name = "grasp_compliance"
@@ -32,62 +32,62 @@ class GraspCompliance(Effect):
     equation = "I theta'' + c theta' + k theta = tau(theta, theta'), c = 2 zeta sqrt(k Ixx); w of the turned payload"
     source = "passive compliance of a grasp (Siciliano et al. 2009, section 9.2); Euler's equation about the pivot"
     excited_by = "weight to the side of the grip in changing directions; quick turns"
-    separating_motion = "hold the payload level in four directions: it sags in proportion to its moment"
+    separating_motion = "hold the payload level in four directions: it tilts in proportion to its moment"
     confused_with = ("flexible_mode", "payload_parameters", "joint_offset", "sensor_rotation", "sensor_gain")
     needs = ("load",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         return (
-            Parameter("stiffness", "N m/rad", low=8.0, high=5000.0, linear=False, log=True),
-            Parameter("damping_ratio", "", low=0.02, high=1.5, linear=False, log=True),
-            Parameter("height", "m", low=-0.1, high=0.4, linear=False),
+            EffectParameter("stiffness", "N m/rad", low=8.0, high=5000.0, linear=False, log=True),
+            EffectParameter("damping_ratio", "", low=0.02, high=1.5, linear=False, log=True),
+            EffectParameter("height", "m", low=-0.1, high=0.4, linear=False),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """The best of a few stiffnesses and heights."""
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """The best of several stiffnesses and heights."""
         weight = np.repeat([1.0, 20.0], 3)
         wanted = (residual - residual.mean(axis=0)) * weight
         scores = []
         for height in (0.0, 0.05):
             for stiffness in np.geomspace(25.0, 1000.0, 6):
                 values = {"stiffness": float(stiffness), "damping_ratio": 0.2, "height": height}
-                response = self._simulated(world, values, rounds=1) * weight
+                response = self._simulated(recorded, values, rounds=1) * weight
                 scores.append((float(np.sum((wanted - response + response.mean(axis=0)) ** 2)), values))
         yield min(scores, key=lambda item: item[0])[1]
 
-    def simulate(self, world: World, values: Values) -> Array:
-        return self._simulated(world, values)
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        return self._simulated(recorded, values)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        turn = _turns(world, values)[0]
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        turn = _turns(recorded, values)[0]
         return {"largest_turn": (float(np.linalg.norm(turn, axis=1).max()), "rad")}
 
-    def sentence(self, world: World, values: Values) -> str:
-        turn = np.degrees(self.derived(world, values)["largest_turn"][0])
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        turn = np.degrees(self.derived(recorded, values)["largest_turn"][0])
         return (
-            f"The payload gives way in the grip, {values['stiffness']:.0f} N m/rad about a point "
+            f"The payload rotates in the grip, {values['stiffness']:.0f} N m/rad about a point "
             f"{1e3 * values['height']:.0f} mm from the sensor, by up to {turn:.1f} degrees: the nominal grip is rigid."
         )
 
     @staticmethod
-    def _simulated(world: World, values: Values, rounds: int = MOST_ROUNDS) -> Array:
-        turn, rate, second = _turns(world, values, rounds)
-        body = _Turned(world, values["height"])
+    def _simulated(recorded: RecordedMotion, values: Values, rounds: int = _MOST_ROUNDS) -> Array:
+        turn, rate, second = _turns(recorded, values, rounds)
+        body = _Turned(recorded, values["height"])
         force, torque = body.wrench(turn, rate, second)
         pivot = np.array([0.0, 0.0, values["height"]])
-        return np.concatenate([force, torque + cross(pivot, force)], axis=1) - world.nominal
+        return np.concatenate([force, torque + cross(pivot, force)], axis=1) - recorded.nominal
 
 
-def _turns(world: World, values: Values, rounds: int = MOST_ROUNDS) -> tuple[Array, Array, Array]:
+def _turns(recorded: RecordedMotion, values: Values, rounds: int = _MOST_ROUNDS) -> tuple[Array, Array, Array]:
     """(N, 3) rotation vector of the payload in the sensor's axes, its rate and second rate."""
-    body = _Turned(world, values["height"])
+    body = _Turned(recorded, values["height"])
     moments, axes = np.linalg.eigh(body.inertia)
     moments = np.maximum(moments, 1e-3 * max(float(moments[-1]), 1e-6))
     stiffness = values["stiffness"]
     damping = 2.0 * values["damping_ratio"] * np.sqrt(stiffness * max(float(body.inertia[0, 0]), moments[0]))
-    springs = [Oscillator(world.seconds, stiffness / m, damping / m) for m in moments.tolist()]
-    turn, rate, second = np.zeros((3, len(world), 3))
+    springs = [Oscillator(recorded.seconds, stiffness / m, damping / m) for m in moments.tolist()]
+    turn, rate, second = np.zeros((3, len(recorded), 3))
     for _ in range(rounds):
         # The damper feels omega_rel; what of it is not theta' is of second order.
         felt = body.wrench(turn, rate, second)[1] - 0.5 * damping * cross(turn, rate)
@@ -96,10 +96,10 @@ def _turns(world: World, values: Values, rounds: int = MOST_ROUNDS) -> tuple[Arr
         x, dx = (np.hstack([part[order] for part in parts]) for order in range(2))
         ddx = load - (damping * dx + stiffness * x) / moments
         new, rate, second = x @ axes.T, dx @ axes.T, ddx @ axes.T
-        new *= np.minimum(1.0, LARGEST / np.maximum(np.linalg.norm(new, axis=1, keepdims=True), 1e-9))
+        new *= np.minimum(1.0, _LARGEST / np.maximum(np.linalg.norm(new, axis=1, keepdims=True), 1e-9))
         moved = float(np.abs(new - turn).max())
         turn = new
-        if moved < SETTLED:
+        if moved < _SETTLED:
             break
     return turn, rate, second
 
@@ -107,16 +107,16 @@ def _turns(world: World, values: Values, rounds: int = MOST_ROUNDS) -> tuple[Arr
 class _Turned:
     """The payload about a pivot on the sensor's z axis."""
 
-    def __init__(self, world: World, height: float) -> None:
-        self._world = world
+    def __init__(self, recorded: RecordedMotion, height: float) -> None:
+        self._world = recorded
         pivot = np.array([0.0, 0.0, height])
-        mass, first = float(world.phi[0]), world.phi[1:4]
+        mass, first = float(recorded.phi[0]), recorded.phi[1:4]
         self._mass, self._moment = mass, first - mass * pivot
-        self._specific = specific_at(world, pivot)
+        self._specific = specific_at(recorded, pivot)
         # Inertia about the pivot from that about the origin: I - [p.h terms] + m [p.p terms] (parallel axes, twice).
         cross = np.outer(first, pivot)
         self.inertia = (
-            symmetric(world.phi[4:])
+            symmetric(recorded.phi[4:])
             - (2.0 * np.trace(cross) * np.eye(3) - cross - cross.T)
             + mass * (pivot @ pivot * np.eye(3) - np.outer(pivot, pivot))
         )

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers, per, sense
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
@@ -23,21 +23,24 @@ class JointCoupling(Effect):
     confused_with = ("motor_inertia", "viscous_friction")
     needs = ("effort",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        if world.effort is None:
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        if recorded.effort is None:
             return ()
-        count = float(max(numbers(world)))
-        damping, inertia = per(world, world.effort.velocity), per(world, world.effort.acceleration)
+        count = float(max(numbers(recorded)))
+        damping, inertia = per(recorded, recorded.effort.velocity), per(recorded, recorded.effort.acceleration)
         return (
-            *(Parameter(name, "", low=1.0, high=count, linear=False, choice=True) for name in ("driving", "driven")),
-            Parameter("inertia", "kg m2", float(np.median(inertia))),
-            Parameter("damping", "N m s/rad", float(np.median(damping))),
+            *(
+                EffectParameter(name, "", low=1.0, high=count, linear=False, choice=True)
+                for name in ("driving", "driven")
+            ),
+            EffectParameter("inertia", "kg m2", float(np.median(inertia))),
+            EffectParameter("damping", "N m s/rad", float(np.median(damping))),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """The pairs that explain most of a joint's residual beside its own motion."""
-        track, known = efforts(world), numbers(world)
-        own = np.stack([track.acceleration, track.velocity, sense(world), np.ones_like(track.velocity)], axis=2)
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """The pairs of joints that explain most of a joint's residual beside its own motion."""
+        track, known = efforts(recorded), numbers(recorded)
+        own = np.stack([track.acceleration, track.velocity, sense(recorded), np.ones_like(track.velocity)], axis=2)
         scores = []
         for driven in range(len(known)):
             basis = np.linalg.qr(own[:, driven])[0]
@@ -54,15 +57,15 @@ class JointCoupling(Effect):
         for _, driving, driven in sorted(scores, reverse=True)[:3]:
             yield {"driving": float(driving), "driven": float(driven)}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        track = efforts(world)
-        driving, driven = (column_of(world, nonlinear[name]) for name in ("driving", "driven"))
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        track = efforts(recorded)
+        driving, driven = (column_of(recorded, nonlinear[name]) for name in ("driving", "driven"))
         out = np.zeros((*track.velocity.shape, 2))
         out[:, driven, 0], out[:, driven, 1] = track.acceleration[:, driving], track.velocity[:, driving]
         return out
 
-    def sentence(self, world: World, values: Values) -> str:
-        driving, driven = (joint_called(world, values[name]) for name in ("driving", "driven"))
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        driving, driven = (joint_called(recorded, values[name]) for name in ("driving", "driven"))
         return (
             f"The motion of {driving} needs torque in {driven}: {values['inertia']:.2f} kg m2 and "
             f"{values['damping']:.2f} N m s/rad; the nominal model's joints are not coupled."

@@ -1,39 +1,39 @@
-"""What effects on joint efforts share: which joint is which, its sense of motion, and sizes that suit it."""
+"""Shared by effects on joint efforts: joint numbers, sign of motion, and typical sizes."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from poise.mismatch.recorded import EffortTrack, World
+from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
-CREEPING = 0.005
-"""rad/s about which a joint's sense of motion changes."""
+COULOMB_TRANSITION = 0.005
+"""rad/s, the width of the transition in the sign of a joint's velocity."""
 
 
-def efforts(world: World) -> EffortTrack:
-    """The joint efforts of a world that has them; effects on effort are not asked about others.
+def efforts(recorded: RecordedMotion) -> EffortTrack:
+    """The joint efforts of a recording that has them.
 
     Raises:
-        ValueError: when it has none.
+        ValueError: when it has none; effects on effort are then `untestable`.
     """
-    if world.effort is None:
-        raise ValueError("this world has no joint efforts")
-    return world.effort
+    if recorded.effort is None:
+        raise ValueError("this recording has no joint efforts")
+    return recorded.effort
 
 
-def numbers(world: World) -> tuple[int, ...]:
-    """Of each joint with a measured effort its number in the arm, 1 at the base."""
-    if world.effort is None:
+def numbers(recorded: RecordedMotion) -> tuple[int, ...]:
+    """The numbers of the joints with a measured effort; 1 is at the base."""
+    if recorded.effort is None:
         return ()
-    names = world.effort.names
-    arm = names if world.joints is None or not set(names) <= set(world.joints.names) else world.joints.names
+    names = recorded.effort.names
+    arm = names if recorded.joints is None or not set(names) <= set(recorded.joints.names) else recorded.joints.names
     return tuple(arm.index(name) + 1 for name in names)
 
 
-def sense(world: World) -> Array:
+def sense(recorded: RecordedMotion) -> Array:
     """(M, J) sign of the velocity, smooth through zero."""
-    return np.tanh(efforts(world).velocity / CREEPING)
+    return np.tanh(efforts(recorded).velocity / COULOMB_TRANSITION)
 
 
 def each_joint(values: Array) -> Array:
@@ -41,34 +41,34 @@ def each_joint(values: Array) -> Array:
     return np.asarray(values[:, :, None] * np.eye(values.shape[1]))
 
 
-def torque_sizes(world: World) -> Array:
-    """(J,) a tenth of what each joint usually bears; a typical friction."""
-    if world.effort is None:
+def torque_sizes(recorded: RecordedMotion) -> Array:
+    """(J,) a tenth of the typical effort of each joint: a typical friction."""
+    if recorded.effort is None:
         return np.zeros(0)
-    usual = np.quantile(np.abs(world.effort.rigid), 0.9, axis=0)
+    usual = np.quantile(np.abs(recorded.effort.rigid), 0.9, axis=0)
     return np.asarray(0.1 * np.maximum(usual, 0.02 * usual.max(initial=0.0)) + 1e-6)
 
 
-def per(world: World, rates: Array) -> Array:
-    """(J,) sizes of a coefficient that turns rates (M, J) into torques."""
+def per(recorded: RecordedMotion, rates: Array) -> Array:
+    """(J,) sizes of a coefficient that maps rates (M, J) to torques."""
     usual = np.quantile(np.abs(rates), 0.9, axis=0)
-    return np.asarray(torque_sizes(world) / np.maximum(usual, max(0.05 * float(usual.max(initial=0.0)), 1e-3)))
+    return np.asarray(torque_sizes(recorded) / np.maximum(usual, max(0.05 * float(usual.max(initial=0.0)), 1e-3)))
 
 
-def joint_called(world: World, number: float) -> str:
+def joint_called(recorded: RecordedMotion, number: float) -> str:
     """The name of a joint by its number."""
-    names = dict(zip(numbers(world), efforts(world).names, strict=True))
+    names = dict(zip(numbers(recorded), efforts(recorded).names, strict=True))
     return names.get(round(number), f"joint {number:.0f}")
 
 
-def column_of(world: World, number: float) -> int:
-    """Where a joint of a number stands among the efforts; 0 for one that is not there."""
-    known = numbers(world)
+def column_of(recorded: RecordedMotion, number: float) -> int:
+    """The column of a joint's number among the efforts; 0 for a joint that is absent."""
+    known = numbers(recorded)
     return known.index(round(number)) if round(number) in known else 0
 
 
-def listed(world: World, values: Sequence[float], unit: str) -> str:
-    """Numbers by joint, the largest first, none that is small beside it: 'elbow_joint 5.1, wrist_1_joint 1 N m'."""
-    ranked = sorted(zip(values, efforts(world).names, strict=True), key=lambda item: -abs(item[0]))
-    told = [f"{name} {value:.3g}" for value, name in ranked[:3] if abs(value) > 0.15 * abs(ranked[0][0])]
-    return f"{', '.join(told)} {unit}"
+def listed(recorded: RecordedMotion, values: Sequence[float], unit: str) -> str:
+    """Values by joint, the largest first, without much smaller ones: 'elbow_joint 5.1, wrist_1_joint 1 N m'."""
+    ranked = sorted(zip(values, efforts(recorded).names, strict=True), key=lambda item: -abs(item[0]))
+    named = [f"{name} {value:.3g}" for value, name in ranked[:3] if abs(value) > 0.15 * abs(ranked[0][0])]
+    return f"{', '.join(named)} {unit}"

@@ -1,15 +1,15 @@
-"""Joint offset: a joint's zero is not where its encoder says."""
+"""Joint offset: the zero of a joint's encoder is wrong."""
 
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, motion_response
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, motion_response
 from poise.types import Array
 
 
 class JointOffset(Effect):
-    """q_read = q_true + d, joint by joint: gravity and all motion above the joint reach the sensor turned."""
+    """q_read = q_true + d, joint by joint: gravity and all motion before the joint reach the sensor rotated."""
 
     name = "joint_offset"
     layer = "kinematics"
@@ -21,30 +21,30 @@ class JointOffset(Effect):
     needs = ("joints", "load")
     widens = "joints"
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        names = () if world.joints is None else world.joints.names
-        return tuple(Parameter(f"offset_{i}", "rad", 0.01) for i in range(1, len(names) + 1))
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        names = () if recorded.joints is None else recorded.joints.names
+        return tuple(EffectParameter(f"offset_{i}", "rad", 0.01) for i in range(1, len(names) + 1))
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return -joint_columns(world)
+        return -joint_columns(recorded)
 
-    def sentence(self, world: World, values: Values) -> str:
-        names = () if world.joints is None else world.joints.names
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        names = () if recorded.joints is None else recorded.joints.names
         offsets = [values[f"offset_{i}"] for i in range(1, len(names) + 1)]
         worst = int(np.argmax(np.abs(offsets)))
         return (
             f"The encoder of {names[worst]} reads {np.degrees(offsets[worst]):+.2f} degrees too much: "
-            "the nominal model takes its encoder at its word."
+            "the nominal model assumes a correct encoder."
         )
 
 
-def joint_columns(world: World) -> Array:
+def joint_columns(recorded: RecordedMotion) -> Array:
     """(N, 6, J) change of the nominal wrench with each joint's position."""
-    if world.joints is None:
-        return np.zeros((len(world), 6, 0))
-    motion = world.joints.motion_by_position
+    if recorded.joints is None:
+        return np.zeros((len(recorded), 6, 0))
+    motion = recorded.joints.motion_by_position
     # Seen from the sensor, gravity turns the other way than the joint: d(R^T g) = (R^T g) x axis.
-    axes = world.joints.jacobian_in_sensor[:, 3:]
-    by_specific = cross(world.gravity[:, :, None], axes, axis=1) - motion[:, :3]
-    return motion_response(world.phi, world.angular_velocity, by_specific, motion[:, 3:6], motion[:, 6:])
+    axes = recorded.joints.jacobian_in_sensor[:, 3:]
+    by_specific = cross(recorded.gravity[:, :, None], axes, axis=1) - motion[:, :3]
+    return motion_response(recorded.phi, recorded.angular_velocity, by_specific, motion[:, 3:6], motion[:, 6:])

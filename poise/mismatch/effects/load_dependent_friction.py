@@ -1,10 +1,10 @@
-"""Load-dependent friction: a gear rubs more the more it carries."""
+"""Load-dependent friction: the friction of a gear grows with its load."""
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, sense
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
@@ -21,13 +21,13 @@ class LoadDependentFriction(Effect):
     confused_with = ("coulomb_friction", "stribeck_friction", "viscous_friction")
     needs = ("effort",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        return tuple(Parameter(f"ratio_{i}", "", 0.08) for i in numbers(world))
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(f"ratio_{i}", "", 0.08) for i in numbers(recorded))
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return each_joint(np.abs(efforts(world).rigid) * sense(world))
+        return each_joint(np.abs(efforts(recorded).rigid) * sense(recorded))
 
-    def sentence(self, world: World, values: Values) -> str:
-        told = listed(world, [100.0 * values[f"ratio_{i}"] for i in numbers(world)], "%")
-        return f"Joints rub in proportion to their load: {told} of it; the nominal gears lose nothing."
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        sizes = listed(recorded, [100.0 * values[f"ratio_{i}"] for i in numbers(recorded)], "%")
+        return f"Joint friction is proportional to the load: {sizes} of it; the nominal gears lose nothing."

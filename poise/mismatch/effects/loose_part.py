@@ -1,4 +1,4 @@
-"""Loose part: something in the payload slides between two stops and knocks against them."""
+"""Loose part: a part of the payload slides between two stops and knocks against them."""
 
 from collections.abc import Iterable
 from functools import lru_cache
@@ -8,13 +8,13 @@ from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.knocks import Knocks, find_knocks
 from poise.mismatch.effects.part_motion import between_stops, travelled
 from poise.mismatch.effects.part_wrench import (
-    AXIS,
-    PLACE,
-    REACH,
+    AXIS_PARAMETERS,
+    PAYLOAD_REACH,
+    POINT_PARAMETERS,
     chart,
     direction,
     likely_place,
@@ -24,26 +24,26 @@ from poise.mismatch.effects.part_wrench import (
     sliding_wrench,
     specific_at,
 )
-from poise.mismatch.recorded import World, white_level
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-BLURS = (15, 5, 2)
+_BLURS = (15, 5, 2)
 """Samples."""
-FEWEST = 2
-"""Knocks that are needed to begin with them."""
-AXES, HEARD = 80, 40.0
-"""Axes that are tried for a part that is not heard, and the fall of the square from which one is looked at."""
-GAPS, SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
-"""m and s that are tried then."""
-SURE, NEAR, TIMED = 0.02, 0.03, 0.003
-"""rad, m and s to which knocks alone show axis, place and moment."""
+_FEWEST = 2
+"""Knocks that a start from knocks needs."""
+_AXES, _HEARD = 80, 40.0
+"""Axes that are tried for a part without audible knocks; drop of the square from which an axis is examined."""
+_GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
+"""m and s that are tried in this case."""
+_SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
+"""rad, m and s: accuracy of axis, place and time from knocks alone."""
 
 
 class LoosePart(Effect):
     """A mass that slides freely along an axis of the tool within a gap, and does not rebound.
 
-    Its mass is part of the nominal payload, in the middle of the gap: what is added is the difference. A stop takes up
-    the knock as a critically damped spring does. (What slides with friction lets go a little later.)
+    Its mass is part of the nominal payload, in the middle of the gap: the response is the difference. A stop absorbs
+    the knock as a critically damped spring. (With friction the part would start a little later.)
     """
 
     name = "loose_part"
@@ -58,50 +58,53 @@ class LoosePart(Effect):
     confused_with = ("slosh", "flexible_mode", "contact", "payload_parameters")
     needs = ("load",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         return (
-            Parameter("gap", "m", low=5e-4, high=0.2, linear=False, log=True),
-            Parameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
-            *(Parameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS),
-            *(Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
-            Parameter("mass", "kg", 0.4, positive=True),
+            EffectParameter("gap", "m", low=5e-4, high=0.2, linear=False, log=True),
+            EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
+            *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
+            *(
+                EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+                for name in POINT_PARAMETERS
+            ),
+            EffectParameter("mass", "kg", 0.4, positive=True),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """Knocks say where the part slides, along what, and how far; so does the torque of where it rests."""
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """Knocks give the place, the axis and the gap; so does the torque of the part at rest."""
         wanted = residual - residual.mean(axis=0)
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
-        readings = find_knocks(world.seconds, wanted[:, :3], 1.0 / weight[:3])
-        bent = _bent(world, residual)
-        found = self._from_rest(world, bent, weight)
-        if readings and len(readings[0].moments) >= FEWEST:
-            heard = [self._from_knocks(world, wanted, knocks) for knocks in readings[:3]]
-            found.append(min(heard, key=lambda values: self._left(world, values, bent, weight, 1)))
-        sharp = [self._sharpened(world, values, bent, weight) for values in found]
+        readings = find_knocks(recorded.seconds, wanted[:, :3], 1.0 / weight[:3])
+        bent = _bent(recorded, residual)
+        found = self._from_rest(recorded, bent, weight)
+        if readings and len(readings[0].moments) >= _FEWEST:
+            heard = [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
+            found.append(min(heard, key=lambda values: self._left(recorded, values, bent, weight, 1)))
+        sharp = [self._sharpened(recorded, values, bent, weight) for values in found]
         if sharp:
-            yield min(sharp, key=lambda values: self._left(world, values, bent, weight, BLURS[-1]))
+            yield min(sharp, key=lambda values: self._left(recorded, values, bent, weight, _BLURS[-1]))
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         place, axis = place_of(nonlinear), direction(nonlinear)
-        push = specific_at(world, place) @ axis
-        slid = between_stops(world.seconds, push, nonlinear["gap"], nonlinear["settling"])
-        return sliding_wrench(world, place, axis, slid)[:, :, None]
+        push = specific_at(recorded, place) @ axis
+        slid = between_stops(recorded.seconds, push, nonlinear["gap"], nonlinear["settling"])
+        return sliding_wrench(recorded, place, axis, slid)[:, :, None]
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)
 
-    def sentence(self, world: World, values: Values) -> str:
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return (
             f"{1e3 * values['mass']:.0f} g of the payload are loose: they slide {1e3 * values['gap']:.0f} mm along "
             f"{'xyz'[int(np.argmax(np.abs(direction(values))))]} and knock; the nominal payload is rigid."
         )
 
     @staticmethod
-    def _from_knocks(world: World, wanted: Array, knocks: Knocks) -> dict[str, float]:
+    def _from_knocks(recorded: RecordedMotion, wanted: Array, knocks: Knocks) -> dict[str, float]:
         """The part that makes these knocks in a residual."""
         struck, twisted = np.diff(wanted[:, :3], axis=0)[knocks.rows], np.diff(wanted[:, 3:], axis=0)[knocks.rows]
-        centre = payload_centre(world)
+        centre = payload_centre(recorded)
         place = centre + likely_place(struck, twisted - cross(centre, struck))
         begin = np.array([*chart(knocks.axis).values(), 0.0, 0.0, *place])
         impulses = knocks.impulses * np.sign(knocks.axis @ _axis(begin))
@@ -109,62 +112,66 @@ class LoosePart(Effect):
         crossed = np.concatenate([sides[:1], np.diff(sides) / 2.0])
 
         def course(x: Array) -> tuple[Array, Array]:
-            return travelled(world.seconds, specific_at(world, x[4:]) @ _axis(x), knocks.moments, sides)
+            return travelled(recorded.seconds, specific_at(recorded, x[4:]) @ _axis(x), knocks.moments, sides)
 
         def off(x: Array) -> Array:
-            """Distances against the gap, in what half a sample makes; impulses; and what is known already."""
+            """Distances relative to the gap, in units of half a sample; impulses; prior knowledge."""
             far, speed = course(x)
-            distance = (far - np.exp(x[2]) * crossed) / (TIMED * np.abs(speed) + 1e-4)
+            distance = (far - np.exp(x[2]) * crossed) / (_TIMED * np.abs(speed) + 1e-4)
             likelier = np.abs(distance).argmin(axis=0), np.arange(len(sides))
             impulse = (impulses / np.exp(x[3]) - speed[likelier]) / (0.1 * np.median(np.abs(speed)) + 1e-3)
-            return np.concatenate([distance[likelier], impulse, (x[:2] - begin[:2]) / SURE, (x[4:] - place) / NEAR])
+            return np.concatenate([distance[likelier], impulse, (x[:2] - begin[:2]) / _SURE, (x[4:] - place) / _NEAR])
 
         far, speed = np.abs(course(begin))
         begin[2] = np.log(max(float(np.median(far[0, crossed != 0.0])), 1e-4))
         begin[3] = np.log(max(float(np.median(np.abs(impulses))) / max(float(np.median(speed[0])), 1e-3), 1e-3))
         found = least_squares(off, begin, loss="soft_l1", diff_step=1e-4, max_nfev=30).x
         gap = float(np.clip(np.exp(found[2]), 6e-4, 0.19))
-        place = np.clip(found[4:], -0.9 * REACH, 0.9 * REACH)
+        place = np.clip(found[4:], -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH)
         return _values(gap, knocks.settling, _axis(found), place)
 
-    def _from_rest(self, world: World, wanted: Array, weight: Array) -> list[dict[str, float]]:
-        """The part whose weight at one stop or the other, by turns, explains most of the torque; none when little."""
-        centre = payload_centre(world)
-        push = specific_at(world, centre)
-        still = np.zeros(len(world))
+    def _from_rest(self, recorded: RecordedMotion, wanted: Array, weight: Array) -> list[dict[str, float]]:
+        """The part whose weight, at one of the stops, explains most of the torque; none when it explains little."""
+        centre = payload_centre(recorded)
+        push = specific_at(recorded, centre)
+        still = np.zeros(len(recorded))
 
         def explained(axis: Array) -> float:
             at_stops = (np.sign(push @ axis) / 2.0, still, still)
-            here = (_bent(world, sliding_wrench(world, centre, axis, at_stops)) * weight)[:, 3:]
+            here = (_bent(recorded, sliding_wrench(recorded, centre, axis, at_stops)) * weight)[:, 3:]
             along = float(np.sum(here * wanted[:, 3:] * weight[3:]))
             return max(along, 0.0) ** 2 / max(float(np.sum(here**2)), 1e-12)
 
-        axis = max(_hemisphere(AXES), key=explained)
+        axis = max(_hemisphere(_AXES), key=explained)
         for reach in (0.2, 0.08, 0.03):
             axis = max((axis, *_around(axis, reach)), key=explained)
-        if explained(axis) < HEARD:
+        if explained(axis) < _HEARD:
             return []
-        tried = [_values(gap, SETTLING, axis, centre) for gap in GAPS]
-        return [min(tried, key=lambda values: self._left(world, values, wanted, weight, BLURS[0]))]
+        tried = [_values(gap, _SETTLING, axis, centre) for gap in _GAPS]
+        return [min(tried, key=lambda values: self._left(recorded, values, wanted, weight, _BLURS[0]))]
 
-    def _sharpened(self, world: World, start: dict[str, float], wanted: Array, weight: Array) -> dict[str, float]:
-        """Least squares in ever less blurred residuals: a knock that comes a sample too late explains nothing."""
-        moving = [p for p in self.parameters(world) if not p.linear]
+    def _sharpened(
+        self, recorded: RecordedMotion, start: dict[str, float], wanted: Array, weight: Array
+    ) -> dict[str, float]:
+        """Least squares from coarse to fine blur: a knock that is a sample too late explains nothing."""
+        moving = [p for p in self.parameters(recorded) if not p.linear]
         found = start
-        for blur in BLURS:
+        for blur in _BLURS:
 
             def left(places: Array, blur: int = blur) -> Array:
                 values = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
-                return self._unexplained(world, values, wanted, weight, blur)
+                return self._unexplained(recorded, values, wanted, weight, blur)
 
             begin = np.clip([p.to_unit(found[p.name]) for p in moving], 1e-3, 1.0 - 1e-3)
             places = least_squares(left, begin, bounds=(0.0, 1.0), diff_step=3e-4, max_nfev=8).x
             found = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
         return found
 
-    def _unexplained(self, world: World, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> Array:
-        """What the best mass leaves, blurred over some samples."""
-        response = _bent(world, self.columns(world, nonlinear)[:, :, 0])
+    def _unexplained(
+        self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int
+    ) -> Array:
+        """The residual of the best mass, blurred over some samples."""
+        response = _bent(recorded, self.columns(recorded, nonlinear)[:, :, 0])
         here, there = (
             uniform_filter1d((part - part.mean(axis=0)) * weight, blur, axis=0)[:: max(blur // 2, 1)].ravel()
             for part in (response, wanted)
@@ -173,24 +180,24 @@ class LoosePart(Effect):
         left: Array = there - mass * here
         return left
 
-    def _left(self, world: World, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> float:
-        """The square that the best mass leaves."""
-        return float(np.mean(self._unexplained(world, nonlinear, wanted, weight, blur) ** 2))
+    def _left(self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> float:
+        """The squared residual of the best mass."""
+        return float(np.mean(self._unexplained(recorded, nonlinear, wanted, weight, blur) ** 2))
 
 
 def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str, float]:
-    return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(PLACE, place.tolist(), strict=True))}
+    return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
 
 
-def _bent(world: World, values: Array) -> Array:
-    """(N, 6) without what a bias or a shifted centre of mass, fitted besides, would take away."""
-    basis = _basis(world)
+def _bent(recorded: RecordedMotion, values: Array) -> Array:
+    """(N, 6) without the part that a bias or a shifted centre of mass would explain."""
+    basis = _basis(recorded)
     return np.asarray(values - basis @ (basis.T @ values))
 
 
 @lru_cache(maxsize=2)
-def _basis(world: World) -> Array:
-    return np.asarray(np.linalg.qr(np.hstack([np.ones((len(world), 1)), world.specific]))[0])
+def _basis(recorded: RecordedMotion) -> Array:
+    return np.asarray(np.linalg.qr(np.hstack([np.ones((len(recorded), 1)), recorded.specific]))[0])
 
 
 def _hemisphere(count: int) -> Array:
@@ -210,4 +217,4 @@ def _around(axis: Array, reach: float) -> Array:
 
 
 def _axis(x: Array) -> Array:
-    return direction(dict(zip(AXIS, x[:2].tolist(), strict=True)))
+    return direction(dict(zip(AXIS_PARAMETERS, x[:2].tolist(), strict=True)))

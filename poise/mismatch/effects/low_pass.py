@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import crept
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
@@ -20,21 +20,21 @@ class LowPass(Effect):
     confused_with = ("clock_offset", "joint_offset", "sensor_creep")
     needs = ("load",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
-        return (Parameter("time_constant", "s", low=0.002, high=1.0, linear=False, log=True),)
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
+        return (EffectParameter("time_constant", "s", low=0.002, high=1.0, linear=False, log=True),)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        del world, residual
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        del recorded, residual
         for time_constant in (0.01, 0.05, 0.25):
             yield {"time_constant": time_constant}
 
-    def simulate(self, world: World, values: Values) -> Array:
-        return crept(world.seconds, world.prediction, values["time_constant"]) - world.prediction
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        return crept(recorded.seconds, recorded.prediction, values["time_constant"]) - recorded.prediction
 
-    def sentence(self, world: World, values: Values) -> str:
-        del world
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        del recorded
         return (
             f"The wrench is smoothed with a time constant of {1e3 * values['time_constant']:.1f} ms: "
-            "the nominal sensor is immediate."
+            "the nominal sensor has no filter."
         )

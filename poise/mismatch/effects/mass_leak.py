@@ -1,20 +1,27 @@
-"""Mass leak: the payload loses (or gains) weight steadily, as when grain trickles or a tank drains."""
+"""Mass leak: the payload loses (or gains) mass at a constant rate, as when grain trickles or a tank drains."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from poise.inertia.regressor import regressor
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.effects.part_wrench import PLACE, REACH, best_fit, payload_centre, place_of, point_wrench
-from poise.mismatch.recorded import World, white_level
+from poise.inertia.model import regressor
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.part_wrench import (
+    PAYLOAD_REACH,
+    POINT_PARAMETERS,
+    best_fit,
+    payload_centre,
+    place_of,
+    point_wrench,
+)
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
 
 class MassLeak(Effect):
     """A point mass of the payload becomes lighter at a constant rate from `start` to the end of the recording.
 
-    What leaves takes its momentum along; its jet is not modelled (8 g/s at 1 m/s push with 8 mN).
+    The leaving mass keeps its momentum; its jet is not modelled (8 g/s at 1 m/s push with 8 mN).
     """
 
     name = "mass_leak"
@@ -26,43 +33,48 @@ class MassLeak(Effect):
     confused_with = ("bias_drift", "mass_step", "sensor_creep", "payload_parameters")
     transfers = False
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        first, last = float(world.seconds[0]), float(world.seconds[-1])
-        places = (Parameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE)
-        start = Parameter("start", "s", low=first - 0.1 * world.duration, high=last, linear=False)
-        return (start, *places, Parameter("rate", "kg/s", 0.3 / max(world.duration, 1.0)))
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
+        places = (
+            EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+            for name in POINT_PARAMETERS
+        )
+        start = EffectParameter("start", "s", low=first - 0.1 * recorded.duration, high=last, linear=False)
+        return (start, *places, EffectParameter("rate", "kg/s", 0.3 / max(recorded.duration, 1.0)))
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        """The best of some moments from which weight goes on falling, with the place that its moment means."""
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """The best of several start times, with the place that the moment implies."""
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         white = ((residual - residual.mean(axis=0)) * weight).ravel()
-        matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)[:, :, :4]
+        matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
         found = []
         for share in np.linspace(0.0, 0.85, 11):
-            start = float(world.seconds[0] + share * world.duration)
-            columns = matrix * -np.maximum(world.seconds - start, 0.0)[:, None, None]
+            start = float(recorded.seconds[0] + share * recorded.duration)
+            columns = matrix * -np.maximum(recorded.seconds - start, 0.0)[:, None, None]
             columns = (columns - columns.mean(axis=0)) * weight[:, None]
             rate, left = best_fit(columns.reshape(-1, 4), white)
             found.append((left, start, rate))
         _, start, rate = min(found, key=lambda item: item[0])
-        far = abs(rate[0]) * REACH < np.abs(rate[1:]).max() or rate[0] == 0.0
-        place = payload_centre(world) if far else np.clip(rate[1:] / rate[0], -0.9 * REACH, 0.9 * REACH)
-        yield {"start": start, **dict(zip(PLACE, place.tolist(), strict=True))}
+        far = abs(rate[0]) * PAYLOAD_REACH < np.abs(rate[1:]).max() or rate[0] == 0.0
+        place = (
+            payload_centre(recorded) if far else np.clip(rate[1:] / rate[0], -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH)
+        )
+        yield {"start": start, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        lost = -np.maximum(world.seconds - nonlinear["start"], 0.0) * world.recording_of(nonlinear["start"])
-        return np.asarray((point_wrench(world, place_of(nonlinear)) * lost[:, None])[:, :, None])
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        lost = -np.maximum(recorded.seconds - nonlinear["start"], 0.0) * recorded.recording_of(nonlinear["start"])
+        return np.asarray((point_wrench(recorded, place_of(nonlinear)) * lost[:, None])[:, :, None])
 
-    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        inside = world.seconds[world.recording_of(values["start"])]
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        inside = recorded.seconds[recorded.recording_of(values["start"])]
         return ((max(values["start"], float(inside[0])), float(inside[-1])),)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        ((start, end),) = self.windows(world, values)
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        ((start, end),) = self.windows(recorded, values)
         return {"lost": (values["rate"] * (end - start), "kg")}
 
-    def sentence(self, world: World, values: Values) -> str:
-        ((start, end),) = self.windows(world, values)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        ((start, end),) = self.windows(recorded, values)
         verb = "loses" if values["rate"] > 0 else "gains"
         return (
             f"From {start:.1f} s on the payload {verb} {1e3 * abs(values['rate']):.1f} g/s, "

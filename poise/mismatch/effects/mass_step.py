@@ -4,13 +4,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from poise.inertia.regressor import regressor
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.inertia.model import regressor
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.starts import steps
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-ROWS = ("mass", "moment_x", "moment_y", "moment_z")
+_ROWS = ("mass", "moment_x", "moment_y", "moment_z")
 
 
 class MassStep(Effect):
@@ -20,43 +20,43 @@ class MassStep(Effect):
     layer = "event"
     equation = "w = A(t) (phi + dphi [t >= time]), dphi = (dm, dm c)"
     source = "thesis eq. 2.97 with a payload that changes once"
-    excited_by = "gravity; the moment is known to a sample"
+    excited_by = "gravity; the time is resolved to a sample"
     separating_motion = "turn the tool after the change: weight turns with gravity, a bias does not"
     confused_with = ("mass_leak", "contact", "sensor_bias", "bias_drift")
     transfers = False
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         return (
-            Parameter(
+            EffectParameter(
                 "time",
                 "s",
-                low=float(world.seconds[0]),
-                high=float(world.seconds[-1]),
+                low=float(recorded.seconds[0]),
+                high=float(recorded.seconds[-1]),
                 linear=False,
-                resolution=world.period,
+                resolution=recorded.period,
             ),
-            Parameter("mass", "kg", 0.3),
-            *(Parameter(name, "kg m", 0.03) for name in ROWS[1:]),
+            EffectParameter("mass", "kg", 0.3),
+            *(EffectParameter(name, "kg m", 0.03) for name in _ROWS[1:]),
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        for time in steps(world, residual, self.columns(world, {"time": -np.inf})):
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        for time in steps(recorded, residual, self.columns(recorded, {"time": -np.inf})):
             yield {"time": time}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        after = (world.seconds >= nonlinear["time"]) & world.recording_of(nonlinear["time"])
-        matrix = regressor(world.specific, world.angular_velocity, world.angular_acceleration)[:, :, :4]
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        after = (recorded.seconds >= nonlinear["time"]) & recorded.recording_of(nonlinear["time"])
+        matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]
         return np.asarray(matrix * after[:, None, None])
 
-    def windows(self, world: World, values: Values) -> tuple[tuple[float, float], ...]:
-        return ((values["time"], float(world.seconds[world.recording_of(values["time"])][-1])),)
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        return ((values["time"], float(recorded.seconds[recorded.recording_of(values["time"])][-1])),)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        del world
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        del recorded
         mass = values["mass"] or 1e-9
         return {axis: (values[f"moment_{axis}"] / mass, "m") for axis in "xyz"}
 
-    def sentence(self, world: World, values: Values) -> str:
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         change = "heavier" if values["mass"] > 0 else "lighter"
         return (
             f"At {values['time']:.2f} s the payload became {1e3 * abs(values['mass']):.0f} g {change}: "

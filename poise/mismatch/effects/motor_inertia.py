@@ -1,13 +1,13 @@
-"""Motor inertia: behind its gear a rotor must be accelerated too."""
+"""Motor inertia: the rotor behind the gear must be accelerated too."""
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
 class MotorInertia(Effect):
-    """tau_j = J_j a_j: the rotor's inertia times the square of the gear's ratio, in no link of the description."""
+    """tau_j = J_j a_j: the rotor's inertia times the square of the gear's ratio, absent from the robot description."""
 
     name = "motor_inertia"
     layer = "friction"
@@ -19,14 +19,14 @@ class MotorInertia(Effect):
     confused_with = ("joint_coupling", "viscous_friction")
     needs = ("effort",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        sizes = per(world, efforts(world).acceleration) if world.effort is not None else ()
-        return tuple(Parameter(f"inertia_{i}", "kg m2", s) for i, s in zip(numbers(world), sizes, strict=True))
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        sizes = per(recorded, efforts(recorded).acceleration) if recorded.effort is not None else ()
+        return tuple(EffectParameter(f"inertia_{i}", "kg m2", s) for i, s in zip(numbers(recorded), sizes, strict=True))
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return each_joint(efforts(world).acceleration)
+        return each_joint(efforts(recorded).acceleration)
 
-    def sentence(self, world: World, values: Values) -> str:
-        told = listed(world, [values[f"inertia_{i}"] for i in numbers(world)], "kg m2")
-        return f"Motors have inertia that no link has: {told}; the nominal model has no rotors."
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        sizes = listed(recorded, [values[f"inertia_{i}"] for i in numbers(recorded)], "kg m2")
+        return f"Motor rotors add inertia: {sizes}; the nominal model has no rotors."

@@ -1,4 +1,4 @@
-"""What parts that move within the payload, and a robot that moves unnoticed, do to the wrench on the sensor."""
+"""The wrench on the sensor from parts that move within the payload, and from unreported motion of the robot."""
 
 from collections.abc import Mapping
 
@@ -6,75 +6,77 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.geometry import cross
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-PLACE = ("x", "y", "z")
-REACH = 0.5
-"""m from the sensor within which parts of a payload are looked for."""
-AXIS = ("axis_a", "axis_b")
+POINT_PARAMETERS = ("x", "y", "z")
+PAYLOAD_REACH = 0.5
+"""m from the sensor within which parts of a payload are searched."""
+AXIS_PARAMETERS = ("axis_a", "axis_b")
 """Chart of directions, see `direction`."""
 
 
 def place_of(values: Mapping[str, float]) -> Array:
     """(3,) the point x, y, z, sensor axes."""
-    return np.array([values[name] for name in PLACE])
+    return np.array([values[name] for name in POINT_PARAMETERS])
 
 
-def specific_at(world: World, place: Array) -> Array:
+def specific_at(recorded: RecordedMotion, place: Array) -> Array:
     """(N, 3) m/s2, gravity minus acceleration of a point of the tool, sensor axes."""
-    return world.specific - lever_acceleration(world, np.broadcast_to(place, (len(world), 3)))
+    return recorded.specific - lever_acceleration(recorded, np.broadcast_to(place, (len(recorded), 3)))
 
 
-def lever_acceleration(world: World, lever: Array) -> Array:
+def lever_acceleration(recorded: RecordedMotion, lever: Array) -> Array:
     """(N, 3) acceleration of points at (N, 3) against the sensor's origin: alpha x r + omega x (omega x r)."""
-    turning = cross(world.angular_velocity, cross(world.angular_velocity, lever))
-    return np.asarray(cross(world.angular_acceleration, lever) + turning)
+    turning = cross(recorded.angular_velocity, cross(recorded.angular_velocity, lever))
+    return np.asarray(cross(recorded.angular_acceleration, lever) + turning)
 
 
-def point_wrench(world: World, place: Array) -> Array:
+def point_wrench(recorded: RecordedMotion, place: Array) -> Array:
     """(N, 6) of a point mass of 1 kg that is fixed to the tool (thesis eq. 2.97)."""
-    force = specific_at(world, place)
+    force = specific_at(recorded, place)
     return np.concatenate([force, cross(place, force)], axis=1)
 
 
-def sliding_wrench(world: World, place: Array, axis: Array, slid: tuple[Array, Array, Array]) -> Array:
-    """(N, 6) what a part of 1 kg that slides along an axis adds to the same mass fixed at `place`.
+def sliding_wrench(recorded: RecordedMotion, place: Array, axis: Array, slid: tuple[Array, Array, Array]) -> Array:
+    """(N, 6) the difference between a part of 1 kg that slides along an axis and this mass fixed at `place`.
 
     Args:
-        world: the recording.
+        recorded: the recording.
         place: (3,) m, where the nominal model has it.
         axis: (3,) unit vector, fixed to the tool.
         slid: (N,) each: how far along the axis, m, its rate and second rate.
     """
     along, rate, second = (part[:, None] for part in slid)
-    beyond = axis * second + 2.0 * rate * cross(world.angular_velocity, axis) + lever_acceleration(world, along * axis)
-    torque = cross(along * axis, specific_at(world, place) - beyond) - cross(place, beyond)
+    beyond = (
+        axis * second + 2.0 * rate * cross(recorded.angular_velocity, axis) + lever_acceleration(recorded, along * axis)
+    )
+    torque = cross(along * axis, specific_at(recorded, place) - beyond) - cross(place, beyond)
     return np.concatenate([-beyond, torque], axis=1)
 
 
-def spin_square(world: World, axis: Array) -> Array:
+def spin_square(recorded: RecordedMotion, axis: Array) -> Array:
     """(N,) 1/s2, what drives a part outwards along an axis per metre: |omega|^2 - (omega . axis)^2."""
-    rate = world.angular_velocity
+    rate = recorded.angular_velocity
     return np.asarray(np.einsum("ni,ni->n", rate, rate) - (rate @ axis) ** 2)
 
 
-def shaking_columns(world: World, rotation_world_from: Array | None = None) -> Array:
-    """(N, 6, 3) the payload's answer to an acceleration (m/s2) that the nominal motion lacks.
+def shaking_columns(recorded: RecordedMotion, rotation_world_from: Array | None = None) -> Array:
+    """(N, 6, 3) the payload's wrench under an acceleration (1 m/s2) that the nominal motion lacks.
 
     Args:
-        world: the recording.
+        recorded: the recording.
         rotation_world_from: (N, 3, 3) of the axes that it is given in; None: the world's.
     """
-    turn = world.rotation_world_sensor.swapaxes(1, 2)
+    turn = recorded.rotation_world_sensor.swapaxes(1, 2)
     turn = turn if rotation_world_from is None else turn @ rotation_world_from
-    first = world.phi[1:4]
-    return np.concatenate([-world.phi[0] * turn, -cross(first[None, :, None], turn, axis=1)], axis=1)
+    first = recorded.phi[1:4]
+    return np.concatenate([-recorded.phi[0] * turn, -cross(first[None, :, None], turn, axis=1)], axis=1)
 
 
-def shaking(world: World, residual: Array) -> Array:
-    """(N, 3) m/s2 in world axes: the unnoticed acceleration that a residual force would mean."""
-    return world.to_world(residual[:, :3]) / -max(abs(float(world.phi[0])), 1e-3)
+def shaking(recorded: RecordedMotion, residual: Array) -> Array:
+    """(N, 3) m/s2 in world axes: the unreported acceleration that a residual force implies."""
+    return recorded.to_world(residual[:, :3]) / -max(abs(float(recorded.phi[0])), 1e-3)
 
 
 def direction(values: Mapping[str, float]) -> Array:
@@ -82,7 +84,7 @@ def direction(values: Mapping[str, float]) -> Array:
 
     An axis and its opposite mean the same here; the half with z > 0 lies within a radius of sqrt(2).
     """
-    a, b = values[AXIS[0]], values[AXIS[1]]
+    a, b = values[AXIS_PARAMETERS[0]], values[AXIS_PARAMETERS[1]]
     square = min(a * a + b * b, 4.0)
     flat = np.sqrt(1.0 - square / 4.0)
     vector = np.array([a * flat, b * flat, 1.0 - square / 2.0])
@@ -94,7 +96,7 @@ def chart(axis: ArrayLike) -> dict[str, float]:
     unit = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     unit = -unit if unit[2] < 0.0 else unit
     size = np.sqrt(2.0 / (1.0 + unit[2]))
-    return {AXIS[0]: float(unit[0] * size), AXIS[1]: float(unit[1] * size)}
+    return {AXIS_PARAMETERS[0]: float(unit[0] * size), AXIS_PARAMETERS[1]: float(unit[1] * size)}
 
 
 def named_axis(values: Mapping[str, float]) -> dict[str, tuple[float, str]]:
@@ -113,17 +115,17 @@ def likely_place(force: Array, torque: Array) -> Array:
     normal = np.einsum("nci,ncj->ij", lever, lever)
     normal += (1e-3 * np.trace(normal) + 1e-12) / 3.0 * np.eye(3)
     place = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
-    return np.asarray(np.clip(place, -0.9 * REACH, 0.9 * REACH))
+    return np.asarray(np.clip(place, -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH))
 
 
-def payload_centre(world: World) -> Array:
+def payload_centre(recorded: RecordedMotion) -> Array:
     """(3,) m, the nominal payload's centre of mass; the sensor's origin when it weighs nothing."""
-    mass = float(world.phi[0])
-    return np.asarray(world.phi[1:4] / mass) if abs(mass) > 1e-3 else np.zeros(3)
+    mass = float(recorded.phi[0])
+    return np.asarray(recorded.phi[1:4] / mass) if abs(mass) > 1e-3 else np.zeros(3)
 
 
 def best_fit(columns: Array, wanted: Array) -> tuple[Array, float]:
-    """Least squares by the normal equations: (k,) coefficients of (R, k) columns, and the square that is left."""
+    """Least squares by the normal equations: (k,) coefficients of (R, k) columns, and the squared residual."""
     normal, right = columns.T @ columns, columns.T @ wanted
     normal[np.diag_indices(len(normal))] += 1e-9 * np.trace(normal) / len(normal) + 1e-300
     found = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)

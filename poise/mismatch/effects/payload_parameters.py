@@ -1,14 +1,13 @@
-"""Payload parameters: the load is not the one that the model carries."""
+"""Payload parameters: the load differs from the payload of the model."""
 
 import numpy as np
 
-from poise.inertia.parameters import InertialParameters
-from poise.inertia.regressor import regressor
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World
+from poise.inertia.model import InertialParameters, regressor
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-ROWS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+PAYLOAD_PARAMETERS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 class PayloadParameters(Effect):
@@ -23,37 +22,38 @@ class PayloadParameters(Effect):
     confused_with = ("sensor_gain", "sensor_bias", "mass_step", "mass_leak", "world_force")
     widens = "payload"
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        mass = max(float(world.phi[0]), 0.5)
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        mass = max(float(recorded.phi[0]), 0.5)
         return (
-            Parameter("mass", "kg", 0.15 * mass),
-            *(Parameter(name, "kg m", 0.02 * mass, hidden=True) for name in ROWS[1:4]),
-            *(Parameter(name, "kg m2", 0.005 * mass, hidden=True) for name in ROWS[4:]),
+            EffectParameter("mass", "kg", 0.15 * mass),
+            *(EffectParameter(name, "kg m", 0.02 * mass, hidden=True) for name in PAYLOAD_PARAMETERS[1:4]),
+            *(EffectParameter(name, "kg m2", 0.005 * mass, hidden=True) for name in PAYLOAD_PARAMETERS[4:]),
         )
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return regressor(world.specific, world.angular_velocity, world.angular_acceleration)
+        return regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        body, nominal = self._body(world, values), InertialParameters.from_phi(world.phi)
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        body, nominal = self._body(recorded, values), InertialParameters.from_phi(recorded.phi)
         com = np.nan_to_num(body.com - nominal.com)
         inertia = np.nan_to_num(body.inertia_vector - nominal.inertia_vector)
-        told = {f"com_{axis}": (float(value), "m") for axis, value in zip("xyz", com, strict=True)}
-        return told | {
-            f"inertia_{row[1:]}": (float(value), "kg m2") for row, value in zip(ROWS[4:], inertia, strict=True)
+        reported = {f"com_{axis}": (float(value), "m") for axis, value in zip("xyz", com, strict=True)}
+        return reported | {
+            f"inertia_{row[1:]}": (float(value), "kg m2")
+            for row, value in zip(PAYLOAD_PARAMETERS[4:], inertia, strict=True)
         }
 
-    def sentence(self, world: World, values: Values) -> str:
-        body = self._body(world, values)
-        if body.mass < 0.05 * max(float(world.phi[0]), 0.1):
-            return f"The payload of {world.phi[0]:.2f} kg is not there: the sensor carries {body.mass:.2f} kg."
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        body = self._body(recorded, values)
+        if body.mass < 0.05 * max(float(recorded.phi[0]), 0.1):
+            return f"The payload of {recorded.phi[0]:.2f} kg is not there: the sensor carries {body.mass:.2f} kg."
         place = ", ".join(f"{1e3 * value:.1f}" for value in body.com)
         return (
             f"The payload weighs {body.mass:.3f} kg with its centre of mass at ({place}) mm: "
-            f"the nominal model has {world.phi[0]:.3f} kg."
+            f"the nominal model has {recorded.phi[0]:.3f} kg."
         )
 
     @staticmethod
-    def _body(world: World, values: Values) -> InertialParameters:
-        return InertialParameters.from_phi(world.phi + np.array([values[name] for name in ROWS]))
+    def _body(recorded: RecordedMotion, values: Values) -> InertialParameters:
+        return InertialParameters.from_phi(recorded.phi + np.array([values[name] for name in PAYLOAD_PARAMETERS]))

@@ -1,24 +1,24 @@
-"""Quantisation: the reading comes in steps that are coarser than the noise."""
+"""Quantisation: the reading has steps that are coarser than the noise."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, lattice, white_level
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, lattice, white_level
 from poise.types import Array
 
-FINEST = (1e-3, 1e-5)
-"""N, N m: finer steps do not matter to anyone."""
-MATERIAL = 0.1
-"""Share of the white noise's power that rounding must be."""
+_FINEST = (1e-3, 1e-5)
+"""N, N m: finer steps do not matter."""
+_MATERIAL = 0.1
+"""Share of the white noise's power from which rounding counts."""
 
 
 class Quantisation(Effect):
-    """w_read = step round(w / step), forces and torques each with one step; the last thing that happens to a reading.
+    """w_read = step round(w / step), forces and torques each with one step; the last stage of a reading.
 
-    A residual hardly shows it (what is rounded off looks like noise), the readings themselves do: all of them are
-    whole multiples of the step. `starts` reads it there, and yields nothing when there is no such step.
+    A residual hardly shows it (rounding looks like noise), the readings do: all of them are whole multiples of the
+    step. `starts` finds it there, and yields nothing without a common step.
     """
 
     name = "quantisation"
@@ -27,46 +27,48 @@ class Quantisation(Effect):
     direct = True
     equation = "w_read = step round(w / step)"
     source = "uniform quantiser; error step / sqrt(12) when it is busy (Widrow and Kollar 2008)"
-    excited_by = "anything: every reading is a multiple of the step"
-    separating_motion = "none needed; a slow turn under load shows the stairs one by one"
+    excited_by = "any motion: every reading is a multiple of the step"
+    separating_motion = "none needed; a slow rotation under load shows each step"
     confused_with = ()
     order = 100
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         return tuple(
-            Parameter(f"{what}_step", unit, low=fine, high=1e4 * fine, linear=False, log=True, resolution=1e-3 * fine)
-            for what, unit, fine in zip(("force", "torque"), ("N", "N m"), FINEST, strict=True)
+            EffectParameter(
+                f"{what}_step", unit, low=fine, high=1e4 * fine, linear=False, log=True, resolution=1e-3 * fine
+            )
+            for what, unit, fine in zip(("force", "torque"), ("N", "N m"), _FINEST, strict=True)
         )
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del residual
-        found = self.found(world)
+        found = self.found(recorded)
         if found is not None:
             yield found
 
-    def shown(self, world: World) -> Values | None:
-        found = self.found(world)
+    def detected(self, recorded: RecordedMotion) -> Values | None:
+        found = self.found(recorded)
         if found is None:
             return None
-        level = white_level(world.wrench - world.nominal)
+        level = white_level(recorded.wrench - recorded.nominal)
         rounding = np.repeat([found["force_step"], found["torque_step"]], 3) / np.sqrt(12.0)
-        return found if bool((rounding**2 > MATERIAL * level**2).any()) else None
+        return found if bool((rounding**2 > _MATERIAL * level**2).any()) else None
 
     @staticmethod
-    def found(world: World) -> dict[str, float] | None:
+    def found(recorded: RecordedMotion) -> dict[str, float] | None:
         """The steps that the readings are multiples of, or None when neither forces nor torques are on any grid."""
-        steps = [lattice(world.wrench[:, part]) for part in (slice(0, 3), slice(3, 6))]
+        steps = [lattice(recorded.wrench[:, part]) for part in (slice(0, 3), slice(3, 6))]
         if not any(steps):
             return None
-        return {f"{what}_step": max(s, fine) for what, s, fine in zip(("force", "torque"), steps, FINEST, strict=True)}
+        return {f"{what}_step": max(s, fine) for what, s, fine in zip(("force", "torque"), steps, _FINEST, strict=True)}
 
-    def simulate(self, world: World, values: Values) -> Array:
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         step = np.repeat([values["force_step"], values["torque_step"]], 3)
-        return np.asarray(np.round(world.prediction / step) * step - world.prediction)
+        return np.asarray(np.round(recorded.prediction / step) * step - recorded.prediction)
 
-    def sentence(self, world: World, values: Values) -> str:
-        del world
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        del recorded
         return (
             f"The readings come in steps of {values['force_step']:.3g} N and {values['torque_step']:.3g} N m: "
             "the nominal sensor has none."

@@ -1,39 +1,42 @@
-"""Sensor bias: the sensor reads a constant wrench with nothing on it."""
+"""Sensor bias: the sensor reads a constant wrench without load."""
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World, directed
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
-AXES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+BIAS_PARAMETERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 
 
 class SensorBias(Effect):
-    """w_read = w + b; what the last zeroing left, or a zeroing under load."""
+    """w_read = w + b; left by the last zeroing, or by zeroing under load."""
 
     name = "sensor_bias"
     layer = "sensor"
     equation = "w_read = w + b, b constant in sensor axes"
     source = "thesis eq. 3.2 with an offset; ATI manual 9620-05-DAQ, section on biasing"
-    excited_by = "anything; it shows best when gravity turns in the sensor, so that weight does not look like it"
+    excited_by = "any motion; best one in which gravity turns in the sensor, so that weight does not resemble it"
     separating_motion = "hold the tool in six attitudes, gravity along each sensor axis both ways"
     confused_with = ("bias_drift", "payload_parameters", "world_force", "sensor_creep")
     widens = "bias"
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
-        return tuple(Parameter(axis, "N", 2.0) for axis in AXES[:3]) + tuple(
-            Parameter(axis, "N m", 0.15) for axis in AXES[3:]
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
+        return tuple(EffectParameter(axis, "N", 2.0) for axis in BIAS_PARAMETERS[:3]) + tuple(
+            EffectParameter(axis, "N m", 0.15) for axis in BIAS_PARAMETERS[3:]
         )
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return np.broadcast_to(np.eye(6), (len(world), 6, 6))
+        return np.broadcast_to(np.eye(6), (len(recorded), 6, 6))
 
-    def sentence(self, world: World, values: Values) -> str:
-        force, torque = directed([values[axis] for axis in AXES[:3]], "N"), np.array([values[a] for a in AXES[3:]])
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        force, torque = (
+            directed([values[axis] for axis in BIAS_PARAMETERS[:3]], "N"),
+            np.array([values[a] for a in BIAS_PARAMETERS[3:]]),
+        )
         return (
-            f"With nothing on it the sensor would read {force} and {np.linalg.norm(torque):.3f} N m: "
+            f"Without load the sensor would read {force} and {np.linalg.norm(torque):.3f} N m: "
             "the nominal model has no such bias."
         )

@@ -2,18 +2,17 @@
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.recorded import World
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
 
-CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
-LEVER = 0.1
+_LEVER = 0.1
 """m: a sensor's force range over its torque range (FT 300: 300 N, 30 N m), which scales crosstalk between the two."""
 
 
 class SensorGain(Effect):
-    """w_read = (1 + E) w with a constant 6x6 matrix E: a calibration matrix that has aged or is another sensor's."""
+    """w_read = (1 + E) w with a constant 6x6 matrix E: an aged calibration matrix, or that of another sensor."""
 
     name = "sensor_gain"
     layer = "sensor"
@@ -25,36 +24,36 @@ class SensorGain(Effect):
     needs = ("load",)
     widens = "gain"
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         made = []
-        for i, read in enumerate(CHANNELS):
-            for j, felt in enumerate(CHANNELS):
+        for i, read in enumerate(WRENCH_CHANNELS):
+            for j, felt in enumerate(WRENCH_CHANNELS):
                 unit = "" if i // 3 == j // 3 else "m" if i > j else "1/m"
-                size = 0.03 if i // 3 == j // 3 else 0.03 * LEVER if i > j else 0.03 / LEVER
-                made.append(Parameter(f"gain_{read}_{felt}", unit, size))
+                size = 0.03 if i // 3 == j // 3 else 0.03 * _LEVER if i > j else 0.03 / _LEVER
+                made.append(EffectParameter(f"gain_{read}_{felt}", unit, size))
         return tuple(made)
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        out = np.zeros((len(world), 6, 36))
+        out = np.zeros((len(recorded), 6, 36))
         for channel in range(6):
-            out[:, channel, 6 * channel : 6 * channel + 6] = world.prediction
+            out[:, channel, 6 * channel : 6 * channel + 6] = recorded.prediction
         return out
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        matrix = self._matrix(world, values)
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        matrix = self._matrix(recorded, values)
         scaled = matrix * np.where(np.arange(6)[:, None] // 3 == np.arange(6) // 3, 1.0, np.nan)
         np.fill_diagonal(scaled, np.nan)
         return {"largest_crosstalk": (float(np.nanmax(np.abs(scaled))), "")}
 
-    def sentence(self, world: World, values: Values) -> str:
-        matrix = self._matrix(world, values)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        matrix = self._matrix(recorded, values)
         i = int(np.argmax(np.abs(np.diag(matrix))))
         return (
-            f"The sensor's scale is off: {AXES[i]} reads {100 * matrix[i, i]:+.1f} %, with crosstalk of up to "
-            f"{100 * self.derived(world, values)['largest_crosstalk'][0]:.1f} %: the nominal sensor has unit gain."
+            f"The sensor's scale is off: {BIAS_PARAMETERS[i]} reads {100 * matrix[i, i]:+.1f} %, with crosstalk of up "
+            f"to {100 * self.derived(recorded, values)['largest_crosstalk'][0]:.1f} %: the nominal gain is one."
         )
 
-    def _matrix(self, world: World, values: Values) -> Array:
-        return np.array([values[p.name] for p in self.parameters(world)]).reshape(6, 6)
+    def _matrix(self, recorded: RecordedMotion, values: Values) -> Array:
+        return np.array([values[p.name] for p in self.parameters(recorded)]).reshape(6, 6)

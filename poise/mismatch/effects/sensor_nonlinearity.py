@@ -1,15 +1,14 @@
-"""Sensor nonlinearity: the reading does not grow in proportion to the load."""
+"""Sensor nonlinearity: the reading is not proportional to the load."""
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.effects.sensor_gain import CHANNELS
-from poise.mismatch.recorded import World
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
 
-TYPICAL = ((0.06, 0.08), (20.0, 2.0))
-"""Share of the load that the quadratic and the cubic part make, at this force (N) and torque (N m)."""
+_TYPICAL = ((0.06, 0.08), (20.0, 2.0))
+"""Share of the quadratic and the cubic part in the load, at this force (N) and torque (N m)."""
 
 
 class SensorNonlinearity(Effect):
@@ -25,40 +24,41 @@ class SensorNonlinearity(Effect):
     order = 20
     needs = ("load",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
         made = []
-        for i, channel in enumerate(CHANNELS):
-            load, unit = TYPICAL[1][i // 3], "N" if i < 3 else "(N m)"
-            made.append(Parameter(f"quadratic_{channel}", f"1/{unit}", TYPICAL[0][0] / load))
-            made.append(Parameter(f"cubic_{channel}", f"1/{unit}2", TYPICAL[0][1] / load**2))
+        for i, channel in enumerate(WRENCH_CHANNELS):
+            load, unit = _TYPICAL[1][i // 3], "N" if i < 3 else "(N m)"
+            made.append(EffectParameter(f"quadratic_{channel}", f"1/{unit}", _TYPICAL[0][0] / load))
+            made.append(EffectParameter(f"cubic_{channel}", f"1/{unit}2", _TYPICAL[0][1] / load**2))
         return tuple(made)
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        wrench = world.prediction
-        out = np.zeros((len(world), 6, 12))
+        wrench = recorded.prediction
+        out = np.zeros((len(recorded), 6, 12))
         for i in range(6):
             out[:, i, 2 * i] = wrench[:, i] * np.abs(wrench[:, i])
             out[:, i, 2 * i + 1] = wrench[:, i] ** 3
         return out
 
-    def derived(self, world: World, values: Values) -> dict[str, tuple[float, str]]:
-        return {"largest_share": (float(np.abs(self._shares(world, values)).max()), "")}
+    def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
+        return {"largest_share": (float(np.abs(self._shares(recorded, values)).max()), "")}
 
-    def sentence(self, world: World, values: Values) -> str:
-        shares = self._shares(world, values)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        shares = self._shares(recorded, values)
         i = int(np.argmax(np.abs(shares)))
         return (
-            f"The sensor is not linear: at the largest load {AXES[i]} reads {100 * shares[i]:+.1f} % off; "
+            f"The sensor is not linear: at the largest load {BIAS_PARAMETERS[i]} reads {100 * shares[i]:+.1f} % off; "
             "the nominal sensor is linear."
         )
 
     @staticmethod
-    def _shares(world: World, values: Values) -> Array:
+    def _shares(recorded: RecordedMotion, values: Values) -> Array:
         """(6,) error over load where each channel is loaded most."""
-        largest = np.abs(world.prediction).max(axis=0)
+        largest = np.abs(recorded.prediction).max(axis=0)
         bends = (
-            values[f"quadratic_{c}"] * w + values[f"cubic_{c}"] * w**2 for c, w in zip(CHANNELS, largest, strict=True)
+            values[f"quadratic_{c}"] * w + values[f"cubic_{c}"] * w**2
+            for c, w in zip(WRENCH_CHANNELS, largest, strict=True)
         )
         return np.array(list(bends))

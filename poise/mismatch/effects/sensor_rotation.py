@@ -1,4 +1,4 @@
-"""Sensor rotation: the sensor is mounted turned against where the robot description has it."""
+"""Sensor rotation: the sensor is mounted rotated against the robot description."""
 
 from collections.abc import Iterable
 
@@ -6,11 +6,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.geometry import cross
-from poise.mismatch.effects.base import Effect, Parameter, Values
-from poise.mismatch.recorded import World
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-NAMES = ("rotation_x", "rotation_y", "rotation_z")
+_NAMES = ("rotation_x", "rotation_y", "rotation_z")
 
 
 class SensorRotation(Effect):
@@ -26,26 +26,26 @@ class SensorRotation(Effect):
     needs = ("load",)
     widens = "rotation"
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        del world
-        return tuple(Parameter(name, "rad", 0.02, -0.5, 0.5, linear=False, peaked=True) for name in NAMES)
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        del recorded
+        return tuple(EffectParameter(name, "rad", 0.02, -0.5, 0.5, linear=False, peaked=True) for name in _NAMES)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """First order: the residual is w x r, for force and torque alike."""
         weight = np.repeat([1.0, 20.0], 3)
-        columns = rotation_columns(world.prediction) * weight[:, None]
+        columns = rotation_columns(recorded.prediction) * weight[:, None]
         centred = columns - columns.mean(axis=0)
         wanted = (residual - residual.mean(axis=0)) * weight
         turn = np.linalg.lstsq(centred.reshape(-1, 3), wanted.ravel(), rcond=None)[0]
-        yield dict(zip(NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
+        yield dict(zip(_NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
 
-    def simulate(self, world: World, values: Values) -> Array:
-        turn = Rotation.from_rotvec([values[name] for name in NAMES]).as_matrix()
-        read = np.hstack([world.prediction[:, :3] @ turn, world.prediction[:, 3:] @ turn])
-        return np.asarray(read - world.prediction)
+    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+        turn = Rotation.from_rotvec([values[name] for name in _NAMES]).as_matrix()
+        read = np.hstack([recorded.prediction[:, :3] @ turn, recorded.prediction[:, 3:] @ turn])
+        return np.asarray(read - recorded.prediction)
 
-    def sentence(self, world: World, values: Values) -> str:
-        turn = np.array([values[name] for name in NAMES])
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        turn = np.array([values[name] for name in _NAMES])
         return (
             f"The sensor's axes are turned by {np.degrees(np.linalg.norm(turn)):.2f} degrees, mostly about "
             f"{'xyz'[int(np.argmax(np.abs(turn)))]}, against the robot description."

@@ -1,36 +1,38 @@
-"""Where to begin a search, found in the residual: moments of change, windows of activity, lines in the spectrum."""
+"""Starting points in the residual: times of change, windows of activity, lines in the spectrum."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
-def scaled(world: World, residual: Array) -> Array:
+def scaled(recorded: RecordedMotion, residual: Array) -> Array:
     """(N, C) residual in units of each channel's noise (from differences of neighbours, robust)."""
-    del world
+    del recorded
     steps = np.diff(residual, axis=0)
     level = 1.4826 * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
     return np.asarray(residual / np.maximum(level, 1e-12))
 
 
-def steps(world: World, residual: Array, columns: Array, count: int = 3, apart: float = 0.5) -> Iterator[float]:
+def steps(
+    recorded: RecordedMotion, residual: Array, columns: Array, count: int = 3, apart: float = 0.5
+) -> Iterator[float]:
     """Moments from which on `columns` explain the residual best, the best first.
 
     For every moment t the columns, zero before t, are fitted beside constants; the gain of that fit is found from
     sums that grow from the end, in one pass.
 
     Args:
-        world: the recording.
+        recorded: the recording.
         residual: (N, 6).
         columns: (N, 6, k) the response had it begun before the recording.
         count: how many at the most.
         apart: s between them.
     """
-    gain = step_gain(scaled(world, residual), columns / np.maximum(_noise(residual), 1e-12)[:, None])
-    middle = (world.seconds[1:] + world.seconds[:-1]) / 2
+    gain = step_gain(scaled(recorded, residual), columns / np.maximum(_noise(residual), 1e-12)[:, None])
+    middle = (recorded.seconds[1:] + recorded.seconds[:-1]) / 2
     taken: list[float] = []
     for index in np.argsort(gain[1:])[::-1]:
         time = float(middle[index])
@@ -58,19 +60,19 @@ def step_gain(residual: Array, columns: Array) -> Array:
     products = from_end(np.einsum("nck,ncl->nkl", columns, columns))
     sums = from_end(columns)
     gram = products - np.einsum("nck,ncl->nkl", sums, sums) / n
-    # Columns that do not change look like the constants beside them: what is left of them is nothing to divide by.
+    # Constant columns equal the constants beside them: their remainder is too small to divide by.
     ridge = (1e-6 * np.trace(products[0]) / k + 1e-12) * np.eye(k)
     solved = np.linalg.solve(gram + ridge, moments[:, :, None])[:, :, 0]
     return np.asarray(np.einsum("nk,nk->n", moments, solved) / 2)
 
 
-def bursts(world: World, residual: Array, count: int = 3) -> Iterator[tuple[float, float]]:
+def bursts(recorded: RecordedMotion, residual: Array, count: int = 3) -> Iterator[tuple[float, float]]:
     """Windows (start, end), s, in which the residual is far above its usual size, the strongest first.
 
     The energy of the residual, summed over channels and smoothed over 0.15 s, is cut at a level between its
     usual size and its peak; windows closer than 0.3 s are joined.
     """
-    energy = smoothed(world, (scaled(world, residual) ** 2).mean(axis=1), 0.15)
+    energy = smoothed(recorded, (scaled(recorded, residual) ** 2).mean(axis=1), 0.15)
     usual = float(np.median(energy))
     spread = 1.4826 * float(np.median(np.abs(energy - usual))) + 1e-12
     above = energy > usual + 5 * spread
@@ -78,37 +80,37 @@ def bursts(world: World, residual: Array, count: int = 3) -> Iterator[tuple[floa
     spans = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     joined: list[tuple[int, int]] = []
     for begin, end in spans:
-        if joined and world.seconds[begin] - world.seconds[joined[-1][1]] < 0.3:
+        if joined and recorded.seconds[begin] - recorded.seconds[joined[-1][1]] < 0.3:
             joined[-1] = (joined[-1][0], end)
         else:
             joined.append((begin, end))
     ranked = sorted(joined, key=lambda span: -float((energy[span[0] : span[1] + 1] - usual).sum()))
     for begin, end in ranked[:count]:
-        yield float(world.seconds[begin]), float(world.seconds[end])
+        yield float(recorded.seconds[begin]), float(recorded.seconds[end])
 
 
-def smoothed(world: World, values: Array, width: float) -> Array:
+def smoothed(recorded: RecordedMotion, values: Array, width: float) -> Array:
     """(N,) running mean over `width` seconds."""
-    half = max(round(width / world.period / 2), 1)
+    half = max(round(width / recorded.period / 2), 1)
     total = np.concatenate([[0.0], np.cumsum(values)])
     index = np.arange(len(values))
     low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(values))
     return np.asarray((total[high] - total[low]) / (high - low))
 
 
-def spectrum(world: World, values: Array) -> tuple[Array, Array]:
+def spectrum(recorded: RecordedMotion, values: Array) -> tuple[Array, Array]:
     """Frequencies (F,) Hz and the power (F,) of (N, C) values, channels summed, resampled evenly, windowed (Hann)."""
-    even = np.arange(world.seconds[0], world.seconds[-1], world.period)
+    even = np.arange(recorded.seconds[0], recorded.seconds[-1], recorded.period)
     power = np.zeros(len(even) // 2 + 1)
     for column in values.T:
-        series = np.interp(even, world.seconds, column)
+        series = np.interp(even, recorded.seconds, column)
         power += np.abs(np.fft.rfft((series - series.mean()) * np.hanning(len(even)))) ** 2
-    return np.asarray(np.fft.rfftfreq(len(even), world.period)), power
+    return np.asarray(np.fft.rfftfreq(len(even), recorded.period)), power
 
 
-def lines(world: World, residual: Array, count: int = 3, low: float = 0.3) -> Iterator[float]:
+def lines(recorded: RecordedMotion, residual: Array, count: int = 3, low: float = 0.3) -> Iterator[float]:
     """Frequencies, Hz, of the strongest peaks of the residual's spectrum above its smooth background."""
-    frequency, power = spectrum(world, scaled(world, residual))
+    frequency, power = spectrum(recorded, scaled(recorded, residual))
     width = max(len(power) // 40, 5)
     padded = np.pad(power, width, mode="edge")
     background = np.array([np.median(padded[i : i + 2 * width + 1]) for i in range(len(power))])

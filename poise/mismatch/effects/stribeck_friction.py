@@ -1,12 +1,12 @@
-"""Stribeck friction: dry friction that is greater when a joint barely moves."""
+"""Stribeck friction: dry friction that is greater at low speed."""
 
 from collections.abc import Iterable
 
 import numpy as np
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per, sense, torque_sizes
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
@@ -24,28 +24,28 @@ class StribeckFriction(Effect):
     needs = ("effort",)
     made_of = ("coulomb_friction", "viscous_friction")
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        joints, sizes = numbers(world), torque_sizes(world)
-        rates = per(world, efforts(world).velocity) if world.effort is not None else sizes
-        made = [Parameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True)]
-        made += [Parameter(f"torque_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
-        made += [Parameter(f"stiction_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
-        made += [Parameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(joints, rates, strict=True)]
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        joints, sizes = numbers(recorded), torque_sizes(recorded)
+        rates = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else sizes
+        made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True)]
+        made += [EffectParameter(f"torque_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
+        made += [EffectParameter(f"stiction_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
+        made += [EffectParameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(joints, rates, strict=True)]
         return tuple(made)
 
-    def starts(self, world: World, residual: Array) -> Iterable[Values]:
-        del world, residual
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        del recorded, residual
         for velocity in (0.03, 0.1, 0.3):
             yield {"velocity": velocity}
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
-        velocity, against = efforts(world).velocity, sense(world)
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        velocity, against = efforts(recorded).velocity, sense(recorded)
         slow = np.exp(-((velocity / nonlinear["velocity"]) ** 2))
         return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
 
-    def sentence(self, world: World, values: Values) -> str:
-        told = listed(world, [values[f"stiction_{i}"] for i in numbers(world)], "N m")
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        sizes = listed(recorded, [values[f"stiction_{i}"] for i in numbers(recorded)], "N m")
         return (
-            f"Joints stick: below {values['velocity']:.2f} rad/s their friction is greater, {told}; "
+            f"Joints stick: below {values['velocity']:.2f} rad/s their friction is greater, {sizes}; "
             "the nominal model has no stiction."
         )

@@ -1,8 +1,8 @@
 """Viscous friction: a joint needs torque in proportion to its speed."""
 
-from poise.mismatch.effects.base import Effect, Parameter, Values
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
@@ -19,14 +19,16 @@ class ViscousFriction(Effect):
     confused_with = ("coulomb_friction", "stribeck_friction", "joint_coupling")
     needs = ("effort",)
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        sizes = per(world, efforts(world).velocity) if world.effort is not None else ()
-        return tuple(Parameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(numbers(world), sizes, strict=True))
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        sizes = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else ()
+        return tuple(
+            EffectParameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(numbers(recorded), sizes, strict=True)
+        )
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        return each_joint(efforts(world).velocity)
+        return each_joint(efforts(recorded).velocity)
 
-    def sentence(self, world: World, values: Values) -> str:
-        told = listed(world, [values[f"damping_{i}"] for i in numbers(world)], "N m s/rad")
-        return f"Joints need torque in proportion to their speed: {told}; the nominal model has no viscous friction."
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        sizes = listed(recorded, [values[f"damping_{i}"] for i in numbers(recorded)], "N m s/rad")
+        return f"Joints need torque in proportion to their speed: {sizes}; the nominal model has no viscous friction."

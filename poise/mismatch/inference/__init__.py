@@ -1,36 +1,36 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
-from poise.mismatch.inference.calibration import SIGMAS, payload_steps
-from poise.mismatch.inference.fitting import Fit, fit, ground, refine
-from poise.mismatch.inference.heldout import HeldOut, held_out, tail
-from poise.mismatch.inference.noise import Noise
-from poise.mismatch.inference.problem import Part, Problem, effort_problem, wrench_problem
-from poise.mismatch.inference.search import WARM, Search, left_over, names, search
-from poise.mismatch.inference.unknown import Dependence, Shape, hats, shape, spoken
+from poise.mismatch.inference.calibration import PRIOR_SIGMA, payload_steps
+from poise.mismatch.inference.fitting import HypothesisFit, fit, linearization_point, refine
+from poise.mismatch.inference.heldout import HeldOutProof, held_out, tail
+from poise.mismatch.inference.noise import SignalNoise
+from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
+from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, names, residual_of, search
+from poise.mismatch.inference.unknown import Dependence, DependenceCurve, linear_bspline_basis, shape, state_description
 
 __all__ = [
-    "SIGMAS",
-    "WARM",
+    "PRIOR_SIGMA",
+    "WARM_STEPS",
     "Dependence",
-    "Fit",
-    "HeldOut",
-    "Noise",
-    "Part",
+    "DependenceCurve",
+    "FittedEffect",
+    "HeldOutProof",
+    "HypothesisFit",
+    "HypothesisSearch",
     "Problem",
-    "Search",
-    "Shape",
+    "SignalNoise",
     "effort_problem",
     "fit",
-    "ground",
-    "hats",
     "held_out",
-    "left_over",
+    "linear_bspline_basis",
+    "linearization_point",
     "names",
     "payload_steps",
     "refine",
+    "residual_of",
     "search",
     "shape",
-    "spoken",
+    "state_description",
     "tail",
     "wrench_problem",
 ]

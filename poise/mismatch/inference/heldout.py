@@ -1,28 +1,28 @@
-"""The proof: a model fitted without some samples, held against them."""
+"""The proof: a model fitted without some samples, compared with them."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from poise.mismatch.inference.coarse import thinned
-from poise.mismatch.inference.fitting import Fit, fit
-from poise.mismatch.inference.problem import Part, Problem
+from poise.mismatch.inference.fitting import HypothesisFit, fit
+from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.types import Array, Mask
 
-STEPS = 4
-"""Of a fit without the held-out samples; it starts from one with them."""
-TAIL = 0.3
+_STEPS = 4
+"""Steps of the fit without the held-out samples, which starts from the fit with them."""
+_TAIL = 0.3
 """Share of a single recording, at its end, that is held out."""
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOutProof:
     """Errors on held-out samples in units of the noise (root mean square; 1 is noise).
 
     Args:
         floor: of the augmented model on the samples that it was fitted to.
-        nominal, augmented: on the others; both with calibration errors fitted, within their tolerances, elsewhere.
-        as_given: of the nominal model without even that.
+        nominal, augmented: on the others; both with calibration errors fitted elsewhere, within their tolerances.
+        as_given: of the nominal model without calibration.
         by_channel: (3, C) nominal, augmented and as given, in the signal's units.
     """
 
@@ -33,10 +33,10 @@ class HeldOut:
     by_channel: Array
 
 
-def held_out(problem: Problem, best: Fit, last: Mask) -> HeldOut:
+def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     """Fit the model without some samples, and measure its error there.
 
-    Events that happen among the held-out samples cannot be foretold: they are taken as the whole recording shows them.
+    Events among the held-out samples cannot be predicted: they are taken from the fit of the whole recording.
 
     Args:
         problem: with the noise that the best model leaves.
@@ -46,14 +46,14 @@ def held_out(problem: Problem, best: Fit, last: Mask) -> HeldOut:
     seconds = problem.seconds
     fixed = [part for part in best.parts if _happens_in(problem, part, seconds[last])]
     learnt = [part for part in best.parts if part not in fixed]
-    told = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.world) if fixed else 0.0
-    measured = problem.measured - told
+    events = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.recorded) if fixed else 0.0
+    measured = problem.measured - events
     train = _reading(replace(problem, judged=~last), measured)
-    plain, full = fit(thinned(replace(problem, judged=~last)), ()), fit(thinned(train), learnt, STEPS)
-    given = problem.measured - problem.predicted(problem.world)
+    plain, full = fit(thinned(replace(problem, judged=~last)), ()), fit(thinned(train), learnt, _STEPS)
+    given = problem.measured - problem.predicted(problem.recorded)
     errors = [
         given - plain.response - plain.calibrated,
-        measured - problem.predicted(problem.world) - full.response - full.calibrated,
+        measured - problem.predicted(problem.recorded) - full.response - full.calibrated,
         given,
     ]
     rows = last & problem.active
@@ -62,27 +62,27 @@ def held_out(problem: Problem, best: Fit, last: Mask) -> HeldOut:
     kept = ~last & problem.active
     floor = float(np.sqrt(np.mean((errors[1][kept] / spread[kept]) ** 2)))
     by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors])
-    return HeldOut(floor, sizes[0], sizes[1], sizes[2], by_channel)
+    return HeldOutProof(floor, sizes[0], sizes[1], sizes[2], by_channel)
 
 
 def tail(problem: Problem) -> Mask:
     """(N,) the last 30 % of a recording."""
     seconds = problem.seconds
-    return np.asarray(seconds > seconds[-1] - TAIL * (seconds[-1] - seconds[0]))
+    return np.asarray(seconds > seconds[-1] - _TAIL * (seconds[-1] - seconds[0]))
 
 
 def _reading(problem: Problem, measured: Array) -> Problem:
     """The problem with another measured signal."""
-    world = problem.world
-    if problem.signal == "wrench" or world.effort is None:
-        return replace(problem, world=replace(world, wrench=measured))
-    return replace(problem, world=replace(world, effort=replace(world.effort, measured=measured)))
+    recorded = problem.recorded
+    if problem.signal == "wrench" or recorded.effort is None:
+        return replace(problem, recorded=replace(recorded, wrench=measured))
+    return replace(problem, recorded=replace(recorded, effort=replace(recorded.effort, measured=measured)))
 
 
-def _happens_in(problem: Problem, part: Part, held: Array) -> bool:
-    """Whether an event reaches into the held-out samples, but began there."""
+def _happens_in(problem: Problem, part: FittedEffect, held: Array) -> bool:
+    """Whether an event lies among the held-out samples and began there."""
     if part.effect.transfers or not len(held):
         return False
-    world = problem.compose([part])[0][0]
-    windows = part.effect.windows(world, part.values)
+    recorded = problem.compose([part])[0][0]
+    windows = part.effect.windows(recorded, part.values)
     return bool(windows) and min(begin for begin, _ in windows) > held[0] - 0.5

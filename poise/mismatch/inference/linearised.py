@@ -1,37 +1,37 @@
-"""A hypothesis linearised at its values: what the fit's steps and its evidence are made from."""
+"""A hypothesis linearised at its values: the basis of the fit's steps and its evidence."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.mismatch.effects import Effect, Parameter, Values
-from poise.mismatch.inference.evidence import Frame
-from poise.mismatch.inference.problem import Part, Problem
-from poise.mismatch.recorded import World
+from poise.mismatch.effects import Effect, EffectParameter, Values
+from poise.mismatch.inference.evidence import WhitenedRegression
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-SCALES = (1 / 3, 1.0, 3.0)
-STEP = 1e-4
+PRIOR_SCALES = (1 / 3, 1.0, 3.0)
+SLOPE_STEP = 1e-4
 """Of the unit interval, for derivatives by differences."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A hypothesis linearised at its values; the columns count from there."""
+    """A hypothesis linearised at its values; coefficients count from there."""
 
-    parts: tuple[Part, ...]
-    worlds: list[World]
-    whole: World
-    calibration: Frame
+    parts: tuple[FittedEffect, ...]
+    inputs: list[RecordedMotion]
+    whole: RecordedMotion
+    calibration: WhitenedRegression
     columns: Array
     square: float
 
-    def parameters(self) -> list[tuple[int, Parameter]]:
+    def parameters(self) -> list[tuple[int, EffectParameter]]:
         """(part, parameter) of the columns."""
         return [
             (i, p)
-            for i, (part, world) in enumerate(zip(self.parts, self.worlds, strict=True))
-            for p in shown(part.effect, world)
+            for i, (part, recorded) in enumerate(zip(self.parts, self.inputs, strict=True))
+            for p in continuous_parameters(part.effect, recorded)
         ]
 
     def priors(self, scale: float) -> tuple[Array, Array]:
@@ -42,41 +42,43 @@ class Linearised:
         return precision, mean
 
 
-def linearised(problem: Problem, parts: tuple[Part, ...], calibration: Frame | None, slopes: bool = True) -> Linearised:
-    """Linearise; a calibration frame that is given is kept, with the residual of these parts as its target."""
-    worlds, whole = problem.compose(parts)
+def linearised(
+    problem: Problem, parts: tuple[FittedEffect, ...], calibration: WhitenedRegression | None, slopes: bool = True
+) -> Linearised:
+    """Linearise; a given calibration is kept, with the residual of these parts as its target."""
+    inputs, whole = problem.compose(parts)
     if calibration is None:
-        calibration = problem.frame(parts, whole)
+        calibration = problem.regression(parts, whole)
     else:
         target = problem.whiten(problem.measured - problem.predicted(whole))
-        calibration = calibration.aimed(target)
-    columns = columns_of(problem, parts, worlds) if slopes else np.zeros((0, len(calibration.target)))
-    about = Linearised(parts, worlds, whole, calibration, columns, 0.0)
-    precision, mean = about.priors(SCALES[-1])
+        calibration = calibration.with_target(target)
+    columns = columns_of(problem, parts, inputs) if slopes else np.zeros((0, len(calibration.target)))
+    about = Linearised(parts, inputs, whole, calibration, columns, 0.0)
+    precision, mean = about.priors(PRIOR_SCALES[-1])
     return replace(about, square=calibration.square + float(precision @ mean**2))
 
 
-def shown(effect: Effect, world: World) -> list[Parameter]:
-    """Its parameters that have a column: all but those that move in steps."""
-    return [p for p in effect.parameters(world) if p.linear or not (p.choice or p.resolution)]
+def continuous_parameters(effect: Effect, recorded: RecordedMotion) -> list[EffectParameter]:
+    """Its parameters that have a column: all but discrete ones."""
+    return [p for p in effect.parameters(recorded) if p.linear or not (p.choice or p.resolution)]
 
 
-def columns_of(problem: Problem, parts: tuple[Part, ...], worlds: list[World]) -> Array:
+def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], inputs: list[RecordedMotion]) -> Array:
     """(k, R) whitened response to each parameter of each part."""
     columns: list[Array] = []
-    for part, world in zip(parts, worlds, strict=True):
-        effect, values, own = part.effect, part.values, shown(part.effect, world)
-        straight = iter(np.moveaxis(effect.columns(world, values), 2, 0) if any(p.linear for p in own) else ())
-        here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(world, values)
-        columns += [next(straight) if p.linear else slope_of(effect, world, values, p, here) for p in own]
+    for part, recorded in zip(parts, inputs, strict=True):
+        effect, values, own = part.effect, part.values, continuous_parameters(part.effect, recorded)
+        straight = iter(np.moveaxis(effect.columns(recorded, values), 2, 0) if any(p.linear for p in own) else ())
+        here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(recorded, values)
+        columns += [next(straight) if p.linear else slope_of(effect, recorded, values, p, here) for p in own]
     if not columns:
         return np.zeros((0, problem.whiten(problem.measured).size))
     return problem.whiten(np.stack(columns, axis=2))
 
 
-def slope_of(effect: Effect, world: World, values: Values, p: Parameter, here: Array) -> Array:
+def slope_of(effect: Effect, recorded: RecordedMotion, values: Values, p: EffectParameter, here: Array) -> Array:
     """(N, C) derivative of the response by the place of a parameter in its prior."""
     place = p.to_unit(values[p.name])
-    ahead = place + STEP if place + STEP <= 1.0 else place - STEP
-    there = effect.simulate(world, {**values, p.name: p.from_unit(ahead)})
+    ahead = place + SLOPE_STEP if place + SLOPE_STEP <= 1.0 else place - SLOPE_STEP
+    there = effect.simulate(recorded, {**values, p.name: p.from_unit(ahead)})
     return np.asarray((there - here) / (ahead - place))

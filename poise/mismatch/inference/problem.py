@@ -1,4 +1,4 @@
-"""One signal of one recording, held against the nominal model: what every hypothesis about it starts from."""
+"""One signal of one recording with its noise model: the basis of every hypothesis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -9,38 +9,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.effects import LAYERS, Effect, Values
-from poise.mismatch.inference.calibration import Group, calibration, effort_calibration
-from poise.mismatch.inference.evidence import Frame
-from poise.mismatch.inference.noise import Noise, fit_noise
+from poise.mismatch.inference.calibration import CalibrationGroup, calibration, effort_calibration
+from poise.mismatch.inference.evidence import WhitenedRegression
+from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.reading import NominalModel
-from poise.mismatch.recorded import World, lattice
+from poise.mismatch.recorded import RecordedMotion, lattice
 from poise.types import Array, Mask
 
-BREAK = 2.0
-"""s without a sample after which a recording begins anew."""
-RUN_UP, RUN_OUT = 0.4, 0.1
-"""s at the start and the end of a recording that are predicted, but not judged."""
+_BREAK = 2.0
+"""s without a sample that separate two recordings."""
+_RUN_UP, _RUN_OUT = 0.4, 0.1
+"""s at the start and the end of a recording that are predicted, but not compared."""
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """An effect with values for its parameters: one piece of a hypothesis."""
+class FittedEffect:
+    """An effect with values for its parameters; a hypothesis is a set of them."""
 
     effect: Effect
     values: Values
 
     @property
     def order(self) -> tuple[int, int, str]:
-        """In which the parts of a hypothesis act."""
+        """Sort key: the sequence in which the parts of a hypothesis act."""
         return LAYERS.index(self.effect.layer), self.effect.order, self.effect.name
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
-    """Samples that are averaged before they are judged: (M, b) rows of each block, and the noise of the averages."""
+class SampleBlocks:
+    """Samples that are averaged before comparison: (M, b) rows of each block, and the noise of the averages."""
 
     rows: NDArray[np.intp]
-    noise: Noise
+    noise: SignalNoise
 
     def middle(self, count: int) -> Mask:
         """(N,) of `count` samples those in the middle of a block."""
@@ -54,34 +54,40 @@ class Problem:
     """A signal with its noise.
 
     Args:
-        world: the recording; its predictions are the nominal model's.
+        recorded: the recording; its predictions are the nominal model's.
         model: tolerances and stated noise.
         noise: of the signal.
         signal: wrench or effort.
-        judged: (N,) samples that count besides those at the ends that never do; None: all.
-        blocks: samples that are judged as one; None: each by itself.
+        judged: (N,) samples that count, apart from the ends, which never do; None: all.
+        blocks: averaged samples; None: each sample counts by itself.
     """
 
-    world: World
+    recorded: RecordedMotion
     model: NominalModel
-    noise: Noise
+    noise: SignalNoise
     signal: Literal["wrench", "effort"] = "wrench"
     judged: Mask | None = None
-    blocks: Blocks | None = None
-    _made: list[tuple[World, tuple[Group, ...]]] = field(default_factory=list, init=False, repr=False)
+    blocks: SampleBlocks | None = None
+    _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
+        default_factory=list, init=False, repr=False
+    )
 
     @cached_property
     def measured(self) -> Array:
         """(N, C)."""
-        return self.world.wrench if self.world.effort is None or self.signal == "wrench" else self.world.effort.measured
+        return (
+            self.recorded.wrench
+            if self.recorded.effort is None or self.signal == "wrench"
+            else self.recorded.effort.measured
+        )
 
     @cached_property
     def active(self) -> Mask:
-        """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
+        """(N,) samples that count: at both ends filters and shifts would need samples beyond."""
         at = self.seconds
-        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > BREAK) + 1])
+        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > _BREAK) + 1])
         first = at[begun][np.searchsorted(begun, np.arange(len(at)), side="right") - 1]
-        inner = np.asarray((at >= first + RUN_UP) & (at <= at[-1] - RUN_OUT))
+        inner = np.asarray((at >= first + _RUN_UP) & (at <= at[-1] - _RUN_OUT))
         return inner if self.judged is None else inner & self.judged
 
     @cached_property
@@ -91,18 +97,18 @@ class Problem:
 
     @cached_property
     def _rows(self) -> slice | NDArray[np.intp]:
-        """Those, as a slice when they are in a row."""
+        """Their indices, as a slice when they are contiguous."""
         index = np.flatnonzero(self._counting)
         in_a_row = len(index) == index[-1] - index[0] + 1
         return slice(int(index[0]), int(index[-1]) + 1) if in_a_row else index
 
     @property
-    def _judging(self) -> Noise:
+    def _judging(self) -> SignalNoise:
         return self.noise if self.blocks is None else self.blocks.noise
 
     @cached_property
     def log_scale(self) -> float:
-        """What whitening divides by, see `Noise.log_divisor`."""
+        """log of the divisors of the whitening, see `SignalNoise.log_divisor`."""
         return float(self._judging.log_divisor[self._counting].sum())
 
     @cached_property
@@ -110,41 +116,45 @@ class Problem:
         """(N,)."""
         return self.noise.seconds
 
-    def predicted(self, world: World) -> Array:
-        """(N, C) what a world says."""
-        return world.prediction if world.effort is None or self.signal == "wrench" else world.effort.prediction
+    def predicted(self, recorded: RecordedMotion) -> Array:
+        """(N, C) the prediction of the signal."""
+        return recorded.prediction if recorded.effort is None or self.signal == "wrench" else recorded.effort.prediction
 
-    def said(self, world: World, prediction: Array) -> World:
-        """The world that says this of the signal."""
-        return world.with_prediction(prediction) if self.signal == "wrench" else world.with_effort(prediction)
+    def with_prediction(self, recorded: RecordedMotion, prediction: Array) -> RecordedMotion:
+        """The recording with another prediction (N, C) of the signal."""
+        return recorded.with_prediction(prediction) if self.signal == "wrench" else recorded.with_effort(prediction)
 
-    def compose(self, parts: Sequence[Part]) -> tuple[list[World], World]:
-        """The world that each part acts in, in the order given, and the world after all of them."""
-        world = self.world
-        before: dict[int, World] = {}
+    def compose(self, parts: Sequence[FittedEffect]) -> tuple[list[RecordedMotion], RecordedMotion]:
+        """The recording that each part acts on, in the order given, and the recording after all of them."""
+        recorded = self.recorded
+        before: dict[int, RecordedMotion] = {}
         for index, part in sorted(enumerate(parts), key=lambda item: item[1].order):
-            before[index] = world
-            world = self.said(world, self.predicted(world) + part.effect.simulate(world, part.values))
-        return [before[index] for index in range(len(parts))], world
+            before[index] = recorded
+            recorded = self.with_prediction(
+                recorded, self.predicted(recorded) + part.effect.simulate(recorded, part.values)
+            )
+        return [before[index] for index in range(len(parts))], recorded
 
-    def groups(self, world: World, parts: Sequence[Part] = ()) -> tuple[Group, ...]:
-        """The calibration errors around a world, without those whose tolerance a part exceeds."""
+    def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
+        """The calibration errors about a prediction, without those whose tolerance a part exceeds."""
         widened = {part.effect.widens for part in parts} - {""}
-        if not self._made or self._made[0][0] is not world:
+        if not self._made or self._made[0][0] is not recorded:
             make = calibration if self.signal == "wrench" else effort_calibration
-            self._made[:] = [(world, make(world, self.model.tolerance))]
+            self._made[:] = [(recorded, make(recorded, self.model.tolerance))]
         return tuple(group for group in self._made[0][1] if group.name not in widened)
 
-    def frame(self, parts: Sequence[Part] = (), world: World | None = None) -> Frame:
-        """Whitened residual of these parts, with the calibration columns around what they say."""
-        world = self.compose(parts)[1] if world is None else world
-        groups = self.groups(world, parts)
+    def regression(
+        self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None
+    ) -> WhitenedRegression:
+        """Whitened residual of these parts, with the calibration columns about their prediction."""
+        recorded = self.compose(parts)[1] if recorded is None else recorded
+        groups = self.groups(recorded, parts)
         columns = np.concatenate([group.columns for group in groups], axis=2)
         keep = _seen(columns)
         sigma = np.concatenate([group.sigma for group in groups])[keep]
         white = self.whiten(columns[:, :, keep])
-        target = self.whiten(self.measured - self.predicted(world))
-        return Frame(white, sigma**-2.0, np.zeros(len(sigma)), target)
+        target = self.whiten(self.measured - self.predicted(recorded))
+        return WhitenedRegression(white, sigma**-2.0, np.zeros(len(sigma)), target)
 
     def whiten(self, values: Array) -> Array:
         """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""
@@ -156,65 +166,65 @@ class Problem:
         kept = white[:, :, self._rows].reshape(len(white), -1)
         return kept[0] if values.ndim == 2 else kept
 
-    def calibrated(self, groups: Sequence[Group], coefficients: Array) -> Array:
-        """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""
+    def calibrated(self, groups: Sequence[CalibrationGroup], coefficients: Array) -> Array:
+        """(N, C) response of calibration errors, in the signal's units, for the coefficients of `regression`."""
         columns = np.concatenate([group.columns for group in groups], axis=2)
         return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
 
-    def with_noise(self, noise: Noise) -> "Problem":
-        """The same under other noise."""
+    def with_noise(self, noise: SignalNoise) -> "Problem":
+        """The problem with another noise model."""
         return replace(self, noise=noise)
 
-    def fitted_noise(self, residual: Array) -> Noise:
+    def fitted_noise(self, residual: Array) -> SignalNoise:
         """The most likely noise for a residual (N, C)."""
-        return signal_noise(self.world, self.model, self.signal, residual, self.active)
+        return signal_noise(self.recorded, self.model, self.signal, residual, self.active)
 
 
 def _seen(columns: Array) -> Mask:
-    """(k,) which calibration errors show at all."""
+    """(k,) which calibration errors have a response."""
     return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
 
 
-def wrench_problem(world: World, model: NominalModel) -> Problem:
-    """The wrench against the nominal model; its noise as after a first fit of the calibration."""
-    return _begun(world, model, "wrench")
+def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
+    """The wrench against the nominal model; its noise from a first fit of the calibration."""
+    return _begun(recorded, model, "wrench")
 
 
-def effort_problem(world: World, model: NominalModel) -> Problem:
+def effort_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
     """Joint efforts against the rigid arm."""
-    return _begun(world, model, "effort")
+    return _begun(recorded, model, "effort")
 
 
-def _begun(world: World, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
-    rough = Problem(world, model, signal_noise(world, model, signal, None), signal)
-    groups = rough.groups(world)
-    fitted = rough.calibrated(groups, rough.frame().coefficients())
-    return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(world) - fitted))
+def _begun(recorded: RecordedMotion, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
+    rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal)
+    groups = rough.groups(recorded)
+    fitted = rough.calibrated(groups, rough.regression().coefficients())
+    return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted))
 
 
 def signal_noise(
-    world: World,
+    recorded: RecordedMotion,
     model: NominalModel,
     signal: Literal["wrench", "effort"],
     residual: Array | None,
     active: Mask | None = None,
-) -> Noise:
-    """Noise of a signal: white of the measured level when `residual` is None, else of the most likely kind."""
-    if signal == "wrench" or world.effort is None:
-        seconds, speed, measured = world.seconds, world.speed, world.wrench - world.prediction
+) -> SignalNoise:
+    """Noise of a signal: white of the measured level when `residual` is None, else the most likely noise model."""
+    if signal == "wrench" or recorded.effort is None:
+        seconds, speed, measured = recorded.seconds, recorded.speed, recorded.wrench - recorded.prediction
         groups: tuple[slice, ...] = (slice(0, 3), slice(3, 6))
         given: tuple[float | None, ...] = (model.noise_force, model.noise_torque)
     else:
-        track = world.effort
+        track = recorded.effort
         seconds, speed = track.seconds, np.linalg.norm(track.velocity, axis=1)
         measured = track.measured - track.prediction
         groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
         given = (None,) * len(groups)
-    coarse = signal == "wrench"  # gears knock, and motor currents are finely resolved
+    coarse = signal == "wrench"  # motor currents are finely resolved, and gears knock
     if signal == "wrench":
-        # What is rounded off is noise as well, even where readings stand still.
+        # Rounding is noise as well, even where readings are constant.
         given = tuple(
-            max(stated or 0.0, 2.0 * lattice(world.wrench[:, part]) / np.sqrt(12.0)) or None
+            max(stated or 0.0, 2.0 * lattice(recorded.wrench[:, part]) / np.sqrt(12.0)) or None
             for stated, part in zip(given, groups, strict=True)
         )
     if residual is None:

@@ -1,6 +1,6 @@
-"""Which effects a recording speaks for: one, then two, then three, each against everything else that could be.
+"""The search for the effects in a recording: one, then two, then three, each against all other hypotheses.
 
-Hypotheses are compared by their evidence, each under the noise that suits it best (of those that came up on the way):
+Hypotheses are compared by their evidence, each under the noise that suits it best (of the noise models found so far):
 a slow residual may be coloured noise under one hypothesis and physics under the next. Effects are first tried beside
 the present best model with the noise and the calibration linearised there; the promising ones are then fitted in full.
 """
@@ -12,115 +12,122 @@ import numpy as np
 
 from poise.mismatch.effects import Effect, Values, all_effects
 from poise.mismatch.inference.coarse import thinned
-from poise.mismatch.inference.fitting import Candidate, Fit, fit, glance, ground, refine
-from poise.mismatch.inference.problem import Part, Problem
+from poise.mismatch.inference.fitting import (
+    EffectCandidate,
+    HypothesisFit,
+    fit,
+    linearization_point,
+    refine,
+    score_start,
+)
+from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence, dependences
-from poise.mismatch.recorded import World
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-PROMISING = 3
+_PROMISING = 3
 """Candidates of a round that are fitted."""
-LOOK, STEPS, WARM = 7, 4, 2
-"""Steps of a first look, of a fit from where that led, and of one from where another fit did."""
-REACH = 0.2
+_LOOK, _STEPS, WARM_STEPS = 7, 4, 2
+"""Steps of the screening, of a fit from its result, and of a fit from another fit."""
+_REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
-NEAR = 20.0
-"""log evidence within which hypotheses are judged more closely."""
-VISIBLE = 3.0
-"""Sigmas by which an effect of typical size must stand out to be testable."""
-BRIEF, BESIDE = 0.3, 0.2
-"""Share of a recording up to which an event's window is left out when more is looked for, and s on its sides."""
-MOST_PARTS = 3
-THRESHOLD = 3.0
-"""log evidence from which a hypothesis is looked at closely."""
-WIDER = 1.3
-"""log evidence that a tolerance that is exceeded must win over one that is kept."""
-NEW_PHYSICS = 6.0
-"""The same for physics that the nominal model lacks altogether."""
-UNKNOWN = 20.0
-"""The same for a free curve over a state, which may also follow noise that is not quite as the model has it."""
-NEXT_THRESHOLD, NEXT_MORE = 8.0, 5.0
-"""The same for dropping an effect, and what a second and third effect need beyond a first."""
-LOOKALIKE = 0.005
-"""Share of all the evidence won by which an effect must better one that it is confused with: a model is never exact,
-and where much is to be explained, a look-alike with more parameters mends the details."""
+_NEAR = 20.0
+"""log evidence within which hypotheses are compared in full."""
+_VISIBLE = 3.0
+"""Least response, in sigmas, of an effect of typical size that is testable."""
+_BRIEF, _BESIDE = 0.3, 0.2
+"""Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
+_MOST_PARTS = 3
+_THRESHOLD = 3.0
+"""log evidence from which a hypothesis is refined."""
+_WIDER = 1.3
+"""log evidence that an exceeded tolerance must win."""
+_NEW_PHYSICS = 6.0
+"""log evidence that physics missing in the nominal model must win."""
+_UNKNOWN = 20.0
+"""log evidence that a free curve over a state must win; it may also follow noise outside the noise model."""
+_NEXT_THRESHOLD, _NEXT_MORE = 8.0, 5.0
+"""log evidence to keep an effect, and what a second and third effect need in addition."""
+_LOOKALIKE = 0.005
+"""Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
+similar effect with more parameters fits the remaining details."""
 
 
 @dataclass
-class Search:
-    """What was tried, and how it came out.
+class HypothesisSearch:
+    """The hypotheses that were tried, and their fits.
 
     Args:
         problem: the signal; its noise is that of the nominal model.
-        fast: hypotheses are judged at the full rate, for there are fast effects among them.
+        fast: hypotheses are compared at the full rate, because fast effects are among them.
         fits: best fit of every hypothesis, by the names of its effects.
-        gains: log evidence that an effect was seen to add to a hypothesis, where it was not fitted in full.
+        gains: log evidence that an effect adds to a hypothesis, estimated without a full fit.
         untestable: effects that this recording cannot show, and why.
     """
 
     problem: Problem
     fast: bool = False
-    fits: dict[tuple[str, ...], Fit] = field(default_factory=dict)
+    fits: dict[tuple[str, ...], HypothesisFit] = field(default_factory=dict)
     gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
-    _under: dict[tuple[int, bool], tuple[Fit, Problem]] = field(default_factory=dict)
+    _under: dict[tuple[int, bool], tuple[HypothesisFit, Problem]] = field(default_factory=dict)
 
     @property
     def judging(self) -> Problem:
-        """What hypotheses are judged on: the recording, thinned while all that is in sight is slow."""
+        """The data of the comparison: the recording, thinned as long as all candidates are slow."""
         return self.problem if self.fast else thinned(self.problem)
 
-    def under(self, best: Fit) -> Problem:
-        """The same with the noise that a fit leaves."""
+    def under(self, best: HypothesisFit) -> Problem:
+        """The data with the noise that a fit leaves."""
         if not best.parts:
             return self.judging
         key = id(best), self.fast
         if key not in self._under:
-            problem = self.problem.with_noise(self.problem.fitted_noise(left_over(self.problem, best)))
+            problem = self.problem.with_noise(self.problem.fitted_noise(residual_of(self.problem, best)))
             self._under[key] = best, problem if self.fast else thinned(problem)
         return self._under[key][1]
 
     def quicken(self) -> None:
-        """From now on judge at the full rate."""
+        """Compare at the full rate from now on."""
         self.fast = True
         known = list(self.fits.values())
         self.fits.clear()
         for each in known:
-            self.offer(fit(self.under(each), each.parts, WARM))
+            self.offer(fit(self.under(each), each.parts, WARM_STEPS))
 
-    def offer(self, found: Fit) -> None:
-        """Keep a fit when its hypothesis had none as good."""
+    def offer(self, found: HypothesisFit) -> None:
+        """Keep a fit when it is the best of its hypothesis."""
         key = names(found)
         if key not in self.fits or self.fits[key].log_evidence < found.log_evidence:
             self.fits[key] = found
 
 
-def names(found: Fit) -> tuple[str, ...]:
+def names(found: HypothesisFit) -> tuple[str, ...]:
     """The effects of a fit, in alphabetical order."""
     return tuple(sorted(part.effect.name for part in found.parts))
 
 
-def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[Search, Fit]:
-    """Find the effects that earn their place.
+def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[HypothesisSearch, HypothesisFit]:
+    """Find the effects that the evidence supports.
 
     Returns:
-        Everything that was tried, and the best fit: that of the nominal model when nothing earned a place.
+        All hypotheses, and the best fit: that of the nominal model when no effect is supported.
     """
-    state = Search(problem)
+    state = HypothesisSearch(problem)
     effects = []
     for effect in all_effects() if library is None else library:
         if effect.signal != problem.signal or effect.direct:
             continue
-        reason = effect.untestable(problem.world) or _identified(problem, effect)
+        reason = effect.untestable(problem.recorded) or _identified(problem, effect)
         if not reason:
             effects.append(effect)
         else:
             state.untestable[effect.name] = reason
     if problem.signal == "wrench":
-        effects += dependences(problem.world)
+        effects += dependences(problem.recorded)
     best = fit(state.judging, ())
     state.offer(best)
-    for _ in range(MOST_PARTS):
+    for _ in range(_MOST_PARTS):
         found = _round(state, best, effects)
         best = state.fits[names(best)]
         if found is None:
@@ -129,32 +136,32 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[S
     return state, _pruned(state, best)
 
 
-def _needed(found: Fit, best: Fit, nominal: float) -> float:
-    """log evidence by which a model must be better than one with an effect less."""
+def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
+    """log evidence by which a model must exceed one with an effect less."""
     known = {part.effect.name for part in best.parts}
     new = next((part.effect for part in found.parts if part.effect.name not in known), None)
     if new is None:
-        return NEW_PHYSICS
-    first = UNKNOWN if isinstance(new, Dependence) else WIDER if new.widens else NEW_PHYSICS
+        return _NEW_PHYSICS
+    first = _UNKNOWN if isinstance(new, Dependence) else _WIDER if new.widens else _NEW_PHYSICS
     if not best.parts:
         return first
     won = best.log_evidence - nominal if any(_alike(new, part.effect) for part in best.parts) else 0.0
-    return max(first + NEXT_MORE, NEXT_THRESHOLD) + LOOKALIKE * max(won, 0.0)
+    return max(first + _NEXT_MORE, _NEXT_THRESHOLD) + _LOOKALIKE * max(won, 0.0)
 
 
-def _unfolded(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit:
-    """The best model, or one with the simple effects in place of one that is made of them, when nearly as good."""
+def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit:
+    """The best model, or one with the simple effects in place of their combination, when nearly as good."""
     known = {part.effect.name for part in best.parts}
     for part in best.parts:
         pieces = [each for each in effects if each.name in part.effect.made_of and each.name not in known]
         if not pieces:
             continue
         rest = [other for other in best.parts if other is not part]
-        made = [Part(each, {p.name: 0.0 for p in each.parameters(state.problem.world)}) for each in pieces]
-        tried = fit(state.under(best), [*rest, *made], STEPS)
+        made = [FittedEffect(each, {p.name: 0.0 for p in each.parameters(state.problem.recorded)}) for each in pieces]
+        tried = fit(state.under(best), [*rest, *made], _STEPS)
         state.offer(tried)
         won = best.log_evidence - state.fits[()].log_evidence
-        if tried.log_evidence >= best.log_evidence - LOOKALIKE * max(won, 0.0):
+        if tried.log_evidence >= best.log_evidence - _LOOKALIKE * max(won, 0.0):
             return tried
     return best
 
@@ -168,54 +175,56 @@ def _identified(problem: Problem, effect: Effect) -> str:
     return "the payload was identified from this recording: give it in model.yaml" if known else ""
 
 
-def _pruned(state: Search, best: Fit) -> Fit:
-    """Without parts that later ones made needless."""
+def _pruned(state: HypothesisSearch, best: HypothesisFit) -> HypothesisFit:
+    """Without parts that later ones made redundant."""
     while len(best.parts) > 1:
         problem = state.under(best)
         shorter = []
         for part in best.parts:
-            rest = fit(problem, [other for other in best.parts if other is not part], STEPS)
+            rest = fit(problem, [other for other in best.parts if other is not part], _STEPS)
             state.offer(rest)
             shorter.append(state.fits[names(rest)])
         top = max(shorter, key=lambda each: each.log_evidence)
-        if best.log_evidence - top.log_evidence > NEXT_THRESHOLD:
+        if best.log_evidence - top.log_evidence > _NEXT_THRESHOLD:
             break
         best = top
     return best
 
 
-def _round(state: Search, best: Fit, effects: Sequence[Effect]) -> Fit | None:
-    """The best model with one more effect that earns its place, under the noise that suits it."""
-    chosen = screen(state, best, effects)
+def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit | None:
+    """The best model with one more supported effect, under its noise model."""
+    chosen = prescreen(state, best, effects)
     if not chosen:
         return None
     problem = state.under(best)
-    found = [fit(problem, parts, STEPS) for parts in chosen]
+    found = [fit(problem, parts, _STEPS) for parts in chosen]
     for each in found:
         state.offer(each)
     found.sort(key=lambda each: -each.log_evidence)
-    # The noise that the best one leaves; all near it, and the model before, are judged under that too.
+    # The noise model of the best fit; fits near it, and the previous model, are evaluated with it too.
     quieter = state.under(found[0])
-    top = [each for each in found if each.log_evidence > found[0].log_evidence - NEAR]
+    top = [each for each in found if each.log_evidence > found[0].log_evidence - _NEAR]
     for each in (*top, best):
-        state.offer(fit(quieter, each.parts, WARM))
+        state.offer(fit(quieter, each.parts, WARM_STEPS))
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
     return _simplest(good, nominal) if good else None
 
 
-def _simplest(found: Sequence[Fit], nominal: float) -> Fit:
+def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     """The best fit, or one with fewer parameters of an effect that it is confused with and that is nearly as good."""
     best = max(found, key=lambda each: each.log_evidence)
-    near = best.log_evidence - LOOKALIKE * max(best.log_evidence - nominal, 0.0)
+    near = best.log_evidence - _LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
     alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
-    return min((best, *alike), key=lambda each: each.frame.columns.shape[0])
+    return min((best, *alike), key=lambda each: each.regression.columns.shape[0])
 
 
-def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Part, ...]]:
-    """Each effect beside the present best model: the few hypotheses that are worth a fit."""
+def prescreen(
+    state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]
+) -> list[tuple[FittedEffect, ...]]:
+    """Each effect added to the present best model: the few hypotheses that deserve a full fit."""
     taken = {part.effect.name for part in best.parts}
     free = [effect for effect in effects if effect.name not in taken]
     problem = _calm(state.under(best), best)
@@ -225,78 +234,78 @@ def screen(state: Search, best: Fit, effects: Sequence[Effect]) -> list[tuple[Pa
     found = sorted((*slow, *fast), key=lambda each: -each.gain)
     for each in found:
         state.gains[names(best), each.effect.name] = each.gain
-        if not best.parts and each.shown < VISIBLE and not isinstance(each.effect, Dependence):
+        if not best.parts and each.visibility < _VISIBLE and not isinstance(each.effect, Dependence):
             state.untestable[each.effect.name] = (
                 f"this motion does not show it; this would: {each.effect.separating_motion}"
             )
     if not found or found[0].gain < 0.0:
         return []
-    least = max(0.0, found[0].gain - max(NEAR, 0.15 * found[0].gain))
-    chosen = [each for each in _few_unknown(found) if each.gain > least][:PROMISING]
+    least = max(0.0, found[0].gain - max(_NEAR, 0.15 * found[0].gain))
+    chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
-    return [(*best.parts, Part(each.effect, each.values)) for each in chosen]
+    return [(*best.parts, FittedEffect(each.effect, each.values)) for each in chosen]
 
 
-def _calm(problem: Problem, best: Fit) -> Problem:
-    """The problem without the moments of the events that a model has: what remains there is their detail."""
-    worlds = problem.compose(best.parts)[0]
+def _calm(problem: Problem, best: HypothesisFit) -> Problem:
+    """The problem without the windows of the model's events: residuals there are their details."""
+    inputs = problem.compose(best.parts)[0]
     keep = np.ones(len(problem.seconds), dtype=bool)
-    for part, world in zip(best.parts, worlds, strict=True):
-        for begin, end in () if part.effect.transfers else part.effect.windows(world, part.values):
-            if end - begin < BRIEF * world.duration:
-                keep &= (problem.seconds < begin - BESIDE) | (problem.seconds > end + BESIDE)
+    for part, recorded in zip(best.parts, inputs, strict=True):
+        for begin, end in () if part.effect.transfers else part.effect.windows(recorded, part.values):
+            if end - begin < _BRIEF * recorded.duration:
+                keep &= (problem.seconds < begin - _BESIDE) | (problem.seconds > end + _BESIDE)
     return problem if keep.all() else replace(problem, judged=keep if problem.judged is None else keep & problem.judged)
 
 
-def _few_unknown(candidates: list[Candidate]) -> list[Candidate]:
-    """Without the pseudo-effects behind the first two: states resemble one another."""
+def _few_unknown(candidates: list[EffectCandidate]) -> list[EffectCandidate]:
+    """Without the pseudo-effects after the first two: states are similar."""
     unknown = [each for each in candidates if isinstance(each.effect, Dependence)]
     return [each for each in candidates if each not in unknown[2:]]
 
 
-def _beside(problem: Problem, parts: Sequence[Part], effects: Sequence[Effect]) -> list[Candidate]:
-    """Each effect beside some parts, at its most likely values; the most promising first.
+def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect]) -> list[EffectCandidate]:
+    """Each effect added to some parts, at its most likely values; the most promising first.
 
-    A glance at each shows what it might come to; those that cannot come near the best so far are left at that.
+    The score at its starting points bounds its gain; effects that cannot approach the best so far are not refined.
     """
-    here = ground(problem, parts)
-    frame = here.frame
-    few = here.world
+    here = linearization_point(problem, parts)
+    regression = here.regression
+    few = here.recorded
     if problem.blocks is not None and problem.signal == "wrench":
         few = few.select(problem.blocks.middle(len(few)))
     seen = []
     for effect in effects:
-        # Of states the columns are many, and as good when made at the blocks' middles.
-        world = few if isinstance(effect, Dependence) else here.world
-        starts = _starts(effect, world, here.residual)
-        tried = [glance(problem, frame, world, effect, start) for start in starts]
+        # States have many columns; the middles of the blocks suffice for them.
+        recorded = few if isinstance(effect, Dependence) else here.recorded
+        starts = _starts(effect, recorded, here.residual)
+        tried = [score_start(problem, regression, recorded, effect, start) for start in starts]
         if tried:
             seen.append(max(tried, key=lambda each: each.drop))
-    world = here.world
+    recorded = here.recorded
     found, top = [], 0.0
-    for each in sorted(seen, key=lambda each: -each.hope):
-        least = max(THRESHOLD, REACH * top)
+    for each in sorted(seen, key=lambda each: -each.potential):
+        least = max(_THRESHOLD, _REACH * top)
         done, nonlinear = each, {}
         if not isinstance(each.effect, Dependence):
-            nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(world) if not p.linear}
-        if nonlinear and each.hope > least:
-            done = refine(problem, frame, world, each.effect, nonlinear, LOOK, least)
-        found.append(replace(done, shown=each.shown))
+            nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
+        if nonlinear and each.potential > least:
+            done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+        found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
 
 
-def _starts(effect: Effect, world: World, residual: Array) -> Iterator[Values]:
-    """Where to begin; events are looked for in every recording by itself."""
-    if effect.transfers or not world.begins:
-        yield from effect.starts(world, residual)
+def _starts(effect: Effect, recorded: RecordedMotion, residual: Array) -> Iterator[Values]:
+    """Starting points; events are searched in each recording separately."""
+    if effect.transfers or not recorded.begins:
+        yield from effect.starts(recorded, residual)
         return
-    for begin in (-np.inf, *world.begins):
-        rows = world.recording_of(begin)
-        yield from effect.starts(replace(world.select(rows), begins=()), residual[rows])
+    for begin in (-np.inf, *recorded.begins):
+        rows = recorded.recording_of(begin)
+        yield from effect.starts(replace(recorded.select(rows), begins=()), residual[rows])
 
 
-def left_over(problem: Problem, found: Fit) -> Array:
-    """(N, C) residual of a fit, calibration errors taken out."""
-    return np.asarray(problem.measured - problem.predicted(problem.world) - found.response - found.calibrated)
+def residual_of(problem: Problem, found: HypothesisFit) -> Array:
+    """(N, C) residual of a fit, calibration errors removed."""
+    return np.asarray(problem.measured - problem.predicted(problem.recorded) - found.response - found.calibrated)

@@ -1,6 +1,6 @@
-"""Physics outside the library: a wrench that depends smoothly on some state, whatever the reason.
+"""Physics outside the library: a wrench that depends smoothly on some state, for any reason.
 
-Each state gives a pseudo-effect that competes with the named ones by the same evidence: six free curves over the state.
+Each state gives a pseudo-effect that competes with the named ones by its evidence: six free curves over the state.
 Where one of them wins, the answer is `unknown`, with the state and the shape of the curve.
 """
 
@@ -11,35 +11,35 @@ from functools import partial
 import numpy as np
 
 from poise.geometry import cross
-from poise.mismatch.effects import Effect, Parameter, Values
-from poise.mismatch.recorded import World, channel_names, white_level
+from poise.mismatch.effects import Effect, EffectParameter, Values
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, white_level
 from poise.types import Array
 
-CURVE = 8
-"""Hat functions over the range of a scalar state."""
-TURNS = 24
-"""The same over a joint's angle: what catches or is magnetised repeats itself several times in a turn."""
-TIME_STEP, MOMENT = 4.0, 1.0
-"""s between the knots of a slow course in time, and of pushes from outside."""
-PLACES = 10
-"""Places along the path around which a force that depends on the place may differ."""
-TYPICAL = 3.0
+_CURVE = 8
+"""Linear B-splines over the range of a scalar state."""
+_TURNS = 24
+"""Linear B-splines over a joint's angle: mechanical and magnetic effects repeat several times per revolution."""
+_TIME_STEP, _MOMENT = 4.0, 1.0
+"""s between the knots of a slow curve in time, and of external pushes."""
+_PLACES = 10
+"""Places along the path that carry a force which depends on the place."""
+_TYPICAL = 3.0
 """Typical size of a curve, in units of the white noise."""
-LEVER = 0.1
-"""m: typical distance of what pushes from the sensor."""
-SLOW = 0.02
-"""m/s: dry friction turns around within this."""
+_LEVER = 0.1
+"""m, typical lever arm of an external push."""
+_SLOW = 0.02
+"""m/s, the width of the transition of dry friction."""
 
 
 @dataclass(frozen=True, eq=False)
-class State:
-    """Something that a residual may depend on, and how.
+class VaryingState:
+    """A state that a residual may depend on.
 
     Args:
         name: as in the answer: gravity_direction, joint_position, joint_velocity, joint_acceleration (each also with
             :NAME), base_acceleration, load or time.
         values: (N, d) of the state itself, for drawing.
-        columns: (N, 6, k) wrenches that follow from it, each of about one unit of white noise in size.
+        columns: (N, 6, k) its wrenches, each with a size of about one unit of white noise.
     """
 
     name: str
@@ -47,97 +47,99 @@ class State:
     columns: Array
 
 
-def states(world: World, level: Array) -> dict[str, Callable[[], State]]:
-    """What a residual of this recording may depend on, as far as it varies; made when it is asked for.
+def states(recorded: RecordedMotion, level: Array) -> dict[str, Callable[[], VaryingState]]:
+    """The states of this recording that vary; each is computed on demand.
 
     Args:
-        world: the recording.
+        recorded: the recording.
         level: (6,) white noise of a sample.
     """
-    found: dict[str, Callable[[], State]] = {
-        "time": partial(_of_time, world, level),
-        "time:pushes": partial(_of_time_and_attitude, world, level),
-        "time:load": partial(_of_time_and_load, world, level),
+    found: dict[str, Callable[[], VaryingState]] = {
+        "time": partial(_of_time, recorded, level),
+        "time:pushes": partial(_of_time_and_attitude, recorded, level),
+        "time:load": partial(_of_time_and_load, recorded, level),
     }
-    if float(np.abs(world.angular_velocity).max()) > 0.1:
-        found["time:turning"] = partial(_of_time_and_turning, world, level)
-    down = world.gravity / np.linalg.norm(world.gravity, axis=1, keepdims=True)
+    if float(np.abs(recorded.angular_velocity).max()) > 0.1:
+        found["time:turning"] = partial(_of_time_and_turning, recorded, level)
+    down = recorded.gravity / np.linalg.norm(recorded.gravity, axis=1, keepdims=True)
     if float(np.ptp(down, axis=0).max()) > 0.1:
-        found["gravity_direction"] = lambda: State("gravity_direction", down, _each(harmonics(down), level))
-    if float(np.ptp(world.nominal[:, :3], axis=0).max()) > 0.5:
-        size = np.linalg.norm(world.nominal[:, :3], axis=1)[:, None]
-        found["load"] = lambda: State("load", size, _own(world.nominal, level))
-    if world.joints is not None:
+        found["gravity_direction"] = lambda: VaryingState("gravity_direction", down, _each(harmonics(down), level))
+    if float(np.ptp(recorded.nominal[:, :3], axis=0).max()) > 0.5:
+        size = np.linalg.norm(recorded.nominal[:, :3], axis=1)[:, None]
+        found["load"] = lambda: VaryingState("load", size, _own(recorded.nominal, level))
+    if recorded.joints is not None:
         for kind in ("position", "velocity", "acceleration"):
-            for j, name in enumerate(world.joints.names):
-                values = getattr(world.joints, kind)[:, j]
+            for j, name in enumerate(recorded.joints.names):
+                values = getattr(recorded.joints, kind)[:, j]
                 if float(np.ptp(values)) > 0.05:
                     found[f"joint_{kind}:{name}"] = partial(_of_joint, f"joint_{kind}:{name}", values, level)
-    if float(np.abs(world.velocity_in_world).max()) > 0.05:
-        found["joint_velocity"] = partial(_of_speed, world, level)
-        found["joint_position"] = lambda: State("joint_position", world.position_in_world, _anywhere(world, level))
-    if world.base is not None:
-        turn = world.base.rotation_world_base
-        felt = np.einsum("nji,nj->ni", turn, world.base.acceleration_in_world)
+    if float(np.abs(recorded.velocity_in_world).max()) > 0.05:
+        found["joint_velocity"] = partial(_of_speed, recorded, level)
+        found["joint_position"] = lambda: VaryingState(
+            "joint_position", recorded.position_in_world, _anywhere(recorded, level)
+        )
+    if recorded.base is not None:
+        turn = recorded.base.rotation_world_base
+        felt = np.einsum("nji,nj->ni", turn, recorded.base.acceleration_in_world)
         if float(np.ptp(felt, axis=0).max()) > 0.05:
-            turned = world.base.angular_acceleration_in_base[:, 2:]
+            turned = recorded.base.angular_acceleration_in_base[:, 2:]
             found["base_acceleration"] = partial(_of_base, felt, turned, level)
     return found
 
 
-def _course(world: World, step: float) -> Array:
-    return hats(world.seconds, max(int(world.duration / step), 4))
+def _course(recorded: RecordedMotion, step: float) -> Array:
+    return linear_bspline_basis(recorded.seconds, max(int(recorded.duration / step), 4))
 
 
-def _of_time(world: World, level: Array) -> State:
-    return State("time", world.seconds[:, None], _each(_course(world, TIME_STEP), level))
+def _of_time(recorded: RecordedMotion, level: Array) -> VaryingState:
+    return VaryingState("time", recorded.seconds[:, None], _each(_course(recorded, _TIME_STEP), level))
 
 
-def _of_time_and_attitude(world: World, level: Array) -> State:
-    """Forces and torques in world axes, faster than `_of_time`: what comes from outside does not turn with the tool."""
-    course, turn = _course(world, MOMENT), world.rotation_world_sensor.swapaxes(1, 2)
-    half = (turn[:, :, None, :] * course[:, None, :, None]).reshape(len(world), 3, -1)
-    out = np.zeros((len(world), 6, 2 * half.shape[2]))
+def _of_time_and_attitude(recorded: RecordedMotion, level: Array) -> VaryingState:
+    """Forces and torques in world axes, faster than `_of_time`: external forces do not rotate with the tool."""
+    course, turn = _course(recorded, _MOMENT), recorded.rotation_world_sensor.swapaxes(1, 2)
+    half = (turn[:, :, None, :] * course[:, None, :, None]).reshape(len(recorded), 3, -1)
+    out = np.zeros((len(recorded), 6, 2 * half.shape[2]))
     out[:, :3, : half.shape[2]], out[:, 3:, half.shape[2] :] = half * level[0], half * level[3]
-    return State("time", world.seconds[:, None], out)
+    return VaryingState("time", recorded.seconds[:, None], out)
 
 
-def _of_time_and_load(world: World, level: Array) -> State:
+def _of_time_and_load(recorded: RecordedMotion, level: Array) -> VaryingState:
     """A gain of each channel that changes with time."""
-    course = _course(world, TIME_STEP)
-    felt = world.nominal - world.nominal.mean(axis=0)
+    course = _course(recorded, _TIME_STEP)
+    felt = recorded.nominal - recorded.nominal.mean(axis=0)
     felt = felt / np.maximum(felt.std(axis=0), 1e-9)
-    columns = _each(course, level).reshape(len(world), 6, 6, -1) * felt[:, :, None, None]
-    return State("time", world.seconds[:, None], columns.reshape(len(world), 6, -1))
+    columns = _each(course, level).reshape(len(recorded), 6, 6, -1) * felt[:, :, None, None]
+    return VaryingState("time", recorded.seconds[:, None], columns.reshape(len(recorded), 6, -1))
 
 
-def _of_time_and_turning(world: World, level: Array) -> State:
+def _of_time_and_turning(recorded: RecordedMotion, level: Array) -> VaryingState:
     """Torques that grow with the angular velocity by a factor that changes with time: a rotor that spins up."""
-    course = _course(world, TIME_STEP)
-    rate = world.angular_velocity / max(float(world.angular_velocity.std()), 1e-9)
+    course = _course(recorded, _TIME_STEP)
+    rate = recorded.angular_velocity / max(float(recorded.angular_velocity.std()), 1e-9)
     turned = np.stack([cross(rate, np.broadcast_to(axis, rate.shape)) for axis in np.eye(3)], axis=2)
-    out = np.zeros((len(world), 6, 3 * (course.shape[1] + 1)))
-    out[:, 3:, 3:] = (turned[:, :, None, :] * course[:, None, :, None]).reshape(len(world), 3, -1) * level[5]
-    # A changing momentum also pushes back by its rate, whatever turns.
+    out = np.zeros((len(recorded), 6, 3 * (course.shape[1] + 1)))
+    out[:, 3:, 3:] = (turned[:, :, None, :] * course[:, None, :, None]).reshape(len(recorded), 3, -1) * level[5]
+    # A changing angular momentum also acts by its rate, for any rotation of the tool.
     out[:, 3:, :3] = np.eye(3) * level[5]
-    return State("time", world.seconds[:, None], out)
+    return VaryingState("time", recorded.seconds[:, None], out)
 
 
-def _of_joint(name: str, values: Array, level: Array) -> State:
-    turns = min(max(CURVE, round(TURNS * float(np.ptp(values)) / np.pi)), 2 * TURNS)
-    count = turns if name.startswith("joint_position") else CURVE
-    return State(name, values[:, None], _each(hats(values, count), level))
+def _of_joint(name: str, values: Array, level: Array) -> VaryingState:
+    turns = min(max(_CURVE, round(_TURNS * float(np.ptp(values)) / np.pi)), 2 * _TURNS)
+    count = turns if name.startswith("joint_position") else _CURVE
+    return VaryingState(name, values[:, None], _each(linear_bspline_basis(values, count), level))
 
 
-def _of_speed(world: World, level: Array) -> State:
-    speed = np.linalg.norm(world.velocity_in_world, axis=1, keepdims=True)
-    laws = np.hstack([world.velocity_in_world / np.sqrt(speed**2 + SLOW**2), world.velocity_in_world])
-    return State("joint_velocity", speed, _pushes(world, laws.reshape(-1, 2, 3), level))
+def _of_speed(recorded: RecordedMotion, level: Array) -> VaryingState:
+    speed = np.linalg.norm(recorded.velocity_in_world, axis=1, keepdims=True)
+    laws = np.hstack([recorded.velocity_in_world / np.sqrt(speed**2 + _SLOW**2), recorded.velocity_in_world])
+    return VaryingState("joint_velocity", speed, _pushes(recorded, laws.reshape(-1, 2, 3), level))
 
 
-def _of_base(felt: Array, turned: Array, level: Array) -> State:
-    curves = np.hstack([hats(felt[:, k], 5) for k in (0, 1)])
-    return State("base_acceleration", felt, _each(np.hstack([curves, turned]), level))
+def _of_base(felt: Array, turned: Array, level: Array) -> VaryingState:
+    curves = np.hstack([linear_bspline_basis(felt[:, k], 5) for k in (0, 1)])
+    return VaryingState("base_acceleration", felt, _each(np.hstack([curves, turned]), level))
 
 
 def _each(basis: Array, level: Array) -> Array:
@@ -150,42 +152,42 @@ def _each(basis: Array, level: Array) -> Array:
 
 
 def _own(wrench: Array, level: Array) -> Array:
-    """(N, 6, 6 b): in every channel functions of what that channel feels."""
-    curves = [hats(wrench[:, channel], CURVE) for channel in range(6)]
-    out = np.zeros((len(wrench), 6, 6 * CURVE))
+    """(N, 6, 6 b): in every channel functions of the load of that channel."""
+    curves = [linear_bspline_basis(wrench[:, channel], _CURVE) for channel in range(6)]
+    out = np.zeros((len(wrench), 6, 6 * _CURVE))
     for channel, basis in enumerate(curves):
-        out[:, channel, channel * CURVE : (channel + 1) * CURVE] = basis * level[channel]
+        out[:, channel, channel * _CURVE : (channel + 1) * _CURVE] = basis * level[channel]
     return out
 
 
-def _pushes(world: World, forces_in_world: Array, level: Array) -> Array:
-    """(N, 6, 4 k) wrenches of forces (N, k, 3) in the world that attack anywhere on the tool, or at its origin."""
-    force = np.einsum("nji,nkj->nki", world.rotation_world_sensor, forces_in_world)
+def _pushes(recorded: RecordedMotion, forces_in_world: Array, level: Array) -> Array:
+    """(N, 6, 4 k) wrenches of forces (N, k, 3) in the world that act anywhere on the tool, or at its origin."""
+    force = np.einsum("nji,nkj->nki", recorded.rotation_world_sensor, forces_in_world)
     at_origin = np.concatenate([force, np.zeros_like(force)], axis=2)
     levers = [
-        np.concatenate([np.zeros_like(force), cross(np.broadcast_to(arm * LEVER, force.shape), force)], axis=2)
+        np.concatenate([np.zeros_like(force), cross(np.broadcast_to(arm * _LEVER, force.shape), force)], axis=2)
         for arm in np.eye(3)
     ]
     return np.asarray(np.concatenate([at_origin, *levers], axis=1).swapaxes(1, 2) * level[0])
 
 
-def _anywhere(world: World, level: Array) -> Array:
+def _anywhere(recorded: RecordedMotion, level: Array) -> Array:
     """(N, 6, k) forces in the world that depend on where the sensor is: Gaussian bumps around places of the path."""
-    place = world.position_in_world
-    # Places far from one another: each next one is the farthest from those before.
+    place = recorded.position_in_world
+    # Places far from one another: each is the farthest from those before.
     chosen = [int(np.argmax(np.linalg.norm(place - place.mean(axis=0), axis=1)))]
     apart = np.linalg.norm(place - place[chosen[0]], axis=1)
-    while len(chosen) < PLACES:
+    while len(chosen) < _PLACES:
         chosen.append(int(np.argmax(apart)))
         apart = np.minimum(apart, np.linalg.norm(place - place[chosen[-1]], axis=1))
     width = max(float(apart.max()), 0.05)
     away = np.linalg.norm(place[:, None] - place[chosen], axis=2)
     bumps = np.exp(-0.5 * (away / width) ** 2)
     forces = (bumps[:, :, None, None] * np.eye(3)).reshape(len(place), -1, 3)
-    return _pushes(world, forces, level)
+    return _pushes(recorded, forces, level)
 
 
-def hats(values: Array, count: int) -> Array:
+def linear_bspline_basis(values: Array, count: int) -> Array:
     """(N, count) piecewise linear functions with knots spread over the range, narrower where values are many."""
     even = np.linspace(values.min(), values.max(), count)
     often = np.quantile(values, np.linspace(0.0, 1.0, count))
@@ -215,7 +217,7 @@ def harmonics(direction: Array) -> Array:
 
 
 class Dependence(Effect):
-    """The wrench has a part that is some function of one state: what is known of physics that is not in the library.
+    """The wrench has a part that is some function of one state: the description of physics that is not in the library.
 
     Args:
         state: its name, see `states`.
@@ -224,7 +226,7 @@ class Dependence(Effect):
     layer = "sensor"
     order = 9
     equation = "w_read = w + c(s), c: six free curves over the state s"
-    source = "piecewise linear regression with a normal prior (a Gaussian process with a hat-function kernel)"
+    source = "piecewise linear regression with a normal prior (a Gaussian process with a linear B-spline kernel)"
     excited_by = "the state"
     separating_motion = "vary this state alone, the others held still"
 
@@ -232,44 +234,44 @@ class Dependence(Effect):
         self.state = "time" if state.startswith("time") else state
         self._kind = state
         self.name = f"unknown:{state}"  # type: ignore[misc]
-        self._known: list[tuple[Array, State | None]] = []
+        self._known: list[tuple[Array, VaryingState | None]] = []
 
-    def at(self, world: World) -> State | None:
-        """The state in a recording, the same under every model of it; None when it does not vary there."""
+    def at(self, recorded: RecordedMotion) -> VaryingState | None:
+        """The state in a recording, cached for all models; None when it does not vary."""
         for seconds, state in self._known:
-            if np.array_equal(seconds, world.seconds):
+            if np.array_equal(seconds, recorded.seconds):
                 return state
-        made = states(world, _level(world)).get(self._kind)
+        made = states(recorded, _level(recorded)).get(self._kind)
         found = None if made is None else made()
-        self._known = [*self._known[-2:], (world.seconds, found)]
+        self._known = [*self._known[-2:], (recorded.seconds, found)]
         return found
 
-    def parameters(self, world: World) -> tuple[Parameter, ...]:
-        state = self.at(world)
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        state = self.at(recorded)
         count = 0 if state is None else state.columns.shape[2]
-        return tuple(Parameter(f"c{k}", "", TYPICAL, hidden=True) for k in range(count))
+        return tuple(EffectParameter(f"c{k}", "", _TYPICAL, hidden=True) for k in range(count))
 
-    def columns(self, world: World, nonlinear: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
-        state = self.at(world)
-        return np.zeros((len(world), 6, 0)) if state is None else state.columns
+        state = self.at(recorded)
+        return np.zeros((len(recorded), 6, 0)) if state is None else state.columns
 
-    def untestable(self, world: World) -> str:
-        return "" if self.at(world) is not None else "the state does not vary"
+    def untestable(self, recorded: RecordedMotion) -> str:
+        return "" if self.at(recorded) is not None else "the state does not vary"
 
-    def sentence(self, world: World, values: Values) -> str:
-        response = self.simulate(world, values)
-        size = response.std(axis=0) / _level(world)
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        response = self.simulate(recorded, values)
+        size = response.std(axis=0) / _level(recorded)
         channel = int(np.argmax(size))
         unit = "N" if channel < 3 else "N m"
         return (
-            f"Something that is not in the library adds up to {np.abs(response[:, channel]).max():.2g} {unit} to "
-            f"{channel_names()[channel]} and depends on {spoken(self.state)}."
+            f"An effect outside the library adds up to {np.abs(response[:, channel]).max():.2g} {unit} to "
+            f"{WRENCH_CHANNELS[channel]} and depends on {state_description(self.state)}."
         )
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class DependenceCurve:
     """The curve of an unknown dependence, for drawing: one scalar of the state against the channel it moves most."""
 
     state: str
@@ -279,41 +281,41 @@ class Shape:
     response: Array
 
 
-def shape(effect: Dependence, world: World, values: Values, points: int = 60) -> Shape | None:
+def shape(effect: Dependence, recorded: RecordedMotion, values: Values, points: int = 60) -> DependenceCurve | None:
     """Means of the response over the state's range, for the component of the state that it follows most."""
-    state = effect.at(world)
+    state = effect.at(recorded)
     if state is None:
         return None
-    response = effect.simulate(world, values)
-    channel = int(np.argmax(response.std(axis=0) / _level(world)))
+    response = effect.simulate(recorded, values)
+    channel = int(np.argmax(response.std(axis=0) / _level(recorded)))
     course = response[:, channel]
     spread = [_spread(component, course) for component in state.values.T]
     component = state.values[:, int(np.argmin(spread))]
     order = np.argsort(component)
     parts = np.array_split(order, min(points, len(order)))
-    return Shape(
+    return DependenceCurve(
         effect.state,
-        channel_names()[channel],
+        WRENCH_CHANNELS[channel],
         "N" if channel < 3 else "N m",
         np.array([component[part].mean() for part in parts]),
         np.array([course[part].mean() for part in parts]),
     )
 
 
-def _level(world: World) -> Array:
-    """(6,) white noise of the wrench; an FT-300's in a world that is only simulated."""
-    if not np.isfinite(world.wrench).all():
+def _level(recorded: RecordedMotion) -> Array:
+    """(6,) white noise of the wrench; that of an FT-300 in a simulated motion."""
+    if not np.isfinite(recorded.wrench).all():
         return np.repeat([0.1, 0.005], 3)
-    return np.maximum(white_level(world.wrench - world.nominal), 1e-9)
+    return np.maximum(white_level(recorded.wrench - recorded.nominal), 1e-9)
 
 
-def dependences(world: World) -> list[Effect]:
+def dependences(recorded: RecordedMotion) -> list[Effect]:
     """A pseudo-effect for every state that varies."""
-    return [Dependence(name) for name in states(world, _level(world))]
+    return [Dependence(name) for name in states(recorded, _level(recorded))]
 
 
-def spoken(state: str) -> str:
-    """A state's name as people say it."""
+def state_description(state: str) -> str:
+    """A state in words."""
     kind, _, joint = state.partition(":")
     words = {
         "gravity_direction": "the direction of gravity in the sensor",
@@ -328,7 +330,7 @@ def spoken(state: str) -> str:
 
 
 def _spread(component: Array, course: Array) -> float:
-    """Scatter of a course about its mean at equal values of a component."""
+    """Scatter of a curve about its mean at equal values of a component."""
     order = np.argsort(component)
     parts = np.array_split(course[order], 20)
     return float(np.mean([part.var() for part in parts]))

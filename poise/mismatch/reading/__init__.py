@@ -1,17 +1,25 @@
 """From a recording and model.yaml to a recorded motion with the prediction of the nominal model."""
 
 from poise.mismatch.reading.joining import joined, spans, without
-from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, world_from_motion
-from poise.mismatch.reading.model_effects import absent, effect_of, with_components
-from poise.mismatch.reading.nominal_model import Component, NominalModel, Tolerance, dump_model, load_model, parse_model
+from poise.mismatch.reading.kinematics import base_joints, effort_track, recorded_from_motion
+from poise.mismatch.reading.measured_streams import MeasuredStreams
+from poise.mismatch.reading.model_effects import absent, effect_of, with_model_effects
+from poise.mismatch.reading.nominal_model import (
+    ModelEffect,
+    NominalModel,
+    Tolerance,
+    dump_model,
+    load_model,
+    parse_model,
+)
 from poise.mismatch.reading.payload import identified
-from poise.mismatch.reading.recordings import Reading, read_world
+from poise.mismatch.reading.recordings import ReadRecording, read_recording, read_streams
 
 __all__ = [
-    "Component",
-    "Motion",
+    "MeasuredStreams",
+    "ModelEffect",
     "NominalModel",
-    "Reading",
+    "ReadRecording",
     "Tolerance",
     "absent",
     "base_joints",
@@ -22,9 +30,10 @@ __all__ = [
     "joined",
     "load_model",
     "parse_model",
-    "read_world",
+    "read_recording",
+    "read_streams",
+    "recorded_from_motion",
     "spans",
-    "with_components",
+    "with_model_effects",
     "without",
-    "world_from_motion",
 ]

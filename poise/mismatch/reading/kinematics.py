@@ -1,4 +1,4 @@
-"""From joint motion to a `World`: one pass of forward kinematics with its derivatives by each joint."""
+"""From joint motion to a `RecordedMotion`: one pass of forward kinematics with its derivatives by each joint."""
 
 from dataclasses import dataclass
 
@@ -7,53 +7,46 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
-from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, World, load_wrench
+from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
+from poise.simulation import JointMotion
 from poise.types import Array
 
-STILL = 1e-3
-"""m/s or rad/s below which a base rests."""
+_STILL = 1e-3
+"""m/s or rad/s below which a base is at rest."""
 
 
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Position, velocity and acceleration (N, J) of a robot's joints, and of its root link when that moves."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    base: BaseMotion | None = None
-
-
-def world_from_motion(
+def recorded_from_motion(
     robot: RobotModel,
     seconds: Array,
-    motion: Motion,
+    joints: JointMotion,
     phi: ArrayLike,
     wrench: Array | None = None,
     *,
+    base: BaseMotion | None = None,
     gravity: float = STANDARD_GRAVITY,
     start: int = 0,
     effort: EffortTrack | None = None,
-) -> World:
-    """A world along a known motion.
+) -> RecordedMotion:
+    """The recording of a known motion.
 
     Args:
-        robot: with `base="floating"` when `motion.base` is given.
+        robot: with `base="floating"` when `base` is given.
         seconds: (N,).
-        motion: at these times, joints in the robot's order.
+        joints: (N, J) at these times, in the robot's order.
         phi: (10,) everything that the sensor carries.
-        wrench: (N, 6) measured; None: NaN, a world that is only simulated.
+        wrench: (N, 6) measured; None: NaN, for a motion that is only simulated.
+        base: motion of the root link (N), when it moves.
         gravity: m/s2, downwards.
         start: ns, the stamp of second zero.
         effort: joint efforts, see `effort_track`.
     """
-    rows = _forward(robot, motion)
+    rows = _forward(robot, joints, base)
     down = np.array([0.0, 0.0, -gravity])
     payload = np.asarray(phi, dtype=np.float64)
     rotation = rows.rotation
     nominal = load_wrench(payload, down @ rotation - rows.linear, rows.omega, rows.alpha)
-    return World(
+    return RecordedMotion(
         start=start,
         seconds=seconds,
         wrench=np.full((len(seconds), 6), np.nan) if wrench is None else wrench,
@@ -66,23 +59,23 @@ def world_from_motion(
         rotation_world_sensor=rotation,
         position_in_world=rows.position,
         velocity_in_world=rows.velocity,
-        joints=_joint_track(robot, motion, rows),
+        joints=_joint_track(robot, joints, rows),
         base=rows.base if rows.base is not None and _moves(rows.base) else None,
         effort=effort,
     )
 
 
-def _joint_track(robot: RobotModel, motion: Motion, rows: "_Rows") -> JointTrack | None:
-    """The arm's own joints, and how the sensor hangs on them; None for a sensor on a base alone."""
+def _joint_track(robot: RobotModel, joints: JointMotion, rows: "_Rows") -> JointTrack | None:
+    """The joints of the arm, and the sensor's derivatives by them; None for a sensor on a base alone."""
     arm = slice(base_joints(robot), None)
     if not robot.joint_names[arm]:
         return None
     coupling = robot.coupling[:, arm]
     return JointTrack(
         robot.joint_names[arm],
-        motion.position[:, arm],
-        motion.velocity[:, arm],
-        motion.acceleration[:, arm],
+        joints.position[:, arm],
+        joints.velocity[:, arm],
+        joints.acceleration[:, arm],
         rows.jacobian @ coupling,
         rows.by_position @ coupling,
     )
@@ -96,23 +89,35 @@ def base_joints(robot: RobotModel) -> int:
     return straight + int(turning)
 
 
-def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Array, phi: ArrayLike) -> EffortTrack:
-    """What the joints gave, and what a rigid arm with its payload needs (Featherstone 2008, section 5.3).
+def effort_track(
+    robot: RobotModel,
+    seconds: Array,
+    joints: JointMotion,
+    measured: Array,
+    phi: ArrayLike,
+    base: BaseMotion | None = None,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+) -> EffortTrack:
+    """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
 
     With its derivatives (Carpentier and Mansard 2018).
 
     Args:
-        robot: fixed base, or the root link's motion in `motion.base`.
+        robot: with `base="floating"` when `base` is given.
         seconds: (M,).
-        motion: of the joints at these times.
+        joints: (M, J) at these times.
         measured: (M, J) N m of all the robot's joints; columns with NaN are left out.
-        phi: (10,) the payload; what the URDF fixes beyond the sensor is carried besides.
+        phi: (10,) the payload, in addition to the links that the URDF fixes beyond the sensor.
+        base: motion of the root link (M), when it moves.
+        gravity: m/s2, downwards.
     """
     loaded = robot.pinocchio.copy()
     frame = loaded.frames[robot.frame_id(robot.sensor_frame)]
     loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(phi))
+    loaded.gravity.linear = np.array([0.0, 0.0, -gravity])
     data = loaded.createData()
-    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, base)
     moving = len(robot.coupling)
     torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
@@ -125,7 +130,7 @@ def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Ar
     rigid = (torque @ robot.coupling)[:, known]
     slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
-    parts = (motion.position[:, known], motion.velocity[:, known], motion.acceleration[:, known])
+    parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes)
 
 
@@ -142,15 +147,15 @@ class _Rows:
     base: BaseTrack | None
 
 
-def _forward(robot: RobotModel, motion: Motion) -> _Rows:
+def _forward(robot: RobotModel, joints: JointMotion, moving_base: BaseMotion | None) -> _Rows:
     """Everything about the sensor's frame, in one pass."""
-    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, moving_base)
     model, frame = robot.pinocchio, robot.frame_id(robot.sensor_frame)
     data, n, moving = model.createData(), len(whole.q), len(robot.coupling)
     rotation, position = np.empty((n, 3, 3)), np.empty((n, 3))
     velocity, acceleration = np.empty((n, 6)), np.empty((n, 6))
     by_q, jacobian, a_by_q = (np.empty((n, 6, moving)) for _ in range(3))
-    base = _BaseRows(robot, n) if base_joints(robot) or motion.base is not None else None
+    base = _BaseRows(robot, n) if base_joints(robot) or moving_base is not None else None
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
         pose = pin.updateFramePlacement(model, data, frame)
@@ -207,4 +212,4 @@ class _BaseRows:
 
 def _moves(base: BaseTrack) -> bool:
     fastest = max(np.abs(base.velocity_in_world).max(), np.abs(base.angular_velocity_in_base).max())
-    return bool(fastest > STILL)
+    return bool(fastest > _STILL)

@@ -1,20 +1,22 @@
-"""The effects that a model carries, at work in a world: the same `simulate` that found them."""
+"""The effects of a model, applied to a recording by the `simulate` that found them."""
 
 from collections.abc import Sequence
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.effects import LAYERS, Effect, effect_named
-from poise.mismatch.reading.nominal_model import Component
-from poise.mismatch.recorded import World
+from poise.mismatch.reading.nominal_model import ModelEffect
+from poise.mismatch.recorded import RecordedMotion
 
 
-def with_components(world: World, components: Sequence[Component], *, events: bool = False) -> World:
-    """The world with the effects of a model added to its predictions, in the order in which their layers act.
+def with_model_effects(
+    recorded: RecordedMotion, components: Sequence[ModelEffect], *, events: bool = False
+) -> RecordedMotion:
+    """The recording with the effects of a model added to its predictions, layer by layer.
 
-    An effect that needs what the world does not have (joint efforts, a base that moves) is left out.
+    An effect whose inputs are missing (joint efforts, a base that moves) is left out.
 
     Args:
-        world: a recording, or a simulated motion.
+        recorded: a recording, or a simulated motion.
         components: of a model.
         events: whether effects that belong to one recording (a contact, a dropped part) happen here too, at the
             seconds that the model says.
@@ -24,20 +26,20 @@ def with_components(world: World, components: Sequence[Component], *, events: bo
     """
     known = [(effect_of(component), component) for component in components]
     for effect, component in sorted(known, key=lambda pair: (LAYERS.index(pair[0].layer), pair[0].order, pair[0].name)):
-        if absent(effect, world, events):
+        if absent(effect, recorded, events):
             continue
-        lacking = [p.name for p in effect.parameters(world) if p.name not in component.values]
+        lacking = [p.name for p in effect.parameters(recorded) if p.name not in component.values]
         if lacking:
             raise InputError(ErrorCode.BAD_INPUT, f"effect {effect.name} of the model lacks {', '.join(lacking)}")
-        response = effect.simulate(world, component.values)
+        response = effect.simulate(recorded, component.values)
         if effect.signal == "wrench":
-            world = world.with_prediction(world.prediction + response)
-        elif world.effort is not None:
-            world = world.with_effort(world.effort.prediction + response)
-    return world
+            recorded = recorded.with_prediction(recorded.prediction + response)
+        elif recorded.effort is not None:
+            recorded = recorded.with_effort(recorded.effort.prediction + response)
+    return recorded
 
 
-def effect_of(component: Component) -> Effect:
+def effect_of(component: ModelEffect) -> Effect:
     """The effect that a component names.
 
     Raises:
@@ -49,10 +51,10 @@ def effect_of(component: Component) -> Effect:
     return effect
 
 
-def absent(effect: Effect, world: World, events: bool) -> str:
-    """Why an effect of a model is not at work in a world; "" when it is."""
+def absent(effect: Effect, recorded: RecordedMotion, events: bool) -> str:
+    """Why an effect of a model does not act in a recording; "" when it does."""
     if not events and not effect.transfers:
         return "it belongs to the recording that it was found in"
-    if effect.signal == "effort" and world.effort is None:
+    if effect.signal == "effort" and recorded.effort is None:
         return "there are no joint efforts"
-    return effect.untestable(world)
+    return effect.untestable(recorded)

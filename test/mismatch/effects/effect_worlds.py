@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.part_wrench import chart
-from poise.mismatch.reading import Motion, effort_track, world_from_motion
+from poise.mismatch.reading import effort_track, recorded_from_motion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory
 
@@ -32,12 +32,12 @@ def trajectory(motion="fourier", seed=1, duration=20.0):
 
 
 @cache
-def world(motion="fourier", seed=1, duration=20.0, period=0.01, jitter=3e-4):
+def recorded(motion="fourier", seed=1, duration=20.0, period=0.01, jitter=3e-4):
     """A UR10 with 2.2 kg, 100 Hz with jitter; the wrench is the nominal one."""
     rng = np.random.default_rng(seed + 100)
     seconds = np.arange(0.0, duration, period)
     seconds = np.sort(seconds + rng.normal(size=len(seconds)) * jitter)
-    made = world_from_motion(ROBOT, seconds, Motion(*trajectory(motion, seed, duration).at(seconds)), PAYLOAD.phi)
+    made = recorded_from_motion(ROBOT, seconds, trajectory(motion, seed, duration).at(seconds), PAYLOAD.phi)
     return replace(made, wrench=made.prediction)
 
 
@@ -45,13 +45,13 @@ def world(motion="fourier", seed=1, duration=20.0, period=0.01, jitter=3e-4):
 def effort_world(motion="fourier", seed=1, duration=20.0, period=0.008):
     """The same with joint efforts at 125 Hz, those of a rigid arm."""
     seconds = np.arange(0.0, duration, period)
-    moved = Motion(*trajectory(motion, seed, duration).at(seconds))
+    moved = trajectory(motion, seed, duration).at(seconds)
     track = effort_track(ROBOT, seconds, moved, np.zeros((len(seconds), 9)), PAYLOAD.phi)
-    return replace(world(motion, seed, duration), effort=replace(track, measured=track.rigid))
+    return replace(recorded(motion, seed, duration), effort=replace(track, measured=track.rigid))
 
 
 def home_of(effect, motion="fourier"):
-    return effort_world(motion) if effect.signal == "effort" else world(motion)
+    return effort_world(motion) if effect.signal == "effort" else recorded(motion)
 
 
 def prediction(effect, at):
@@ -106,7 +106,13 @@ TYPICAL = {
     "air_drag": {"coefficient": 1.5, **PLACE},
     "flywheel": {"momentum_x": 0.04, "momentum_y": -0.03, "momentum_z": 0.03},
     "slosh": {"mass": 0.5, "length": 0.08, "damping_ratio": 0.05, **PLACE},
-    "flexible_mode": {"mass": 0.6, "frequency": 4.5, "damping_ratio": 0.05, **chart(AXIS), **PLACE},
+    "flexible_mode": {
+        "mass": 0.6,
+        "frequency": 4.5,
+        "damping_ratio": 0.05,
+        **chart(AXIS),
+        **PLACE,
+    },
     "loose_part": {"mass": 0.35, "gap": 0.02, "settling": 0.012, **chart(AXIS), **PLACE},
     "grasp_compliance": {"stiffness": 40.0, "damping_ratio": 0.2, "height": 0.03},
     "viscous_friction": {f"damping_{i}": 3.0 if i < 4 else 0.6 for i in range(1, 7)},

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_worlds import TYPICAL, filled, home_of, noise, prediction, search, typical, with_reading, world
+from effect_worlds import TYPICAL, filled, home_of, noise, prediction, recorded, search, typical, with_reading
 
 from poise.mismatch.effects import LAYERS, all_effects, effect_named
 
@@ -70,7 +70,7 @@ def test_without_strength_there_is_no_effect(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_response_follows_each_parameter_smoothly(name):
-    """Or says that it does not: else a search by derivatives would go astray."""
+    """Or declares that it does not: a search by derivatives would fail."""
     knocks = name in KNOCKING  # sharper than a sample: only small steps are smooth
     effect, at, values = typical(name, MOTION.get(name, "fourier"))
     for p in effect.parameters(at):
@@ -92,7 +92,7 @@ def test_the_response_follows_each_parameter_smoothly(name):
 def test_sampling_does_not_change_the_physics(name):
     """Half of the samples, and nine in ten at random, say the same at the stamps that they share."""
     effect = effect_named(name)
-    fine = world(period=0.005)
+    fine = recorded(period=0.005)
     values = filled(effect, fine, TYPICAL[name])
     whole = effect.simulate(fine, values)
     size = np.abs(whole).max(axis=0) + 1e-12
@@ -185,9 +185,9 @@ def test_starts_lie_within_the_priors_on_noise_alone(name):
 def test_a_world_without_motion_or_load_is_no_fault(name):
     effect = effect_named(name)
     if effect.signal == "effort":
-        assert effect.untestable(replace(world(), effort=None)) != ""
+        assert effect.untestable(replace(recorded(), effort=None)) != ""
         return
-    still = world(seed=2)
+    still = recorded(seed=2)
     zero = np.zeros_like(still.angular_velocity)
     still = replace(
         still,

@@ -2,19 +2,29 @@
 
 import numpy as np
 import pytest
-from effect_worlds import AXIS, HOME, PAYLOAD, PLACE, REACH, ROBOT, TYPICAL, filled, world
+from effect_worlds import (
+    AXIS,
+    HOME,
+    PAYLOAD,
+    PLACE,
+    REACH,
+    ROBOT,
+    TYPICAL,
+    filled,
+    recorded,
+)
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.parameters import symmetric
+from poise.inertia.model.parameters import symmetric
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
-from poise.mismatch.reading import Motion, world_from_motion
-from poise.simulation import FourierTrajectory, JointMotion, World
+from poise.mismatch.reading import recorded_from_motion
+from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
 DOWN = np.array([0.0, 0.0, -STANDARD_GRAVITY])
 POINT = np.array([PLACE[axis] for axis in "xyz"])
@@ -27,14 +37,14 @@ def fine(duration=6.0):
     )
     moved = FourierTrajectory(HOME, made.sine * REACH, made.cosine * REACH, made.frequency, 30.0, made.ramp)
     seconds = np.arange(3.0, 3.0 + duration, 0.002)
-    return world_from_motion(ROBOT, seconds - 3.0, Motion(*moved.at(seconds)), PAYLOAD.phi)
+    return recorded_from_motion(ROBOT, seconds - 3.0, moved.at(seconds), PAYLOAD.phi)
 
 
 def at_rest(duration=8.0, period=0.002, pose=HOME):
     """The arm stands still."""
     seconds = np.arange(0.0, duration, period)
     still = np.zeros((len(seconds), len(HOME)))
-    return world_from_motion(ROBOT, seconds, Motion(still + pose, still, still), PAYLOAD.phi)
+    return recorded_from_motion(ROBOT, seconds, JointMotion(still + pose, still, still), PAYLOAD.phi)
 
 
 def response(name, at, **given):
@@ -70,7 +80,7 @@ def simulated(at, phi, gravity=DOWN):
     """(N, 6) by the simulation (which is tested against pinocchio's RNEA) along the arm's motion, the base at rest."""
     joints, still = at.joints, np.zeros((len(at), 3))
     motion = JointMotion(*(np.hstack([still, p]) for p in (joints.position, joints.velocity, joints.acceleration)))
-    return World(ROBOT, phi, gravity).simulate(np.arange(len(at)), motion).wrench_in_sensor
+    return IdealRobot(ROBOT, phi, gravity).simulate(np.arange(len(at)), motion).wrench_in_sensor
 
 
 def test_another_payload_is_what_the_simulation_of_it_says():
@@ -148,7 +158,9 @@ def test_joint_offsets_are_those_of_the_true_pose_but_for_second_order(size):
     joints, still = at.joints, np.zeros((len(at), 3))
     offsets = size * np.array([1.0, -0.8, 0.6, 1.0, -1.0, 0.7])
     parts = (joints.position - offsets, joints.velocity, joints.acceleration)
-    true = world_from_motion(ROBOT, at.seconds, Motion(*(np.hstack([still, part]) for part in parts)), PAYLOAD.phi)
+    true = recorded_from_motion(
+        ROBOT, at.seconds, JointMotion(*(np.hstack([still, part]) for part in parts)), PAYLOAD.phi
+    )
     found = response("joint_offset", at, **{f"offset_{i}": float(d) for i, d in enumerate(offsets, start=1)})
     exact = true.prediction - at.prediction
     # What was recorded is of the true pose; the nominal model takes the encoders at their word.
@@ -235,7 +247,7 @@ def test_gravity_along_a_mode_makes_it_sag_by_g_over_omega_squared():
 
 
 def test_a_loose_part_is_held_at_a_stop_or_flies_by_newtons_law():
-    at = world("poses", jitter=0.0, period=0.002)
+    at = recorded("poses", jitter=0.0, period=0.002)
     effect = effect_named("loose_part")
     values = filled(effect, at, TYPICAL["loose_part"])
     z, _, _ = between_stops(at.seconds, specific_at(at, POINT) @ AXIS, values["gap"], values["settling"])

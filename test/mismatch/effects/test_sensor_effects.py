@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from effect_worlds import NOISE, PAYLOAD, filled, world
+from effect_worlds import NOISE, PAYLOAD, filled, recorded
 from scipy.spatial.transform import Rotation
 
 from poise.mismatch.effects import effect_named
@@ -21,12 +21,12 @@ def response(name, at, **given):
 
 def saying(course):
     """A world at uneven stamps in which the sensor should read `course(t)` in every channel."""
-    at = world()
+    at = recorded()
     return at.with_prediction(np.repeat(course(at.seconds)[:, None], 6, axis=1))
 
 
 def test_a_bias_is_the_same_at_all_times_and_a_drift_is_told_by_its_whole_change():
-    at = world()
+    at = recorded()
     bias = response("sensor_bias", at, force_y=2.0, torque_z=-0.1)
     np.testing.assert_array_equal(bias, np.broadcast_to([0, 2.0, 0, 0, 0, -0.1], bias.shape))
     drift = response("bias_drift", at, force_x=0.6, torque_y=0.03)
@@ -37,7 +37,7 @@ def test_a_bias_is_the_same_at_all_times_and_a_drift_is_told_by_its_whole_change
 
 
 def test_gain_is_a_matrix():
-    at, matrix = world(), 0.05 * np.random.default_rng(0).normal(size=(6, 6))
+    at, matrix = recorded(), 0.05 * np.random.default_rng(0).normal(size=(6, 6))
     effect = effect_named("sensor_gain")
     values = dict(zip([p.name for p in effect.parameters(at)], matrix.ravel().tolist(), strict=True))
     read = at.prediction + effect.simulate(at, values)
@@ -48,7 +48,7 @@ def test_gain_is_a_matrix():
 
 def test_a_turned_sensor_reads_what_the_load_exerts_in_its_own_axes():
     """The same load, described and moved in the turned axes, by pinocchio's placement of an inertia."""
-    at, turn = world(), Rotation.from_rotvec([0.3, -0.2, 0.25]).as_matrix()
+    at, turn = recorded(), Rotation.from_rotvec([0.3, -0.2, 0.25]).as_matrix()
     phi = phi_of(inertia_of(PAYLOAD.phi).se3Action(pin.SE3(turn, np.zeros(3)).inverse()))
     exact = load_wrench(phi, at.specific @ turn, at.angular_velocity @ turn, at.angular_acceleration @ turn)
     found = response("sensor_rotation", at, rotation_x=0.3, rotation_y=-0.2, rotation_z=0.25)
@@ -56,7 +56,7 @@ def test_a_turned_sensor_reads_what_the_load_exerts_in_its_own_axes():
 
 
 def test_a_nonlinear_sensor_is_odd_and_grows_as_it_says():
-    at = world()
+    at = recorded()
     values = {"quadratic_fx": 0.004, "cubic_fx": 1e-4, "cubic_tz": 0.02}
     found = response("sensor_nonlinearity", at, **values)
     np.testing.assert_allclose(response("sensor_nonlinearity", at.with_prediction(-at.prediction), **values), -found)
@@ -108,7 +108,7 @@ def test_clocks_shift_and_stretch():
 
 
 def test_quantised_readings_are_found_and_their_error_is_that_of_a_uniform_quantiser():
-    at = world()
+    at = recorded()
     noisy = at.with_prediction(at.prediction + np.random.default_rng(1).normal(size=at.prediction.shape) * NOISE)
     effect, steps = effect_named("quantisation"), {"force_step": 0.5, "torque_step": 0.02}
     error = effect.simulate(noisy, steps)
@@ -125,7 +125,7 @@ def test_quantised_readings_are_found_and_their_error_is_that_of_a_uniform_quant
 
 
 def test_only_forces_may_be_quantised():
-    at = world()
+    at = recorded()
     rng = np.random.default_rng(2)
     read = at.prediction + rng.normal(size=at.prediction.shape) * NOISE
     read[:, :3] = np.round(read[:, :3] / 0.25) * 0.25
@@ -135,7 +135,7 @@ def test_only_forces_may_be_quantised():
 
 
 def test_a_limit_is_found_where_readings_stand_at_it_and_nowhere_else():
-    at = world()
+    at = recorded()
     noisy = at.prediction + np.random.default_rng(3).normal(size=at.prediction.shape) * NOISE
     effect = effect_named("saturation")
     limits = {"force_limit": 15.0, "torque_limit": 1e4}

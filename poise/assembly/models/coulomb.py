@@ -1,0 +1,22 @@
+"""Model `coulomb`: elastic contacts with Coulomb friction, pushed until something gives way."""
+
+import numpy as np
+
+from poise.assembly.models.limit import limit
+from poise.assembly.robustness import LimitLoads, RobustnessModel, check_elastic
+from poise.assembly.statics import FACTOR_TOLERANCE, Analysis, Deadline, Loads
+
+
+def coulomb(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
+    """Elastic contacts with Coulomb friction; see `CoulombBlock`. Limit analysis says where to stop looking."""
+    limit_loads = limit(analysis, loads, deadline)
+    check_elastic(limit_loads, analysis, loads, np.ones(loads.count, dtype=bool), deadline, nearly=1.0)
+    limit_loads.upper = np.minimum(limit_loads.upper, (1 + FACTOR_TOLERANCE) * limit_loads.lower)
+    return limit_loads
+
+
+entry = RobustnessModel(
+    "coulomb",
+    "elastic contacts that cannot pull, with Coulomb friction without dilatancy",
+    coulomb,
+)

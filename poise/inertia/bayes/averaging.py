@@ -1,0 +1,357 @@
+"""Every hypothesis solved on its own, and their answers averaged by how well they predict the samples."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.inertia.bayes.first_guess import EXPECTED
+from poise.inertia.bayes.hypotheses import Hypotheses
+from poise.inertia.bayes.mass_model import MassModel
+from poise.inertia.bayes.sensor_bias import WithoutBias
+from poise.inertia.model import N_UNKNOWNS, NormalEquations, mixed
+from poise.types import Array, Indices, Mask
+
+ANY_MASS = 100.0
+"""Variance of the logarithm of the mass: it may be e^10 times the first guess, or e^-10."""
+
+LARGEST_FALL = 0.8
+"""Share of its mass that a part may lose in one step."""
+
+LARGEST_STEP = 0.5
+"""Of a deformation."""
+
+SHORTENING = 0.25
+"""Of a step that made things worse."""
+
+_IDENTITY = np.eye(N_UNKNOWNS)
+_TINY = np.finfo(np.float64).tiny
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What is known after the samples.
+
+    Args:
+        unknowns: (16,) mean of phi and bias.
+        covariance: (16, 16).
+        states: (H, n) of the `MassModel`, of the hypotheses that are left.
+        left: (H,) which ones these are.
+        bias_cases: (H,) and their case of the bias.
+        log_weights: (H,) log of their probabilities, up to a constant.
+    """
+
+    unknowns: Array
+    covariance: Array
+    states: Array
+    left: Indices
+    bias_cases: Indices
+    log_weights: Array
+
+    @property
+    def phi(self) -> Array:
+        """(10,)."""
+        return self.unknowns[:10]
+
+    @property
+    def weights(self) -> Array:
+        """(H,) probabilities."""
+        return _normalised(self.log_weights)
+
+
+@dataclass(frozen=True)
+class SolverEffort:
+    """How hard to try.
+
+    Args:
+        tolerance: gain of log posterior in a step with which a hypothesis counts as settled.
+        max_iterations: a cap.
+        negligible: hypotheses less probable than this are dropped.
+    """
+
+    tolerance: float
+    max_iterations: int
+    negligible: float
+
+
+class ModelAverage:
+    """Bayesian model averaging over the hypotheses about one `MassModel`.
+
+    For one hypothesis the prior of the state is a Gaussian and phi a smooth function of it, so that the posterior is
+    found by Gauss-Newton, and the evidence by Laplace's method, both in the ten dimensions of phi. With the model
+    linearised, phi ~ N(mu, C), and the bias integrated out, phi = mu + (1 + C H)^-1 C (g - H mu): no prior is ever
+    inverted, so a variance of zero is as good as any.
+
+    Args:
+        model: which phi there are.
+        hypotheses: how probable.
+        starts: (B, n) states to start from, for each case of the bias; the log mass of the expected one sets the scale.
+    """
+
+    def __init__(self, model: MassModel, hypotheses: Hypotheses, starts: Array) -> None:
+        self.model = model
+        self.hypotheses = hypotheses
+        self._guess = np.zeros(model.n_states)
+        self._guess[: model.n_parts] = starts[EXPECTED, : model.n_parts]
+        self._scale = float(np.exp(self._guess[0]))
+        self._starts = starts
+        self._states = starts[hypotheses.bias_case]
+        # What the parts' densities have in common: their covariance is likeness = root root^T, times their variance.
+        self._root = np.eye(model.n_states)
+        if model.likeness is not None:
+            self._root[: model.n_parts, : model.n_parts] = np.linalg.cholesky(model.likeness)
+        self._likeness = self._root @ self._root.T
+        self._unrooted = np.linalg.inv(self._root[: model.n_parts, : model.n_parts]).T
+        self.consider()
+
+    @property
+    def first_phi(self) -> Array:
+        """(10,) of the body that the search starts from, in the sensor frame."""
+        return np.asarray(self.model.to_sensor @ self.model.evaluate(self._guess[None])[0][0])
+
+    def consider(self, *cases: int) -> None:
+        """Look at these hypotheses only, or at all of them again when none is named."""
+        self._left = np.array(cases or range(len(self.hypotheses)), dtype=np.int64)
+
+    def refine(
+        self, normals: NormalEquations, likelihood: Callable[[Array, Indices], Array], effort: SolverEffort
+    ) -> Posterior:
+        """Solve every hypothesis that is left, from where it was left, and average.
+
+        Args:
+            normals: the samples, weighted as the last answer suggests; (B, 16, 16) and (B, 16), for each bias case.
+            likelihood: log likelihood (H,) of unknowns (H, 16) of bias cases (H,), each weighted as it says itself.
+            effort: how hard to try.
+        """
+        case = self.hypotheses.bias_case[self._left]
+        reduced = WithoutBias.of(self._scaled(normals), self.hypotheses.bias_variances)
+        variances = self.hypotheses.state_variances[self._left]
+        mode = self._climb(self._states[self._left], variances, reduced, case, effort)
+        self._states[self._left] = mode.states
+        unknowns = np.concatenate([mode.phi, reduced.bias(case, mode.phi)], axis=1)
+        back = self._to_sensor()
+        system = _IDENTITY[:10, :10] + mode.prior @ reduced.information[case]
+        log = likelihood(unknowns @ back.T, case) - mode.penalty - np.linalg.slogdet(system)[1] / 2
+        log += self.hypotheses.log_probability[self._left] + reduced.log_prior(case, unknowns[:, 10:])
+        log = self.hypotheses.balanced(self._left, log)
+        keep = _normalised(log) >= effort.negligible
+        self._left, case, weights = self._left[keep], case[keep], _normalised(log[keep])
+        inner = self._narrowed(mode.states[keep], reduced.information[case])
+        covariance = reduced.joint_covariance(case, inner)
+        mean = weights @ unknowns[keep]
+        scatter = unknowns[keep] - mean
+        total = mixed(weights, covariance + scatter[:, :, None] * scatter[:, None, :])
+        total = back @ (total + total.T) @ back.T / 2
+        return Posterior(back @ mean, total, mode.states[keep], self._left, case, log[keep])
+
+    def shown(self, normal: NormalEquations, posterior: Posterior) -> Array:
+        """(10, 10) information about phi that is in the samples alone, the bias as uncertain as before them."""
+        variance = posterior.weights @ self.hypotheses.bias_variances[posterior.bias_cases]
+        scaled = self._scaled(normal)
+        stack = NormalEquations(scaled.information[None], scaled.vector[None])
+        inverse = np.linalg.inv(self._to_sensor()[:10, :10])
+        return np.asarray(inverse.T @ WithoutBias.of(stack, variance[None]).information[0] @ inverse)
+
+    def along(self, normals: NormalEquations, posterior: Posterior | None) -> tuple[Array, Array]:
+        """Log evidence (B, L) and unknowns (B, L, 16), for each case of the bias, at lags that differ a little.
+
+        The model is linearised about what each case has arrived at; or, without a posterior, about the first guess.
+
+        Args:
+            normals: (L, 16, 16) and (L, 16).
+            posterior: the answer for one of the lags.
+        """
+        scaled = self._scaled(normals)
+        states, variances = self._typical(posterior)
+        phi, jacobian = self._linearised(states)
+        full = np.zeros((len(states), N_UNKNOWNS, N_UNKNOWNS))
+        full[:, range(10, 16), range(10, 16)] = self.hypotheses.bias_variances
+        full[:, :10, :10] = self._prior(jacobian, variances)
+        mean = np.zeros((len(states), N_UNKNOWNS))
+        mean[:, :10] = phi + _apply(jacobian, self._guess - states)
+        gradient = scaled.vector - (scaled.information @ mean[:, None, :, None])[..., 0]  # (B, L, 16)
+        system = _IDENTITY + full[:, None] @ scaled.information
+        step = _solve(system, (gradient @ full)[..., None])[..., 0]
+        log = np.sum(gradient * step, axis=-1) + ((scaled.vector + gradient) @ mean[:, :, None])[..., 0]
+        return (log - np.linalg.slogdet(system)[1]) / 2, (mean[:, None] + step) @ self._to_sensor().T
+
+    def _typical(self, posterior: Posterior | None) -> tuple[Array, Array]:
+        """(B, n) states and (B, n) prior variances, on average over the hypotheses with the same case of the bias."""
+        scouts = self.hypotheses.scouts
+        states, variances = self._starts.copy(), self.hypotheses.state_variances[scouts]
+        if posterior is None:
+            return states, variances
+        for case in range(len(scouts)):
+            same = posterior.bias_cases == case
+            if same.any():
+                weights = _normalised(posterior.log_weights[same])
+                states[case] = weights @ posterior.states[same]
+                variances[case] = weights @ self.hypotheses.state_variances[posterior.left[same]]
+        return states, variances
+
+    def _climb(
+        self, states: Array, variances: Array, reduced: WithoutBias, case: Indices, effort: SolverEffort
+    ) -> "_Mode":
+        """Gauss-Newton on H hypotheses at once, each until it has settled; a step for the worse is shortened.
+
+        Args:
+            states: (H, n) to start from.
+            variances: (H, n) of the prior.
+            reduced: normal equations, and
+            case: (H,) which of them.
+            effort: how hard to try.
+        """
+        mode = _Mode.at(states)
+        step, length = np.zeros_like(mode.states), np.ones(len(mode.states))
+        moving = np.arange(len(mode.states))
+        for _ in range(effort.max_iterations):
+            trial = self._moved(mode.states[moving], step[moving], length[moving])
+            phi, jacobian = self._linearised(trial)
+            penalty = self._penalty(trial, variances[moving])
+            linear, square = reduced.vector[case[moving]], reduced.information[case[moving]]
+            log = np.sum(phi * (linear - _apply(square, phi) / 2), axis=1) - penalty
+            gain = log - mode.log[moving]
+            better = gain >= 0
+            length[moving] = np.where(better, 1.0, length[moving] * SHORTENING)
+            gained = moving[better]
+            prior = self._prior(jacobian[better], variances[gained])
+            for target, value in zip(
+                (mode.states, mode.phi, mode.prior, mode.penalty, mode.log),
+                (trial[better], phi[better], prior, penalty[better], log[better]),
+                strict=True,
+            ):
+                target[gained] = value
+            step[gained] = self._gauss_newton(
+                trial[better], phi[better], jacobian[better], variances[gained], square[better], linear[better]
+            )
+            moving = moving[np.abs(gain) > effort.tolerance]
+            if not len(moving):
+                break
+        return mode
+
+    def _gauss_newton(
+        self, states: Array, phi: Array, jacobian: Array, variances: Array, square: Array, linear: Array
+    ) -> Array:
+        """(H, n) relative changes of part masses and changes of deformations, in the ten dimensions of phi.
+
+        phi is linear in the masses: only their sign limits the step. Parts that would lose more than is allowed lose
+        that, and the others make the best of it.
+        """
+        n_parts = self.model.n_parts
+        offset = self._guess - states
+        free = np.ones(offset.shape, dtype=bool)
+        for _ in range(2):
+            prior = self._prior(jacobian, variances, free)
+            mean = phi + _apply(jacobian, offset)
+            gradient = linear - _apply(square, mean)
+            change = _solve(_IDENTITY[:10, :10] + prior @ square, _apply(prior, gradient)[..., None])[..., 0]
+            # The prior of the state, moved by what the samples pull at phi: C^-1 times the change is that pull.
+            pull = _apply(jacobian.swapaxes(1, 2), gradient - _apply(square, change)) * free
+            step = offset + pull @ self._likeness * variances * free
+            step[:, :n_parts] += ANY_MASS * pull[:, :n_parts].sum(axis=1, keepdims=True) * free[:, :n_parts]
+            lost = step[:, :n_parts] < -LARGEST_FALL
+            if not lost.any():
+                break
+            offset[:, :n_parts][lost] = -LARGEST_FALL
+            free[:, :n_parts][lost] = False
+        return np.asarray(step)
+
+    def _moved(self, states: Array, step: Array, length: Array) -> Array:
+        """States after a share of their steps, with all of them short enough for masses to stay positive."""
+        n_parts = self.model.n_parts
+        fall = -step[:, :n_parts].min(axis=1) / LARGEST_FALL
+        turn = np.abs(step[:, n_parts:]).max(axis=1) / LARGEST_STEP
+        taken = step * (length / np.maximum(1.0, np.maximum(fall, turn)))[:, None]
+        taken[:, :n_parts] = np.log1p(taken[:, :n_parts])
+        return np.asarray(states + taken)
+
+    def _linearised(self, states: Array) -> tuple[Array, Array]:
+        """(H, 10) phi and (H, 10, n) its derivative, in units of the guessed mass."""
+        phi, jacobian = self.model.evaluate(states)
+        return phi / self._scale, jacobian / self._scale
+
+    def _prior(self, jacobian: Array, variances: Array, free: "Mask | None" = None) -> Array:
+        """(H, 10, 10) covariance of phi, when the total mass of the free parts may be anything."""
+        if free is not None:
+            jacobian = jacobian * free[:, None]
+        mass = jacobian[:, :, : self.model.n_parts].sum(axis=2)
+        rooted = jacobian @ self._root
+        spread = (rooted * variances[:, None]) @ rooted.swapaxes(1, 2)
+        return np.asarray(spread + ANY_MASS * mass[:, :, None] * mass[:, None, :])
+
+    def _narrowed(self, states: Array, information: Array) -> Array:
+        """(H, 10, 10) posterior covariance of phi; symmetric all the way, so that it stays positive."""
+        n_parts, variances = self.model.n_parts, self.hypotheses.state_variances[self._left]
+        jacobian = self._linearised(states)[1]
+        mass = np.sqrt(ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
+        root = np.concatenate([jacobian @ self._root * np.sqrt(variances)[:, None], mass], axis=2)
+        back = root.swapaxes(1, 2)
+        seen = back @ information @ root
+        try:
+            half = np.linalg.inv(np.linalg.cholesky(np.eye(root.shape[2]) + seen)) @ back
+        except np.linalg.LinAlgError:  # rounding has made information negative that there is none of
+            eigenvalues, vectors = np.linalg.eigh(seen)
+            half = (vectors / np.sqrt(1 + eigenvalues.clip(min=0.0))[:, None]).swapaxes(1, 2) @ back
+        return np.asarray(half.swapaxes(1, 2) @ half)
+
+    def _penalty(self, states: Array, variances: Array) -> Array:
+        """(H,) minus the log of the prior: densities about a common one, that about the guess, deformations."""
+        n_parts = self.model.n_parts
+        densities, deformations = (states - self._guess)[:, :n_parts] @ self._unrooted, states[:, n_parts:]
+        ones = self._unrooted.sum(axis=0)  # what all densities have in common, when the rest has nothing in common
+        number = float(ones @ ones)
+        common = densities @ ones / number
+        spread = variances[:, :n_parts].mean(axis=1)
+        apart = np.sum((densities - common[:, None] * ones) ** 2, axis=1) / np.maximum(spread, _TINY)
+        together = number * common**2 / (spread + number * ANY_MASS)
+        return np.asarray((apart + together + np.sum(deformations**2 / variances[:, n_parts:], axis=1)) / 2)
+
+    def _to_sensor(self) -> Array:
+        """(16, 16) from normalised phi in units of the guessed mass, and bias, to the sensor frame."""
+        back = np.eye(N_UNKNOWNS)
+        back[:10, :10] = self.model.to_sensor * self._scale
+        return back
+
+    def _scaled(self, normal: NormalEquations) -> NormalEquations:
+        """The same in normalised phi, in units of the guessed mass."""
+        back = self._to_sensor()
+        return NormalEquations(back.T @ normal.information @ back, normal.vector @ back)
+
+
+@dataclass(eq=False)
+class _Mode:
+    """Where Gauss-Newton has got to, per hypothesis.
+
+    Args:
+        states: (H, n) best so far.
+        phi: (H, 10) there.
+        prior: (H, 10, 10) prior covariance of phi there.
+        penalty: (H,) minus the log of the prior there.
+        log: (H,) log of likelihood times prior there, up to what a hypothesis keeps to itself.
+    """
+
+    states: Array
+    phi: Array
+    prior: Array
+    penalty: Array
+    log: Array
+
+    @classmethod
+    def at(cls, states: Array) -> "_Mode":
+        """Nothing known yet of these states."""
+        n = len(states)
+        return cls(states.copy(), np.zeros((n, 10)), np.zeros((n, 10, 10)), np.zeros(n), np.full(n, -np.inf))
+
+
+def _normalised(log_weights: Array) -> Array:
+    weights = np.exp(log_weights - log_weights.max())
+    return np.asarray(weights / weights.sum())
+
+
+def _solve(systems: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(systems, right), dtype=np.float64)
+
+
+def _apply(matrices: Array, vectors: Array) -> Array:
+    """(..., N) matrix times vector, row by row."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])

@@ -1,0 +1,221 @@
+"""Weighing for hours: the estimate refines during ordinary work, and starts over when the payload has changed."""
+
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poise.errors import NoAnswerError
+from poise.inertia.bayes.estimator import BayesSolution, PoiseEstimator
+from poise.inertia.model import NoiseLevels, Parts
+from poise.robot import SensorMotion
+from poise.types import Array, Stamps
+
+BLOCK = 50_000_000
+"""ns: a change begins within one, and only the next one is all of the new payload."""
+
+WINDOWS = (5, 6, 8)
+"""Blocks, the newest of which may have begun just now, in which a change shows."""
+
+LEAST = 240_000_000
+"""ns that they span; a knock is over before."""
+
+CERTAIN = 14.0
+"""Log of the odds of a change against none: a million to one."""
+
+SUSPICIOUS = 3.0
+"""Below this, what came last may become part of what is expected at once; above, when it is no change for long."""
+
+LEAST_CHANGE, LEAST_SHARE = 0.03, 0.1
+"""kg, and share of the mass, by which payloads differ that count as two; models of a motion err by less."""
+
+EXPLAINED = 8.0
+"""Standard deviations by which a block may differ from the new payload and still be held for it."""
+
+LOOK, REFERENCE, PATIENCE = 50_000_000, 1_000_000_000, 600_000_000
+"""ns between looks for a change, and between what they compare with; and of doubt that was no change after all."""
+
+MEMORY = 2_000_000_000
+"""ns of samples, for a new beginning."""
+
+SPREAD_AFTER, LEAST_SPREAD = 3.0, 0.1
+"""Of the bias after a change: in units of how well it was known before, but at least this share of a sample's noise."""
+
+
+@dataclass(frozen=True)
+class PayloadChange:
+    """The payload is another one from here on: grasped, released, spilt.
+
+    Args:
+        stamp: of the sample with which it became certain, ns.
+        since: from which on samples belong to the new payload, ns.
+        mass_before, mass_after: kg, the latter a first guess.
+    """
+
+    stamp: int
+    since: int
+    mass_before: float
+    mass_after: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """What one call of `add` brought: (N,) ns, and gravity, a, omega, alpha, wrench in the columns of (N, 18)."""
+
+    stamps: Stamps
+    rows: Array
+
+
+class ContinuousEstimator:
+    """A `PoiseEstimator` that is not surprised for long.
+
+    What tells a change from a push is what explains it: the newest blocks contradict the payload, and another payload
+    explains them. The new one begins without a shape (see `hold`), but with the bias as it was known. A push that lasts
+    and does not turn with the sensor is a payload like any other; so is a slow leak, which is not noticed.
+
+    Args:
+        parts: of the object held at the beginning; None when there is none, or its shape is not known.
+        noise: of samples, and how large a bias to expect.
+        options: of `PoiseEstimator`.
+    """
+
+    def __init__(self, parts: Parts | None = None, noise: NoiseLevels | None = None, **options: Any) -> None:
+        self.changes: list[PayloadChange] = []
+        self._options = options
+        self._tare = np.zeros(6)
+        self._memory: deque[_Samples] = deque()
+        self._since = self._looked = self._sure = np.iinfo(np.int64).min
+        self._solved: int | None = None
+        self._mass: float | None = None
+        self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **options)
+
+    def hold(self, parts: Parts | None) -> None:
+        """Say what is held since the last change; to be called soon after it, while samples are remembered."""
+        self._restart(self._since, parts, self._estimator.noise)
+
+    def add(
+        self,
+        stamps: ArrayLike,
+        gravity_in_sensor: ArrayLike,
+        linear_acceleration: ArrayLike,
+        angular_velocity: ArrayLike,
+        angular_acceleration: ArrayLike,
+        wrench: ArrayLike,
+    ) -> PayloadChange | None:
+        """Add samples, see `PoiseEstimator.add`.
+
+        Returns:
+            The change that they made certain, if any.
+        """
+        when = np.asarray(stamps, dtype=np.int64).reshape(-1)
+        columns = (gravity_in_sensor, linear_acceleration, angular_velocity, angular_acceleration, wrench)
+        rows = np.concatenate([np.reshape(column, (len(when), -1)) for column in columns], axis=1)
+        self._memory.append(_Samples(when, rows))
+        self._feed(self._memory[-1])
+        now = int(when[-1])
+        if self._solved is None:
+            self._solved = self._sure = int(when[0])
+        while self._memory[0].stamps[-1] < now - MEMORY:
+            self._memory.popleft()
+        if now - self._looked < LOOK:
+            return None
+        self._looked = now
+        return self._look(now)
+
+    def add_motion(self, motion: SensorMotion, wrench: ArrayLike) -> PayloadChange | None:
+        """Add samples of a motion and the wrenches (N, 6) at its stamps; see `add`."""
+        return self.add(
+            motion.stamps,
+            motion.gravity_in_sensor(self._estimator.gravity),
+            motion.linear_acceleration_in_sensor,
+            motion.angular_velocity_in_sensor,
+            motion.angular_acceleration_in_sensor,
+            wrench,
+        )
+
+    @property
+    def tare(self) -> Array:
+        """(6,) what the sensor read with nothing on it when the payload changed last, N and N m."""
+        return self._tare
+
+    @property
+    def noise(self) -> NoiseLevels:
+        """Of samples; and how well that is known."""
+        return self._estimator.noise
+
+    @property
+    def mass(self) -> float | None:
+        """kg that newer samples are compared with; None before there is an answer."""
+        return self._mass
+
+    @property
+    def since(self) -> int:
+        """ns from which on samples are of the payload held now."""
+        return self._since
+
+    def solve(self) -> BayesSolution:
+        """Estimate the payload held now.
+
+        Raises:
+            NoAnswerError: TOO_FEW_SAMPLES soon after the beginning.
+        """
+        solution = self._estimator.solve()
+        return replace(solution, bias=solution.bias + self._tare)
+
+    def _look(self, now: int) -> PayloadChange | None:
+        """Compare the newest samples with what is expected, and work that out anew from time to time."""
+        most = 0.0
+        for count in WINDOWS:
+            begin = (now // BLOCK - count + 1) * BLOCK
+            if self._solved is None or begin <= self._solved:
+                continue
+            found = self._estimator.contradiction(begin, LEAST)
+            if found is None:
+                continue
+            most = max(most, found.log_odds)
+            before = float(self._known.phi[0])
+            differs = abs(found.mass - before) > max(LEAST_CHANGE, LEAST_SHARE * before)
+            if differs and found.log_odds > CERTAIN and found.surprise < EXPLAINED:
+                change = PayloadChange(now, begin, before, found.mass)
+                self.changes.append(change)
+                self._begin(begin)
+                self._mass = found.mass
+                return change
+        if most < SUSPICIOUS:
+            self._sure = now
+        settled = most < SUSPICIOUS or now - self._sure > PATIENCE
+        if settled and self._solved is not None and now - self._solved > REFERENCE:
+            self._expect(now)
+        return None
+
+    def _expect(self, now: int) -> None:
+        """Solve, and compare later samples with the answer."""
+        try:
+            solution = self._estimator.solve()
+        except NoAnswerError:  # too early
+            return
+        self._solved, self._mass = now, float(solution.phi[0])
+        self._known = solution
+
+    def _begin(self, since: int) -> None:
+        """Start over from a stamp on, with nothing but the bias."""
+        self._tare = self._tare + self._known.bias
+        deviation = np.sqrt(np.diag(self._known.bias_covariance).reshape(2, 3).max(axis=1))
+        noise = self._estimator.noise
+        spread = np.maximum(SPREAD_AFTER * deviation, LEAST_SPREAD * np.array([noise.force, noise.torque]))
+        told = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
+        self._since = since
+        self._restart(since, None, told)
+
+    def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:
+        self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **self._options)
+        self._solved = self._sure = since
+        for samples in self._memory:
+            late = samples.stamps >= since
+            self._feed(_Samples(samples.stamps[late], samples.rows[late]))
+
+    def _feed(self, samples: _Samples) -> None:
+        gravity, linear, omega, alpha = (samples.rows[:, 3 * k : 3 * k + 3] for k in range(4))
+        self._estimator.add(samples.stamps, gravity, linear, omega, alpha, samples.rows[:, 12:] - self._tare)

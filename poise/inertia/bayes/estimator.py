@@ -1,0 +1,275 @@
+"""Poise's own estimator: part masses, slack, bias and delay from the sums over all samples, with honest covariance."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull, QhullError
+
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import GRAVITY_IN_WORLD
+from poise.inertia.bayes.averaging import ModelAverage
+from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
+from poise.inertia.bayes.delay import LAG_STEP, LagGrid
+from poise.inertia.bayes.findings import not_shown, nothing_held, outside, wrong_shape, zeroed_under_load
+from poise.inertia.bayes.first_guess import blob, states_of_shape
+from poise.inertia.bayes.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
+from poise.inertia.bayes.mass_model import MassModel
+from poise.inertia.bayes.recorder import BlockRecorder
+from poise.inertia.bayes.search import Contradiction, PosteriorSearch
+from poise.inertia.model import (
+    IdentificationProblem,
+    InertialParameters,
+    InertialSolution,
+    NoiseLevels,
+    Parts,
+    RejectedInterval,
+    mixed,
+    normal_equations,
+    root_mean_square,
+)
+from poise.robot import SensorMotion
+from poise.types import Array, Mask
+
+LONGEST_DELAY = 0.06
+"""s, either way."""
+
+SHAPE_ACCURACY = 0.0007
+"""Relative error of lengths in a shape from CAD; one from a scan is good to 0.03, say."""
+
+SHAPE_RESOLUTION = 1e-5
+"""m: no length is known better, however short."""
+
+BENT = 0.02
+"""Deformation of the shape from which the centre of mass might be outside."""
+
+EXTERNAL_CONTACT = "external_contact"
+
+
+@dataclass(frozen=True, eq=False)
+class BayesSolution(InertialSolution):
+    """What `PoiseEstimator` makes of the samples. phi and its covariance are whole: what the motion alone does not
+    show (`unidentified`) is known from the shape, as well as the covariance says, and is not NaN.
+
+    Args:
+        stamp: of the newest sample used, ns.
+        points: (P, 3) m whose hull is the object's; may be empty.
+    """
+
+    stamp: int = 0
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @property
+    def parameters(self) -> InertialParameters:
+        """Mass, centre of mass, inertia about it."""
+        return InertialParameters.from_phi(self.phi)
+
+    @property
+    def consistent(self) -> bool:
+        """A body with these parameters can exist: the pseudo-inertia is positive definite."""
+        return self.parameters.is_consistent
+
+    @cached_property
+    def com_in_hull(self) -> bool | None:
+        """The centre of mass lies in the convex hull of the object; None when its outline is not known."""
+        if len(self.points) < 4:
+            return None
+        try:
+            faces = ConvexHull(self.points).equations
+        except QhullError:  # a flat outline has no inside
+            return None
+        return bool(np.all(faces[:, :3] @ self.parameters.com + faces[:, 3] <= 1e-9))
+
+
+class PoiseEstimator:
+    """Recursive estimator of what a sensor holds; what samples say is kept in sums, so order and portions are free.
+
+    See docs/estimator.md for the mathematics.
+
+    Args:
+        parts: of the object, in the sensor frame; None when nothing is known of its shape.
+        noise: of samples, and how large a bias to expect.
+        gravity: (3,) m/s2 in the world.
+        limits: (6,) |wrench| from which the sensor is saturated, N and N m.
+        longest_delay: s between the clocks, either way; 0 when they are known to be one.
+        lag_step: s in which the motion hardly changes.
+        shape_accuracy: relative error of lengths in the shape.
+        block: ns of samples that are kept, or left out, together.
+
+    Raises:
+        InputError: BAD_INPUT for noise levels or accuracies that are not positive.
+    """
+
+    def __init__(
+        self,
+        parts: Parts | None = None,
+        noise: NoiseLevels | None = None,
+        *,
+        gravity: ArrayLike = GRAVITY_IN_WORLD,
+        limits: ArrayLike = np.inf,
+        longest_delay: float = LONGEST_DELAY,
+        lag_step: float = LAG_STEP,
+        shape_accuracy: float = SHAPE_ACCURACY,
+        block: int = BLOCK,
+    ) -> None:
+        self.parts = parts
+        self.noise = noise or NoiseLevels()
+        self.gravity = np.asarray(gravity, dtype=np.float64)
+        if not (min(self.noise.force, self.noise.torque) > 0 and shape_accuracy > 0 and longest_delay >= 0):
+            raise InputError(
+                ErrorCode.BAD_INPUT,
+                f"estimator: noise of {self.noise.force} N and {self.noise.torque} N m, shape accuracy"
+                f" {shape_accuracy}, longest delay {longest_delay} s: the first three must be positive, and no sensor"
+                " is without noise",
+            )
+        self.shape_accuracy = shape_accuracy
+        self._grid = LagGrid(longest_delay, lag_step)
+        self._recorder = BlockRecorder(self._grid, limits, block)
+        self._search: PosteriorSearch | None = None
+        self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes, parts.likeness)
+
+    def add(
+        self,
+        stamps: ArrayLike,
+        gravity_in_sensor: ArrayLike,
+        linear_acceleration: ArrayLike,
+        angular_velocity: ArrayLike,
+        angular_acceleration: ArrayLike,
+        wrench: ArrayLike,
+    ) -> None:
+        """Add samples in the order of time, one or many: (N,) ns, four (N, 3), (N, 6), all in the sensor frame."""
+        self._recorder.add(
+            stamps,
+            np.subtract(gravity_in_sensor, linear_acceleration),
+            angular_velocity,
+            angular_acceleration,
+            wrench,
+        )
+
+    def add_problem(self, problem: IdentificationProblem) -> None:
+        """Add all samples of a problem."""
+        self.add(
+            problem.stamps,
+            problem.gravity_in_sensor,
+            problem.linear_acceleration,
+            problem.angular_velocity,
+            problem.angular_acceleration,
+            problem.wrench,
+        )
+
+    def add_motion(self, motion: SensorMotion, wrench: ArrayLike) -> None:
+        """Add samples of a motion and the wrenches (N, 6) at its stamps."""
+        self.add(
+            motion.stamps,
+            motion.gravity_in_sensor(self.gravity),
+            motion.linear_acceleration_in_sensor,
+            motion.angular_velocity_in_sensor,
+            motion.angular_acceleration_in_sensor,
+            wrench,
+        )
+
+    def solve(self) -> BayesSolution:
+        """Estimate from all samples so far.
+
+        Raises:
+            NoAnswerError: TOO_FEW_SAMPLES when fewer than three samples can be used.
+        """
+        blocks = self._recorder.blocks
+        if blocks.sizes.sum() < 3:
+            counts = ", ".join(f"{count} {reason}" for reason, count in self._recorder.log.counts.items())
+            raise NoAnswerError(
+                ErrorCode.TOO_FEW_SAMPLES,
+                f"{blocks.sizes.sum()} wrench samples can be used, and at least 3 are needed; rejected:"
+                f" {counts or 'none'}",
+                n_samples=int(blocks.sizes.sum()),
+            )
+        self._search = PosteriorSearch(blocks, self._grid, self.noise, self._prior(blocks)).run()
+        return self._dressed(self._search)
+
+    def contradiction(self, since: int, least: int) -> Contradiction | None:
+        """How much better another payload than the last one solved for would explain the blocks from a stamp on.
+
+        Args:
+            since: ns.
+            least: ns that they have to span.
+
+        Returns:
+            None when they do not, or nothing was solved for.
+        """
+        blocks = self._recorder.blocks
+        late = blocks.select(blocks.start >= since)
+        if self._search is None or not len(late) or late.end[-1] - late.start[0] < least:
+            return None
+        return self._search.contradiction(late)
+
+    def _prior(self, blocks: MomentBlocks) -> ModelAverage:
+        """What may be true of the object, and where to begin."""
+        moments = mixed(self._grid.weights(0.0), blocks.moments.sum(axis=0))
+        normal = normal_equations(moments, blocks.sizes.sum(), np.diag(self.noise.wrench**2), self.noise)
+        if self._model is None:
+            model, starts = blob(normal, bias_variances(self.noise))
+            return ModelAverage(model, hypotheses_for_blob(model, self.noise), starts)
+        hypotheses = hypotheses_for_shape(self._model.n_parts, self.shape_accuracy, self.noise)
+        starts = states_of_shape(self._model, normal, hypotheses.bias_variances)
+        return ModelAverage(self._model, hypotheses.rougher(self._model.roughness(SHAPE_RESOLUTION)), starts)
+
+    def _dressed(self, search: PosteriorSearch) -> BayesSolution:
+        posterior, blocks, keep = search.posterior, search.blocks, search.keep
+        unknowns, covariance, delay = posterior.unknowns, search.covariance, search.delay
+        n = int(blocks.sizes[keep].sum())
+        squares = search.found.squares[keep].sum(axis=0)
+        doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])
+        findings = [
+            nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0]))),
+            wrong_shape(doubt),
+            zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity))),
+        ]
+        estimated = len(self._grid) > 1
+        solution = BayesSolution(
+            phi=unknowns[:10],
+            covariance=covariance[:10, :10],
+            bias=unknowns[10:],
+            bias_covariance=covariance[10:, 10:],
+            unidentified=not_shown(search.shown, unknowns[:10]),
+            condition_number=search.condition_number,
+            residual_force=root_mean_square(squares[0], n),
+            residual_torque=root_mean_square(squares[1], n),
+            n_samples=n,
+            n_effective=float(n / search.slow.max()),
+            stamp=int(blocks.end[keep][-1]),
+            delay=delay.mean if estimated else np.nan,
+            delay_std=delay.std if estimated else np.nan,
+            rejected=tuple(sorted((*self._recorder.log.intervals, *pushed(blocks, keep)), key=lambda span: span.start)),
+            points=np.zeros((0, 3)) if self.parts is None else self.parts.points,
+        )
+        # Parts lie inside the hull; only a shape that is bent to fit can leave it.
+        if not findings[1] and search.bent > BENT and solution.com_in_hull is False:
+            findings.append(outside(solution.parameters.com))
+        return replace(solution, findings=tuple(finding for finding in findings if finding is not None))
+
+
+def pushed(blocks: MomentBlocks, keep: Mask) -> list[RejectedInterval]:
+    """Stretches of blocks that were not kept."""
+    spans: list[RejectedInterval] = []
+    edges = np.flatnonzero(np.diff(~keep, prepend=False, append=False))
+    for first, past in edges.reshape(-1, 2):
+        start, end = int(blocks.start[first]), int(blocks.end[past - 1])
+        spans.append(RejectedInterval(start, end, int(blocks.sizes[first:past].sum()), EXTERNAL_CONTACT))
+    return spans
+
+
+def poise(problem: IdentificationProblem) -> BayesSolution:
+    """`PoiseEstimator` on all samples of a problem at once; the calling form of all methods.
+
+    Raises:
+        NoAnswerError: TOO_FEW_SAMPLES.
+    """
+    parts = None
+    if problem.unit_parts is not None:
+        volumes = np.ones(problem.unit_parts.shape[1]) if problem.part_volumes is None else problem.part_volumes
+        points = np.zeros((0, 3)) if problem.shape_points is None else problem.shape_points
+        parts = Parts(problem.unit_parts, volumes, points)
+    estimator = PoiseEstimator(parts, problem.noise)
+    estimator.add_problem(problem)
+    return estimator.solve()

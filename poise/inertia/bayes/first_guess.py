@@ -1,0 +1,63 @@
+"""Where to begin: the mass, and for a body of unknown shape also where it is and how large."""
+
+import numpy as np
+
+from poise.inertia.bayes.mass_model import MassModel
+from poise.inertia.model import N_UNKNOWNS, NormalEquations
+from poise.types import Array
+
+LEAST_MASS = 0.3
+"""In its own standard deviations, when the samples show none."""
+
+SPREAD = np.concatenate([[10.0], np.full(3, 1.0), np.full(6, 0.1)])
+"""kg, kg m, kg m2: of what a sensor holds, at most."""
+
+TYPICAL_DENSITY = 2000.0
+"""kg/m3, between wood and steel."""
+
+ELONGATION = 1.5
+"""What a hand tool's radius of gyration is, in units of that of a ball."""
+
+REACH = 1.0
+"""m, beyond which nothing is held."""
+
+
+def states_of_shape(model: MassModel, normal: NormalEquations, bias_variances: Array) -> Array:
+    """(B, n) states of the homogeneous body, with the mass that fits best for each prior of the bias (B, 6)."""
+    directions = np.zeros((N_UNKNOWNS, 7))
+    directions[:10, 0] = model.to_sensor @ model.evaluate(np.zeros((1, model.n_states)))[0][0]
+    directions[10:, 1:] = np.eye(6)
+    states = np.zeros((len(bias_variances), model.n_states))
+    for state, variances in zip(states, bias_variances, strict=True):
+        mean, deviation = _ridge(normal, directions, np.concatenate([[np.inf], variances]))
+        state[: model.n_parts] = np.log(max(mean[0], LEAST_MASS * deviation[0]))
+    return states
+
+
+def blob(normal: NormalEquations, bias_variances: Array) -> tuple[MassModel, Array]:
+    """A body of unknown shape about where the samples put it, and (B, n) states for each prior of the bias (B, 6)."""
+    masses, centres = np.empty(len(bias_variances)), np.empty((len(bias_variances), 3))
+    for case, variances in enumerate(bias_variances):
+        mean, deviation = _ridge(normal, np.eye(N_UNKNOWNS), np.concatenate([SPREAD**2, variances]))
+        masses[case] = max(mean[0], LEAST_MASS * deviation[0])
+        centre = mean[1:4] / masses[case]
+        centres[case] = centre * min(1.0, REACH / max(float(np.linalg.norm(centre)), REACH))
+    sphere = np.cbrt(3 * masses[EXPECTED] / (4 * np.pi * TYPICAL_DENSITY))
+    model = MassModel.of_blob(centres[EXPECTED], float(ELONGATION * sphere / np.sqrt(5)))
+    states = np.zeros((len(masses), model.n_states))
+    states[:, 0] = np.log(masses)
+    states[:, -3:] = (centres - centres[EXPECTED]) / model.radii
+    return model, states
+
+
+EXPECTED = 1
+"""The case of the bias that is neither zero nor anything."""
+
+
+def _ridge(normal: NormalEquations, directions: Array, variances: Array) -> tuple[Array, Array]:
+    """Mean and deviation (M,) of unknowns along directions (16, M), with prior variances (M,) that may be 0 or inf."""
+    scale = np.sqrt(np.where(np.isfinite(variances), variances, 1.0))
+    inside = directions * scale
+    information = inside.T @ normal.information @ inside + np.diag(np.isfinite(variances).astype(float))
+    covariance = np.linalg.inv(information)
+    return scale * (covariance @ (inside.T @ normal.vector)), scale * np.sqrt(np.diag(covariance).clip(min=0.0))

@@ -1,0 +1,163 @@
+"""What may be true of an object and its sensor before the first sample: a few cases, each a Gaussian prior."""
+
+import functools
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.inertia.bayes.mass_model import N_DEFORMATIONS, MassModel
+from poise.inertia.model import NoiseLevels
+from poise.types import Array, Mask
+
+DENSITIES = ((0.03, 0.5), (1.0, 0.5))
+"""(spread of the log densities of parts, probability): one material, or several (wood and steel differ by e^2.4)."""
+
+BALANCE = 0.1
+"""Probability that parts of different density balance, so that the object looks like one of a single density.
+
+Made things are symmetric, so a centre of mass where one density would have it is no proof of one density.
+"""
+
+CUT_ACCURACY = 0.0045
+"""Relative error of lengths from parts that are cut in not quite the right place, where densities differ."""
+
+SHAPE_ERRORS = ((1.0, 0.9895), (10.0, 0.01))
+"""(error of the shape in units of its accuracy, probability): as stated, and bad.
+
+The tail is thin because every case adds its square times its probability to the variance of an answer for which the
+samples cannot tell the cases apart.
+"""
+
+WRONG_SHAPE = (0.5, 0.0005)
+"""(relative error of lengths, probability) of a shape that is not the object's."""
+
+SHIFT_PER_STRETCH = 0.7
+"""A centroid errs by this much of the radius of gyration, when the radius errs by one."""
+
+BIASES = ((0.0, 0.5), (1.0, 0.4), (20.0, 0.1))
+"""(spread of the sensor's bias in units of what is expected, probability): zeroed, as expected, never zeroed."""
+
+EXPECTED_BIAS = (0.5, 0.02)
+"""N, N m: of a sensor that was zeroed some time ago; where nothing else is told."""
+
+UNKNOWN_BIAS = (100.0, 5.0)
+"""N, N m: as good as infinite."""
+
+BLOB_STRETCH = 1.0
+"""Spread of the logarithm of a radius of gyration when the shape is not known: hand tools are long or flat."""
+
+BLOB_SHIFT = 0.15
+"""m, spread of the centre of mass about its first guess when the shape is not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """H cases.
+
+    Args:
+        state_variances: (H, K + 9) of a `MassModel` state, about parts of one density and the given shape. The common
+            scale of the densities, the mass that is, is unknown in all cases.
+        bias_case: (H,) row of `bias_variances`.
+        bias_variances: (B, 6) N^2 and (N m)^2.
+        log_probability: (H,).
+        wrong_shape: (H,) bool, the case in which the shape is not that of the object.
+        twins: (H,) the case with several densities where everything else is the same; the case itself where it is that.
+        scouts: (B,) the cases to begin with, one for each bias: free enough to follow the samples, and no freer.
+    """
+
+    state_variances: Array
+    bias_case: NDArray[np.int64]
+    bias_variances: Array
+    log_probability: Array
+    wrong_shape: Mask
+    twins: NDArray[np.int64]
+    scouts: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.log_probability)
+
+    def rougher(self, variances: Array) -> "Hypotheses":
+        """The same with more uncertain deformations, by variances (9,)."""
+        more = np.concatenate([np.zeros(self.state_variances.shape[1] - N_DEFORMATIONS), variances])
+        return replace(self, state_variances=self.state_variances + more)
+
+    def balanced(self, left: NDArray[np.int64], log_weights: Array) -> Array:
+        """Weights (H,) of the cases `left` with the share of one density that may be several in `BALANCE`."""
+        row = np.full(len(self), -1)
+        row[left] = np.arange(len(left))
+        twin = row[self.twins[left]]
+        shares = (twin >= 0) & (twin != np.arange(len(left)))
+        result = log_weights.copy()
+        giving = log_weights[shares] + np.log(BALANCE)
+        np.logaddexp.at(result, twin[shares], giving)
+        result[shares] += np.log1p(-BALANCE)
+        return result
+
+
+@functools.lru_cache(maxsize=64)
+def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels) -> Hypotheses:
+    """All combinations of `DENSITIES`, `BIASES` and errors of the shape, or of how it is cut.
+
+    Args:
+        n_parts: K; a single part has no densities to differ.
+        shape_accuracy: relative error of lengths of the shape.
+        noise: says which bias to expect.
+    """
+    biases = [probability for _, probability in BIASES]
+    one, several = DENSITIES
+    kinds = [(one, _shapes(shape_accuracy)), (several, _shapes(max(shape_accuracy, CUT_ACCURACY)))]
+    if n_parts == 1:
+        kinds = [((0.0, 1.0), kinds[0][1])]
+    cases = [
+        (spread, error, bias, chance * share * biases[bias], rank)
+        for (spread, chance), shapes in kinds
+        for rank, (error, share) in enumerate(shapes)
+        for bias in range(len(biases))
+    ]
+    variances = np.empty((len(cases), n_parts + N_DEFORMATIONS))
+    for row, (spread, error, *_) in zip(variances, cases, strict=True):
+        row[:n_parts] = spread**2
+        row[n_parts : n_parts + 6] = error**2
+        row[n_parts + 6 :] = (SHIFT_PER_STRETCH * error) ** 2
+    size, per_kind = len(cases), len(cases) // len(kinds)
+    return Hypotheses(
+        state_variances=variances,
+        bias_case=np.array([bias for _, _, bias, _, _ in cases]),
+        bias_variances=bias_variances(noise),
+        log_probability=np.log([probability for *_, probability, _ in cases]),
+        wrong_shape=np.array([rank == len(SHAPE_ERRORS) for *_, rank in cases]),
+        twins=size - per_kind + np.arange(size) % per_kind,
+        scouts=size - per_kind + np.arange(len(biases)),
+    )
+
+
+def _shapes(accuracy: float) -> list[tuple[float, float]]:
+    """(relative error, probability) of a shape of some accuracy."""
+    stated = [(min(factor * accuracy, WRONG_SHAPE[0]), probability) for factor, probability in SHAPE_ERRORS]
+    return [*stated, WRONG_SHAPE]
+
+
+def hypotheses_for_blob(model: MassModel, noise: NoiseLevels) -> Hypotheses:
+    """One wide prior for a body of unknown shape, for each bias."""
+    biases = [probability for _, probability in BIASES]
+    variances = np.zeros((len(biases), model.n_states))
+    variances[:, model.n_parts : model.n_parts + 6] = BLOB_STRETCH**2
+    variances[:, model.n_parts + 6 :] = (BLOB_SHIFT / model.radii) ** 2
+    return Hypotheses(
+        state_variances=variances,
+        bias_case=np.arange(len(biases)),
+        bias_variances=bias_variances(noise),
+        log_probability=np.log(biases),
+        wrong_shape=np.zeros(len(biases), dtype=bool),
+        twins=np.arange(len(biases)),
+        scouts=np.arange(len(biases)),
+    )
+
+
+def bias_variances(noise: NoiseLevels) -> Array:
+    """(B, 6) N^2 and (N m)^2, of the cases of the sensor's bias."""
+    told = np.array([noise.force_bias, noise.torque_bias])
+    expected = np.where(told > 0, np.minimum(told, UNKNOWN_BIAS), EXPECTED_BIAS)
+    spreads = np.minimum(np.outer([factor for factor, _ in BIASES], expected), UNKNOWN_BIAS)
+    return np.repeat(spreads**2, 3, axis=1)

@@ -1,0 +1,87 @@
+"""Blocks that no payload explains, because something else touched it; and noise that is more than was said."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.inertia.model import residual_moments
+from poise.types import Array, Mask
+
+UNLIKELY = 6.0
+"""Standard deviations at which a block is held for a push; noise comes there once in a billion."""
+
+NOTABLE = 4.0
+"""Standard errors at which more noise than was said counts as that, and not as chance."""
+
+ENOUGH_BLOCKS = 12
+"""From this many on, means over blocks tell whether errors hang together in time."""
+
+MEAN_UNKNOWNS = 5
+"""Degrees of freedom that the answer takes from the means of one of the two groups of channels, about."""
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What an answer leaves of blocks, in units of what was expected.
+
+    Args:
+        surprise: (B,) of all six channels, as a number of standard deviations.
+        variance_ratio: (B, 2) mean square of force and torque.
+        mean_ratio: (B, 2) the same of block means, times the samples in a block: 1 for white noise.
+        squares: (B, 2) sum of squares of force and torque, N^2 and (N m)^2.
+    """
+
+    surprise: Array
+    variance_ratio: Array
+    mean_ratio: Array
+    squares: Array
+
+
+def residuals(moments: Array, sizes: NDArray[np.int64], unknowns: Array, covariance: Array) -> Residuals:
+    """Compare blocks with an answer.
+
+    Args:
+        moments: (B, 19, 19) sums over samples, see `signals`.
+        sizes: (B,) samples.
+        unknowns: (16,) the answer.
+        covariance: (6, 6) expected of a residual.
+    """
+    second, first = residual_moments(moments, unknowns)
+    squared = np.einsum("bij,ij->b", second, np.linalg.inv(covariance))
+    # Wilson and Hilferty 1931: the cube root of chi-square per degree of freedom is nearly normal.
+    freedom = 6.0 * sizes
+    spread = 2 / (9 * freedom)
+    surprise = (np.cbrt(squared.clip(min=0.0) / freedom) - 1 + spread) / np.sqrt(spread)
+    variance, mean, squares = (np.empty((len(sizes), 2)) for _ in range(3))
+    for group, rows in enumerate((slice(0, 3), slice(3, 6))):
+        inverse = np.linalg.inv(covariance[rows, rows])
+        variance[:, group] = np.einsum("bij,ij->b", second[:, rows, rows], inverse) / (3 * sizes)
+        mean[:, group] = np.einsum("bi,ij,bj->b", first[:, rows], inverse, first[:, rows]) / (3 * sizes)
+        squares[:, group] = np.trace(second[:, rows, rows], axis1=1, axis2=2).clip(min=0.0)
+    return Residuals(surprise, variance, mean, squares)
+
+
+def sample_excess(found: Residuals, sizes: NDArray[np.int64]) -> Array:
+    """(2,) by how much more force and torque vary from sample to sample than expected; 1 where chance explains it.
+
+    The median over blocks, which a push does not move.
+    """
+    freedom = 3 * sizes.mean()
+    median = np.median(found.variance_ratio, axis=0) / (1 - 2 / (9 * freedom)) ** 3
+    by_chance = 1.25 * np.sqrt(2 / (freedom * len(sizes)))
+    return np.where(np.abs(median - 1) > NOTABLE * by_chance, median, 1.0)
+
+
+def slow_excess(found: Residuals, usable: Mask) -> Array:
+    """(2,) by how much more means over blocks vary than white noise lets expect; 1 where chance explains it.
+
+    Errors that hang together in time (a vibration, a model that does not fit) do that. Parameters change no faster
+    than those means, so theirs is the variance that counts.
+    """
+    count = int(usable.sum())
+    if count < ENOUGH_BLOCKS:
+        return np.ones(2)
+    freedom = 3 * count - MEAN_UNKNOWNS
+    means = found.mean_ratio[usable].sum(axis=0) * 3 / freedom
+    return np.where(means > 1 + NOTABLE * np.sqrt(2 / freedom), means, 1.0)

@@ -1,0 +1,252 @@
+"""Weights, delay, outliers and noise depend on the answer and the answer on them: rounds until they agree."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
+from poise.inertia.bayes.blocks import MomentBlocks
+from poise.inertia.bayes.delay import Delay, LagGrid
+from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
+from poise.inertia.model import (
+    N_MOTION,
+    NoiseLevels,
+    NormalEquations,
+    believable,
+    log_likelihood,
+    mixed,
+    normal_equations,
+    residual_covariance,
+)
+from poise.types import Array, Indices, Mask
+
+COARSE, FINE = SolverEffort(0.1, 10, 0.0), SolverEffort(0.003, 25, 1e-4)
+"""Of the first rounds, and of the last ones."""
+
+MAX_ROUNDS = 10
+
+IMPATIENT = 3
+"""Rounds after which noise and blocks are judged by an answer that still moves: perhaps it does because of them."""
+
+STILL = 0.3
+"""Standard deviations; what moves less from round to round has arrived."""
+
+SAME_NOISE = 0.1
+"""Relative change of a variance that does not matter."""
+
+
+HEAVY, REACH = 0.3, 0.15
+"""kg and m: a payload changes by so much, or by its own mass."""
+
+DIFFERENT, DRIFT = 0.02, 0.5
+"""The same payload looks different by this share of itself, and of the noise of a sample."""
+
+YOUNG, LOOK = 0.15, 0.1
+"""After one second an answer is good to this share of the payload, after two to half of it; s it is from at least."""
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """Newer samples against an answer.
+
+    Args:
+        log_odds: of another payload against the same one.
+        mass: of the other one, kg.
+        surprise: standard deviations by which its worst block differs from it.
+    """
+
+    log_odds: float
+    mass: float
+    surprise: float
+
+
+class PosteriorSearch:
+    """The rounds of one estimate, and what they arrive at.
+
+    A delay looks like a bias, and either explains part of the other; so every case of the bias has a delay of its own.
+
+    Args:
+        blocks: the samples.
+        grid: their lags.
+        noise: as told.
+        average: the hypotheses.
+    """
+
+    def __init__(self, blocks: MomentBlocks, grid: LagGrid, noise: NoiseLevels, average: ModelAverage) -> None:
+        self.blocks = blocks
+        self.grid = grid
+        total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
+        self.noise = believable(noise, total, int(blocks.sizes.sum()))
+        self.average = average
+        self.keep: Mask = np.ones(len(blocks), dtype=bool)
+        """(B,) blocks that a payload explains."""
+        self.slow = np.ones(2)
+        """(2,) how many samples of force and of torque weigh as much as one, see `slow_excess`."""
+        n_cases = len(average.hypotheses.bias_variances)
+        self._delays, self._drifts = [Delay()] * n_cases, np.zeros((n_cases, 16))
+        self._shares = np.full(n_cases, 1 / n_cases)  # probability of each case of the bias
+        self._at_delay = grid.weights(0.0)  # of the lags
+        self._sample = np.ones(2)
+        self._phi = average.first_phi
+
+    def run(self) -> "PosteriorSearch":
+        """Go round until nothing moves any more."""
+        normals = self._normals()
+        self._find_delays(normals, None)
+        self.posterior = self._solve(normals, COARSE)
+        for number in range(MAX_ROUNDS):
+            before = self.posterior
+            normals = self._normals()
+            self._find_delays(normals, before)
+            self.posterior = self._solve(normals, FINE)
+            moved = self._moved(before)
+            if (number >= IMPATIENT or not moved) and not self._judge() and not moved:
+                return self
+        self._compare()
+        return self
+
+    @property
+    def delay(self) -> Delay:
+        """Averaged over the cases of the bias."""
+        means = np.array([delay.mean for delay in self._delays])
+        squares = means**2 + np.array([delay.std for delay in self._delays]) ** 2
+        mean = float(self._shares @ means)
+        return Delay(mean, float(np.sqrt(max(self._shares @ squares - mean**2, 0.0))))
+
+    @property
+    def covariance(self) -> Array:
+        """(16, 16) of phi and bias, the uncertainty of the delay included."""
+        moved = self._drifts * np.array([delay.std for delay in self._delays])[:, None]
+        return np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
+
+    def contradiction(self, blocks: MomentBlocks) -> Contradiction:
+        """How much better another payload would explain blocks that came later.
+
+        The same payload may look a little different: biases drift, models of the motion err, and an inertia that was
+        learnt in slow motion is a guess, so that only mass and first moment count.
+        """
+        moments = mixed_blocks(self._at_delay, blocks)
+        total, count = moments.sum(axis=0), float(self._at_delay @ blocks.counts.sum(axis=0))
+        normal = normal_equations(total, count, self._residual_covariance, self.noise)
+        mass = float(self._phi[0])
+        units = np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
+        change = max(HEAVY, mass) * units
+        drift = DRIFT * self.noise.wrench * np.sqrt(np.repeat(self._sample * self.slow, 3))
+        seconds = max((self.blocks.end[-1] - self.blocks.start[0]) * 1e-9, LOOK)
+        different = max(DIFFERENT, YOUNG / seconds) * mass
+        slack = np.concatenate([different * units[:4], change[4:], drift])
+        change = np.concatenate([change[:4], np.zeros(12)])
+        gradient = normal.vector - normal.information @ self.posterior.unknowns
+        expected = self.covariance + np.diag(slack**2)
+        same, _ = _explained(expected, normal.information, gradient)
+        other, step = _explained(expected + np.diag(change**2), normal.information, gradient)
+        unknowns = self.posterior.unknowns + step
+        left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
+        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()))
+
+    @property
+    def shown(self) -> Array:
+        """(10, 10) what the motion alone says of phi."""
+        return self.average.shown(self._normal, self.posterior)
+
+    @property
+    def bent(self) -> float:
+        """By how much the shape had to be deformed, at most, in any hypothesis that is left."""
+        return float(np.abs(self.posterior.states[:, self.average.model.n_parts :]).max())
+
+    @property
+    def condition_number(self) -> float:
+        """Of the samples' information about phi, weighted by the noise of the sensor, columns scaled to one."""
+        moments = mixed(self._at_delay, self._total)
+        normal = normal_equations(moments, 0.0, np.diag(self.noise.wrench**2), self.noise)
+        information = normal.information[:10, :10]
+        scale = np.sqrt(np.diag(information).clip(min=0.0))
+        scale[scale == 0] = 1.0
+        eigenvalues = np.linalg.eigvalsh(information / np.outer(scale, scale))
+        return float(eigenvalues[-1] / eigenvalues[0]) if eigenvalues[0] > 1e-13 else np.inf
+
+    def _normals(self) -> NormalEquations:
+        """At all lags, weighted by the last answer."""
+        self._total = self.blocks.moments[self.keep].sum(axis=0)
+        self._count = int(self.blocks.sizes[self.keep].sum())
+        counts = self.blocks.counts[self.keep].sum(axis=0)
+        self._residual_covariance = residual_covariance(self._phi, self.noise, self._sample * self.slow)
+        return normal_equations(self._total, counts, self._residual_covariance, self.noise)
+
+    def _find_delays(self, normals: NormalEquations, posterior: Posterior | None) -> None:
+        """Compare the lags by the last answer."""
+        if len(self.grid) == 1:
+            return
+        log_evidence, unknowns = self.average.along(normals, posterior)
+        self._delays = [self.grid.estimate(log) for log in log_evidence]
+        means = np.array([delay.mean for delay in self._delays])
+        step = 0.25 * (self.grid.lags[1] - self.grid.lags[0])
+        slopes = (self.grid.weights(means + step) - self.grid.weights(means - step)) / (2 * step)
+        self._drifts = (slopes[:, None] @ unknowns)[:, 0]
+
+    def _solve(self, normals: NormalEquations, effort: SolverEffort) -> Posterior:
+        """Refine the answer."""
+        weights = self.grid.weights(np.array([delay.mean for delay in self._delays]))
+        totals = mixed(weights, self._total)
+        by_delay = np.array([delay.log_integral for delay in self._delays])
+
+        def likelihood(unknowns: Array, cases: Indices) -> Array:
+            inflation = self._sample * self.slow
+            samples = log_likelihood(totals[cases], unknowns, self.noise, inflation)
+            return np.asarray(samples + by_delay[cases])
+
+        posterior = self.average.refine(normals.mixed(weights), likelihood, effort)
+        self._phi = posterior.phi
+        chances, cases = posterior.weights, posterior.bias_cases
+        self._shares = np.array([chances[cases == case].sum() for case in range(len(self._shares))])
+        self._at_delay = self._shares @ weights
+        self._normal = normals.mixed(self._at_delay)
+        return posterior
+
+    def _moved(self, before: Posterior) -> bool:
+        """The answer has changed by something against its uncertainty."""
+        deviation = np.sqrt(np.diag(self.posterior.covariance))[:10]
+        return bool(np.any(np.abs(self.posterior.phi - before.phi) > STILL * deviation))
+
+    def _compare(self) -> None:
+        """What the answer leaves of each block."""
+        unknowns = self.posterior.unknowns
+        self.found = residuals(
+            mixed_blocks(self._at_delay, self.blocks), self.blocks.sizes, unknowns, self._residual_covariance
+        )
+
+    def _judge(self) -> bool:
+        """Judge blocks and noise by the answer; whether that changes anything."""
+        self._compare()
+        keep = self.found.surprise < UNLIKELY
+        if not keep.any():
+            keep = self.keep
+        other_blocks = bool(np.any(keep != self.keep))
+        before = self._sample, self.slow
+        self._sample = np.maximum(self._sample * sample_excess(self.found, self.blocks.sizes), 1.0)
+        other_noise = _differ(self._sample, before[0])
+        if not other_blocks and not other_noise:
+            self.slow = self.slow * slow_excess(self.found, keep)
+            other_noise = _differ(self.slow, before[1])
+        self.keep = keep
+        if other_blocks or other_noise:  # a hypothesis that was dropped may have been dropped for noise
+            self.average.consider()
+        return other_blocks or other_noise
+
+
+def mixed_blocks(weights: Array, blocks: MomentBlocks) -> Array:
+    """(B, 19, 19) sums of blocks, for one delay."""
+    moments = blocks.moments
+    rows = moments.reshape(*moments.shape[:2], -1)
+    return np.asarray((weights @ rows).reshape(-1, *moments.shape[2:]))
+
+
+def _explained(covariance: Array, information: Array, gradient: Array) -> tuple[float, Array]:
+    """Log evidence of a deviation from an answer that is uncertain by (16, 16), and the deviation (16,)."""
+    system = np.eye(16) + covariance @ information
+    step = np.asarray(np.linalg.solve(system, covariance @ gradient), dtype=np.float64)
+    return float(gradient @ step - np.linalg.slogdet(system)[1]) / 2, step
+
+
+def _differ(one: Array, other: Array) -> bool:
+    return bool(np.abs(one / other - 1).max() > SAME_NOISE)

@@ -1,0 +1,204 @@
+"""The door for the shape of a held object: a mesh or a cloud of points in, its parts in the sensor frame out."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import QhullError, cKDTree
+from scipy.spatial.transform import Rotation
+
+from poise.errors import ErrorCode, InputError
+from poise.inertia.model.parts import Parts, cells_of, likeness_of_colours, surface_moments
+from poise.inertia.model.spread_points import spread
+from poise.shape import (
+    MESH_FORMATS,
+    Segmentation,
+    Solid,
+    independent_parts,
+    read_cloud,
+    read_triangles,
+    segment,
+    tetrahedron_moments,
+)
+from poise.types import Array
+
+SAMPLED = 6000
+"""Points on a surface that is not closed."""
+
+LARGEST, SMALLEST = 3.0, 1e-3
+"""m, of what a robot holds."""
+
+PIECES = 8
+"""That a shape of one piece is cut into, because nobody knows whether it is of one material."""
+
+CELLS = 4000
+
+MOST_BODIES = 100
+
+LOOSE_FACES = 0.05
+"""Share of faces outside of closed surfaces from which on the surface counts as open."""
+
+MESH_ACCURACY, UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.015
+"""Relative errors of lengths: a mesh whose bodies are its parts; one that was cut here; a cloud."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectShape:
+    """What is known of an object's shape.
+
+    Args:
+        parts: of it, in the frame asked for.
+        accuracy: relative error of lengths, and of where the parts are cut.
+        words: how it came about, for people.
+    """
+
+    parts: Parts
+    accuracy: float
+    words: str
+
+    def placed(self, position: ArrayLike, quaternion: ArrayLike) -> "ObjectShape":
+        """The same seen from a frame in which the object's own is at a position (3,) m, turned by (4,) x y z w.
+
+        Raises:
+            InputError: BAD_INPUT when that is no pose.
+        """
+        turn, place = np.asarray(quaternion, dtype=np.float64), np.asarray(position, dtype=np.float64)
+        finite = np.isfinite(np.concatenate([turn, place])).all()
+        if not finite or abs(np.linalg.norm(turn) - 1) > 1e-2:
+            raise InputError(
+                ErrorCode.BAD_INPUT, f"object pose {[*place, *turn]}: give x y z in m and a unit quaternion x y z w"
+            )
+        return replace(self, parts=self.parts.in_frame(Rotation.from_quat(turn).as_matrix(), place))
+
+
+def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
+    """Read a mesh (STL, OBJ, PLY) or a cloud (PLY, XYZ, CSV, NPY, PCD), in m after scaling, in the file's own frame.
+
+    Bodies of a mesh are taken for parts; a mesh of one body and a cloud are segmented. What has one part is cut into
+    `PIECES`.
+
+    Raises:
+        InputError: what `read_triangles` and `read_cloud` raise, FILE_CORRUPT for a mesh without triangles,
+            OBJECT_INVALID (flat, or not of the size of something held); naming the file and the mend.
+    """
+    mesh = _read_mesh(path, scale) if path.suffix.lower() in MESH_FORMATS else None
+    try:
+        if mesh is None:
+            cloud = read_cloud(path, scale)
+            return _of_cloud(cloud.points, cloud.colours)
+        _check_size(path, mesh[0])
+        return _of_mesh(*mesh)
+    except (QhullError, np.linalg.LinAlgError) as error:
+        raise InputError(
+            ErrorCode.OBJECT_INVALID, f"{path}: its points lie in a plane or on a line; give a solid shape"
+        ) from error
+
+
+def _read_mesh(path: Path, scale: float) -> tuple[Array, NDArray[np.int64]] | None:
+    """The surface in a file, as it is; None for a PLY file without faces."""
+    cloud = path.suffix.lower() == ".ply"
+    try:
+        vertices, triangles = read_triangles(path.absolute(), scale=scale)
+    except InputError as error:
+        if cloud and error.code is ErrorCode.UNSUPPORTED:
+            return None
+        raise
+    if len(triangles):
+        return vertices, triangles
+    if cloud:
+        return None
+    raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: holds no triangles")
+
+
+def _check_size(path: Path, vertices: Array) -> None:
+    size = float(np.ptp(vertices, axis=0).max())
+    if not SMALLEST < size < LARGEST:
+        raise InputError(
+            ErrorCode.OBJECT_INVALID,
+            f"{path}: the object is {size:.3g} m long, which no hand holds; if the file is in millimetres,"
+            " give --object-scale 0.001",
+            size=size,
+        )
+
+
+def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
+    for merge in (False, True):  # bodies that touch share vertices when merged; in an STL file nothing does before
+        mesh = trimesh.Trimesh(vertices, faces, process=False)
+        if merge:
+            mesh.merge_vertices()
+        number = _bodies(mesh)
+        if number.max() >= MOST_BODIES:
+            continue
+        bodies = [trimesh.Trimesh(mesh.vertices, mesh.faces[number == body]) for body in range(number.max() + 1)]
+        if sum(len(body.faces) for body in bodies if not body.is_watertight) <= LOOSE_FACES * len(mesh.faces):
+            return _of_bodies(mesh, [body for body in bodies if body.is_watertight and abs(body.volume) > 0])
+    points = trimesh.sample.sample_surface(mesh, SAMPLED, seed=0)[0]
+    shape = _of_cloud(np.asarray(points), None)
+    return replace(shape, words=f"a surface that is not closed: {shape.words}")
+
+
+def _bodies(mesh: trimesh.Trimesh) -> NDArray[np.int32]:
+    """(F,) which body each face belongs to."""
+    pairs = mesh.face_adjacency
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(mesh.faces), len(mesh.faces)))
+    return np.asarray(connected_components(graph, directed=False)[1])
+
+
+def _of_bodies(mesh: trimesh.Trimesh, bodies: list[trimesh.Trimesh]) -> ObjectShape:
+    """Closed surfaces: parts when there are several, none of them inside out, which would be a cavity."""
+    if len(bodies) == 1 or len({np.sign(body.volume) for body in bodies}) > 1:
+        return _cut(bodies[0] if len(bodies) == 1 else mesh)
+    moments = [np.sign(body.volume) * surface_moments(body.vertices[body.faces]) for body in bodies]
+    parts = Parts.from_moments(moments, np.arange(len(bodies)), mesh.vertices)
+    return ObjectShape(parts, MESH_ACCURACY, f"{len(bodies)} closed surfaces, taken for the parts")
+
+
+def _cut(body: trimesh.Trimesh) -> ObjectShape:
+    """A closed surface: cut as points on it are, or in pieces of about one size where they are not."""
+    body = body.copy()
+    if body.volume < 0:
+        body.invert()
+    points = np.asarray(trimesh.sample.sample_surface(body, SAMPLED, seed=0)[0])
+    try:
+        found = segment(points)
+        places, labels = found.solid.centroids, independent_parts(found)
+    except InputError:  # no solid can be made of them
+        labels = np.zeros(1, dtype=np.int64)
+    words = f"closed surface, segmented into {labels.max() + 1} parts"
+    if labels.max() == 0:
+        corners = np.asarray(body.vertices[body.faces])
+        places = spread(cells_of(corners, (abs(body.volume) / CELLS) ** (1 / 3))[0], PIECES)
+        labels, words = np.arange(len(places)), f"closed surface, cut into {PIECES} pieces"
+    return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, CELLS), UNCUT_ACCURACY, words)
+
+
+def parts_of_solid(solid: Solid, labels: ArrayLike | None = None) -> Parts:
+    """Parts of a solid, in its frame: (T,) part of each tetrahedron (one part when None); inside-out ones take away."""
+    moments = tetrahedron_moments(solid.vertices[solid.tetrahedra])
+    return Parts.from_moments(moments, np.zeros(len(moments)) if labels is None else labels, solid.vertices)
+
+
+def parts_of_segmentation(found: Segmentation) -> Parts:
+    """All parts that were found, with what their colours say about their densities.
+
+    Where colours say nothing, at most four of them whose masses a sensor at rest can tell apart.
+    """
+    likeness = None if found.part_colours is None else likeness_of_colours(found.part_colours)
+    labels = independent_parts(found) if likeness is None else found.tetrahedron_labels
+    parts = parts_of_solid(found.solid, labels)
+    return replace(parts, likeness=likeness)
+
+
+def _of_cloud(points: Array, colours: Array | None) -> ObjectShape:
+    found = segment(points, colours)
+    if found.n_parts > 1:
+        parts = parts_of_segmentation(found)
+        return ObjectShape(parts, CLOUD_ACCURACY, f"{len(points)} points, segmented into {len(parts)} parts")
+    solid = found.solid
+    which = cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
+    words = f"{len(points)} points of one part, cut into {PIECES} pieces"
+    return ObjectShape(parts_of_solid(solid, which), CLOUD_ACCURACY, words)

@@ -1,0 +1,167 @@
+"""What an identification answers: the payload, how sure that is, and which samples it rests on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.inertia.model import (
+    EstimateFinding,
+    InertialParameters,
+    InertialSolution,
+    RejectedInterval,
+    about_com_jacobian,
+)
+from poise.robot import SensorMotion
+from poise.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class InertialEstimate:
+    """What the sensor carries. NaN marks what the motion could not show.
+
+    Args:
+        stamp: of the newest sample used, int ns.
+        frame_id: the sensor frame, in which everything is expressed.
+        parameters: mass, centre of mass, inertia about it.
+        phi: (10,) m, m c, I about the sensor origin.
+        covariance: (10, 10) of phi.
+        bias: (6,) what the sensor reads with nothing on it, N and N m.
+        bias_covariance: (6, 6).
+        delay, delay_std: wrench stamps minus kinematics stamps, s; NaN when not estimated.
+        method: the estimator, `static` or `ols`.
+        consistent: a body with these parameters can exist.
+        unidentified: names of the parameters that this motion cannot show, of `PARAMETER_NAMES`.
+        condition_number: of the weighted normal matrix; infinite when a parameter is unidentified.
+        n_samples: samples used.
+        rejected: samples not used, in the order of time.
+        residual_force: root mean square per axis of what the estimate leaves unexplained, N.
+        residual_torque: the same, N m.
+        n_effective: how many independent samples the used ones are worth.
+        com_in_hull: the centre of mass lies in the convex hull of the object; None when its outline is not known.
+        findings: what else to know.
+        since: ns; no earlier sample counts, because the payload may have been another one. None: all do.
+    """
+
+    stamp: int
+    frame_id: str
+    parameters: InertialParameters
+    phi: Array
+    covariance: Array
+    bias: Array
+    bias_covariance: Array
+    delay: float
+    delay_std: float
+    method: str
+    consistent: bool
+    unidentified: tuple[str, ...]
+    condition_number: float
+    n_samples: int
+    rejected: tuple[RejectedInterval, ...]
+    residual_force: float
+    residual_torque: float
+    n_effective: float = np.nan
+    com_in_hull: bool | None = None
+    findings: tuple[EstimateFinding, ...] = ()
+    since: int | None = None
+
+    def __repr__(self) -> str:
+        com = ", ".join(f"{1e3 * value:.2f}" for value in self.parameters.com)
+        mass = f"{self.parameters.mass:.4f} ± {self.mass_std:.4f} kg"
+        return f"InertialEstimate({mass}, com [{com}] mm in {self.frame_id}, {self.method}, {self.n_samples} samples)"
+
+    @classmethod
+    def from_solution(
+        cls,
+        solution: InertialSolution,
+        *,
+        stamp: int,
+        frame_id: str,
+        method: str,
+        rejected: tuple[RejectedInterval, ...],
+        since: int | None = None,
+    ) -> "InertialEstimate":
+        """Dress a solution; what it says of its own of delay, hull, findings and rejected samples is taken over.
+
+        Args:
+            solution: of any method.
+            stamp: of the newest sample used, ns.
+            frame_id: the sensor frame.
+            method: the estimator.
+            rejected: samples that it never saw.
+            since: ns, see above.
+        """
+        parameters = InertialParameters.from_phi(solution.phi)
+        return cls(
+            stamp=stamp,
+            frame_id=frame_id,
+            parameters=parameters,
+            phi=solution.phi,
+            covariance=solution.covariance,
+            bias=solution.bias,
+            bias_covariance=solution.bias_covariance,
+            delay=solution.delay,
+            delay_std=solution.delay_std,
+            method=method,
+            consistent=parameters.is_consistent,
+            unidentified=solution.unidentified,
+            condition_number=solution.condition_number,
+            n_samples=solution.n_samples,
+            rejected=tuple(sorted((*rejected, *solution.rejected), key=lambda span: span.start)),
+            residual_force=solution.residual_force,
+            residual_torque=solution.residual_torque,
+            n_effective=solution.n_effective,
+            com_in_hull=solution.com_in_hull,
+            findings=solution.findings,
+            since=since,
+        )
+
+    @property
+    def mass_std(self) -> float:
+        """One sigma of the mass, kg."""
+        return float(np.sqrt(self.covariance[0, 0]))
+
+    @property
+    def com_std(self) -> Array:
+        """(3,) one sigma of the centre of mass, m, to first order in phi."""
+        return self._about_com_std[:3]
+
+    @property
+    def inertia_std(self) -> Array:
+        """(6,) one sigma of ixx ixy ixz iyy iyz izz about the centre of mass, kg m2, to first order in phi."""
+        return self._about_com_std[3:]
+
+    @property
+    def _about_com_std(self) -> Array:
+        jacobian = about_com_jacobian(self.phi)
+        seen = np.isfinite(np.diag(self.covariance))
+        inside = jacobian[:, seen]
+        deviations = np.sqrt(np.einsum("ij,jk,ik->i", inside, self.covariance[np.ix_(seen, seen)], inside))
+        needs_unseen = np.any(jacobian[:, ~seen] != 0, axis=1)  # NaN counts: it is not zero
+        return np.asarray(np.where(needs_unseen, np.nan, deviations))
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """An estimate and what it was made of, sample by sample.
+
+    Args:
+        estimate: the answer.
+        stamps: (N,) int64 ns, of the samples used.
+        wrench_measured: (N, 6) N and N m, in the sensor frame.
+        wrench_predicted: (N, 6) what the estimate says they should have been, bias included.
+        motion: how the sensor moved at these stamps.
+        history: the estimate as samples came in, the last one being the answer.
+        source: where the motion came from, in words.
+    """
+
+    estimate: InertialEstimate
+    stamps: NDArray[np.int64]
+    wrench_measured: Array
+    wrench_predicted: Array
+    motion: SensorMotion
+    history: tuple[InertialEstimate, ...]
+    source: str
+
+    def __repr__(self) -> str:
+        return f"Identification({self.estimate!r}, motion from {self.source})"

@@ -1,0 +1,151 @@
+"""How good a placement is: what the weakest push has to be, what the middling one, and how much room is taken."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from poise.assembly import Analysis, robustness_map
+from poise.assembly.contact import SurfacePoints
+from poise.assembly.statics import BlockAnalysis
+from poise.errors import ErrorCode, InputError
+from poise.geometry import plane_axes, unit, wrench_of_force
+from poise.types import Array
+
+_TOLERANCE = 0.02
+"""Relative; between the certified bounds of a robustness."""
+_ASKED = 16
+"""Programs solved for each body of a block for an estimate, at the most."""
+_MEDIAN_POINTS, _MEDIAN_TOLERANCE = 200, 0.1
+CRITERIA = ("least", "median", "volume", "compactness")
+
+
+@dataclass(frozen=True)
+class PlacementScore:
+    """Of an assembly after a placement.
+
+    Args:
+        least: N, robustness to pushes into the surface, over all movable objects; a certified lower bound.
+        median: the same, of points spread over the surface; NaN when it was not asked for.
+        volume: m3 of the box, aligned with gravity, around the movable objects.
+        compactness: m, mean distance of the movable objects' centres of mass from their common one.
+    """
+
+    least: float
+    median: float
+    volume: float
+    compactness: float
+
+    def better_than(self, other: "PlacementScore", criterion: str) -> bool:
+        """By one criterion; within 1 % of it the least robustness decides."""
+        mine, theirs = self._score(criterion), other._score(criterion)
+        if abs(mine - theirs) > 0.01 * max(abs(mine), abs(theirs)):
+            return mine > theirs
+        return self.least > other.least
+
+    def _score(self, criterion: str) -> float:
+        value: float = getattr(self, criterion)
+        return value if criterion in ("least", "median") else -value
+
+
+def evaluate(analysis: Analysis, median: bool = False) -> PlacementScore:
+    """Judge an assembly that stands: the least robustness by the weaker of `limit` and `patch`, certified everywhere.
+
+    Args:
+        analysis: with the object in it.
+        median: also ask for the median, which takes a map; otherwise it is NaN.
+
+    Raises:
+        NoAnswerError: UNSTABLE, SOLVER_FAILED.
+    """
+    surface = _corners(analysis)
+    least = min(float(robustness_map(analysis, surface, _TOLERANCE, model).lower.min()) for model in ("limit", "patch"))
+    return replace(_rest(analysis, median), least=least)
+
+
+def _rest(analysis: Analysis, median: bool) -> PlacementScore:
+    """All but the least robustness, which is left at 0."""
+    objects = [analysis.assembly.objects[i] for i in analysis.structure.movable]
+    middling = float("nan")
+    if median:
+        middling = float(np.median(robustness_map(analysis, _MEDIAN_POINTS, _MEDIAN_TOLERANCE, "limit").lower))
+    corners = np.concatenate([item.vertices for item in objects])
+    coms = np.array([item.com_in_world for item in objects])
+    spread = float(np.linalg.norm(coms - coms.mean(axis=0), axis=1).mean())
+    volume = _box_volume(corners, analysis.assembly.gravity)
+    return PlacementScore(0.0, middling, volume, spread)
+
+
+def estimate_score(analysis: Analysis, median: bool = False) -> PlacementScore:
+    """As `evaluate`, in a fraction of the time: an upper bound of the least robustness by `limit`, most often exact."""
+    score = _rest(analysis, median)
+    surface = _corners(analysis)
+    wrenches = wrench_of_force(surface.directions, surface.points)
+    inverse = max((_largest_inverse(block, surface, wrenches) for block in analysis.blocks), default=0.0)
+    return replace(score, least=1 / inverse if inverse > 0 else float("inf"))
+
+
+def _largest_inverse(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array) -> float:
+    """1/N of the corner that brings a block nearest to collapse, as far as a few programs tell.
+
+    Every collapse mechanism found bounds all corners from below; the one it says most of is asked next.
+    """
+    bodies = block.bodies_of(surface.place)
+    rows = np.flatnonzero(bodies >= 0)
+    body = bodies[rows]
+    scaled = block.geometry.units.of_wrench(wrenches[rows])
+    on_bodies = np.zeros((len(rows), block.geometry.count, 6))
+    on_bodies[np.arange(len(rows)), body] = scaled
+    loads = on_bodies.reshape(len(rows), -1)
+    queue: list[int] = []
+    for number in np.unique(body):
+        on = np.flatnonzero(body == number)
+        queue += [*on[scaled[on].argmax(axis=0)].tolist(), *on[scaled[on].argmin(axis=0)].tolist()]
+    known, best, asked = np.zeros(len(rows)), 0.0, set[int]()
+    while queue and len(asked) < _ASKED * block.geometry.count:
+        row = queue.pop()
+        if row not in asked:
+            asked.add(row)
+            inverse = block.solvers.rough_limit.inverse_factor(loads[row])
+            best = max(best, inverse.upper)
+            if not np.isfinite(best):
+                return best
+            known = np.maximum(known, loads @ inverse.twist)
+        if not queue and int(known.argmax()) not in asked:
+            queue.append(int(known.argmax()))
+    return best
+
+
+def _corners(analysis: Analysis) -> SurfacePoints:
+    """The corners of all faces of all movable objects, pushed into the face.
+
+    On a flat face 1 / robustness is a convex function of the point, so the weakest point of a face is one of its
+    corners: asking the corners is exact.
+    """
+    places, points, directions = [], [], []
+    for place in analysis.structure.movable:
+        item = analysis.assembly.objects[place]
+        polyhedron = item.shape.polyhedron
+        corner = np.concatenate(polyhedron.facet_vertices)
+        facet = np.repeat(np.arange(len(polyhedron.normals)), [len(v) for v in polyhedron.facet_vertices])
+        points.append(item.vertices[corner])
+        directions.append(-(polyhedron.normals @ item.pose.rotation.T)[facet])
+        places.append(np.full(len(corner), place))
+    return SurfacePoints(np.concatenate(places), np.concatenate(points), np.concatenate(directions))
+
+
+def check_criterion(criterion: str) -> None:
+    """Raise InputError BAD_INPUT for an unknown criterion."""
+    if criterion not in CRITERIA:
+        raise InputError(ErrorCode.BAD_INPUT, f"criterion {criterion!r}: choose one of {', '.join(CRITERIA)}")
+
+
+def _box_volume(corners: np.ndarray, gravity: np.ndarray) -> float:
+    """m3 of the smallest upright box around points (N, 3): the least rectangle has a side on an edge of the hull."""
+    up = -unit(gravity)
+    plane = corners @ plane_axes(up).T
+    hull = plane[ConvexHull(plane).vertices]
+    sides = np.roll(hull, -1, axis=0) - hull
+    angles = np.unique(np.round(np.arctan2(sides[:, 1], sides[:, 0]) % (np.pi / 2), 6))
+    turned = [hull @ np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in angles]
+    return float(min(np.prod(np.ptp(t, axis=0)) for t in turned) * np.ptp(corners @ up))

@@ -1,0 +1,73 @@
+"""Stamps of a regular clock with jitter: the true sampling times, also with lost samples."""
+
+import numpy as np
+from scipy.optimize import isotonic_regression
+
+from poise.types import Array
+
+_MAX_JITTER = 0.27
+"""Periods; random stamps would have 0.29."""
+_SHORT, _LONG = 128, 512
+"""Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
+
+
+def regular_clock(seconds: Array) -> Array | None:
+    """(N,) the times of a clock that ticks evenly and drifts slowly, or None when no regular clock fits.
+
+    Samples are numbered by the phase of the clock. The mean over many stamps gives this phase even when single stamps
+    are late, and a lost sample skips a number (counting rows or rounding differences fails with loss and jitter
+    together). A line with slow drift (one knot in 10 s) is then fitted to the numbers.
+    """
+    steps = np.diff(seconds)
+    if len(seconds) < 50 or not (steps > 0).all():
+        return None
+    period = _period(seconds, float(np.median(steps)))
+    ticks = _numbered(seconds, period)
+    fitted = _wandering(ticks, seconds)
+    jitter = float(np.std(seconds - fitted))
+    if jitter > _MAX_JITTER * period or not (np.diff(fitted) > 0).all():
+        return None
+    return fitted
+
+
+def _phasors(seconds: Array, period: float, length: int) -> Array:
+    """(W,) mean of exp(2 pi i t / period) over stretches of samples: of length one for even stamps."""
+    turns = np.exp(2j * np.pi * (seconds - seconds[0]) / period)
+    return np.asarray([part.mean() for part in np.array_split(turns, max(len(turns) // length, 1))])
+
+
+def _period(seconds: Array, rough: float) -> float:
+    """s, the period for which the stamps are most even."""
+    for length, reach in ((_SHORT, 0.1), (_LONG, 0.002)):
+        tried = rough * (1.0 + np.arange(-reach, reach, 0.2 / length))
+        rough = float(max(tried, key=lambda period: np.sum(np.abs(_phasors(seconds, period, length)) ** 2)))
+    return rough
+
+
+def _numbered(seconds: Array, period: float) -> Array:
+    """(N,) tick numbers: the stamps rounded to the clock whose phase is followed from stretch to stretch."""
+    phasors = _phasors(seconds, period, _SHORT)
+    middles = np.array([part.mean() for part in np.array_split(seconds, len(phasors))])
+    phase = np.interp(seconds, middles, np.unwrap(np.angle(phasors)) / (2.0 * np.pi))
+    rows = np.arange(len(seconds))
+    ticks = np.round((seconds - seconds[0]) / period - phase)
+    # Stamps that are off by nearly half a period may fall on the same tick: never fewer ticks than samples.
+    return np.asarray(np.round(isotonic_regression(ticks - rows).x) + rows)
+
+
+def _wandering(ticks: Array, seconds: Array) -> Array:
+    """(N,) least-squares line with linear B-splines of 10 s, twice: the second time without outliers."""
+    knots = np.linspace(ticks[0], ticks[-1], max(int((seconds[-1] - seconds[0]) / 10.0), 1) + 1)
+    place = np.clip(np.searchsorted(knots, ticks, side="right") - 1, 0, len(knots) - 2)
+    share = (ticks - knots[place]) / (knots[place + 1] - knots[place])
+    basis = np.zeros((len(ticks), len(knots)))
+    rows = np.arange(len(ticks))
+    basis[rows, place], basis[rows, place + 1] = 1.0 - share, share
+    kept = np.ones(len(ticks), dtype=bool)
+    fitted = seconds
+    for _ in range(2):
+        level = np.linalg.lstsq(basis[kept], seconds[kept] - seconds[0], rcond=None)[0]
+        fitted = basis @ level + seconds[0]
+        off = np.abs(seconds - fitted)
+        kept = off <= max(4.0 * 1.4826 * float(np.median(off)), 1e-7)
+    return np.asarray(fitted)

@@ -1,0 +1,187 @@
+"""Sampled positions to position, velocity and acceleration at other stamps, by splines that choose their knots."""
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.robot.regular_clock import regular_clock
+from poise.robot.splines import Design, Grid, SplineFit
+from poise.types import Array, Mask
+
+_GAP = 6.0
+"""Median sample intervals that make a gap."""
+_MIN_SAMPLES = 30
+_EDGE = 0.08
+"""s at the ends of a stretch where accelerations are too uncertain."""
+_SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
+"""s between knots that are tried: 0.03 to 0.51."""
+_LOCAL = 0.7
+"""s around a sample that decide which spline fits it best."""
+_LOUD = 0.8
+"""Quantile of the local noise that represents the whole signal."""
+_FINER = 2.5
+"""Largest ratio of the knot density at a moment to that of the whole recording."""
+_PRICE = 2.0
+"""log likelihood that a coefficient must win; Akaike's 1 would fit noise where it is locally larger."""
+_HONEST = 2.5
+"""Measured rates are not used when their means over 25 samples scatter by more than this factor over white noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class ResampledSignal:
+    """Values (N, J), rates and second rates at the wanted times; NaN outside the samples.
+
+    Args:
+        known: (N,) where there are values.
+        jitter: s, one sigma of the removed stamp jitter; 0 when the stamps were used unchanged.
+        noise: (J,) one sigma of a sample about the spline.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    known: Mask
+    jitter: float
+    noise: Array
+
+
+def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> ResampledSignal:
+    """Differentiate samples and evaluate at other times, never across a gap.
+
+    Splines with close knots follow a jerk, splines with wide knots have little noise: they are averaged with weights
+    by their local likelihood. The stamps are used unchanged or as those of a regular clock with jitter, depending on
+    which of the two the splines fit better.
+
+    Args:
+        seconds: (M,) not descending.
+        values: (M, J) finite.
+        wanted: (N,).
+        rates: (M, J) measured first derivatives; columns with NaN, or with more than white noise, are left out.
+
+    Raises:
+        InputError: TOO_FEW_SAMPLES.
+    """
+    fresh = np.concatenate([[True], np.diff(seconds) > 0])
+    seconds, values = seconds[fresh], values[fresh]
+    rates = None if rates is None else rates[fresh]
+    seconds, jitter = sampling_times(seconds, values)
+    out = np.full((3, len(wanted), values.shape[1]), np.nan)
+    noise = np.zeros(values.shape[1])
+    for part in _stretches(seconds):
+        begin, end = seconds[part][0], seconds[part][-1]
+        inside = (wanted >= begin + _EDGE) & (wanted <= end - _EDGE)
+        blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
+        noise = np.maximum(noise, blend.noise)
+        out[:, inside] = blend(wanted[inside])
+    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+
+
+def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
+    """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
+    even = regular_clock(seconds)
+    if even is None or _roughness(even, values) >= _roughness(seconds, values):
+        return seconds, 0.0
+    return even, float(np.std(seconds - even))
+
+
+class _Blend:
+    """Splines of several knot spacings through one stretch, weighted by their local likelihood, column by column."""
+
+    def __init__(self, seconds: Array, values: Array, rates: Array | None) -> None:
+        span = float(seconds[-1] - seconds[0])
+        sizes = sorted({max(round(span / spacing), 1) for spacing in _SPACINGS})
+        grids = [Grid.across(seconds, size) for size in sizes if size <= max(len(seconds) * 2 // 3 - 5, 1)]
+        plain = [SplineFit(Design(grid, seconds), values) for grid in grids]
+        best = np.argmin([fit.score() for fit in plain], axis=0)
+        columns = np.arange(values.shape[1])
+        self.noise = np.array([fit.sigma for fit in plain])[best, columns]
+        self.noise = np.maximum(self.noise, 1e-12)
+        self._seconds = seconds
+        # A base's odometry has more noise while it drives than at rest: the former counts.
+        local = self._around((values - plain[-1](seconds)) ** 2)
+        self.noise *= np.sqrt(
+            np.maximum(np.quantile(local, _LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0)
+        )
+        slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
+        self._fits = (
+            plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
+        )
+        self._score = np.stack([self._local(fit, values) for fit in self._fits])
+        # Much closer knots than the whole signal needs would fit noise where it is locally larger.
+        fine = np.array([grid.size for grid in grids])
+        self._score -= 1e9 * (fine[:, None] > _FINER * fine[best])[:, None]
+
+    def _local(self, fit: SplineFit, values: Array) -> Array:
+        """(M, J) local log likelihood, less `_PRICE` for every coefficient spent nearby."""
+        square = ((values - fit(self._seconds)) / self.noise) ** 2
+        spent = float(self._window(len(values)).sum()) * fit.grid.size / len(values)
+        return self._around(-0.5 * square) - _PRICE * spent
+
+    def _around(self, values: Array) -> Array:
+        """(M, J) sums over `_LOCAL` seconds, smoothly weighted."""
+        window = self._window(len(values))
+        half = len(window) // 2
+        padded = np.pad(values, ((half, half), (0, 0)), mode="reflect")
+        return np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
+
+    def _window(self, count: int) -> Array:
+        period = float(np.median(np.diff(self._seconds)))
+        half = min(max(round(_LOCAL / period), 3), (count - 1) // 2)
+        return np.asarray(np.hanning(2 * half + 3)[1:-1])
+
+    def __call__(self, wanted: Array) -> Array:
+        """(3, N, J) value, rate and second rate."""
+        count = self._score.shape[2]
+        score = np.stack(
+            [np.stack([np.interp(wanted, self._seconds, s[:, j]) for j in range(count)], axis=1) for s in self._score]
+        )
+        share = np.exp(score - score.max(axis=0))
+        share /= share.sum(axis=0)
+        return np.stack(
+            [sum(w * fit(wanted, order) for w, fit in zip(share, self._fits, strict=True)) for order in range(3)]
+        )
+
+
+def _trusted(
+    seconds: Array, rates: Array | None, fits: list[SplineFit], best: Array, noise: Array
+) -> tuple[Array | None, float]:
+    """Measured rates to use, with the weight (s2) of their noise; None when the noise is not white."""
+    if rates is None or not np.isfinite(rates).all():
+        return None, 0.0
+    off = np.stack([rates[:, j] - fits[i](seconds, 1)[:, j] for j, i in enumerate(best)], axis=1)
+    length = len(off) // 25 * 25
+    if length < 100:
+        return None, 0.0
+    means = off[:length].reshape(-1, 25, off.shape[1]).mean(axis=1)
+    scatter = np.maximum(off.var(axis=0), 1e-18)
+    if (25.0 * np.mean(means**2, axis=0) > _HONEST * scatter).any():
+        return None, 0.0
+    return rates, float(np.median(noise**2 / scatter))
+
+
+def _roughness(seconds: Array, values: Array) -> float:
+    """Residual of smooth splines for these stamps (log, summed over the columns that move)."""
+    stretch = max(_stretches(seconds), key=lambda part: part.stop - part.start)
+    part = slice(stretch.start, min(stretch.stop, stretch.start + 1500))
+    moving = np.ptp(values[part], axis=0) > 1e-4
+    if not moving.any():
+        return 0.0
+    size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
+    sigma = SplineFit(Design(Grid.across(seconds[part], size), seconds[part]), values[part][:, moving]).sigma
+    return float(np.log(np.maximum(sigma, 1e-12)).sum())
+
+
+def _stretches(seconds: Array) -> list[slice]:
+    steps = np.diff(seconds)
+    limit = _GAP * float(np.median(steps)) if len(steps) else 0.0
+    edges = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(seconds)]
+    found = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= _MIN_SAMPLES]
+    if not found:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"too few joint samples: of {len(seconds)} no {_MIN_SAMPLES} come without a gap of {limit:.3g} s; "
+            "record at 50 Hz or more, for ten seconds or more",
+        )
+    return found
