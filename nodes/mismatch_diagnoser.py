@@ -24,8 +24,7 @@ from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
-from poise.recording import open_recording
-from poise.recording.streams import stamp_of
+from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
 
 _DEEP = QoSProfile(depth=2000)

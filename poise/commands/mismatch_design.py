@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poise.commands.output import progress_bar
-from poise.excitation.plan_file import write_waypoints
+from poise.excitation import write_waypoints
 from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, separating_motion
 from poise.robot import RobotModel
 

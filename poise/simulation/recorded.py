@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.recording.streams import JointStream, WrenchStream
+from poise.recording import JointStream, WrenchStream
 from poise.simulation.ideal_robot import IdealRobot
 from poise.simulation.noise import JointNoise, NoisyJoints, NoisyWrench, WrenchNoise
 from poise.simulation.trajectories import Trajectory
