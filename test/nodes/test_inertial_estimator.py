@@ -86,7 +86,7 @@ def test_the_static_poses_through_the_graph_are_the_offline_answer_to_1e_9(start
 
 
 def test_by_default_the_node_says_what_poise_identify_says(start_node, graph):
-    """But for the noise, which one is told and the other finds from the recording."""
+    """But for the noise, which one is given and the other estimates from the recording."""
     message = replay(start_node, graph, STATIC, 8.0)
     offline = identify(open_recording(STATIC)).estimate
     assert message.method == offline.method == "poise"
