@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.estimators import METHODS
+from poise.inertia.estimators import method_choices
 from poise.inertia.model import NoiseLevels, load_object
 from poise.inertia.pipeline import IMUS, SOURCES, LiveOptions
 from poise.nodes.parameters import Parameter
@@ -33,7 +33,7 @@ PARAMETERS = (
         "poise",
         "estimator; poise: everything that is known; static: poses held still; ols: motion; auto: one of these two, as"
         " the motion suits; the others work on a window",
-        METHODS,
+        method_choices(),
     ),
     Parameter("window", 10.0, "s of samples, for rtls, geo, pmd and hps", (0.1, 600.0)),
     Parameter("publish_rate", 10.0, "Hz of inertial_estimate while samples come, at the most", (0.1, 100.0)),

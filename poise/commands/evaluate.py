@@ -22,13 +22,13 @@ from poise.commands.identify import (
 )
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.inertia.pipeline import METHODS
+from poise.inertia.estimators import DEFAULT_METHOD
 from poise.viewing.wording import readable, rounded
 
 
 def evaluate(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds .mcap recordings.", show_default=False)],
-    method: MethodOption = METHODS[0],
+    method: MethodOption = DEFAULT_METHOD,
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,
     gravity: GravityOption = None,

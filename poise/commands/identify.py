@@ -12,8 +12,9 @@ from rich.table import Table
 from poise.commands.identify_model import say, told, without_effects
 from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
+from poise.inertia.estimators import AUTO, DEFAULT_METHOD, all_estimators
 from poise.inertia.model import ObjectShape, load_object
-from poise.inertia.pipeline import METHODS, Identification
+from poise.inertia.pipeline import Identification
 from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
@@ -24,9 +25,8 @@ MethodOption = Annotated[
     str,
     typer.Option(
         "--method",
-        help=f"One of {', '.join(METHODS)}. poise: this project's own, with bias, clock delay and honest covariance;"
-        " static: least squares on poses held still; ols, rtls, geo, pmd, hps: the thesis' methods and its rivals"
-        " (the last three want --object); auto: static or ols, whichever the motion suits.",
+        help="; ".join(f"{entry.name}: {entry.summary}" for entry in all_estimators().values())
+        + f"; {AUTO}: static or ols, whichever the motion suits. geo, pmd and hps need --object.",
     ),
 ]
 ObjectOption = Annotated[
@@ -108,7 +108,7 @@ ModelOption = Annotated[
 def identify(
     bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
     object_file: ObjectOption = None,
-    method: MethodOption = METHODS[0],
+    method: MethodOption = DEFAULT_METHOD,
     object_pose: ObjectPoseOption = None,
     object_scale: ObjectScaleOption = 1.0,
     shape_accuracy: ShapeAccuracyOption = None,

@@ -13,9 +13,11 @@ from poise.recording.blocks import Loss, LossKind
 from poise.recording.reading import RawMessage, Recording, Topic, open_recording
 from poise.recording.rewriting import rewrite_recording
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
+from poise.recording.timeline import MAX_LATENESS
 from poise.recording.writing import RecordingWriter, write_recording
 
 __all__ = [
+    "MAX_LATENESS",
     "ImuStream",
     "Interpolated",
     "JointStream",

@@ -29,15 +29,16 @@ from poise.robot.motion_buffers import (
     StaticPoseBuffer,
 )
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
-from poise.robot.scatter import scatter
+from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sliding import SlidingDifferentiator
-from poise.robot.sources import FrameSource, JointSource, MotionSource, went_back
+from poise.robot.sources import JUMP, FrameSource, JointSource, MotionSource, Poses, went_back
 from poise.robot.splines import Grid, SplineFit
 from poise.robot.stamped_buffer import StampedBuffer
 from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
+    "JUMP",
     "LAG_STEP",
     "LONGEST_DELAY",
     "NO_KINEMATICS",
@@ -56,9 +57,11 @@ __all__ = [
     "MotionBuffer",
     "MotionSource",
     "PairingSettings",
+    "Poses",
     "Reasons",
     "RobotModel",
     "RotationDerivatives",
+    "ScatterMeter",
     "SensorMotion",
     "SharedBuffers",
     "SlidingDifferentiator",

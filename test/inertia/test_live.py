@@ -7,6 +7,7 @@ from simulated_motion import LOAD, Scene, record, steps
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.pipeline.identification import Kinematics, identify_wrenches
 from poise.inertia.pipeline.live import GRACE, QUIET, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.online import OnlineEstimator
 from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf
 from poise.robot.sources import JointSource
@@ -94,7 +95,8 @@ def test_joint_states_from_before_the_description_are_used_and_the_answer_is_the
         source.extend(scene.joints.stamps[part], scene.joints.names, scene.joints.position[part])
 
     kinematics = Kinematics(source, [(scene.joints.stamps, add)])
-    expected = identify_wrenches(scene.wrench, kinematics, frame_id="ft_sensor", method="static").estimate
+    online = OnlineEstimator(source, frame_id="ft_sensor", method="static")
+    expected = identify_wrenches(scene.wrench, kinematics, online).estimate
     estimate = live.estimate()
     assert estimate.n_samples == expected.n_samples
     np.testing.assert_allclose(estimate.phi, expected.phi, rtol=1e-9)

@@ -7,7 +7,9 @@ import numpy as np
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators.answer import answer
 from poise.inertia.estimators.divergence import DIVERGENCES, Objective, minimise, unwhitening
+from poise.inertia.estimators.entry import EstimatorEntry
 from poise.inertia.estimators.pmd import unit_points
+from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.model import IdentificationProblem, InertialParameters, InertialSolution
 from poise.types import Array
 
@@ -101,3 +103,12 @@ def _without_bias(problem: IdentificationProblem) -> tuple[Array, Array, Callabl
     normal = normal - mean_rows.T @ (mean_rows / information[:, None])
     right = right - mean_rows.T @ (mean_wrench / information)
     return normal, right, lambda phi: (mean_wrench - mean_rows @ phi) / information
+
+
+ENTRY = EstimatorEntry(
+    "geo",
+    "least squares with a geometric prior from the shape",
+    estimate=geo,
+    stream=lambda prior: SampleWindow(geo, prior),
+    needs_shape=True,
+)

@@ -5,6 +5,8 @@ from scipy.optimize import nnls
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators.answer import answer
+from poise.inertia.estimators.entry import EstimatorEntry
+from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.model import IdentificationProblem, InertialSolution, regressor
 from poise.types import Array
 
@@ -72,3 +74,13 @@ def static_regressor(gravity: Array) -> Array:
     """(n, 6, 4) of (m, m c): f = m g, tau = m c x g."""
     zeros = np.zeros_like(gravity)
     return regressor(gravity, zeros, zeros)[:, :, :4]
+
+
+ENTRY = EstimatorEntry(
+    "hps",
+    "masses of homogeneous parts, at rest",
+    estimate=hps,
+    stream=lambda prior: SampleWindow(hps, prior),
+    needs_shape=True,
+    estimates_bias=False,
+)
