@@ -21,6 +21,7 @@ from rich.table import Table
 
 from benchmarks.placement.scenes import FRICTION, GLUED, box, glued
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.baselines.placement.engine import Engine
 from poise.errors import NoAnswerError, PoiseError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.files import write_whole
@@ -29,7 +30,6 @@ from poise.manipulation import Arm, Grasp, Phase, Reach, Transfer, plan_transfer
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.cell import Cell
 from poise.placement import KeptFree, Options, Uncertainty, plan_placement
-from poise.placement.rivals.engine import Engine
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel
 from poise.simulation import IdealRobot, JointNoise, WaypointTrajectory, wrench_noise

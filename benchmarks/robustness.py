@@ -20,20 +20,10 @@ from rich.progress import track
 from rich.table import Table
 from robustness_truth import SCENES as TRUTHS
 
-from poise.assembly import (
-    MODELS,
-    Analysis,
-    Assembly,
-    Box,
-    Mesh,
-    Push,
-    RigidObject,
-    RobustnessMap,
-    acceleration_limits,
-    assess,
-    robustness_map,
-    sample_surface,
-)
+from poise.assembly import Analysis, Assembly, Box, Mesh, Push, RigidObject, acceleration_limits, assess, robustness_map
+from poise.assembly.contact.surface import sample_surface
+from poise.assembly.robustness.maps import RobustnessMap
+from poise.assembly.robustness.registry import ROBUSTNESS_MODELS
 from poise.geometry import Pose
 from poise.types import Array
 
@@ -150,7 +140,7 @@ def queries(quick: bool) -> list[Row]:
         pushes = surface_pushes(analysis, 100 if quick else 1000)
         judged = pushes[:: max(1, len(pushes) // (20 if quick else 100))]
         truth = true_robustness(scene, analysis, track(judged, f"truth of {scene}"))
-        for model in MODELS:
+        for model in ROBUSTNESS_MODELS.names():
             if model == "pybullet" and importlib.util.find_spec("pybullet") is None:
                 continue
             rows.append({"scene": scene, "model": model, **_one_model(analysis, pushes, judged, truth, model, quick)})

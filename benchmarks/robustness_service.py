@@ -20,8 +20,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from poise.assembly import Assembly, Box, RigidObject, sample_surface, write_scene
-from poise.assembly.graph import Structure
+from poise.assembly import Assembly, Box, RigidObject, write_scene
+from poise.assembly.contact.graph import Structure
+from poise.assembly.contact.surface import sample_surface
 from poise.errors import ErrorCode
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message

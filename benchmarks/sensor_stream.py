@@ -27,8 +27,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from poise.fake_robots.rdt_sensor import FakeRdtSensor
-from poise.fake_robots.wrench_source import WrenchSource
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
+from poise.force_torque.wire import WrenchSource
 from poise.nodes.runtime import EventsExecutor
 from poise_msgs.msg import WrenchBatch
 

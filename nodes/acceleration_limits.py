@@ -10,8 +10,9 @@ from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from poise.assembly import AccelerationLimits, Analysis, Structure, acceleration_limits
-from poise.assembly.turning_base import TurningBase
+from poise.assembly import Analysis, acceleration_limits
+from poise.assembly.contact import Structure
+from poise.assembly.robustness import AccelerationLimits, TurningBase
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_of

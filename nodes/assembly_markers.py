@@ -8,13 +8,16 @@ from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
-from poise.assembly import Analysis, Box, Cylinder, RigidObject, Robustness, RobustnessMap
+from poise.assembly import Analysis, Box, Cylinder, RigidObject
+from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.nodes.assembly_message import pose_message
 
 FIXED, MOVABLE = (0.45, 0.47, 0.5, 0.9), (0.65, 0.75, 0.9, 0.55)
 GRAPH, MECHANISM, ENDLESS = (0.1, 0.1, 0.1, 1.0), (0.85, 0.1, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
 # Weak to strong, on a logarithmic scale: the same colours as in the pictures (RdYlBu).
 SCALE = np.array([(165, 0, 38), (244, 109, 67), (254, 224, 144), (171, 217, 233), (69, 117, 180), (49, 54, 149)]) / 255
+MOST_DRAWN = 20_000
+"""Points of a map that are drawn; of a larger one, evenly spread ones."""
 ARROW = 0.15
 """m, of the fastest object of a mechanism."""
 
@@ -46,11 +49,13 @@ def scene_markers(analysis: Analysis, frame_id: str) -> list[Marker]:
 def map_markers(found: RobustnessMap, frame_id: str) -> list[Marker]:
     """Points of the surface, coloured from weak (red) to strong (blue); grey where nothing ever moves."""
     marker = _marker("map", 0, Marker.POINTS, frame_id, ENDLESS, (0.008, 0.008, 0.0))
-    marker.points = [_point(point) for point in found.surface.points]
-    finite = np.isfinite(found.upper)
-    colours = np.tile(ENDLESS, (len(found.upper), 1))
+    drawn = slice(None, None, -(-len(found.upper) // MOST_DRAWN) or 1)
+    marker.points = [_point(point) for point in found.surface.points[drawn]]
+    upper = found.upper[drawn]
+    finite = np.isfinite(upper)
+    colours = np.tile(ENDLESS, (len(upper), 1))
     if finite.any():
-        level = np.log(np.maximum(found.upper[finite], 1e-9))
+        level = np.log(np.maximum(upper[finite], 1e-9))
         span = max(float(np.quantile(level, 0.97) - level.min()), 1e-9)
         share = (level - level.min()) / span * (len(SCALE) - 1)
         colours[finite, :3] = np.stack([np.interp(share, range(len(SCALE)), SCALE[:, c]) for c in range(3)], axis=1)

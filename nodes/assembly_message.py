@@ -12,18 +12,9 @@ from geometry_msgs.msg import Pose as PoseMessage
 from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
-from poise.assembly import (
-    Assembly,
-    Box,
-    Cylinder,
-    FrictionPair,
-    Mesh,
-    Push,
-    RigidObject,
-    Robustness,
-    RobustnessMap,
-    read_object,
-)
+from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject
+from poise.assembly.robustness import Robustness, RobustnessMap
+from poise.assembly.scene import read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.shape.meshes import check_mesh
@@ -34,6 +25,8 @@ from poise_msgs.msg import Push as PushMessage
 from poise_msgs.msg import Robustness as RobustnessMessage
 from poise_msgs.msg import RobustnessMap as RobustnessMapMessage
 
+MAX_OBJECTS = 2000
+"""Of an assembly in a message: finding what touches takes time with its square."""
 MODES = {
     "none": RobustnessMessage.MODE_NONE,
     "slip": RobustnessMessage.MODE_SLIP,
@@ -53,6 +46,8 @@ def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assem
         InputError: as `poise.assembly.read_scene`, naming the object.
     """
     gravity = message.gravity
+    if len(message.objects) > MAX_OBJECTS:
+        raise InputError(ErrorCode.BAD_INPUT, f"{len(message.objects)} objects; an assembly has {MAX_OBJECTS} at most")
     return Assembly(
         objects_of(message, folders),
         np.array([gravity.x, gravity.y, gravity.z]),

@@ -14,21 +14,18 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from poise.errors import PoiseError
-from poise.force_torque.acquisition import Acquisition
-from poise.force_torque.batch import Batch
-from poise.force_torque.decimation import Blocks
-from poise.force_torque.health import Report, Severity
-from poise.nodes.ft_driver_parameters import PARAMETERS, Setup, read_parameters
+from poise.force_torque import Acquisition, BlockAverages, SampleBatch, Severity, StreamReport
+from poise.nodes.ft_driver_parameters import FT_DRIVER_PARAMETERS, DriverSetup, read_parameters
 from poise.nodes.lifecycle import survive_impossible_transitions
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
 from poise_msgs.msg import WrenchBatch
 
-WRENCH_QOS = QoSProfile(depth=1000)
+_WRENCH_QOS = QoSProfile(depth=1000)
 """Reliable, with a second of history at 1 kHz: a reader that is held up for less than that misses nothing. Readers
 with SensorDataQoS (best effort) match as well; they get what is newest and may miss some."""
-BATCH_QOS = QoSProfile(depth=100)
-BIAS_PATIENCE = 3.0
+_BATCH_QOS = QoSProfile(depth=100)
+_BIAS_PATIENCE = 3.0
 """s that a bias may take beyond the time of its samples at 100 Hz."""
 
 
@@ -42,9 +39,11 @@ class FtDriver(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("ft_driver")
         survive_impossible_transitions(self)
-        declare_parameters(self, PARAMETERS, changeable=[parameter.name for parameter in PARAMETERS])
+        declare_parameters(
+            self, FT_DRIVER_PARAMETERS, changeable=[parameter.name for parameter in FT_DRIVER_PARAMETERS]
+        )
         self.add_on_set_parameters_callback(self._accept_parameters)
-        self._setup: Setup | None = None
+        self._setup: DriverSetup | None = None
         self._publisher: SamplePublisher | None = None
         self._acquisition: Acquisition | None = None
 
@@ -131,7 +130,7 @@ class FtDriver(LifecycleNode):
             return response
         count = self._setup.bias_samples
         try:
-            bias = self._acquisition.zero(count, count / 100.0 + BIAS_PATIENCE, self._setup.hardware_bias)
+            bias = self._acquisition.zero(count, count / 100.0 + _BIAS_PATIENCE, self._setup.hardware_bias)
         except PoiseError as error:
             response.message = f"{error.code.name}: {error.message}"
             return response
@@ -154,8 +153,8 @@ class SamplePublisher:
     def __init__(self, node: LifecycleNode, frame_id: str) -> None:
         self._node = node
         self._kind = ""
-        self._wrench = node.create_lifecycle_publisher(WrenchStamped, "wrench", WRENCH_QOS)
-        self._batch = node.create_lifecycle_publisher(WrenchBatch, "wrench_batch", BATCH_QOS)
+        self._wrench = node.create_lifecycle_publisher(WrenchStamped, "wrench", _WRENCH_QOS)
+        self._batch = node.create_lifecycle_publisher(WrenchBatch, "wrench_batch", _BATCH_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
         # One message of each kind, filled anew every time: publish() has serialised it when it returns.
         self._wrench_message = WrenchStamped()
@@ -168,7 +167,7 @@ class SamplePublisher:
         self._node.destroy_lifecycle_publisher(self._batch)
         self._node.destroy_publisher(self._diagnostics)
 
-    def blocks(self, blocks: Blocks) -> None:
+    def blocks(self, blocks: BlockAverages) -> None:
         message = self._wrench_message
         stamp, force, torque = message.header.stamp, message.wrench.force, message.wrench.torque
         for time, wrench in zip(blocks.stamps.tolist(), blocks.wrench_in_sensor.tolist(), strict=True):
@@ -176,7 +175,7 @@ class SamplePublisher:
             force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
             self._publish(self._wrench, message)
 
-    def batch(self, batch: Batch) -> None:
+    def batch(self, batch: SampleBatch) -> None:
         message = self._batch_message
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(batch.stamp, 1_000_000_000)
         message.period = batch.period
@@ -187,7 +186,7 @@ class SamplePublisher:
         message.received, message.lost, message.out_of_order = batch.received, batch.lost, batch.out_of_order
         self._publish(self._batch, message)
 
-    def report(self, report: Report) -> None:
+    def report(self, report: StreamReport) -> None:
         condition = report.condition
         name = f"{condition.code.name}: " if condition.code else ""
         values = {

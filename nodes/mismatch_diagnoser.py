@@ -19,7 +19,7 @@ from poise.errors import InputError, PoiseError
 from poise.files import write_whole
 from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
-from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
+from poise.mismatch.reading import MeasuredStreams, NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -28,15 +28,15 @@ from poise.recording import open_recording
 from poise.recording.streams import stamp_of
 from poise_msgs.msg import MismatchReport
 
-DEEP = QoSProfile(depth=2000)
-LOOK_PERIOD = 0.25
+_DEEP = QoSProfile(depth=2000)
+_LOOK_PERIOD = 0.25
 """s between looks whether the next window is due."""
-FULL = 0.95
+_FULL = 0.95
 """Share of the window that has to have come."""
-GIL_SLICE = 5e-4
+_GIL_SLICE = 5e-4
 """s that the thread of the diagnosis may hold the interpreter while a message waits; Python's own 5 ms is too long."""
 
-PARAMETERS = (
+_PARAMETERS = (
     Parameter("model", "", "model.yaml: payload, tolerances, noise; empty: the payload is identified from each window"),
     Parameter("bags", WORDS, "bags to diagnose instead of topics, once; of several the last is held out"),
     Parameter("window", 35.0, "s of messages that are examined together", (8.0, 600.0)),
@@ -56,8 +56,8 @@ class MismatchDiagnoser(Node):
 
     def __init__(self) -> None:
         super().__init__("mismatch_diagnoser")
-        values = declare_parameters(self, PARAMETERS)
-        sys.setswitchinterval(GIL_SLICE)
+        values = declare_parameters(self, _PARAMETERS)
+        sys.setswitchinterval(_GIL_SLICE)
         self._model = load_model(Path(values["model"])) if values["model"] else NominalModel()
         self._library = effects_called(values["effects"])
         self._period, self._share = values["period"], values["share"]
@@ -80,14 +80,14 @@ class MismatchDiagnoser(Node):
 
     def _listen(self) -> None:
         for kind, topic, callback, qos in (
-            (WrenchStamped, "wrench", self._on_wrench, DEEP),
-            (JointState, "joint_states", self._on_joint_state, DEEP),
-            (Odometry, "odom", self._on_odometry, DEEP),
+            (WrenchStamped, "wrench", self._on_wrench, _DEEP),
+            (JointState, "joint_states", self._on_joint_state, _DEEP),
+            (Odometry, "odom", self._on_odometry, _DEEP),
             (String, "robot_description", self._on_description, LATCHED),
         ):
             self.create_subscription(kind, topic, guarded(self, callback), qos)
         self.create_service(Trigger, "reset_window", self._on_reset)
-        self.create_timer(LOOK_PERIOD, guarded(self, self._look))
+        self.create_timer(_LOOK_PERIOD, guarded(self, self._look))
 
     def destroy_node(self) -> None:
         """End the thread before the node goes."""
@@ -123,12 +123,12 @@ class MismatchDiagnoser(Node):
     def _look(self) -> None:
         """Begin an examination when the window has what it takes and there is something new in it."""
         window = self._window
-        full = not window.lacks and window.seconds > FULL * self._full
+        full = not window.lacks and window.seconds > _FULL * self._full
         if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
             return
         self._seen = window.newest
-        streams, description = window.streams(), window.description
-        self._start(lambda: self._examine_window(streams, description))
+        streams = window.streams()
+        self._start(lambda: self._examine_window(streams))
 
     def _start(self, work: Any) -> None:
         self._busy = True  # before the thread can say that it is done
@@ -162,11 +162,11 @@ class MismatchDiagnoser(Node):
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
-    def _examine_window(self, streams: dict[str, Any], description: str) -> None:
-        newest, frame = int(streams["wrench"].stamps[-1]), streams["wrench"].frame_id
+    def _examine_window(self, streams: MeasuredStreams) -> None:
+        newest, frame = int(streams.wrench.stamps[-1]), streams.wrench.frame_id
 
         def work() -> MismatchReport:
-            made = examine(streams, description, self._model, self._library, self._keep)
+            made = examine(streams, self._model, self._library, self._keep)
             self._save_model(made.found)
             return report_message(made.found, made.start, newest, frame)
 

@@ -6,7 +6,7 @@ from poise.nodes.estimate_message import time_message
 from poise.nodes.runtime import to_message
 from poise_msgs.msg import EffectFinding, MismatchReport
 
-VERDICTS = {
+_VERDICTS = {
     "none": MismatchReport.VERDICT_NONE,
     "named": MismatchReport.VERDICT_NAMED,
     "unknown": MismatchReport.VERDICT_UNKNOWN,
@@ -23,7 +23,7 @@ def report_message(found: Diagnosis, start: int, newest: int, frame_id: str) -> 
         newest: ns, stamp of the last wrench in it.
         frame_id: the sensor frame.
     """
-    message = MismatchReport(verdict=VERDICTS[found.verdict])
+    message = MismatchReport(verdict=_VERDICTS[found.verdict])
     message.header.stamp, message.header.frame_id = time_message(newest), frame_id
     message.effects = [_finding_message(finding, start) for finding in found.findings]
     if found.unknown is not None:

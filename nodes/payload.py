@@ -24,6 +24,7 @@ def weighed(item: RigidObject, estimate: InertialEstimate, pose_sensor_object: P
     found, rotation = estimate.inertia, pose_sensor_object.rotation
     com = pose_sensor_object.undo(np.array([found.com.x, found.com.y, found.com.z]))
     inertia = rotation.T @ symmetric([found.ixx, found.ixy, found.ixz, found.iyy, found.iyz, found.izz]) @ rotation
+    inertia = (inertia + inertia.T) / 2
     change = frame_change(rotation.T, -rotation.T @ pose_sensor_object.translation)
     covariance = change @ np.array(estimate.covariance).reshape(10, 10) @ change.T
     return replace(

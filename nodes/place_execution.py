@@ -14,15 +14,25 @@ from trajectory_msgs.msg import JointTrajectory
 
 from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.manipulation import Arm, Hand, Limits, Reach, Transfer, plan_transfer
-from poise.manipulation.arm import standing_at
-from poise.manipulation.gripper import Gripper
-from poise.manipulation.playing import Playing, Robot, Tolerances, steps_of
-from poise.manipulation.reach import require_room
+from poise.manipulation import (
+    Arm,
+    Gripper,
+    Hand,
+    Limits,
+    Reach,
+    RobotPort,
+    Tolerances,
+    Transfer,
+    TransferExecution,
+    plan_transfer,
+    require_room,
+    standing_at,
+    steps_of,
+)
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
-from poise.placement import Options, Placement, Progress, plan_placement
+from poise.placement import Options, Placement, PlacementPlanner, Progress
 from poise.recording.streams import stamp_of
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
@@ -65,12 +75,12 @@ class Carrying:
         values: parameters.
     """
 
-    def __init__(self, arm: Arm, robot: Robot, values: dict[str, Any]) -> None:
+    def __init__(self, arm: Arm, robot: RobotPort, values: dict[str, Any]) -> None:
         self._arm, self.robot, self._values = arm, robot, values
         self._begun = time.monotonic()
         self.start: Array | None = None
         self._transfer: Transfer | None = None
-        self.playing: Playing | None = None
+        self.playing: TransferExecution | None = None
 
     def found_start(self, now: float) -> bool:
         """Whether it is known where the arm rests; raises as `Robot.rests_at`."""
@@ -79,17 +89,18 @@ class Carrying:
 
     def plan(
         self,
+        planner: PlacementPlanner,
         analysis: Analysis,
         item: RigidObject,
         options: Options,
         seed: int,
         due: float,
-        tell: Callable[[Progress], bool],
+        report: Callable[[Progress], bool],
     ) -> Placement:
         """Where the object stays, and how it gets there; in the thread of the jobs.
 
         Raises:
-            InputError, NoAnswerError: as `plan_placement`, `plan_transfer`, `require_room`,
+            InputError, NoAnswerError: as the planner, `plan_transfer`, `require_room`,
                 `Reach.require_free_start` and `Reach.require_pick`.
         """
         require_room(analysis, item)
@@ -99,7 +110,7 @@ class Carrying:
         left = seconds_left(due, "the first pose")
         for_ways = min(self._values["ways_seconds"], left / 2)
         wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=reach.looks)
-        found = plan_placement(analysis, item, wanted, seed, tell)
+        found = planner.plan(analysis, item, wanted, seed, report)
         seconds = min(self._values["ways_seconds"], seconds_left(due, "a way was looked for"))
         limits = Limits(speed=self._values["speed"])
         self._transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
@@ -111,7 +122,7 @@ class Carrying:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
         values = self._values
         tolerances = Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
-        self.playing = Playing(name, steps_of(self._transfer, values["speed"]), self.robot, tolerances, now)
+        self.playing = TransferExecution(name, steps_of(self._transfer, values["speed"]), self.robot, tolerances, now)
 
     def stop(self) -> None:
         """Whatever it is at."""
@@ -161,7 +172,7 @@ class PlaceExecution:
                 raise InputError(
                     ErrorCode.TOPIC_MISSING, f"no controller listens on {name}: remap it to the robot's, or start it"
                 )
-        robot = Robot(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip)
+        robot = RobotPort(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip)
         self._listening = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, partial(_hear, robot)), 100
         )
@@ -188,5 +199,5 @@ class PlaceExecution:
         self._outlets[GRIPPER_TOPIC].publish(trajectory_message([self._gripper.joint], there))
 
 
-def _hear(robot: Robot, message: JointState) -> None:
+def _hear(robot: RobotPort, message: JointState) -> None:
     robot.add_joint_state(stamp_of(message), message.name, message.position, time.monotonic())

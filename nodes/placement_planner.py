@@ -12,16 +12,15 @@ from rclpy.action.server import ServerGoalHandle
 from rclpy.node import Node
 
 from poise.assembly import Analysis, load_scene
-from poise.assembly.changes import analysis_after
+from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.manipulation.playing import Playing
+from poise.manipulation import TransferExecution
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
 from poise.nodes.jobs import GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
-from poise.placement import CRITERIA, Options, Placement, Progress, Uncertainty, plan_placement
-from poise.placement.planner import ON
+from poise.placement import CRITERIA, DEFAULT_PLANNER, ON, PLACEMENT_PLANNERS, Options, Placement, Progress, Uncertainty
 from poise_msgs.action import PlaceObject as Action
 from poise_msgs.msg import Assembly as AssemblyMessage
 
@@ -33,6 +32,7 @@ FEEDBACK_PERIOD = 0.1
 PARAMETERS = (
     Parameter("scene", "", "scene file to begin with; empty: what comes on the topic assembly"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
+    Parameter("planner", DEFAULT_PLANNER, "how a placement is found", PLACEMENT_PLANNERS.names()),
     Parameter("deadline", 5.0, "s for a goal that gives none", (0.001, 3600.0)),
     Parameter("attempts", 500, "poses to test at the most", (1, 1_000_000)),
     Parameter("candidates", 10, "placements to find before the best is taken", (1, 10_000)),
@@ -66,7 +66,7 @@ class Task:
         self.abandoned = self.begun = self.done = False
         self.error: PoiseError | None = None
 
-    def tell(self, progress: Progress) -> bool:
+    def report(self, progress: Progress) -> bool:
         """Called by the planner; False ends it."""
         self.progress = progress
         return not self.abandoned
@@ -109,6 +109,7 @@ class PlacementPlanner(Node):
             uncertainty=Uncertainty() if values["robust"] else None,
             refining=values["refine"],
         )
+        self._planner = PLACEMENT_PLANNERS.find(values["planner"])
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._heard: AssemblyMessage | None = None
         if values["scene"]:
@@ -194,7 +195,7 @@ class PlacementPlanner(Node):
             self._told, self._told_stage = now, task.stage
             task.goal.publish_feedback(_feedback(task))
 
-    def _play(self, task: Task, playing: Playing, now: float) -> None:
+    def _play(self, task: Task, playing: TransferExecution, now: float) -> None:
         if task.goal.is_cancel_requested:
             playing.cancel(now)
         playing.tick(now)
@@ -252,9 +253,9 @@ class PlacementPlanner(Node):
         item = object_of(request.object, self._folders)
         analysis = self._analysis(task.assembly)
         if task.carrying is not None:
-            return task.carrying.plan(analysis, item, self._options, request.seed, task.due, task.tell)
+            return task.carrying.plan(self._planner, analysis, item, self._options, request.seed, task.due, task.report)
         left = seconds_left(task.due, "the first pose")
-        return plan_placement(analysis, item, replace(self._options, deadline=left), request.seed, task.tell)
+        return self._planner.plan(analysis, item, replace(self._options, deadline=left), request.seed, task.report)
 
     def _analysis(self, message: AssemblyMessage) -> Analysis:
         """Of the assembly in a message; what is the same as the last time is not worked out again."""

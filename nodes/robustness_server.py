@@ -1,8 +1,9 @@
 """Node: answers how hard an assembly may be pushed and in which order it comes apart, and keeps the assembly."""
 
+import contextlib
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,14 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import Marker, MarkerArray
+from visualization_msgs.msg import MarkerArray
 
 from poise.assembly import Analysis, RigidObject, assess, load_scene, plan_disassembly, robustness_map
-from poise.assembly.analysis import unstable
-from poise.assembly.changes import analysis_after
-from poise.assembly.deadline import Deadline
+from poise.assembly.robustness import MAX_MAP_POINTS, Robustness, RobustnessMap
+from poise.assembly.statics import Deadline, analysis_after, unstable
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
-from poise.nodes.assembly_markers import cleared, map_markers, mechanism_markers, scene_markers
+from poise.nodes.assembly_markers import MOST_DRAWN, cleared, map_markers, mechanism_markers, scene_markers
 from poise.nodes.assembly_message import (
     assembly_message,
     assembly_of,
@@ -41,6 +41,8 @@ MARKER_PERIOD = 0.5
 MARKER_SECONDS = 2.0
 """s that the map of the markers may take."""
 MAP_TOLERANCE = 0.03
+MAX_PUSHES = 10_000
+"""Pushes in one call."""
 
 PARAMETERS = (
     Parameter("scene", "", "scene file to begin with; empty: none"),
@@ -53,9 +55,8 @@ PARAMETERS = (
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),
-    Parameter(
-        "marker_map_points", 0, "points of the map of the markers, made anew for every assembly; 0: none", (0, 100_000)
-    ),
+    Parameter("most_map_points", 100_000, "points that one call may ask a map of", (1, MAX_MAP_POINTS)),
+    Parameter("marker_map_points", 0, "points of the map in the markers of a new assembly; 0: none", (0, MOST_DRAWN)),
 )
 
 
@@ -69,14 +70,15 @@ class RobustnessServer(Node):
         super().__init__("robustness_server")
         values = declare_parameters(self, PARAMETERS)
         self._longest: float = values["longest"]
-        self._map_points: int = values["marker_map_points"]
+        self._marker_map_points: int = values["marker_map_points"]
+        self._most_map_points: int = values["most_map_points"]
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._frame_id: str = values["frame_id"]
         self._analysis: Analysis | None = None
         self._problem: PoiseError | None = None
         self._recent: Analysis | None = None
         self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
-        self._markers: dict[str, list[Marker]] = {}
+        self._answered: tuple[Sequence[Robustness], RobustnessMap | None] = (), None
         self._drawn = True
         self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
         self._marker_arrays = self.create_publisher(MarkerArray, "robustness_markers", LATCHED)
@@ -104,6 +106,12 @@ class RobustnessServer(Node):
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
     def _assess(self, request: AssessRobustness.Request, response: AssessRobustness.Response, deadline: float) -> None:
+        for name, count, most in (
+            ("pushes", len(request.pushes), MAX_PUSHES),
+            ("map_points", request.map_points, self._most_map_points),
+        ):
+            if count > most:
+                raise InputError(ErrorCode.BAD_INPUT, f"{name}: {count} in one call; this server takes {most} at most")
         pushes = pushes_of(request.pushes, request.groups)
         start = time.perf_counter()
         analysis = self._analysis_for(request)
@@ -153,7 +161,7 @@ class RobustnessServer(Node):
         if request.operation == SetAssembly.Request.REPLACE:
             return analysis_after(self._analysis, assembly_of(message, self._folders))
         if self._analysis is None:
-            raise InputError(ErrorCode.EMPTY, "there is no assembly to change; set one with REPLACE")
+            raise self._problem or InputError(ErrorCode.EMPTY, "there is no assembly to change; set one with REPLACE")
         if request.operation == SetAssembly.Request.ADD_OR_MOVE:
             return self._analysis.with_object(*objects_of(message, self._folders), pairs=pairs_of(message))
         if request.operation == SetAssembly.Request.REMOVE:
@@ -180,7 +188,7 @@ class RobustnessServer(Node):
     def _keep(self, analysis: Analysis, publish: bool = True) -> None:
         """Make an analysis the one that calls without an assembly ask; tell the others."""
         self._analysis, self._problem = analysis, None
-        self._markers = {"scene": scene_markers(analysis, self._frame_id)}
+        self._answered = (), None
         self._drawn = False
         if publish:
             message = assembly_message(analysis.assembly, self._frame_id)
@@ -188,41 +196,42 @@ class RobustnessServer(Node):
             self._own_stamps.append((message.header.stamp.sec, message.header.stamp.nanosec))
             self._assemblies.publish(message)
 
-    def _remember(self, results: Any, mapped: Any) -> None:
-        """For the markers."""
-        if results:
-            self._markers["mechanism"] = mechanism_markers(self._analysis, results, self._frame_id)
-        if mapped is not None:
-            self._markers["map"] = map_markers(mapped, self._frame_id)
+    def _remember(self, results: Sequence[Robustness], mapped: RobustnessMap | None) -> None:
+        """Keep what the markers show; they are made after the answer."""
+        self._answered = (results or self._answered[0], mapped or self._answered[1])
         self._drawn = False
 
     def _draw(self) -> None:
-        if self._map_points and "map" not in self._markers and self._analysis is not None:
-            try:
-                found = robustness_map(self._analysis, self._map_points, deadline=MARKER_SECONDS)
-            except PoiseError:  # an assembly that does not stand has no map; its callers are told
-                found = None
-            self._markers["map"] = [] if found is None else map_markers(found, self._frame_id)
-        markers = [marker for part in self._markers.values() for marker in part]
-        self._marker_arrays.publish(MarkerArray(markers=[cleared(self._frame_id), *markers]))
-
-    def _take(self, change: Callable[[], Analysis], what: str, publish: bool) -> None:
-        """Take in an assembly that nobody called for; what is wrong with it is what callers hear until it is mended."""
-        try:
-            self._keep(change(), publish)
-        except PoiseError as error:
-            self._problem = error
-            self.get_logger().error(f"{what}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
+        markers = [cleared(self._frame_id)]
+        if self._analysis is not None:
+            results, mapped = self._answered
+            if mapped is None and self._marker_map_points:
+                with contextlib.suppress(PoiseError):  # an assembly that does not stand has no map
+                    mapped = robustness_map(self._analysis, self._marker_map_points, deadline=MARKER_SECONDS)
+                self._answered = results, mapped
+            markers += scene_markers(self._analysis, self._frame_id)
+            markers += mechanism_markers(self._analysis, results, self._frame_id) if results else []
+            markers += map_markers(mapped, self._frame_id) if mapped is not None else []
+        self._marker_arrays.publish(MarkerArray(markers=markers))
 
     def _take_message(self, message: AssemblyMessage) -> None:
+        """Take an assembly from the topic. After a bad one there is no assembly, and callers get its error."""
+        before, self._analysis = self._analysis, None
+        try:
+            analysis = analysis_after(before, assembly_of(message, self._folders))
+        except PoiseError as error:
+            self._drawn = False
+            self._refuse("assembly", error)
+            return
         self._frame_id = message.header.frame_id or self._frame_id
-        self._take(
-            lambda: analysis_after(self._analysis, assembly_of(message, self._folders)), "assembly", publish=False
-        )
+        self._keep(analysis, publish=False)
 
-    def _take_poses(self, poses: dict[str, Pose], tolerance: float) -> None:
-        """Move what has moved in tf, all at once."""
-        if self._analysis is None:
+    def _take_poses(self, poses: dict[str, Pose], reference: str, tolerance: float) -> None:
+        """Move what has moved in tf, all at once; poses in a frame that the assembly no longer has are left out.
+
+        An error of poses holds until tf gives better ones; that of an assembly message until a good assembly comes.
+        """
+        if self._analysis is None or reference != self._frame_id:
             return
         assembly = self._analysis.assembly
         moved = [
@@ -230,8 +239,17 @@ class RobustnessServer(Node):
             for item in assembly.objects
             if item.id in poses and _apart(item, poses[item.id]) > tolerance
         ]
-        if moved:
-            self._take(lambda: self._analysis.with_object(*moved), "poses from tf", publish=True)
+        if not moved:
+            self._problem = None
+            return
+        try:
+            self._keep(self._analysis.with_object(*moved))
+        except PoiseError as error:
+            self._refuse("poses from tf", error)
+
+    def _refuse(self, what: str, error: PoiseError) -> None:
+        self._problem = error
+        self.get_logger().error(f"{what}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
 
     # -- in the executor -------------------------------------------------------------------------------------------
 
@@ -257,7 +275,7 @@ class RobustnessServer(Node):
             names = [item.id for item in analysis.assembly.objects if not item.fixed]
             poses = {name: pose for name in names if (pose := frames.pose(name, reference)) is not None}
             if poses:
-                self._jobs.do(lambda: self._take_poses(poses, tolerance))
+                self._jobs.do(lambda: self._take_poses(poses, reference, tolerance))
 
         self.create_timer(1.0 / rate, guarded(self, look))
 

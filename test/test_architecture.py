@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tools.draw_architecture import PAGE, page
 from tools.source_rules import imports_past_a_face, names_used_twice, private_wording
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,16 +20,16 @@ LINKS = ("nodes", "fake_robots")
 
 # From the top to the bottom; an arrow may only point to its own level or below, and rooms never form a circle.
 LEVELS = (
-    {"cli", "commands"},
+    {"cli", "commands", "api", "__init__"},
     {"viewing"},
-    {"manipulation"},
-    {"placement", "mismatch", "excitation"},
+    {"manipulation", "baselines"},
+    {"placement", "mismatch", "excitation", "exporting"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},
     {"shape", "recording", "force_torque"},
     {"geometry"},
-    {"types", "errors", "files", "__init__"},
+    {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another
 
@@ -219,7 +220,7 @@ def test_arrows_between_rooms_run_one_way() -> None:
     for name, path in core_modules().items():
         for node, imported in imports(path):
             target = core_target(imported)
-            if target is None or room_of(target) == room_of(name):
+            if target is None or room_of(target) in (room_of(name), "__init__"):  # poise itself is lazy
                 continue
             here, there = room_of(name), room_of(target)
             upwards = level_of(there) < level_of(here)
@@ -233,7 +234,7 @@ def test_rooms_form_no_circle() -> None:
     graph: dict[str, set[str]] = {}
     for name, path in core_modules().items():
         targets = {room_of(target) for _, imported in imports(path) if (target := core_target(imported))}
-        graph.setdefault(room_of(name), set()).update(targets - {room_of(name)})
+        graph.setdefault(room_of(name), set()).update(targets - {room_of(name), "__init__"})
     assert not (found := circle(graph)), " -> ".join(found)
 
 
@@ -348,6 +349,11 @@ def test_no_two_public_classes_or_constants_share_a_name() -> None:
 @pytest.mark.xfail(strict=False, reason="rooms are reworded one by one")
 def test_the_wording_is_plain_engineering_english() -> None:
     assert not (offenders := private_wording()), "\n".join(offenders)
+
+
+@pytest.mark.xfail(strict=False, reason="drawn again when all rooms have their imports")
+def test_the_picture_of_the_rooms_is_that_of_the_imports() -> None:
+    assert page() == PAGE.read_text(encoding="utf-8"), "run python tools/draw_architecture.py"
 
 
 def test_the_core_loads_on_a_machine_without_ros() -> None:

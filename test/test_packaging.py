@@ -1,4 +1,4 @@
-"""The package: ROS dependencies in package.xml, files that its pages name, and the core installed without ROS."""
+"""The package: ROS dependencies in package.xml, and the core installed without ROS."""
 
 import ast
 import os
@@ -14,7 +14,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 NOT_ROS = {"numpy", "poise", "pymodbus", "scipy", "serial", "yaml"}
-PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), ROOT / "bags" / "README.md"])
 
 
 def imported(file: Path) -> set[str]:
@@ -35,18 +34,6 @@ def test_every_ros_package_that_a_node_or_launch_file_imports_is_in_package_xml(
     named = {element.text for tag in ("depend", "exec_depend") for element in package.iter(tag)}
     assert "rclpy" in wanted
     assert wanted <= named, wanted - named
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_and_files_that_a_page_names_exist(page: Path) -> None:
-    text = page.read_text()
-    links = [link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text) if not link.startswith("http")]
-    for link in filter(None, links):
-        assert (page.parent / link).exists(), link
-    for name in re.findall(
-        r"`((?:test|nodes|config|launch|tools|msg_defs|bags)/[\w./-]+\.(?:py|yaml|mcap|sh|msg|md))`", text
-    ):
-        assert (ROOT / name).exists(), name
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.identification.scenarios import Trial
 from poise.inertia.model.metrics import expected_errors
-from poise.inertia.model.regressor import regressor
+from poise.inertia.model.wrench_regressor import regressor
 from poise.types import Array
 
 BOUNDS = {

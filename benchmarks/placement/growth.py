@@ -16,11 +16,11 @@ from rich.progress import track
 
 from benchmarks.placement.scenes import FRICTION, GLUED, bowl, box, glued, scene
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.baselines.placement.engine import holds
 from poise.errors import NoAnswerError
 from poise.files import write_whole
 from poise.placement import Options, plan_placement, plan_sequence
 from poise.placement.planner import PLACES
-from poise.placement.rivals.engine import holds
 from poise.placement.supports import find_supports
 
 VERTICES = (500, 1000, 2000, 5000, 10_000, 20_000, 40_000)

@@ -6,14 +6,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
-from poise.assembly.deadline import NEVER_LATE
-from poise.assembly.models import limit
-from poise.assembly.pushes import Loads
+from poise.assembly.models.limit import limit
+from poise.assembly.statics.deadline import NEVER_LATE
+from poise.assembly.statics.pushes import Loads
+from poise.baselines.placement.engine import Engine, holds
 from poise.errors import PoiseError
 from poise.geometry import Pose, rotation_about
-from poise.placement import Options, Placement, Uncertainty
-from poise.placement.planners import PLANNERS
-from poise.placement.rivals.engine import Engine, holds
+from poise.placement import PLACEMENT_PLANNERS, Options, Placement, Uncertainty
 from poise.types import Array
 
 STILL = 1e-3
@@ -61,7 +60,7 @@ def run(scene: str, assembly: Assembly, item: RigidObject, planner: str, seed: i
         options = replace(options, uncertainty=Uncertainty())
     wall, processor = time.perf_counter(), time.process_time()
     try:
-        found = PLANNERS["poise" if robust else planner](assembly, item, options, seed, None)
+        found = PLACEMENT_PLANNERS.find("poise" if robust else planner).plan(assembly, item, options, seed, None)
     except PoiseError as error:
         seconds = time.process_time() - processor
         return Trial(scene, planner, seed, seconds, why={**error.data.get("rejected", {}), error.code.name: 1})

@@ -9,17 +9,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from poise.assembly import (
-    MODELS,
-    AccelerationLimits,
-    Analysis,
-    Assessment,
-    RobustnessMap,
-    acceleration_limits,
-    assess,
-    plan_disassembly,
-    robustness_map,
-)
+from poise.assembly import Analysis, acceleration_limits, assess, plan_disassembly, robustness_map
+from poise.assembly.robustness import ROBUSTNESS_MODELS, AccelerationLimits, Assessment, RobustnessMap
 from poise.commands.assembly_pictures import (
     PictureOption,
     RerunOption,
@@ -56,7 +47,9 @@ def robustness(
     surface: Annotated[bool, typer.Option("--map", help="Pushes inward all over the surface instead.")] = False,
     points: Annotated[int, typer.Option("--points", help="Of the map.", min=1, max=1_000_000)] = 10_000,
     tolerance: Annotated[float, typer.Option("--tolerance", help="Of the map, relative.", min=1e-4, max=1.0)] = 0.03,
-    model: Annotated[str | None, typer.Option("--model", help=f"One of {', '.join(sorted(MODELS))}.")] = None,
+    model: Annotated[
+        str | None, typer.Option("--model", help=f"One of {', '.join(ROBUSTNESS_MODELS.names())}.")
+    ] = None,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
     picture: PictureOption = None,

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from poise.assembly import AccelerationLimits, Analysis, Assessment, Push, RobustnessMap
+from poise.assembly import Analysis, Push
+from poise.assembly.robustness import AccelerationLimits, Assessment, RobustnessMap
 from poise.commands.output import console, refuse_folder
 
 PictureOption = Annotated[

@@ -27,10 +27,7 @@ from poise.commands.place import (
 )
 from poise.commands.scenes import open_scene
 from poise.errors import NoAnswerError
-from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer
-from poise.manipulation.arm import standing_at
-from poise.manipulation.bodies import pose_of
-from poise.manipulation.reach import require_room
+from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer, pose_of, require_room, standing_at
 from poise.placement import Options, Uncertainty, plan_placement
 
 SpecOption = Annotated[

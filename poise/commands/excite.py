@@ -9,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress
 
-from poise.assembly.mesh_files import load_mesh
+from poise.assembly.scene import load_mesh
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
 from poise.excitation import (

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
 from poise.commands.identify_model import say, told, without_effects
 from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
 from poise.errors import ErrorCode, InputError
@@ -120,6 +121,8 @@ def identify(
     max_torque: MaxTorqueOption = np.inf,
     model: ModelOption = None,
     report: ReportOption = None,
+    exports: ExportOption = None,
+    flange_pose: FlangePoseOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Estimate mass, centre of mass and inertia of the payload on a force-torque sensor.
@@ -132,6 +135,7 @@ def identify(
     Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
     """
     refuse_folder(json_target, "--json")
+    requests, flange_from_sensor = read_exports(exports, json_target), read_pose(flange_pose, "--flange-pose")
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people = console(json_target)
     known = (sensor_frame, gravity, wrench_topic)
@@ -145,6 +149,7 @@ def identify(
     write_json(json_target, content)
     print_answer(people, bag, answer)
     say(people, taken)
+    written += write_exports(requests, answer.estimate, flange_from_sensor)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 

@@ -7,7 +7,8 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from poise.assembly import AccelerationLimits, Analysis, acceleration_limits
+from poise.assembly import Analysis, acceleration_limits
+from poise.assembly.robustness import AccelerationLimits
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.mismatch.application import loads_about

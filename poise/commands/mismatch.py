@@ -17,15 +17,15 @@ from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, join
 from poise.recording import open_recording
 from poise.viewing.wording import readable, rounded
 
-MISSED = 1.5
+_MISSED = 1.5
 """Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
-MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
+_MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
 
-JsonOption = Annotated[
+_JsonOption = Annotated[
     str | None,
     typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
 ]
-ModelOption = Annotated[
+_ModelOption = Annotated[
     Path | None,
     typer.Option(
         "--model",
@@ -40,7 +40,7 @@ BagsArgument = Annotated[
     list[Path],
     typer.Argument(metavar="BAG...", help="Recordings; of several, the last is held out.", show_default=False),
 ]
-ReportOption = Annotated[
+_ReportOption = Annotated[
     Path | None,
     typer.Option("--report", metavar="DIR", help="Write an HTML report and a Rerun scene.", show_default=False),
 ]
@@ -61,11 +61,11 @@ SeparateOption = Annotated[
 
 def mismatch(
     bags: BagsArgument,
-    model: ModelOption = None,
-    report: ReportOption = None,
+    model: _ModelOption = None,
+    report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
-    json_target: JsonOption = None,
+    json_target: _JsonOption = None,
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.
 
@@ -109,8 +109,8 @@ def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[st
         return
     for entry in recordings:
         people.print(f"From {entry['start']:.1f} s to {entry['end']:.1f} s: {escape(entry['bag'])}", soft_wrap=True)
-    if found.main.proof.augmented > MISSED * max(found.main.proof.floor, 1.0):
-        people.print(MISSED_SENTENCE.format(escape(recordings[-1]["bag"])), soft_wrap=True)
+    if found.main.proof.augmented > _MISSED * max(found.main.proof.floor, 1.0):
+        people.print(_MISSED_SENTENCE.format(escape(recordings[-1]["bag"])), soft_wrap=True)
 
 
 def read_all(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:

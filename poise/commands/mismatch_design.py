@@ -10,7 +10,7 @@ from poise.excitation.plan_file import write_waypoints
 from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, separating_motion
 from poise.robot import RobotModel
 
-STEP = 0.1
+_STEP = 0.1
 """s between the waypoints of a written motion; between them it is a quintic."""
 
 
@@ -32,7 +32,7 @@ def write_design(path: Path, design: DiscriminatingMotion) -> Path:
     Raises:
         InputError: FILE_UNWRITABLE.
     """
-    times = np.linspace(0.0, design.trajectory.duration, round(design.trajectory.duration / STEP) + 1)
+    times = np.linspace(0.0, design.trajectory.duration, round(design.trajectory.duration / _STEP) + 1)
     return write_waypoints(
         path, design.joint_names, times, design.trajectory.at(times), f"{design_sentence(design)} (poise mismatch)"
     )

@@ -13,13 +13,17 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from poise.assembly import RigidObject, read_object, write_scene
+from poise.assembly import RigidObject, write_scene
+from poise.assembly.scene import read_object
 from poise.commands.output import console, number_for_json, refuse_folder, write_json
 from poise.commands.scenes import open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import (
     CRITERIA,
+    DEFAULT_PLANNER,
+    PLACEMENT_PLANNERS,
     KeptFree,
+    Look,
     Options,
     Placement,
     PlacementSequence,
@@ -27,8 +31,6 @@ from poise.placement import (
     Uncertainty,
     plan_sequence,
 )
-from poise.placement.planners import PLANNERS, find_planner
-from poise.placement.validation import Look
 
 MOST_BYTES = 1_000_000
 
@@ -58,7 +60,7 @@ RobustOption = Annotated[
     bool, typer.Option("--robust", help="It has to stay in spite of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
 ]
 RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as it gets better.")]
-PlannerOption = Annotated[str, typer.Option("--planner", help=f"To compare with: {', '.join(PLANNERS)}.")]
+PlannerOption = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLACEMENT_PLANNERS.names())}.")]
 OrdersOption = Annotated[int, typer.Option("--orders", help="Orders of several objects to look at.", min=1)]
 KeepFreeOption = Annotated[
     tuple[float, float, float, float, float, float] | None,
@@ -90,7 +92,7 @@ def place(
     on: OnOption = "any",
     robust: RobustOption = False,
     refining: RefiningOption = False,
-    planner: PlannerOption = "poise",
+    planner: PlannerOption = DEFAULT_PLANNER,
     orders: OrdersOption = 1,
     keep_free: KeepFreeOption = None,
     output: OutputOption = None,
@@ -111,8 +113,8 @@ def place(
     options = Options(
         attempts, deadline, candidates, criterion, on, uncertainty=uncertainty, refining=refining, looks=looks
     )
-    find = find_planner(planner)
-    if len(items) > 1 and planner != "poise":
+    chosen = PLACEMENT_PLANNERS.find(planner)
+    if len(items) > 1 and not chosen.sequences:
         raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
     people = console(json_target)
     try:
@@ -120,7 +122,7 @@ def place(
             if len(items) > 1:
                 found: Placement | PlacementSequence = plan_sequence(analysis, items, options, seed, orders, tell)
             else:
-                found = find(analysis, items[0], options, seed, tell)
+                found = chosen.plan(analysis, items[0], options, seed, tell)
     except NoAnswerError as error:
         write_json(json_target, failure_of(error))
         raise

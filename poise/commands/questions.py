@@ -10,7 +10,7 @@ from poise.assembly import Push
 from poise.errors import ErrorCode, InputError
 from poise.types import Array
 
-MAX_BYTES = 100_000_000
+_MAX_BYTES = 100_000_000
 
 Question = Push | list[Push]
 """A push, or several that grow together."""
@@ -59,8 +59,8 @@ def read_vectors(path: Path) -> Array:
 
 def _json_list(path: Path) -> list[Any]:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: larger than {MAX_BYTES // 1_000_000} MB")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: larger than {_MAX_BYTES // 1_000_000} MB")
         content = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error

@@ -9,8 +9,9 @@ import typer
 from rich.markup import escape
 from rich.progress import Progress
 
-from poise.assembly import MotionProbability, Push, Sensitivity, motion_probability
+from poise.assembly import Push, motion_probability
 from poise.assembly import sensitivity as sensitivity_of
+from poise.assembly.robustness import MotionProbability, Sensitivity
 from poise.commands.assembly import DeadlineOption, JsonOption, SceneArgument
 from poise.commands.output import console, number_for_json, refuse_folder, write_json
 from poise.commands.questions import read_pushes

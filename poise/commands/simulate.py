@@ -13,12 +13,12 @@ from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.application import SimulatedRun, run_planned, run_recorded
 from poise.mismatch.reading import NominalModel, absent, effect_of, load_model, read_recording
+from poise.mismatch.recorded import WRENCH_CHANNELS
 from poise.recording import open_recording, rewrite_recording, write_recording
 from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import read_trajectory
 
-PLANNED = (".csv", ".yaml", ".yml")
-CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+_PLANNED = (".csv", ".yaml", ".yml")
 
 
 def simulate(
@@ -65,7 +65,7 @@ def simulate(
     refuse_folder(json_target, "--json")
     known = load_model(model)
     rng = np.random.default_rng(seed) if noise else None
-    run = _planned if motion.suffix in PLANNED else _recorded
+    run = _planned if motion.suffix in _PLANNED else _recorded
     made = run(known, motion, out, urdf, rng)
     content = summary(made, known, out, noise)
     write_json(json_target, content)
@@ -130,7 +130,7 @@ def summary(made: SimulatedRun, known: NominalModel, out: Path, noisy: bool) -> 
         "mass": float(recorded.phi[0]),
         "noise": noisy,
         "efforts": [] if recorded.effort is None else list(recorded.effort.names),
-        "rms": dict(zip(CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
+        "rms": dict(zip(WRENCH_CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
         "effects": effects,
     }
 

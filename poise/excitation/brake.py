@@ -1,13 +1,20 @@
-"""Stops an arm along the path it is on: slower from the first instant, so that what was certified stays so."""
+"""Stops an arm along the path it is on; all stops of a motion are certified before the motion begins."""
+
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from poise.errors import ErrorCode, PoiseError
 from poise.excitation.certificate import certify
 from poise.excitation.limits import Guard, MotionLimits
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
+STOP_SPACING = 0.02
+"""s of a motion between two instants at which a stop can begin."""
 STOP_TIMES = (0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 """s, tried from the shortest."""
 WAYPOINT_SPACING = 0.02
@@ -16,20 +23,84 @@ HARDER = 1.25
 """Factor on the limit of joint acceleration: a stop may be harder than the motion."""
 
 
-def brake(
-    model: RobotModel, motion: WaypointTrajectory, at: float, guard: Guard, limits: MotionLimits
-) -> WaypointTrajectory:
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A motion that brings the arm to rest.
+
+    Args:
+        begin: s of the motion that it leaves.
+        motion: from the state of the motion at that time, so that a controller takes over without a jump.
+        excess: which limits it exceeds, in words; empty when it keeps them all.
+    """
+
+    begin: float
+    motion: WaypointTrajectory
+    excess: str = ""
+
+
+class ReadyStops:
+    """The stops of one motion, certified ahead: at the moment of need one is looked up, nothing is computed.
+
+    Args:
+        motion: the motion.
+        stops: in the order of their begins; the last one begins where the motion ends.
+    """
+
+    def __init__(self, motion: WaypointTrajectory, stops: tuple[Stop, ...]) -> None:
+        self._motion, self.stops = motion, stops
+        self._begins = [stop.begin for stop in stops]
+
+    @classmethod
+    def prepare(
+        cls,
+        model: RobotModel,
+        motion: WaypointTrajectory,
+        guard: Guard,
+        limits: MotionLimits,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> "ReadyStops":
+        """Certify a stop every `STOP_SPACING` s of a motion.
+
+        Raises:
+            PoiseError: CANCELLED.
+        """
+        count = max(int(np.ceil(motion.duration / STOP_SPACING)), 1)
+        stops = []
+        for begin in np.linspace(0.0, motion.duration, count + 1).tolist():
+            if cancelled():
+                raise PoiseError(ErrorCode.CANCELLED, "cancelled while the stops were certified")
+            stops.append(brake(model, motion, begin, guard, limits))
+        return cls(motion, tuple(stops))
+
+    def after(self, at: float) -> Stop:
+        """The first stop that begins at `at` s of the motion or later; before and after the motion: hold the pose."""
+        if 0.0 < at < self._motion.duration:
+            return self.stops[bisect_left(self._begins, at)]
+        end = self.stops[0] if at <= 0.0 else self.stops[-1]
+        return Stop(at, end.motion)
+
+
+def brake(model: RobotModel, motion: WaypointTrajectory, at: float, guard: Guard, limits: MotionLimits) -> Stop:
     """The shortest stop from `at` s of a motion on, along its path, that keeps the limits; at rest already: staying.
 
-    The first waypoint is the state of the motion at that time, so that a controller takes over without a jump.
+    If none of `STOP_TIMES` keeps them, the longest is returned, and its `excess` names what it exceeds.
     """
     for stop_time in STOP_TIMES:
         stop = stop_along(motion, at, stop_time)
-        found = certify(model, stop, guard)
-        gentle = found.acceleration <= HARDER * limits.acceleration
-        if gentle and found.speed <= limits.speed * (1 + 1e-6):
+        excess = _excess(model, stop, guard, limits)
+        if not excess:
             break
-    return stop
+    return Stop(at, stop, excess)
+
+
+def _excess(model: RobotModel, stop: WaypointTrajectory, guard: Guard, limits: MotionLimits) -> str:
+    found = certify(model, stop, guard)
+    over = []
+    if found.acceleration > HARDER * limits.acceleration:
+        over.append(f"joint acceleration {found.acceleration:.3g} of {HARDER * limits.acceleration:.3g} rad/s2")
+    if found.speed > limits.speed * (1 + 1e-6):
+        over.append(f"speed {found.speed:.4g} of {limits.speed:.4g} m/s")
+    return ", ".join(over)
 
 
 def stop_along(motion: WaypointTrajectory, at: float, stop_time: float) -> WaypointTrajectory:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
-from poise.excitation.brake import brake
+from poise.excitation.brake import ReadyStops
 from poise.excitation.joint_watch import JointWatch
 from poise.excitation.limits import Guard, MotionLimits
 from poise.excitation.plan import ExcitationPlan
@@ -126,7 +126,10 @@ class Session:
         self._since = self._ticked = now
         self._trusting_until = now
         self._stop_planning = threading.Event()
-        self._planned: list[ExcitationPlan | PoiseError] = []
+        self._planned: list[tuple[ExcitationPlan, ReadyStops] | PoiseError] = []
+        self._stops: ReadyStops | None = None
+        self._stop_sent = False
+        self._stop_failure: Exception | None = None
         self._begin = 0  # ns of the motion on the joint states' clock
         self._steps = {
             Phase.WAITING: self._wait,
@@ -187,14 +190,17 @@ class Session:
         self._enter(Phase.PLANNING, now)
 
     def _make_plan(self, plan: Plan) -> None:
-        """In a thread of its own."""
+        """Plan the motion and certify its stops, in a worker thread."""
 
         def advance(share: float) -> None:
             if not self._stop_planning.is_set():
                 self.progress = 0.3 * share
 
         try:
-            self._planned.append(plan(advance, self._stop_planning.is_set))
+            made = plan(advance, self._stop_planning.is_set)
+            task = self._task
+            stops = ReadyStops.prepare(self._model, made.motion, task.guard, task.limits, self._stop_planning.is_set)
+            self._planned.append((made, stops))
         except PoiseError as error:
             self._planned.append(error)
         except Exception as error:
@@ -216,9 +222,9 @@ class Session:
                 ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the motion was planned: stop what moves it"
             )
         self._scale.begin()
-        self.planned = planned
+        self.planned, self._stops = planned
         self._begin = self.joints.clock(now) + round(LEAD * 1e9)
-        self._send(Command(planned.motion, self._begin))
+        self._send(Command(self.planned.motion, self._begin))
         self._enter(Phase.MOVING, now)
 
     def _watch(self, now: float) -> None:
@@ -251,11 +257,13 @@ class Session:
         self._enter(Phase.DONE, now)
 
     def _await_rest(self, now: float) -> None:
+        if not self._stop_sent:
+            self._try_to_stop(now)
         if self.joints.age(now) < STALE and now - self._since > STOP_LEAD and self.joints.at_rest():
             self._enter(Phase.DONE, now)
         elif now - self._since > STOPPING:
-            error = self.error or PoiseError(ErrorCode.CANCELLED, "")
-            self.error = PoiseError(error.code, f"{error.message}; and the arm was not seen to come to rest")
+            failure = "" if self._stop_failure is None else f"the stop could not be sent: {self._stop_failure!r}; "
+            self._amend(f"{failure}the arm was not seen to come to rest")
             self._enter(Phase.DONE, now)
 
     # -- what can go wrong ---------------------------------------------------------------------------------------
@@ -267,9 +275,26 @@ class Session:
             self._enter(Phase.DONE, now)
             return
         self._enter(Phase.STOPPING, now)
-        stamp = self.joints.clock(now) + round(STOP_LEAD * 1e9)
-        at = (stamp - self._begin) * 1e-9
-        self._send(Command(brake(self._model, self.planned.motion, at, self._task.guard, self._task.limits), stamp))
+        self._try_to_stop(now)
+
+    def _try_to_stop(self, now: float) -> None:
+        """Send the next stop that is ready. If that fails, the next tick tries again."""
+        if self._stops is None or self.error is None:
+            return
+        try:
+            stamp = self.joints.clock(now) + round(STOP_LEAD * 1e9)
+            stop = self._stops.after((stamp - self._begin) * 1e-9)
+            self._send(Command(stop.motion, self._begin + round(stop.begin * 1e9)))
+        except Exception as error:
+            self._stop_failure = error
+            return
+        self._stop_sent = True
+        if stop.excess:
+            self._amend(f"no stop kept the limits: {stop.excess}")
+
+    def _amend(self, remark: str) -> None:
+        error = self.error or PoiseError(ErrorCode.CANCELLED, "")
+        self.error = PoiseError(error.code, f"{error.message}; {remark}")
 
     def _silent(self, now: float) -> PoiseError | None:
         heard = self._scale.heard()

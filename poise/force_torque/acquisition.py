@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, PoiseError, SensorError
-from poise.force_torque.batch import Batch, Batcher
+from poise.force_torque.batch import Batcher, SampleBatch
 from poise.force_torque.bias import MAX_DRIFT, Bias, BiasJob
 from poise.force_torque.clock import SampleClock
 from poise.force_torque.connection import Backoff
-from poise.force_torque.decimation import BlockAverager, Blocks, Stamped, block_size
-from poise.force_torque.health import Health, Report
-from poise.force_torque.link import Link
-from poise.force_torque.samples import Samples
+from poise.force_torque.decimation import BlockAverager, BlockAverages, Stamped, block_size
+from poise.force_torque.health import Health, StreamReport
 from poise.force_torque.sequence import SequenceCounter
+from poise.force_torque.wire import Link, SensorSamples
 from poise.types import Array
 
 LONGEST_WAIT = 0.05
@@ -32,13 +31,13 @@ REPORT_PERIOD = 1.0
 class Sink(Protocol):
     """Where the acquisition delivers; called from its thread."""
 
-    def blocks(self, blocks: Blocks) -> None:
+    def blocks(self, blocks: BlockAverages) -> None:
         """Averages to publish, one or more."""
 
-    def batch(self, batch: Batch) -> None:
-        """Samples to publish together."""
+    def batch(self, batch: SampleBatch) -> None:
+        """SensorSamples to publish together."""
 
-    def report(self, report: Report) -> None:
+    def report(self, report: StreamReport) -> None:
         """The condition changed, or a second has passed."""
 
 
@@ -111,13 +110,13 @@ class Acquisition:
                 self._job.fail(SensorError(ErrorCode.CANCELLED, "the driver was stopped"))
         return not self._thread.is_alive()
 
-    def report(self) -> Report:
+    def report(self) -> StreamReport:
         """How things are now."""
         with self._lock:
             now = time.monotonic()
             status_text = self._link.describe(self._health.status)
             counter = self._counter
-            return Report(
+            return StreamReport(
                 condition=self._health.condition(now, status_text),
                 device=self._link.name,
                 received=counter.received,
@@ -219,7 +218,7 @@ class Acquisition:
             self._backoff.reset()
         self._deliver(*self._digest(samples))
 
-    def _deliver(self, blocks: Blocks, batch: Batch | None) -> None:
+    def _deliver(self, blocks: BlockAverages, batch: SampleBatch | None) -> None:
         if len(blocks):
             self._sink.blocks(blocks)
         if batch is not None:
@@ -246,7 +245,7 @@ class Acquisition:
                     self._averager = BlockAverager(block_size(rate, self._options.publish_rate))
         self._next_start = time.monotonic() + self._backoff.next()
 
-    def _read(self, timeout: float) -> Samples | None:
+    def _read(self, timeout: float) -> SensorSamples | None:
         if not self._is_open:
             self._stopping.wait(timeout)
             return None
@@ -276,7 +275,7 @@ class Acquisition:
             self._health.failed(known)
         self._stopping.wait(0.001)
 
-    def _digest(self, samples: Samples) -> tuple[Blocks, Batch | None]:
+    def _digest(self, samples: SensorSamples) -> tuple[BlockAverages, SampleBatch | None]:
         with self._lock:
             now = time.monotonic()
             counter, before = self._counter, (self._counter.lost, self._counter.restarts)
@@ -297,7 +296,7 @@ class Acquisition:
             batch = self._batcher.push(samples, stamped, counter, self._clock)
             return self._publishable(self._averager.push(stamped)), batch
 
-    def _stamp(self, samples: Samples, position: NDArray[np.int64]) -> Stamped:
+    def _stamp(self, samples: SensorSamples, position: NDArray[np.int64]) -> Stamped:
         if self._clock is None:
             stamps = np.full(len(samples), samples.arrival, dtype=np.int64)
         elif len(samples):
@@ -308,7 +307,7 @@ class Acquisition:
         wrench = samples.wrench_in_sensor - self._bias
         return Stamped(position, stamps, wrench, samples.saturated, samples.faulty)
 
-    def _publishable(self, blocks: Blocks) -> Blocks:
+    def _publishable(self, blocks: BlockAverages) -> BlockAverages:
         """Leave out what is no measurement."""
         bad = blocks.faulty | (blocks.saturated & (not self._options.publish_saturated))
         if self._health.is_stalled:

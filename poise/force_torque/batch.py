@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from poise.force_torque.clock import SampleClock
 from poise.force_torque.decimation import Stamped
-from poise.force_torque.samples import Samples
 from poise.force_torque.sequence import SequenceCounter
+from poise.force_torque.wire import SensorSamples
 from poise.types import Array
 
 
 @dataclass(frozen=True)
-class Batch:
+class SampleBatch:
     """Consecutive samples, saturated and faulty ones included, and the counts since activation.
 
     Attributes:
@@ -44,11 +44,11 @@ class Batcher:
 
     def __init__(self, rate: float) -> None:
         self._length = round(1e9 / rate) if rate > 0 else 0
-        self._parts: list[tuple[Samples, Stamped]] = []
+        self._parts: list[tuple[SensorSamples, Stamped]] = []
 
     def push(
-        self, samples: Samples, stamped: Stamped, counter: SequenceCounter, clock: SampleClock | None
-    ) -> Batch | None:
+        self, samples: SensorSamples, stamped: Stamped, counter: SequenceCounter, clock: SampleClock | None
+    ) -> SampleBatch | None:
         """Take the samples of a read (`stamped` are the same with the bias taken off); return a batch when full."""
         if not self._length:
             return None
@@ -60,12 +60,12 @@ class Batcher:
             return None
         return self.flush(counter, clock)
 
-    def flush(self, counter: SequenceCounter, clock: SampleClock | None) -> Batch | None:
+    def flush(self, counter: SequenceCounter, clock: SampleClock | None) -> SampleBatch | None:
         """What has been collected so far."""
         if not self._parts:
             return None
         parts, self._parts = self._parts, []
-        return Batch(
+        return SampleBatch(
             stamp=int(parts[0][1].stamps[0]),
             period=clock.period / 1e9 if clock else 0.0,
             sequence=np.concatenate([raw.sequence for raw, _ in parts]),

@@ -14,7 +14,7 @@ from poise.types import Array, Mask
 
 @dataclass(frozen=True)
 class Stamped:
-    """Samples with their times.
+    """SensorSamples with their times.
 
     Attributes:
         position: (N,) int64 place in an endless count; gaps are lost samples.
@@ -52,7 +52,7 @@ class Stamped:
 
 
 @dataclass(frozen=True)
-class Blocks:
+class BlockAverages:
     """Block averages.
 
     Attributes:
@@ -71,9 +71,9 @@ class Blocks:
     def __len__(self) -> int:
         return len(self.stamps)
 
-    def take(self, which: Mask) -> "Blocks":
+    def take(self, which: Mask) -> "BlockAverages":
         """The blocks marked, (B,) bool."""
-        return Blocks(
+        return BlockAverages(
             self.stamps[which],
             self.wrench_in_sensor[which],
             self.count[which],
@@ -85,14 +85,14 @@ class Blocks:
 class BlockAverager:
     """Averages blocks of `size` consecutive sequence numbers.
 
-    Blocks are cut by number, not by count, so a lost sample thins its own block and shifts no other.
+    BlockAverages are cut by number, not by count, so a lost sample thins its own block and shifts no other.
     """
 
     def __init__(self, size: int) -> None:
         self.size = size
         self._pending: Stamped | None = None
 
-    def push(self, samples: Stamped) -> Blocks:
+    def push(self, samples: Stamped) -> BlockAverages:
         """Take samples in order of position; return the blocks that they complete."""
         if self._pending is not None:
             samples = self._pending + samples
@@ -108,15 +108,15 @@ class BlockAverager:
         self._pending = None
 
 
-def _average(samples: Stamped, block: NDArray[np.int64]) -> Blocks:
+def _average(samples: Stamped, block: NDArray[np.int64]) -> BlockAverages:
     if not len(samples):
         none = np.empty(0, dtype=np.int64)
-        return Blocks(none, np.empty((0, 6)), none, none.astype(bool), none.astype(bool))
+        return BlockAverages(none, np.empty((0, 6)), none, none.astype(bool), none.astype(bool))
     start = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
     count = np.diff(start, append=len(block))
     first = samples.stamps[start]
     since = samples.stamps - np.repeat(first, count)
-    return Blocks(
+    return BlockAverages(
         first + np.add.reduceat(since, start) // count,
         np.add.reduceat(samples.wrench_in_sensor, start) / count[:, None],
         count,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from poise.errors import ErrorCode, PoiseError
-from poise.force_torque.samples import Samples
+from poise.force_torque.wire import SensorSamples
 
 HOLD = 1.0
 """s for which a passing fault stays visible after it was last seen."""
@@ -42,7 +42,7 @@ class Condition:
 
 
 @dataclass(frozen=True)
-class Report:
+class StreamReport:
     """A frozen picture for diagnostics; counts are since activation.
 
     Attributes:
@@ -124,7 +124,7 @@ class Health:
         """A passing fault was seen: it shows for HOLD."""
         self._seen[kind] = (now, text)
 
-    def take(self, samples: Samples, now: float) -> None:
+    def take(self, samples: SensorSamples, now: float) -> None:
         """Note a read."""
         self.check(now)
         if samples.rejected:

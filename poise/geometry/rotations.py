@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from poise.geometry.vectors import plane_axes
-from poise.types import Array
+from poise.types import Array, Mask
 
 
 def rotation_of_quaternion(quaternion: ArrayLike) -> Array:
@@ -41,7 +41,7 @@ def rotation_between(start: Array, end: Array) -> Array:
     return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
 
 
-def are_rotations(matrices: Array, tolerance: float = 1e-3) -> Array:
+def are_rotations(matrices: Array, tolerance: float = 1e-3) -> Mask:
     """(...) bool: which matrices (..., 3, 3) are proper and orthonormal; False for NaN."""
     with np.errstate(invalid="ignore"):
         product = np.swapaxes(matrices, -1, -2) @ matrices

@@ -3,10 +3,7 @@
 import coal
 import numpy as np
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.assess import assess
-from poise.assembly.pushes import Push
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, Push, RigidObject, assess
 from poise.errors import PoiseError
 from poise.geometry import Pose, plane_axes, rotation_about, unit
 from poise.manipulation.bodies import geometry_of

@@ -8,8 +8,9 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.penetration import convex_geometry
-from poise.assembly.shapes import Box, Cylinder, Shape
+from poise.assembly import Box, Cylinder
+from poise.assembly.contact import convex_geometry
+from poise.assembly.scene import Shape
 from poise.geometry import Pose
 
 

@@ -6,8 +6,7 @@ from itertools import chain
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, NoAnswerError
 from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
 from poise.manipulation.hand import Grasp

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.scene import RigidObject
+from poise.assembly import RigidObject
 from poise.manipulation.arm import Arm
 from poise.manipulation.bodies import geometry_of, se3_of
 from poise.manipulation.hand import Grasp

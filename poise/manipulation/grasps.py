@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import shapely
 
-from poise.assembly.shapes import Polyhedron, Shape
+from poise.assembly.scene import Polyhedron, Shape
 from poise.geometry import plane_axes
 from poise.manipulation.hand import Grasp, Hand
 from poise.types import Array

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.scene import RigidObject
+from poise.assembly import RigidObject
 from poise.geometry import unit
 from poise.types import Array
 

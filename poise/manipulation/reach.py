@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import unit
 from poise.manipulation.approach import approach_directions
@@ -20,7 +19,7 @@ from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
 from poise.manipulation.grasps import SIDES, antipodal_grasps
 from poise.manipulation.hand import Grasp
 from poise.manipulation.inverse import follow, solutions
-from poise.placement.validation import Look, Test, require_new
+from poise.placement import Look, Test, require_new
 from poise.types import Array
 
 STRAIGHT_STEP = 0.01

@@ -1,28 +1,41 @@
 """Where to put the next object so that it stays.
 
-- `plan_placement`: one object, into an assembly that stands. `Options`: what is wanted of the placement.
+- `plan_placement`: one object, into an assembly that stands. `Options`: what is required of the placement.
 - `plan_sequence`: several objects, in an order that it finds.
-- `KeptFree`: a room into which nothing is put.
-- `Uncertainty`: placements that survive errors of pose, mass and friction.
+- `PLACEMENT_PLANNERS`: planners by name (docs/add_a_planner.md).
+- `KeptFree`: a region that stays empty. `Uncertainty`: placements that survive errors of pose, mass and friction.
+- `Validator`, `Features`: what planners share: tests of a pose, and what an object can rest on.
 """
 
+from poise.placement.features import Features
 from poise.placement.judging import CRITERIA, Merit, judge
-from poise.placement.planner import CancelledError, Options, Placement, Progress, plan_placement
+from poise.placement.planner import ON, CancelledError, Options, Placement, Progress, no_placement, plan_placement
+from poise.placement.registry import DEFAULT_PLANNER, PLACEMENT_PLANNERS, PlacementPlanner
 from poise.placement.sequence import PlacementSequence, plan_sequence
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import KeptFree
+from poise.placement.validation import KeptFree, Look, Test, Validator, require_new
 
 __all__ = [
     "CRITERIA",
+    "DEFAULT_PLANNER",
+    "ON",
+    "PLACEMENT_PLANNERS",
     "CancelledError",
+    "Features",
     "KeptFree",
+    "Look",
     "Merit",
     "Options",
     "Placement",
+    "PlacementPlanner",
     "PlacementSequence",
     "Progress",
+    "Test",
     "Uncertainty",
+    "Validator",
     "judge",
+    "no_placement",
     "plan_placement",
     "plan_sequence",
+    "require_new",
 ]

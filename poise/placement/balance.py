@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import nnls
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
 from poise.geometry import Pose, plane_axes
 from poise.placement.matching import Contact
 from poise.types import Array

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from scipy.spatial import ConvexHull
 
-from poise.assembly.shapes import Polyhedron, Shape, merge_facets
+from poise.assembly.scene import Polyhedron, Shape, merge_facets
 from poise.geometry import plane_axes, unit
 from poise.types import Array, Indices
 

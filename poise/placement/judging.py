@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from poise.assembly.analysis import Analysis, BlockAnalysis
-from poise.assembly.maps import robustness_map
-from poise.assembly.surface import SurfacePoints
+from poise.assembly import Analysis, robustness_map
+from poise.assembly.contact import SurfacePoints
+from poise.assembly.statics import BlockAnalysis
 from poise.errors import ErrorCode, InputError
 from poise.geometry import plane_axes, unit, wrench_of_force
 from poise.types import Array
@@ -90,8 +90,9 @@ def _largest_gauge(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array
 
     Every collapse mechanism found bounds all corners from below; the one it says most of is asked next.
     """
-    rows = np.flatnonzero(np.isin(surface.place, list(block.geometry.place_of)))
-    body = np.array([block.geometry.place_of[place] for place in surface.place[rows].tolist()], dtype=np.int64)
+    bodies = block.bodies_of(surface.place)
+    rows = np.flatnonzero(bodies >= 0)
+    body = bodies[rows]
     scaled = block.geometry.units.of_wrench(wrenches[rows])
     on_bodies = np.zeros((len(rows), block.geometry.count, 6))
     on_bodies[np.arange(len(rows)), body] = scaled
@@ -105,7 +106,7 @@ def _largest_gauge(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array
         row = queue.pop()
         if row not in asked:
             asked.add(row)
-            gauge = block.rough_limit.gauge(loads[row])
+            gauge = block.solvers.rough_limit.gauge(loads[row])
             best = max(best, gauge.upper)
             if not np.isfinite(best):
                 return best

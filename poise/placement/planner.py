@@ -1,6 +1,7 @@
 """Where to put an object so that it stays: contact places first, pose second (thesis Algorithm 5), any time."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,8 +9,7 @@ from itertools import islice
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import Assembly, RigidObject
+from poise.assembly import Analysis, Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose, unit
 from poise.placement.balance import Fit
@@ -83,6 +83,10 @@ class Placement:
     seconds: float
     rejected: dict[str, int]
 
+    def __repr__(self) -> str:
+        pose = ", ".join(f"{value:.4f}" for value in self.pose.vector)
+        return f"Placement({self.item.id} at [{pose}], {self.iterations} poses tested in {self.seconds:.2f} s)"
+
     @cached_property
     def merit(self) -> Merit:
         """Of the assembly with the object, certified; worked out when asked for.
@@ -145,7 +149,7 @@ def plan_placement(
     search = _Search(supports, features, validator, options, size, start, progress)
     found = search.run(rng)
     if found is None:
-        raise _nothing(search, item)
+        raise no_placement(item, validator.rejected, search.iteration)
     best, there, _ = found
     if options.refining:
         best, there = refine(validator, best, there, options.criterion, lambda: search.late)
@@ -261,16 +265,17 @@ def _objects(assembly: Assembly | Analysis) -> tuple[RigidObject, ...]:
     return assembly.assembly.objects if isinstance(assembly, Analysis) else assembly.objects
 
 
-def _nothing(search: _Search, item: RigidObject) -> NoAnswerError:
-    rejected = dict(search._validator.rejected.most_common())
-    if not search.iteration:
+def no_placement(item: RigidObject, rejected: Counter[str], iterations: int) -> NoAnswerError:
+    """NO_PLACEMENT with how many poses each test rejected; DEADLINE when there was no time for a single pose."""
+    if not iterations:
         return NoAnswerError(
             ErrorCode.DEADLINE, f"no time was left to try a single pose of {item.id}; give a longer deadline"
         )
-    why = ", ".join(f"{count} {name}" for name, count in rejected.items())
+    counts = dict(rejected.most_common())
+    why = ", ".join(f"{count} {name}" for name, count in counts.items())
     return NoAnswerError(
         ErrorCode.NO_PLACEMENT,
-        f"no place found for {item.id} in {search.iteration} poses ({why}); make room, or allow more attempts",
-        rejected=rejected,
-        iterations=search.iteration,
+        f"no place found for {item.id} in {iterations} poses ({why}); make room, or allow more attempts",
+        rejected=counts,
+        iterations=iterations,
     )

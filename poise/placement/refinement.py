@@ -4,8 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
 from poise.errors import NoAnswerError
 from poise.geometry import Pose, plane_axes, rotation_about, unit
 from poise.placement.judging import Merit, estimate

@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import Assembly, RigidObject
+from poise.assembly import Analysis, Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement.judging import Merit, estimate, judge
 from poise.placement.planner import Options, Placement, Progress, plan_placement

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis, Mechanism
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
+from poise.assembly.statics import Mechanism
 from poise.errors import InputError
 from poise.geometry import Pose, rotation_about
 from poise.types import Array
@@ -49,7 +49,7 @@ def _falling(analysis: Analysis, item: RigidObject) -> Array | None:
     place = analysis.assembly.index[item.id]
     found = None
     for block in analysis.blocks:
-        standing, _ = block.standing()
+        standing, _ = block.solvers.standing()
         if standing.margin <= 0:
             velocities = Mechanism(block, standing.twist).velocities
             if set(velocities) != {place}:

@@ -6,12 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.assess import assess
-from poise.assembly.maps import robustness_map
-from poise.assembly.pushes import Push
-from poise.assembly.scene import RigidObject
-from poise.assembly.surface import SurfacePoints
+from poise.assembly import Analysis, Push, RigidObject, assess, robustness_map
+from poise.assembly.contact import SurfacePoints
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import unit
 from poise.placement.features import PARALLEL, is_convex

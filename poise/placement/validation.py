@@ -6,8 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from poise.assembly.analysis import Analysis
-from poise.assembly.scene import RigidObject
+from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.placement.balance import BALANCED, unbalanced
@@ -137,8 +136,8 @@ class Validator:
     def _is_safe(self, analysis: Analysis, item: RigidObject) -> bool:
         """It stands with something to spare, and nothing may roll or swivel freely. The cheap questions come first."""
         least, place = LEAST_MARGIN * self._weight, analysis.assembly.index[item.id]
-        blocks = sorted(analysis.blocks, key=lambda block: place not in block.geometry.place_of)
-        if any(block.balance.margin * block.geometry.units.weight < least for block in blocks):
+        blocks = sorted(analysis.blocks, key=lambda block: place not in block.body_of)
+        if any(block.solvers.balance.margin * block.geometry.units.weight < least for block in blocks):
             return False
         held = (block.geometry.grasp.toarray() for block in blocks)
         if any(np.linalg.matrix_rank(grasp) < len(grasp) for grasp in held):

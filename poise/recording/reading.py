@@ -109,6 +109,10 @@ class Recording:
         for topic, count in zip(self._topics, found, strict=True):
             self.counts[topic.name] += int(count)
 
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{topic} {count}" for topic, count in self.counts.items())
+        return f"Recording({self.path}: {counts}{f'; {len(self.losses)} losses' if self.losses else ''})"
+
     def _add_file(self, contents: Contents) -> None:
         number_by_channel = np.zeros(1 << 16, dtype=np.int64)
         for channel in contents.channels.values():

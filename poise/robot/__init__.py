@@ -31,9 +31,8 @@ from poise.robot.motion_buffers import (
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
 from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
-from poise.robot.sliding import SlidingDifferentiator
 from poise.robot.sources import JUMP, FrameSource, JointSource, MotionSource, Poses, went_back
-from poise.robot.splines import Grid, SplineFit
+from poise.robot.splines import Design, Grid, SplineFit
 from poise.robot.stamped_buffer import StampedBuffer
 from poise.robot.urdf import parse_urdf, read_urdf
 
@@ -45,6 +44,7 @@ __all__ = [
     "USED",
     "BaseMotion",
     "Derivatives",
+    "Design",
     "FrameSource",
     "Grid",
     "HandFrames",
@@ -64,7 +64,6 @@ __all__ = [
     "ScatterMeter",
     "SensorMotion",
     "SharedBuffers",
-    "SlidingDifferentiator",
     "SmoothedMotion",
     "SplineFit",
     "StampedBuffer",

@@ -1,25 +1,25 @@
-"""From sampled joint positions or rotations to velocities and accelerations that say how far they can be trusted.
+"""From sampled joint positions or rotations to velocities and accelerations with their covariance.
 
-Quintic regression splines; the distance of their knots is chosen by cross-validation, joint by joint. The stated noise
-has two parts: what the samples' noise makes of the spline (exact for white noise), and what the spline cannot follow
-(measured against a spline with finer knots).
+Quintic regression splines; cross-validation chooses the distance of their knots, joint by joint. The stated noise has
+two parts: what the samples' noise makes of the spline (exact for white noise), and what the spline cannot follow
+(measured against a spline with finer knots). Where a signal stands still its derivatives are zero, see `rest`.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
+from functools import cache, partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import are_rotations
+from poise.robot.rest import find_rests
 from poise.robot.splines import DEGREE, Design, Grid, SplineFit
-from poise.types import Array
-
-_Made = TypeVar("_Made")
+from poise.types import Array, Mask, Stamps
 
 MIN_SAMPLES = 12
 """A stretch between gaps that has fewer gets no derivatives: six coefficients and their noise want more."""
@@ -27,22 +27,49 @@ MIN_SAMPLES = 12
 GAP = 6.0
 """Median sample intervals that make a gap."""
 
+_FASTEST = 300.0
+"""Hz; of faster samples, several are averaged before a spline is fitted, so that about 250 Hz remain."""
+
+_CHECKED = 200
+"""Samples, evenly spread, at which a spline is compared with a finer one."""
+
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Smoothed samples, their time derivatives and one-sigma errors of all three, each (N, J).
+    """Smoothed samples and their time derivatives, each (N, J), with the covariance of the three.
 
-    NaN where a stretch between gaps is too short to say anything. knot_spacing: (J,) s, the longest that was chosen.
+    NaN where a stretch between gaps is too short.
+
+    Args:
+        stamps: (N,) ns.
+        position, velocity, acceleration: (N, J) rad or m, and per s and s2.
+        covariance: (N, J, 3, 3) of position, velocity and acceleration; different signals are independent.
+        knot_spacing: (J,) s, the longest that was chosen.
+        at_rest: (N, J) bool, where a signal stands still.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Stamps
     position: Array
     velocity: Array
     acceleration: Array
-    position_sigma: Array
-    velocity_sigma: Array
-    acceleration_sigma: Array
+    covariance: Array
     knot_spacing: Array
+    at_rest: Mask
+
+    @property
+    def position_sigma(self) -> Array:
+        """(N, J) one-sigma errors."""
+        return np.sqrt(self.covariance[..., 0, 0])
+
+    @property
+    def velocity_sigma(self) -> Array:
+        """(N, J) one-sigma errors."""
+        return np.sqrt(self.covariance[..., 1, 1])
+
+    @property
+    def acceleration_sigma(self) -> Array:
+        """(N, J) one-sigma errors."""
+        return np.sqrt(self.covariance[..., 2, 2])
 
 
 @dataclass(frozen=True)
@@ -52,7 +79,7 @@ class RotationDerivatives:
     The sigmas (N,) are one-sigma errors of each component, in rad, rad/s and rad/s2.
     """
 
-    stamps: NDArray[np.int64]
+    stamps: Stamps
     rotation: Array
     angular_velocity: Array
     angular_acceleration: Array
@@ -69,6 +96,8 @@ def differentiate(
     *,
     knot_spacing: float | None = None,
     gap: float | None = None,
+    within: tuple[int, int] | None = None,
+    errors: bool = True,
 ) -> Derivatives:
     """First and second time derivative of sampled signals.
 
@@ -79,108 +108,183 @@ def differentiate(
             scatter about the positions' own derivative earns.
         knot_spacing: s; None: chosen by generalised cross-validation, joint by joint.
         gap: s without a sample across which nothing is derived; None: six median intervals.
+        within: ns, first and last stamp that are answered; all samples take part. None: all.
+        errors: whether the covariance is wanted; it takes as long as the derivatives. Else it is NaN.
+
+    Returns:
+        At the samples, or at those within.
 
     Raises:
         InputError: TOO_FEW_SAMPLES when no stretch has 12, TIME_BACKWARDS, NOT_FINITE or TYPE_MISMATCH (shapes).
     """
     stamps, values = _check(stamps, position)
     rates = None if velocity is None else np.asarray(velocity, dtype=np.float64).reshape(values.shape)
-    out = np.full((6, *values.shape), np.nan)
-    spacing = np.zeros(values.shape[1])
+    smoother = partial(_Smoother, spacing=knot_spacing)
+    return _derivatives(smoother, stamps, values, rates, gap=gap, within=within, errors=errors)
+
+
+def _derivatives(
+    smoother_of: "Callable[..., _Smoother]",
+    stamps: Stamps,
+    values: Array,
+    rates: Array | None,
+    *,
+    gap: float | None,
+    within: tuple[int, int] | None,
+    errors: bool,
+) -> Derivatives:
+    n, columns = values.shape
+    begin, end = (0, n) if within is None else np.searchsorted(stamps, [within[0], within[1] + 1])
+    shape = (int(end - begin), columns)
+    position, velocity, acceleration = np.full((3, *shape), np.nan)
+    covariance, still = np.full((*shape, 3, 3), np.nan), np.zeros(shape, dtype=bool)
+    out = Derivatives(stamps[begin:end], position, velocity, acceleration, covariance, np.zeros(columns), still)
     for part, seconds in _stretches(stamps, gap):
-        designs = _designs(seconds)
-        scores = _scores(seconds, designs, values[part])
-        for column in range(values.shape[1]):
-            rate = _rates(rates, part, column)
-            fit = _Smoother(seconds, designs, values[part, column, None], rate, knot_spacing, scores[column])
-            out[:3, part, column] = np.stack([fit.spline(seconds, d)[:, 0] for d in range(3)])
-            out[3:, part, column] = np.stack([fit.sigma(d)[:, 0] for d in range(3)])
-            spacing[column] = max(spacing[column], fit.spline.grid.spacing)
-    return Derivatives(stamps, out[0], out[1], out[2], out[3], out[4], out[5], spacing)
+        low, high = max(part.start, begin), min(part.stop, end)
+        smoother = smoother_of(seconds, values[part], None if rates is None else rates[part])
+        np.maximum(out.knot_spacing, smoother.spacing, out=out.knot_spacing)
+        if low < high:
+            inside = slice(low - part.start, high - part.start)
+            _answer(out, slice(low - begin, high - begin), smoother, inside, errors)
+    return out
+
+
+def _answer(out: Derivatives, rows: slice, smoother: "_Smoother", inside: slice, errors: bool) -> None:
+    """Write the derivatives of one stretch, and set those at rest to zero."""
+    for column in range(smoother.values.shape[1]):
+        values = smoother.at(column, inside)
+        covariance = smoother.covariance(column, inside) if errors else out.covariance[rows, column]
+        shortest = min(1.5 * smoother.spacing[column], 0.8 * float(smoother.seconds[-1] - smoother.seconds[0]))
+        for rest in find_rests(smoother.seconds, smoother.values[:, column], shortest):
+            still = slice(max(rest.begin - inside.start, 0), max(rest.end - inside.start, 0))
+            values[:, still] = np.array([[rest.level], [0.0], [0.0]])
+            covariance[still] = np.diag(np.square(rest.sigma))
+            out.at_rest[rows][still, column] = True
+        for signal, value in zip((out.position, out.velocity, out.acceleration), values, strict=True):
+            signal[rows, column] = value
+        out.covariance[rows, column] = covariance
 
 
 def differentiate_rotations(
-    stamps: ArrayLike, rotation: ArrayLike, *, knot_spacing: float | None = None, gap: float | None = None
+    stamps: ArrayLike,
+    rotation: ArrayLike,
+    *,
+    knot_spacing: float | None = None,
+    gap: float | None = None,
+    within: tuple[int, int] | None = None,
+    errors: bool = True,
 ) -> RotationDerivatives:
     """Angular velocity and acceleration of sampled attitudes, as from tf alone.
 
-    The spline runs through the four components of the quaternion, which have no singularity, see `turning`.
+    The spline runs through the four components of the quaternion, which have no singularity, see `turning`. All four
+    follow the same knots.
 
     Args:
         stamps: (N,) int64 ns, not descending.
         rotation: (N, 3, 3), takes body axes to world axes; turned by less than half a turn between samples.
-        knot_spacing, gap: as `differentiate`.
+        knot_spacing, gap, within, errors: as `differentiate`.
 
     Raises:
         InputError: as `differentiate`; NOT_FINITE also when a matrix is no rotation.
     """
     matrices = np.asarray(rotation, dtype=np.float64)
     stamps, _ = _check(stamps, matrices.reshape(len(matrices), -1))
-    off = np.abs(np.einsum("nki,nkj->nij", matrices, matrices) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    wrong = np.flatnonzero((off > 1e-2) | (np.linalg.det(matrices) < 0))
+    wrong = np.flatnonzero(~are_rotations(matrices, 1e-2))
     if wrong.size:
         raise InputError(ErrorCode.NOT_FINITE, f"sample {wrong[0]} is not a rotation matrix (columns not orthonormal)")
     quaternions = continuous_quaternions(matrices)
 
-    n = len(stamps)
-    smooth, vectors, sigmas = np.full((n, 3, 3), np.nan), np.full((2, n, 3), np.nan), np.full((3, n), np.nan)
-    spacing = 0.0
-    for part, seconds in _stretches(stamps, gap):
-        fit = _Smoother(seconds, _designs(seconds), quaternions[part], None, knot_spacing)
-        s, *rates = (fit.spline(seconds, d) for d in range(3))
-        smooth[part], vectors[0, part], vectors[1, part] = turning(s, *rates)
-        # A rotation error of e rad moves the quaternion by e / 2, in three of its four directions.
-        sigmas[:, part] = [2.0 * np.sqrt(np.sum(fit.sigma(d) ** 2, axis=1) / 3.0) for d in range(3)]
-        spacing = max(spacing, fit.spline.grid.spacing)
-    return RotationDerivatives(stamps, smooth, vectors[0], vectors[1], sigmas[0], sigmas[1], sigmas[2], spacing)
+    smoother = partial(_Smoother, spacing=knot_spacing, together=True)
+    found = _derivatives(smoother, stamps, quaternions, None, gap=gap, within=within, errors=errors)
+    known = np.isfinite(found.acceleration).all(axis=1)
+    n = len(found.stamps)
+    smooth, omega, alpha = np.full((n, 3, 3), np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+    if known.any():
+        parts = found.position[known], found.velocity[known], found.acceleration[known]
+        smooth[known], omega[known], alpha[known] = turning(*parts)
+    # A rotation error of e rad moves the quaternion by e / 2, in three of its four directions.
+    sigma, rate, second = 2.0 * np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3).sum(axis=1).T / 3.0)
+    return RotationDerivatives(found.stamps, smooth, omega, alpha, sigma, rate, second, float(found.knot_spacing.max()))
 
 
 class _Smoother:
-    """The spline with the best knots for one stretch without gaps, and its error."""
+    """The splines with the best knots for one stretch without gaps, and their errors; one for each column."""
 
     def __init__(
-        self,
-        seconds: Array,
-        designs: "_Designs",
-        values: Array,
-        rates: Array | None,
-        spacing: float | None,
-        score: Callable[[int], float] | None = None,
+        self, seconds: Array, values: Array, rates: Array | None, spacing: float | None, together: bool = False
     ) -> None:
-        self.seconds = seconds
-        self._fit = _memo(lambda m: SplineFit(designs(m).grid, seconds, values, design=designs(m)))
-        self.spline = self._fit(self._intervals(spacing, score or self._score))
+        self.seconds, self.values = seconds, values
+        self._count, self._span = _bin_size(seconds), 0.0
+        if self._count > 1:
+            self._span = float(seconds[-1] - seconds[0]) * self._count / (len(seconds) - 1)
+            seconds, values = _binned(seconds, self._count), _binned(values, self._count)
+            rates = None if rates is None else _binned(rates, self._count)
+        self._at = seconds
+        design = cache(lambda m: Design(Grid.across(seconds, m), seconds))
+        self._plain = cache(lambda m: SplineFit(design(m), values))
+        columns = range(values.shape[1])
+        self._fit: list[Callable[[int], SplineFit]] = [self._column(k) for k in columns]
+        scores = cache(lambda m: self._plain(m).score())
+        if together:
+            chosen = [self._intervals(spacing, lambda m: float(scores(m).sum()))] * len(columns)
+        else:
+            chosen = [self._intervals(spacing, partial(_score_of, scores, k)) for k in columns]
         if rates is not None:
-            scatter = float(np.mean((rates - self.spline(seconds, 1)) ** 2))
-            weight = float(np.sum(self.spline.sigma**2)) / scatter if scatter > 0 else 0.0
-            self._fit = _memo(lambda m: SplineFit(designs(m).grid, seconds, values, rates, weight, designs(m)))
-            self.spline = self._fit(self._intervals(spacing, self._score))
+            for k in np.flatnonzero(np.isfinite(rates).all(axis=0)):
+                chosen[k] = self._with_rates(int(k), rates, chosen[k], spacing)
+        self._chosen = chosen
+        self.spacing = np.array([design(m).grid.spacing for m in chosen])
 
-    def sigma(self, derivative: int) -> Array:
-        """(N, K) one-sigma error of the derivative, noise and lag of the spline together."""
-        finer = self._fit(min(max(round(self.spline.grid.intervals * np.sqrt(2)), 2), self._most()))
-        noise = self.spline.gain(self.seconds, derivative)[:, None] * self.spline.sigma
-        noise_finer = finer.gain(self.seconds, derivative)[:, None] * finer.sigma
-        difference = self.spline(self.seconds, derivative) - finer(self.seconds, derivative)
+    def at(self, column: int, inside: slice) -> Array:
+        """(3, M) position, velocity, acceleration at the samples inside."""
+        values = self._fit[column](self._chosen[column]).derivatives(self.seconds[inside])[:, :, 0]
+        values[0] -= self._span**2 * (1.0 - self._count**-2.0) / 24.0 * values[2]  # what the mean over a bin adds
+        return values
+
+    def covariance(self, column: int, inside: slice) -> Array:
+        """(M, 3, 3) of position, velocity and acceleration at the samples inside: noise, and the lag of the spline."""
+        m = self._chosen[column]
+        fit, finer = self._fit[column](m), self._fit[column](min(max(round(m * math.sqrt(2)), 2), self._most()))
+        # The gain hardly changes from one sample to the next: of averaged samples, that of their mean.
+        nearest = np.minimum(np.arange(inside.start, inside.stop) // self._count, len(self._at) - 1)
+        gains = fit.gains(self._at[nearest[0] : nearest[-1] + 1])
+        checked = self._at[self._interior(m)]
+        checked = checked[:: max(len(checked) // _CHECKED, 1)]
+        difference = (fit.derivatives(checked) - finer.derivatives(checked))[:, :, 0]
         # The spline spaces nearly contain one another: the difference varies by what the finer one varies more.
-        inner = self._interior()
-        lag = float(np.mean((difference**2 - noise_finer**2 + noise**2)[inner]))
-        return np.asarray(np.sqrt(noise**2 + max(lag, 0.0)))
+        excess = finer.gains(checked) * finer.sigma**2 - fit.gains(checked) * fit.sigma**2
+        lag = np.mean(difference**2 - np.diagonal(excess, axis1=1, axis2=2).T, axis=1)
+        return np.asarray(gains[nearest - nearest[0]] * fit.sigma**2 + np.diag(np.maximum(lag, 0.0)))
 
-    def _interior(self) -> slice:
-        edge = min(round(3 * len(self.seconds) / self.spline.grid.intervals), len(self.seconds) // 4)
-        return slice(edge, len(self.seconds) - edge)
+    def _column(self, column: int) -> Callable[[int], SplineFit]:
+        return cache(lambda m: self._plain(m).select(slice(column, column + 1)))
+
+    def _with_rates(self, column: int, rates: Array, plain: int, spacing: float | None) -> int:
+        """Let a column follow its measured rates too; how many knot intervals suit that."""
+        best = self._plain(plain)
+        scatter = float(np.mean((rates[:, column] - best(self._at, 1)[:, column]) ** 2))
+        weight = float(best.sigma[column] ** 2) / scatter if scatter > 0 else 0.0
+        sums = self._sums(rates)
+        fit = cache(lambda m: self._plain(m).with_slopes(slice(column, column + 1), sums(m), weight))
+        self._fit[column] = fit
+        return self._intervals(spacing, lambda m: float(fit(m).score().sum()))
+
+    def _sums(self, rates: Array) -> Callable[[int], tuple[Array, Array]]:
+        if not hasattr(self, "_made"):
+            self._made = cache(lambda m: self._plain(m).slope_sums(np.nan_to_num(rates)))
+        return self._made
+
+    def _interior(self, m: int) -> slice:
+        edge = min(round(3 * len(self._at) / m), len(self._at) // 4)
+        return slice(edge, len(self._at) - edge)
 
     def _most(self) -> int:
         """Most knot intervals that still leave a third of the samples to judge by."""
-        return max(len(self.seconds) * 2 // 3 - DEGREE, 1)
-
-    def _score(self, m: int) -> float:
-        return float(self._fit(m).score().sum())
+        return max(len(self._at) * 2 // 3 - DEGREE, 1)
 
     def _intervals(self, spacing: float | None, score: Callable[[int], float]) -> int:
         most = self._most()
-        duration = float(self.seconds[-1] - self.seconds[0])
+        duration = float(self._at[-1] - self._at[0])
         if spacing is not None:
             return min(max(round(duration / spacing), 1), most)
 
@@ -190,10 +294,27 @@ class _Smoother:
         return min(near, key=score)
 
 
+def _score_of(scores: Callable[[int], Array], column: int, m: int) -> float:
+    return float(scores(m)[column])
+
+
+def _bin_size(seconds: Array) -> int:
+    """How many samples in a row are averaged before the fit."""
+    rate = (len(seconds) - 1) / float(seconds[-1] - seconds[0])
+    return max(round(rate / 250.0), 1) if rate > _FASTEST else 1
+
+
+def _binned(values: Array, count: int) -> Array:
+    """Means of `count` rows of (N, ...) in a row; the last one takes the remainder."""
+    edges = np.arange(0, max(len(values) - count + 1, 1), count)
+    sizes = np.diff(edges, append=len(values)).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray(np.add.reduceat(values, edges, axis=0) / sizes)
+
+
 def turning(quaternion: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:
     """Rotation (N, 3, 3), angular velocity and acceleration (N, 3) in body axes of an attitude with its derivatives.
 
-    Of a quaternion s (N, 4), x y z w, whatever its length: omega = 2 vec(s* s') / |s|^2 and
+    Of a quaternion s (N, 4), x y z w, of any length: omega = 2 vec(s* s') / |s|^2 and
     alpha = 2 vec(s* s'') / |s|^2 - 2 (s . s') omega / |s|^2.
     """
     square = np.sum(quaternion * quaternion, axis=1, keepdims=True)
@@ -203,36 +324,7 @@ def turning(quaternion: Array, first: Array, second: Array) -> tuple[Array, Arra
     return Rotation.from_quat(quaternion).as_matrix(), omega, alpha
 
 
-_Designs = Callable[[int], Design]
-
-
-def _designs(seconds: Array) -> _Designs:
-    """Those of every number of knot intervals across these times, for all columns that were sampled then."""
-    return _memo(lambda m: Design(Grid.across(seconds, m), seconds))
-
-
-def _scores(seconds: Array, designs: _Designs, values: Array) -> list[Callable[[int], float]]:
-    """Of each column (N, J), its score by the number of knot intervals; all are worked out when one is asked for."""
-    together = _memo(lambda m: SplineFit(designs(m).grid, seconds, values, design=designs(m)).score())
-
-    def of(column: int) -> Callable[[int], float]:
-        return lambda m: float(together(m)[column])
-
-    return [of(column) for column in range(values.shape[1])]
-
-
-def _memo(make: Callable[[int], _Made]) -> Callable[[int], _Made]:
-    made: dict[int, _Made] = {}
-
-    def get(m: int) -> _Made:
-        if m not in made:
-            made[m] = make(m)
-        return made[m]
-
-    return get
-
-
-def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[Stamps, Array]:
     times = np.asarray(stamps)
     array = np.asarray(values, dtype=np.float64)
     if times.ndim != 1 or array.ndim != 2 or len(times) != len(array):
@@ -249,7 +341,7 @@ def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[NDArray[np.int64], Arr
     return times, array
 
 
-def _stretches(stamps: NDArray[np.int64], gap: float | None) -> Iterator[tuple[slice, Array]]:
+def _stretches(stamps: Stamps, gap: float | None) -> Iterator[tuple[slice, Array]]:
     """The stretches between gaps that are long enough, with seconds from their first sample."""
     steps = np.diff(stamps) * 1e-9
     positive = steps[steps > 0]
@@ -265,11 +357,6 @@ def _stretches(stamps: NDArray[np.int64], gap: float | None) -> Iterator[tuple[s
             ErrorCode.TOO_FEW_SAMPLES,
             f"too few samples to differentiate: of {len(stamps)} no {MIN_SAMPLES} come without a gap of {limit:.3g} s",
         )
-
-
-def _rates(rates: Array | None, part: slice, column: int) -> Array | None:
-    chosen = None if rates is None else rates[part, column, None]
-    return chosen if chosen is not None and np.isfinite(chosen).all() else None
 
 
 def continuous_quaternions(rotation: Array) -> Array:

@@ -113,9 +113,9 @@ class ImuSource:
         rotation = self._rotation[inside]
         return Poses(self._imu.stamps[inside], rotation, np.zeros((len(rotation), 3)))
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
-        inside = self._between(begin, end)
-        turning = differentiate(self._imu.stamps[inside], self._imu.angular_velocity[inside])
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
+        part, inside = self._between(begin - margin, end + margin), self._between(begin, end)
+        turning = differentiate(self._imu.stamps[part], self._imu.angular_velocity[part], within=(begin, end))
         known = np.isfinite(turning.velocity).all(axis=1)
         rotation, still = self._rotation[inside][known], np.zeros((int(known.sum()), 3))
         motion = SensorMotion(turning.stamps[known], rotation, turning.position[known], turning.velocity[known], still)

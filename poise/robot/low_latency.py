@@ -6,7 +6,7 @@ from poise.robot.differentiation import GAP, MIN_SAMPLES, continuous_quaternions
 from poise.robot.motion import SensorMotion
 from poise.robot.motion_buffers import BEGINNING, PairingSettings, Reasons, Samples, pair_moving
 from poise.robot.sources import MotionSource
-from poise.robot.splines import DEGREE, Grid, SplineFit
+from poise.robot.splines import DEGREE, Design, Grid, SplineFit
 from poise.types import Stamps
 
 SPAN = 600_000_000
@@ -65,7 +65,7 @@ class LowLatencyMotion:
         seconds = (stamps[begin:] - stamps[begin]) * 1e-9
         intervals = max(min(round(seconds[-1] / KNOTS), len(seconds) // 2 - DEGREE), 1)
         rows = np.hstack([continuous_quaternions(self._poses.rotation[begin:]), self._poses.columns[begin:]])
-        fit = SplineFit(Grid.across(seconds, intervals), seconds, rows)
+        fit = SplineFit(Design(Grid.across(seconds, intervals), seconds), rows)
         at = seconds[wanted - begin]
         value, first, second = (fit(at, derivative) for derivative in range(3))
         rotation, omega, alpha = turning(value[:, :4], first[:, :4], second[:, :4])

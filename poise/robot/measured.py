@@ -30,6 +30,8 @@ def motion_from_joints(
     position: ArrayLike,
     velocity: ArrayLike | None = None,
     knot_spacing: float | None = None,
+    within: tuple[int, int] | None = None,
+    errors: bool = True,
 ) -> MeasuredMotion:
     """The motion of the sensor from joint states, for a base that rests (or whose joints are in the URDF).
 
@@ -40,6 +42,8 @@ def motion_from_joints(
         position: (N, K) rad or m.
         velocity: (N, K) where there is one; NaN columns are left out.
         knot_spacing: s; None: cross-validated, see `differentiate`.
+        within: ns, first and last stamp that are answered; None: all.
+        errors: whether the sigmas are wanted; else they are NaN.
 
     Returns:
         The samples that have derivatives; stretches of fewer than 12 samples between gaps are left out.
@@ -49,7 +53,9 @@ def motion_from_joints(
     """
     (ordered,) = model.order(names, position)
     rates = None if velocity is None else model.order(names, velocity)[0]
-    return motion_from_derivatives(model, differentiate(stamps, ordered, rates, knot_spacing=knot_spacing))
+    return motion_from_derivatives(
+        model, differentiate(stamps, ordered, rates, knot_spacing=knot_spacing, within=within, errors=errors)
+    )
 
 
 def motion_from_derivatives(model: RobotModel, joints: Derivatives) -> MeasuredMotion:
@@ -57,7 +63,9 @@ def motion_from_derivatives(model: RobotModel, joints: Derivatives) -> MeasuredM
     known = np.isfinite(joints.acceleration).all(axis=1)
     position = joints.position[known]
     motion = sensor_motion(model, joints.stamps[known], position, joints.velocity[known], joints.acceleration[known])
-    sigma = motion_sigma(model, position, joints.velocity_sigma[known], joints.acceleration_sigma[known])
+    sigmas = joints.velocity_sigma[known], joints.acceleration_sigma[known]
+    errors = bool(np.isfinite(sigmas[1]).all())
+    sigma = motion_sigma(model, position, *sigmas) if errors else np.full((3, len(position), 3), np.nan)
     return MeasuredMotion(motion, *sigma)
 
 
@@ -66,6 +74,7 @@ def motion_from_poses(
     rotation_world_sensor: ArrayLike,
     translation_world_sensor: ArrayLike,
     knot_spacing: float | None = None,
+    within: tuple[int, int] | None = None,
 ) -> MeasuredMotion:
     """The motion of the sensor from its poses, as from tf.
 
@@ -75,12 +84,13 @@ def motion_from_poses(
         translation_world_sensor: (N, 3) m. Where only attitudes were recorded and these are all zero, the linear
             acceleration comes out as zero: that is an assumption, not a measurement.
         knot_spacing: s; None: cross-validated.
+        within: ns, first and last stamp that are answered; None: all.
 
     Raises:
         InputError: as `differentiate_rotations`.
     """
-    turning = differentiate_rotations(stamps, rotation_world_sensor, knot_spacing=knot_spacing)
-    moving = differentiate(stamps, translation_world_sensor, knot_spacing=knot_spacing)
+    turning = differentiate_rotations(stamps, rotation_world_sensor, knot_spacing=knot_spacing, within=within)
+    moving = differentiate(stamps, translation_world_sensor, knot_spacing=knot_spacing, within=within)
     known = np.isfinite(turning.angular_acceleration).all(axis=1)
     rotation = turning.rotation[known]
     motion = SensorMotion(

@@ -211,7 +211,7 @@ class SmoothedMotion:
             return
         self.decided = int(inside[-1])
         try:
-            motion = self._source.motion(begin - margin, end + margin)
+            motion = self._source.motion(begin, end - 1, margin)
         except InputError as error:
             if error.code is not ErrorCode.TOO_FEW_SAMPLES:
                 raise
@@ -221,7 +221,7 @@ class SmoothedMotion:
         gap = min(_ns(self._settings.max_gap), GAP * float(np.median(steps[steps > 0]))) if np.any(steps > 0) else 0
         first, final = _stretch_ends(stamps, gap)
         sure = stamps[(stamps - first >= edge) & (final - stamps >= edge)]
-        part = motion.select((motion.stamps >= begin) & (motion.stamps < end) & np.isin(motion.stamps, sure))
+        part = motion.select(np.isin(motion.stamps, sure))
         rates = (
             part.angular_velocity_in_sensor,
             part.angular_acceleration_in_sensor,

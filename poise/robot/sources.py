@@ -51,8 +51,8 @@ class MotionSource(Protocol):
     def poses(self, begin: int, end: int) -> Poses:
         """As sampled, not smoothed."""
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
-        """Smoothed, with rates; the samples for which there are any.
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
+        """Smoothed, with rates; the samples for which there are any. Samples up to `margin` ns outside take part.
 
         Raises:
             InputError: TOO_FEW_SAMPLES.
@@ -139,14 +139,16 @@ class JointSource:
         stamps, rows = self._buffer.between(begin, end)
         return Poses(stamps, *frame_poses(self.model, np.hsplit(rows, 2)[0]))
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
-        return self.measured(begin, end).motion
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
+        return self.measured(begin, end, margin, errors=False).motion
 
-    def measured(self, begin: int, end: int) -> MeasuredMotion:
-        """The same with its uncertainty."""
-        stamps, rows = self._buffer.between(begin, end)
+    def measured(self, begin: int, end: int, margin: int = 0, errors: bool = True) -> MeasuredMotion:
+        """The motion with its uncertainty; NaN without `errors`."""
+        stamps, rows = self._buffer.between(begin - margin, end + margin)
         position, velocity = np.hsplit(rows, 2)
-        return motion_from_joints(self.model, stamps, self.model.joint_names, position, velocity)
+        return motion_from_joints(
+            self.model, stamps, self.model.joint_names, position, velocity, within=(begin, end), errors=errors
+        )
 
     def forget_before(self, stamp: int) -> None:
         self._buffer.forget_before(stamp)
@@ -268,13 +270,13 @@ class FrameSource:
         """Some transform has a translation; without any only attitudes were recorded."""
         return self._has_positions
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
-        return self.measured(begin, end).motion
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
+        return self.measured(begin, end, margin).motion
 
-    def measured(self, begin: int, end: int) -> MeasuredMotion:
-        """The same with its uncertainty."""
-        poses = self.poses(begin, end)
-        return motion_from_poses(poses.stamps, poses.rotation, poses.translation)
+    def measured(self, begin: int, end: int, margin: int = 0) -> MeasuredMotion:
+        """The motion with its uncertainty."""
+        poses = self.poses(begin - margin, end + margin)
+        return motion_from_poses(poses.stamps, poses.rotation, poses.translation, within=(begin, end))
 
     def forget_before(self, stamp: int) -> None:
         for buffer in self._moving.values():

@@ -1,11 +1,13 @@
-"""Least-squares quintic splines on uniform knots, their derivatives, and the noise of both."""
+"""Least-squares quintic splines on uniform knots, their derivatives, and the noise of both; all matrices are banded."""
 
+import copy
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.sparse import csr_array
 
 from poise.types import Array
 
@@ -14,7 +16,7 @@ ORDER = DEGREE + 1
 
 # Row j: coefficients (1, u, ..., u^5) of the j-th B-spline that is not zero on a knot interval, u in [0, 1)
 # (Qin 1998, "General matrix representations for B-splines", degree 5).
-BASIS = (
+_BASIS = (
     np.array(
         [
             [1, -5, 10, -10, 5, -1],
@@ -29,11 +31,14 @@ BASIS = (
     / 120.0
 )
 
-RIDGE = 1e-13
+_RIDGE = 1e-13
 """Weight of the third differences of the coefficients against the data: settles knot intervals without samples."""
 
-DECAY = 30
+_DECAY = 30
 """Knot intervals after which a sample no longer matters: its influence falls by 0.66 per interval, to 4e-6 here."""
+
+_MANY = 100
+"""Rows from which one einsum is faster than as many small matrix products."""
 
 
 @dataclass(frozen=True)
@@ -49,103 +54,165 @@ class Grid:
         """Knots from the first sample to the last."""
         return cls(float(seconds[0]), float(seconds[-1] - seconds[0]) / intervals, intervals)
 
-    @classmethod
-    def at_multiples(cls, seconds: Array, spacing: float) -> "Grid":
-        """Knots at multiples of `spacing` that cover all samples: a sliding window keeps them where they are."""
-        first, last = np.floor(seconds[0] / spacing), np.ceil(seconds[-1] / spacing)
-        return cls(float(first * spacing), spacing, max(int(last - first), 1))
-
     @property
     def size(self) -> int:
         """How many coefficients a spline on this grid has."""
         return self.intervals + DEGREE
 
-    def basis(self, seconds: Array, derivative: int = 0) -> tuple[NDArray[np.intp], Array]:
-        """First coefficient that matters at each time (N,), and the six weights (N, 6) of it and the next ones."""
+    def locate(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
+        """Knot interval of each time (N,), and the powers (N, 6) 1, u, ..., u^5 of its place u in it."""
         scaled = (seconds - self.origin) / self.spacing
         start = np.clip(np.floor(scaled).astype(np.intp), 0, self.intervals - 1)
-        powers = np.vander(scaled - start, ORDER, increasing=True)
-        coefficients = BASIS
+        powers = np.empty((len(seconds), ORDER))
+        powers[:, 0] = 1.0
+        for k in range(1, ORDER):
+            np.multiply(powers[:, k - 1], scaled - start, out=powers[:, k])
+        return start, powers
+
+    def polynomials(self, derivative: int) -> Array:
+        """(6, 6 - derivative) coefficients in u of the derivative of the six B-splines on a knot interval."""
+        coefficients = _BASIS
         for _ in range(derivative):
             coefficients = coefficients[:, 1:] * np.arange(1, coefficients.shape[1]) / self.spacing
-        return start, powers[:, : coefficients.shape[1]] @ coefficients.T
-
-    def matrix(self, seconds: Array, derivative: int = 0) -> csr_array:
-        """(N, size) sparse B with spline(seconds) = B @ coefficients."""
-        start, weights = self.basis(seconds, derivative)
-        columns = (start[:, None] + np.arange(ORDER)).ravel()
-        rows = np.arange(0, weights.size + 1, ORDER)
-        return csr_array((weights.ravel(), columns, rows), shape=(len(seconds), self.size))
+        return coefficients
 
 
 class Design:
-    """What a grid makes of the times (N,) of samples; worked out once, for all splines through samples there."""
+    """What a grid makes of the times (N,) of samples, not descending; worked out once for all splines through them.
+
+    The samples of each knot interval stand in rows of equal length, filled up with zeros, so that sums over samples are
+    products of small matrices.
+    """
 
     def __init__(self, grid: Grid, seconds: Array) -> None:
         self.grid = grid
         self.seconds = seconds
-        self._matrices: dict[int, csr_array] = {}
+        self.start, self.powers = grid.locate(seconds)
+        count = np.bincount(self.start, minlength=grid.intervals)
+        self._length = min(max(-(-2 * len(seconds) // grid.intervals), 1), int(count.max(initial=1)))
+        rows = -(-count // self._length)
+        first_row = np.concatenate([[0], np.cumsum(rows)])
+        position = np.arange(len(seconds)) - np.concatenate([[0], np.cumsum(count)])[self.start]
+        self._rows = int(first_row[-1])
+        self._interval = np.repeat(np.arange(grid.intervals), rows)
+        self._slots = (first_row[self.start] + position // self._length) * self._length + position % self._length
+        self._filled = np.flatnonzero(np.diff(self._interval, prepend=-1))
+        self._weights: dict[int, Array] = {}
         self._bands: dict[int, Array] = {}
 
-    def matrix(self, derivative: int) -> csr_array:
-        """(N, size) see `Grid.matrix`."""
-        if derivative not in self._matrices:
-            self._matrices[derivative] = self.grid.matrix(self.seconds, derivative)
-        return self._matrices[derivative]
-
     def band(self, derivative: int) -> Array:
-        """(6, size) its normal matrix in lower form: band[d, i] = A[i + d, i]."""
+        """(6, size) normal matrix of the derivative in lower form: band[d, i] = A[i + d, i]."""
         if derivative not in self._bands:
-            size = self.grid.size
-            band = np.zeros((ORDER, size))
-            start, weights = self.grid.basis(self.seconds, derivative)
+            weights = self._weight_rows(derivative)
+            gram = self._by_interval(_sums(weights, weights))
+            band = np.zeros((ORDER, self.grid.size))
             for i in range(ORDER):
                 for j in range(i, ORDER):
-                    products = weights[:, i] * weights[:, j]
-                    band[j - i] += np.bincount(start + i, weights=products, minlength=size)
+                    band[j - i, i : i + self.grid.intervals] += gram[:, i, j]
             self._bands[derivative] = band
         return self._bands[derivative]
 
+    @cached_property
+    def ridge(self) -> Array:
+        """(6, size) added to the normal matrix, in lower form: settles knot intervals without samples."""
+        band, size = np.zeros((ORDER, self.grid.size)), self.grid.size
+        difference = np.array([-1.0, 3.0, -3.0, 1.0])
+        strength = _RIDGE * max(len(self.seconds) / self.grid.intervals, 1.0)
+        for i in range(4):
+            for j in range(i, 4):
+                band[j - i, i : size - 3 + i] += strength * difference[i] * difference[j]
+        return band
+
+    def project(self, values: Array, derivative: int) -> Array:
+        """(size, K) B.T @ values, of values (N, K) and the derivative's (N, size) matrix B."""
+        padded = self._padded(values)
+        parts = self._by_interval(_sums(self._weight_rows(derivative), padded))
+        out = np.zeros((self.grid.size, values.shape[1]))
+        for i in range(ORDER):
+            out[i : i + self.grid.intervals] += parts[:, i]
+        return out
+
+    def evaluate(self, coefficients: Array, derivative: int) -> Array:
+        """(N, K) B @ coefficients (size, K)."""
+        windows = np.swapaxes(sliding_window_view(coefficients, ORDER, axis=0), 1, 2)[self._interval]
+        weights = self._weight_rows(derivative)
+        rows = weights @ windows if len(weights) < _MANY else np.einsum("rli,rik->rlk", weights, windows)
+        return np.asarray(rows.reshape(-1, coefficients.shape[1])[self._slots])
+
+    def _weight_rows(self, derivative: int) -> Array:
+        """(rows, length, 6) weights of the samples' six coefficients."""
+        if derivative not in self._weights:
+            polynomials = self.grid.polynomials(derivative)
+            self._weights[derivative] = self._padded(self.powers[:, : polynomials.shape[1]] @ polynomials.T)
+        return self._weights[derivative]
+
+    def _padded(self, values: Array) -> Array:
+        padded = np.zeros((self._rows * self._length, values.shape[1]))
+        padded[self._slots] = values
+        return padded.reshape(self._rows, self._length, values.shape[1])
+
+    def _by_interval(self, parts: Array) -> Array:
+        """(intervals, ...) sums of the rows (rows, ...) of each knot interval."""
+        if len(self._filled) == self._rows == self.grid.intervals:
+            return parts
+        out = np.zeros((self.grid.intervals, *parts.shape[1:]))
+        out[self._interval[self._filled]] = np.add.reduceat(parts, self._filled, axis=0)
+        return out
+
 
 class SplineFit:
-    """The quintic spline on `grid` that is nearest to samples in the sense of least squares; K columns at once.
+    """The quintic spline on a grid that is nearest to samples in the sense of least squares; K columns at once.
 
     Args:
-        grid: the knots.
-        seconds: (N,) not descending.
+        design: the grid, and the times of the samples.
         values: (N, K).
-        slopes: (N, K) measured first derivatives, or None.
-        slope_weight: variance of the values over variance of the slopes, s2.
-        design: of the grid at these times, when it is there already.
     """
 
-    def __init__(
-        self,
-        grid: Grid,
-        seconds: Array,
-        values: Array,
-        slopes: Array | None = None,
-        slope_weight: float = 0.0,
-        design: Design | None = None,
-    ) -> None:
-        self.grid = grid
-        self._design = design or Design(grid, seconds)
+    def __init__(self, design: Design, values: Array) -> None:
+        self.grid = design.grid
+        self._design = design
         self._offset = values.mean(axis=0)  # so that the ridge and the rounding do not see where zero is
-        self._factor_normal_matrix(slope_weight if slopes is not None else 0.0)
-        self.coefficients = np.zeros((grid.size, values.shape[1]))
-        basis, basis_1 = self._design.matrix(0), self._design.matrix(1) if slopes is not None else None
-        for _ in range(2):  # the second round takes away what squaring the condition number cost
-            right = basis.T @ (values - self._offset - basis @ self.coefficients)
-            if basis_1 is not None:
-                right += slope_weight * (basis_1.T @ (slopes - basis_1 @ self.coefficients))
-            self.coefficients += self._solve(right)
-        square = (values - self(seconds)) ** 2
-        count = len(values)
-        if slopes is not None:
-            square = np.vstack([square, slope_weight * (slopes - self(seconds, 1)) ** 2])
-            count *= 2
-        self.degrees_of_freedom = count - grid.size
-        self.square_sum = square.sum(axis=0)
+        self._set_normal_matrix(design.band(0))
+        right = values - self._offset
+        self.coefficients = self._solve(design.project(right, 0))
+        right = right - design.evaluate(self.coefficients, 0)
+        gradient = design.project(right, 0)
+        step = self._solve(gradient)  # takes away what squaring the condition number cost
+        self.coefficients = self.coefficients + step
+        product = _times(design.band(0), step)
+        self._gradient = gradient - product
+        self.degrees_of_freedom = len(values) - self.grid.size
+        self.square_sum = np.einsum("nk,nk->k", right, right) + np.einsum("ik,ik->k", step, product - 2.0 * gradient)
+
+    def slope_sums(self, slopes: Array) -> tuple[Array, Array]:
+        """Gradient (size, K) and square sum (K,) that measured first derivatives (N, K) leave about this spline."""
+        left = slopes - self(self._design.seconds, 1)
+        return self._design.project(left, 1), np.einsum("nk,nk->k", left, left)
+
+    def with_slopes(self, columns: slice, sums: tuple[Array, Array], weight: float) -> "SplineFit":
+        """The fit of some columns that also follows measured first derivatives.
+
+        Args:
+            columns: which.
+            sums: of `slope_sums`.
+            weight: variance of the values over variance of the slopes, s2.
+        """
+        fit = self.select(columns)
+        gradient, square = fit._gradient + weight * sums[0][:, columns], weight * sums[1][columns]
+        fit.__dict__.pop("_inverse_windows", None)
+        fit._set_normal_matrix(self._design.band(0) + weight * self._design.band(1))
+        step = fit._solve(gradient)
+        fit.coefficients = fit.coefficients + step
+        fit.square_sum = np.maximum(fit.square_sum + square - np.einsum("ik,ik->k", step, gradient), 0.0)
+        fit.degrees_of_freedom = 2 * (self.degrees_of_freedom + self.grid.size) - self.grid.size
+        return fit
+
+    def select(self, columns: slice) -> "SplineFit":
+        """The fit of some columns."""
+        fit = copy.copy(self)
+        for name in ("_offset", "coefficients", "square_sum", "_gradient"):
+            setattr(fit, name, getattr(self, name)[..., columns])
+        return fit
 
     @property
     def sigma(self) -> Array:
@@ -164,43 +231,55 @@ class SplineFit:
 
     def __call__(self, seconds: Array, derivative: int = 0) -> Array:
         """The spline or its derivative at (M,) times: (M, K)."""
-        own = seconds is self._design.seconds
-        matrix = self._design.matrix(derivative) if own else self.grid.matrix(seconds, derivative)
-        value = np.asarray(matrix @ self.coefficients)
+        if seconds is self._design.seconds:
+            value = self._design.evaluate(self.coefficients, derivative)
+        else:
+            start, powers = self.grid.locate(seconds)
+            polynomials = self.grid.polynomials(derivative)
+            weights = powers[:, : polynomials.shape[1]] @ polynomials.T
+            windows = sliding_window_view(self.coefficients, ORDER, axis=0)[start]
+            value = np.einsum("ni,nki->nk", weights, windows)
         return value + self._offset if derivative == 0 else value
 
-    def gain(self, seconds: Array, derivative: int = 0) -> Array:
-        """(M,) one-sigma noise of the (derivative's) value for unit noise of the samples: sqrt(b' A^-1 b).
+    def derivatives(self, seconds: Array) -> Array:
+        """(3, M, K) value, first and second derivative at (M,) times."""
+        start, weights = self._weights(seconds)
+        values = np.einsum("ndi,nki->dnk", weights, sliding_window_view(self.coefficients, ORDER, axis=0)[start])
+        values[0] += self._offset
+        return np.asarray(values)
+
+    def gains(self, seconds: Array) -> Array:
+        """(M, 3, 3) covariance of value, first and second derivative at (M,) times, for unit noise of the samples."""
+        start, weights = self._weights(seconds)
+        half = np.einsum("ndi,nij->ndj", weights, self._inverse_windows[start])
+        return np.asarray(np.einsum("ndj,nej->nde", half, weights))
+
+    def _weights(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
+        """Knot interval (M,) and weights (M, 3, 6) of its six coefficients in value, first and second derivative."""
+        start, powers = self.grid.locate(seconds)
+        weights = [powers[:, : ORDER - d] @ self.grid.polynomials(d).T for d in range(3)]
+        return start, np.stack(weights, axis=1)
+
+    @cached_property
+    def _inverse_windows(self) -> Array:
+        """(intervals, 6, 6) of the inverse normal matrix, what belongs to the six coefficients of each knot interval.
 
         The inverse is taken in blocks with enough neighbours for the rest not to matter.
         """
-        start, weights = self.grid.basis(seconds, derivative)
-        gain = np.empty(len(seconds))
-        block = 4 * DECAY
+        windows = np.empty((self.grid.intervals, ORDER, ORDER))
+        block = 4 * _DECAY
         for left in range(0, self.grid.intervals, block):
-            here = np.flatnonzero((start >= left) & (start < left + block))
-            if not here.size:
-                continue
-            low, high = max(left - DECAY, 0), min(left + block + ORDER + DECAY, self.grid.size)
+            right = min(left + block, self.grid.intervals)
+            low, high = max(left - _DECAY, 0), min(right + ORDER + _DECAY, self.grid.size)
             inverse = self._inverse(low, high)
-            columns = start[here, None] - low + np.arange(ORDER)
-            local = inverse[columns[:, :, None], columns[:, None, :]]
-            gain[here] = np.sqrt(np.maximum(np.einsum("ni,nij,nj->n", weights[here], local, weights[here]), 0.0))
-        return gain
+            rows = np.arange(left, right)[:, None] - low + np.arange(ORDER)
+            windows[left:right] = inverse[rows[:, :, None], rows[:, None, :]]
+        return windows
 
-    def _factor_normal_matrix(self, slope_weight: float) -> None:
-        size = self.grid.size
-        band = self._design.band(0).copy()
-        if slope_weight > 0.0:
-            band += slope_weight * self._design.band(1)
-        difference = np.array([-1.0, 3.0, -3.0, 1.0])
-        strength = RIDGE * max(len(self._design.seconds) / self.grid.intervals, 1.0)
-        for i in range(4):
-            for j in range(i, 4):
-                band[j - i, i : size - 3 + i] += strength * difference[i] * difference[j]
-        self._band = band
-        self._scale = 1.0 / np.sqrt(band[0])
-        self._factor = _cholesky(_scaled(band, self._scale))
+    def _set_normal_matrix(self, band: Array) -> None:
+        self._band = band + self._design.ridge
+        self._scale = 1.0 / np.sqrt(self._band[0])
+        self._factor = _cholesky(_scaled(self._band, self._scale))
 
     def _solve(self, right: Array) -> Array:
         scale = self._scale[:, None]
@@ -210,10 +289,15 @@ class SplineFit:
         n = high - low
         scale = self._scale[low:high]
         band = _scaled(self._band[:, low:high], scale)
-        for d in range(1, ORDER):
-            band[d, n - d :] = 0.0
         inverse = lapack.dpbtrs(_cholesky(band), np.eye(n), lower=1)[0]
         return np.asarray(scale[:, None] * inverse * scale)
+
+
+def _sums(left: Array, right: Array) -> Array:
+    """(R, I, K) sums over the samples (R, L) of products of left (R, L, I) and right (R, L, K)."""
+    if len(left) < _MANY:
+        return np.asarray(np.swapaxes(left, 1, 2) @ right)
+    return np.asarray(np.einsum("rli,rlk->rik", left, right))
 
 
 def _cholesky(band: Array) -> Array:
@@ -225,8 +309,16 @@ def _cholesky(band: Array) -> Array:
 
 
 def _scaled(band: Array, scale: Array) -> Array:
-    scaled = np.zeros_like(band)
-    for d in range(len(band)):
-        n = band.shape[1] - d
-        scaled[d, :n] = band[d, :n] * scale[:n] * scale[d:]
-    return scaled
+    later = np.concatenate([scale, np.zeros(DEGREE)])
+    windows = later[np.arange(ORDER)[:, None] + np.arange(len(scale))]
+    return np.asarray(band * scale * windows)
+
+
+def _times(band: Array, vectors: Array) -> Array:
+    """(size, K) the symmetric matrix of a lower band (6, size) times vectors (size, K)."""
+    out = band[0, :, None] * vectors
+    for d in range(1, ORDER):
+        part = band[d, : len(vectors) - d, None]
+        out[d:] += part * vectors[:-d]
+        out[:-d] += part * vectors[d:]
+    return np.asarray(out)

@@ -86,6 +86,9 @@ class Scan:
     hidden_volume_std: float
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Scan({self.seen.sum()} points seen and {(~self.seen).sum()} completed, {self.n_views} views)"
+
     def volume_std(self, solid: Solid) -> float:
         """m3, one sigma: of a solid of the points between them, and of what was not seen."""
         return float(np.hypot(solid.volume_std, self.hidden_volume_std))

@@ -63,6 +63,9 @@ class Segmentation:
     part_colours: Array | None = None
     notes: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"Segmentation({self.n_parts} parts, {1e6 * self.volumes.sum():.4g} cm3, {len(self.labels)} points)"
+
     @cached_property
     def n_parts(self) -> int:
         return int(self.tetrahedron_labels.max()) + 1

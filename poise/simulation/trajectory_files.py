@@ -14,8 +14,8 @@ from poise.robot import RobotModel
 from poise.simulation.trajectories import FourierTrajectory, SplineTrajectory, Trajectory, WaypointTrajectory, home
 from poise.types import Array
 
-MAX_BYTES = 50_000_000
-FOURIER = ("duration", "speed", "amplitude", "frequency", "harmonics", "centre")
+_MAX_BYTES = 50_000_000
+_FOURIER = ("duration", "speed", "amplitude", "frequency", "harmonics", "centre")
 
 
 def read_trajectory(path: str | Path, model: RobotModel) -> Trajectory:
@@ -36,8 +36,8 @@ def read_trajectory(path: str | Path, model: RobotModel) -> Trajectory:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {MAX_BYTES} bytes, not a trajectory")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {_MAX_BYTES} bytes, not a trajectory")
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise InputError(ErrorCode.BAD_INPUT, f"{path}: not UTF-8 text") from error
@@ -101,10 +101,10 @@ def _waypoints(points: Any, names: Sequence[str], model: RobotModel) -> Trajecto
 
 
 def _fourier(options: Mapping[str, Any], model: RobotModel) -> Trajectory:
-    unknown = set(options) - {"seed", *FOURIER}
+    unknown = set(options) - {"seed", *_FOURIER}
     if unknown:
-        raise _bad(f"fourier knows seed, {', '.join(FOURIER)}; not {', '.join(sorted(map(str, unknown)))}")
-    values: dict[str, Any] = {key: _number(options, key) for key in FOURIER[:4] if key in options}
+        raise _bad(f"fourier knows seed, {', '.join(_FOURIER)}; not {', '.join(sorted(map(str, unknown)))}")
+    values: dict[str, Any] = {key: _number(options, key) for key in _FOURIER[:4] if key in options}
     if any(value <= 0 for value in values.values()):
         raise _bad("the numbers of fourier must be positive")
     if "harmonics" in options:

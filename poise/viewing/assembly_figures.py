@@ -12,8 +12,9 @@ from matplotlib.figure import FigureBase
 from matplotlib.patches import Polygon
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from poise.assembly import AccelerationLimits, Analysis, Push, Robustness, RobustnessMap
-from poise.assembly.shapes import Polyhedron
+from poise.assembly import Analysis, Push
+from poise.assembly.robustness import AccelerationLimits, Robustness, RobustnessMap
+from poise.assembly.scene import Polyhedron
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.viewing.assembly_picture import Stage, SurfaceColours, extent, moved, stage

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from poise.assembly import Analysis, Assembly, RobustnessMap
+from poise.assembly import Analysis, Assembly
+from poise.assembly.robustness import RobustnessMap
 from poise.geometry import Pose
 from poise.types import Array, Mask
 from poise.viewing.canvas import PALETTE

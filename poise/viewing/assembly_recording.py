@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import LogNorm
 
-from poise.assembly import AccelerationLimits, Analysis, Push, Robustness, RobustnessMap
+from poise.assembly import Analysis, Push
+from poise.assembly.robustness import AccelerationLimits, Robustness, RobustnessMap
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.viewing.assembly_picture import extent

@@ -5,8 +5,7 @@ import numpy as np
 from matplotlib.figure import FigureBase
 
 from poise.assembly import Assembly, Box, Cylinder, RigidObject
-from poise.manipulation import Phase, Reach, Transfer
-from poise.manipulation.bodies import pose_of
+from poise.manipulation import Phase, Reach, Transfer, pose_of
 from poise.types import Array
 from poise.viewing.assembly_picture import stage
 from poise.viewing.canvas import PALETTE, Panel

@@ -8,13 +8,13 @@ from poise.mismatch.answer import ResidualWindow, SignalDiagnosis
 from poise.mismatch.inference import DependenceCurve, state_description
 from poise.types import Array
 from poise.viewing.canvas import BINS, PALETTE, Panel, add_axes, line, shade
-from poise.viewing.mismatch_summary import Residuals, correlations, ladder, remaining, residuals
+from poise.viewing.mismatch_summary import ScaledResiduals, correlations, ladder, remaining, residuals
 
-WIDE = 1110
+_WIDE = 1110
 """Points: the width of a page."""
-WHOLE = 0.9
+_WHOLE = 0.9
 """Share of a recording from which a window is not shaded: it is all."""
-TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
+_TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
 
 
 def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
@@ -22,9 +22,9 @@ def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
     return examination.where if examination.findings or examination.unknown else ()
 
 
-def _shaded(examination: SignalDiagnosis, left: Residuals) -> Array:
+def _shaded(examination: SignalDiagnosis, left: ScaledResiduals) -> Array:
     """(K, 2) s: windows, but for those that are nearly all of the recording."""
-    whole = WHOLE * float(left.seconds[-1] - left.seconds[0])
+    whole = _WHOLE * float(left.seconds[-1] - left.seconds[0])
     spans = [(window.start, window.end) for window in marked(examination) if window.end - window.start < whole]
     return np.array(spans).reshape(-1, 2)
 
@@ -57,10 +57,10 @@ def timeline_panel(examination: SignalDiagnosis, key: str) -> Panel:
         _mark_held(axes, left)
         _name_effects(axes, bars, left)
 
-    return Panel(key, alt, draw, (WIDE, height))
+    return Panel(key, alt, draw, (_WIDE, height))
 
 
-def _mark_held(axes: Axes, left: Residuals) -> None:
+def _mark_held(axes: Axes, left: ScaledResiduals) -> None:
     """A line under what was held out from the fits of the proof."""
     if not left.held.any():
         return
@@ -72,7 +72,7 @@ def _mark_held(axes: Axes, left: Residuals) -> None:
     )  # fmt: skip
 
 
-def _name_effects(axes: Axes, bars: list[tuple[str, tuple[tuple[float, float], ...]]], left: Residuals) -> None:
+def _name_effects(axes: Axes, bars: list[tuple[str, tuple[tuple[float, float], ...]]], left: ScaledResiduals) -> None:
     """Above the axes, a bar with a name for the windows of each effect."""
     across = axes.get_xaxis_transform()
     points = axes.bbox.height * 72.0 / axes.figure.dpi
@@ -99,7 +99,7 @@ def residual_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
     for channel, (name, unit) in enumerate(zip(left.names, left.units, strict=True)):
         before, after, noise = (part[:, channel] for part in (left.before, left.after, left.noise))
         rms = [float(np.sqrt(np.mean(part**2))) for part in (before, after)]
-        title = f"{TITLES.get(name, name)}, {unit}"
+        title = f"{_TITLES.get(name, name)}, {unit}"
         alt = (
             f"Residual of {title}: {rms[0]:.3g} rms before, {rms[1]:.3g} after; "
             f"one sigma of the noise is {float(np.median(noise)):.2g}."
@@ -165,7 +165,7 @@ def correlation_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
         alt = f"Autocorrelations of {name}: at most {verdict.strongest_correlation:.2f}; {verdict.verdict}."
 
         def draw(figure: FigureBase, series: Array = values[:, channel], name: str = name) -> None:
-            axes = add_axes(figure, TITLES.get(name, name), below="samples apart")
+            axes = add_axes(figure, _TITLES.get(name, name), below="samples apart")
             lags = np.arange(1, len(series) + 1)
             axes.axhspan(-bound, bound, color=PALETTE["grid"], linewidth=0, zorder=0.5)
             axes.axhline(0, color=PALETTE["muted"], linewidth=0.8)
@@ -186,7 +186,7 @@ def shape_panel(shape: DependenceCurve, key: str) -> Panel:
     )
 
     def draw(figure: FigureBase) -> None:
-        title = f"{TITLES.get(shape.channel, shape.channel)}, {shape.unit}, over {what}"
+        title = f"{_TITLES.get(shape.channel, shape.channel)}, {shape.unit}, over {what}"
         axes = add_axes(figure, title, below="", left=0.08)
         axes.axhline(0, color=PALETTE["muted"], linewidth=0.8)
         axes.plot(shape.values, shape.response, color=PALETTE["accent"], linewidth=1.8, gid="series-Unknown")

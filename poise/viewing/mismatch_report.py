@@ -17,8 +17,8 @@ from poise.viewing.mismatch_summary import headline, labelled, remaining, remark
 from poise.viewing.page import drawn, making, origin, render_page
 from poise.viewing.wording import readable, rounded
 
-FILE_NAME = "mismatch.html"
-SIGNALS = {"wrench": "Wrench", "effort": "Joint efforts"}
+_FILE_NAME = "mismatch.html"
+_SIGNALS = {"wrench": "Wrench", "effort": "Joint efforts"}
 
 
 def write_mismatch_report(
@@ -54,7 +54,7 @@ def write_mismatch_report(
     now = datetime.now(UTC) if now is None else now
     provenance = [entry for source in sources for entry in origin(source)]
     page = render_mismatch(found, title, notes, [*provenance, *_model_lines(found), *making(command, now)])
-    return write_whole(Path(directory) / FILE_NAME, page.encode("utf-8"))
+    return write_whole(Path(directory) / _FILE_NAME, page.encode("utf-8"))
 
 
 def render_mismatch(found: Diagnosis, title: str, notes: Sequence[str], provenance: Sequence[tuple[str, str]]) -> str:
@@ -85,7 +85,7 @@ def _signal(examination: SignalDiagnosis, index: int) -> dict[str, Any]:
     nominal, augmented, given = examination.proof.by_channel
     noise = np.median(left.noise, axis=0)
     return {
-        "name": SIGNALS[examination.problem.signal],
+        "name": _SIGNALS[examination.problem.signal],
         "timeline": drawn([figures.timeline_panel(examination, f"{key}-timeline")]),
         "residuals": drawn(figures.residual_panels(examination, f"{key}-residual")),
         "ladder": drawn([figures.ladder_panel(examination, f"{key}-ladder")]),
@@ -94,7 +94,7 @@ def _signal(examination: SignalDiagnosis, index: int) -> dict[str, Any]:
         "proof": examination.proof,
         "channels": [
             {
-                "name": figures.TITLES.get(name, name),
+                "name": figures._TITLES.get(name, name),
                 "unit": unit,
                 "given": given[c],
                 "nominal": nominal[c],

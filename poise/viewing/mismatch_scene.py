@@ -11,7 +11,7 @@ from poise.viewing.mismatch_summary import headline, remarks, residuals
 from poise.viewing.rerun_file import RerunFile
 from poise.viewing.wording import readable
 
-BEFORE, AFTER, NOISE = (163, 171, 182), (64, 128, 240), (120, 130, 140)
+_BEFORE, _AFTER, _NOISE = (163, 171, 182), (64, 128, 240), (120, 130, 140)
 
 
 def write_mismatch_scene(path: Path, found: Diagnosis) -> Path:
@@ -45,12 +45,12 @@ def _send(scene: RerunFile, examination: SignalDiagnosis) -> list[str]:
     """One signal's curves; the paths of its views."""
     signal, left = examination.problem.signal, residuals(examination)
     stamps = scene.origin + np.round(left.seconds * 1e9).astype(np.int64)
-    for name, part, colour in (("before", left.before, BEFORE), ("after", left.after, AFTER)):
+    for name, part, colour in (("before", left.before, _BEFORE), ("after", left.after, _AFTER)):
         scene.curve(f"{signal}/size/{name}", stamps, left.size(part), colour, name)
     for channel, name in enumerate(left.names):
         measured = examination.problem.measured[:, channel]
-        scene.curve(f"measured/{signal}/{name}", stamps, measured, NOISE, name)
-        for kind, part, colour in (("before", left.before, BEFORE), ("after", left.after, AFTER)):
+        scene.curve(f"measured/{signal}/{name}", stamps, measured, _NOISE, name)
+        for kind, part, colour in (("before", left.before, _BEFORE), ("after", left.after, _AFTER)):
             scene.curve(f"{signal}/{name}/{kind}", stamps, part[:, channel], colour, kind)
     return [f"{signal}/size", *(f"{signal}/{name}" for name in left.names)]
 

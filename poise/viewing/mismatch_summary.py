@@ -7,23 +7,23 @@ import numpy as np
 
 from poise.mismatch.answer import Diagnosis, SignalDiagnosis
 from poise.mismatch.inference import names, residual_of, state_description
-from poise.mismatch.recorded import channel_names
+from poise.mismatch.recorded import WRENCH_CHANNELS
 from poise.types import Array, Mask
 from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
 
-STRETCH = 0.25
+_STRETCH = 0.25
 """s over which a residual's size is averaged for the eye."""
-ALONE, BESIDE = 8, 3
+_ALONE, _BESIDE = 8, 3
 """Hypotheses that are drawn: of single effects, and of as many effects as the answer has or one more."""
-SURE = 0.9
+_SURE = 0.9
 """Probability below which a name is said with a warning."""
-MUCH = 1.25
+_MUCH = 1.25
 """Held-out error, in units of the noise, from which a model is said to miss something."""
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class ScaledResiduals:
     """One signal's residuals, in its units.
 
     Args:
@@ -47,21 +47,21 @@ class Residuals:
     def size(self, residual: Array) -> Array:
         """(N,) root mean square over channels and a quarter of a second, in units of the noise."""
         energy = np.mean((residual / self.noise) ** 2, axis=1)
-        count = max(round(STRETCH / float(np.median(np.diff(self.seconds)))), 1)
+        count = max(round(_STRETCH / float(np.median(np.diff(self.seconds)))), 1)
         kernel = np.ones(count) / count
         padded = np.pad(energy, (count // 2, count - 1 - count // 2), mode="reflect")
         return np.asarray(np.sqrt(np.convolve(padded, kernel, mode="valid")))
 
 
-def residuals(examination: SignalDiagnosis) -> Residuals:
+def residuals(examination: SignalDiagnosis) -> ScaledResiduals:
     """What the models leave of a signal."""
     problem = examination.problem
     effort = problem.recorded.effort if problem.signal == "effort" else None
-    channels = channel_names() if effort is None else effort.names
+    channels = WRENCH_CHANNELS if effort is None else effort.names
     units = ("N",) * 3 + ("N m",) * 3 if effort is None else ("N m",) * len(channels)
     before = problem.measured - problem.predicted(problem.recorded) - examination.best.calibrated
     after = residual_of(problem, examination.best)
-    return Residuals(problem.seconds, channels, units, before, after, problem.noise.total, examination.last)
+    return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.last)
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,9 @@ def ladder(examination: SignalDiagnosis) -> list[Rung]:
         return sorted((key for key in keys if key != answer), key=lambda key: -gains[key])[:count]
 
     kept = {answer, ()}
-    kept.update(best(ALONE, (key for key in gains if len(key) == 1)))
-    kept.update(best(BESIDE, (key for key in gains if len(key) == len(answer) > 1)))
-    kept.update(best(BESIDE, (key for key in gains if len(key) == len(answer) + 1 and set(answer) < set(key))))
+    kept.update(best(_ALONE, (key for key in gains if len(key) == 1)))
+    kept.update(best(_BESIDE, (key for key in gains if len(key) == len(answer) > 1)))
+    kept.update(best(_BESIDE, (key for key in gains if len(key) == len(answer) + 1 and set(answer) < set(key))))
     return [Rung(labelled(key), gains[key], key == answer) for key in sorted(kept, key=lambda key: -gains[key])]
 
 
@@ -146,14 +146,14 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
     else:
         said.append(
             Finding(
-                "good" if proof.augmented < MUCH else "warn",
+                "good" if proof.augmented < _MUCH else "warn",
                 f"Held-out error, times the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} with the nominal "
                 f"model calibrated on the rest, {proof.augmented:.2f} with what was found.",
             )
         )
     for finding in found.findings:
         chance, name = finding.belief.probability, finding.effect.name.replace("_", " ")
-        said.append(Finding("good" if chance > SURE else "warn", f"{name}: probability {100 * chance:.1f} %."))
+        said.append(Finding("good" if chance > _SURE else "warn", f"{name}: probability {100 * chance:.1f} %."))
         if finding.belief.alike:
             others = ", ".join(_label(other) for other in finding.belief.alike)
             said.append(

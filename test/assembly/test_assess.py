@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from assembly_scenes import G, box
 
-from poise.assembly import MODELS, Analysis, Push, assess, motion_probability, robustness_map, sensitivity
+from poise.assembly import Analysis, Push, assess, motion_probability, robustness_map, sensitivity
+from poise.assembly.robustness.registry import ROBUSTNESS_MODELS
 from poise.errors import ErrorCode, InputError
 
 GOOD = ("cube", (-0.5, 0, 0.2), (1, 0, 0))
@@ -36,7 +37,7 @@ def test_an_unknown_model_is_refused_with_the_known_ones():
         assess(scenes.cube(), [], "magic")
 
 
-@pytest.mark.parametrize("model", [model for model in MODELS if model != "pybullet"])
+@pytest.mark.parametrize("model", [model for model in ROBUSTNESS_MODELS.names() if model != "pybullet"])
 def test_every_model_knows_that_a_fixed_body_never_moves(model):
     found = assess(scenes.cube(), [Push("floor", (3, 3, 0), (1, 0, 0))], model).results[0]
     assert found.robustness == np.inf

@@ -6,9 +6,10 @@ import pytest
 from assembly_scenes import FLOOR, box, fixed_box, on_floor, turned
 from scipy.spatial.transform import Rotation
 
-from poise.assembly import Assembly, RigidObject, Structure, find_interfaces
-from poise.assembly.contacts import CONTACT_MARGIN
-from poise.assembly.placed import PlacedBody, triangle_areas
+from poise.assembly import Assembly, RigidObject
+from poise.assembly.contact.contacts import CONTACT_MARGIN, find_interfaces
+from poise.assembly.contact.graph import Structure
+from poise.assembly.contact.placed import PlacedBody, triangle_areas
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 

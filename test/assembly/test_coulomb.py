@@ -10,7 +10,7 @@ from poise.assembly import Analysis, Push, assess
 
 
 def settled(assembly):
-    return [block.coulomb.settle(block.geometry.gravity.ravel()) for block in Analysis.of(assembly).blocks]
+    return [block.solvers.coulomb.settle(block.geometry.gravity.ravel()) for block in Analysis.of(assembly).blocks]
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.6])

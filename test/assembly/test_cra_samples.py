@@ -83,5 +83,5 @@ def test_blocks_held_only_by_self_stress_do_not_stand(name):
     """The two letters of the CRA paper: a rigid-block equilibrium exists, and nothing presses it into being."""
     case = next(case for case in CASES if case["sample"] == name and case["friction"] == 0.84)
     analysis = Analysis.of(assembly_of(case))
-    assert analysis.blocks[0].balance.margin > 0
+    assert analysis.blocks[0].solvers.balance.margin > 0
     assert not analysis.stability().stable

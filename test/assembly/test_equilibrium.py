@@ -7,7 +7,7 @@ from assembly_scenes import G, box, fixed_box, turned
 from scipy.optimize import minimize
 
 from poise.assembly import Analysis, Assembly
-from poise.assembly.equilibrium import contact_forces, has_self_stress, stability
+from poise.assembly.statics.equilibrium import contact_forces, has_self_stress, stability
 from poise.errors import ErrorCode, NoAnswerError
 
 
@@ -47,8 +47,9 @@ def test_contact_forces_have_the_least_sum_of_squares():
         "type": "ineq",
         "fun": lambda f: geometry.friction * f.reshape(-1, 3)[:, 0] - np.hypot(*f.reshape(-1, 3)[:, 1:].T + 1e-12),
     }
-    balance = {"type": "eq", "fun": lambda f: grasp @ f + load}
-    found = minimize(lambda f: f @ f, forces.ravel() * 0.9, constraints=[balance, cone], method="SLSQP", tol=1e-12)
+    balance = {"type": "eq", "fun": lambda f: grasp @ f + load, "jac": lambda _: grasp}
+    start, of_squares = forces.ravel() * 0.9, {"fun": lambda f: f @ f, "jac": lambda f: 2 * f}
+    found = minimize(**of_squares, x0=start, constraints=[balance, cone], method="SLSQP", tol=1e-12)
     assert found.success
     assert (forces**2).sum() == pytest.approx(found.fun, rel=1e-6)
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from assembly_scenes import box, fixed_box
 
-from poise.assembly import Analysis, Assembly, Push, Structure, assess
-from poise.assembly.changes import analysis_after
-from poise.assembly.graph import FIXED
+from poise.assembly import Analysis, Assembly, Push, assess
+from poise.assembly.contact.graph import FIXED, Structure
+from poise.assembly.statics.changes import analysis_after
 from poise.errors import ErrorCode, InputError
 
 
@@ -42,9 +42,10 @@ def test_fixed_bodies_are_one_node():
 @pytest.mark.parametrize("place", range(7))
 def test_blocks_answer_what_the_whole_assembly_does(place):
     """Two stacks on a shared slab on two legs: solved in blocks, or as one problem that knows no blocks."""
-    from poise.assembly.analysis import BlockAnalysis
-    from poise.assembly.graph import Block
-    from poise.assembly.pushes import loads_of
+    from poise.assembly.contact.graph import Block
+    from poise.assembly.statics.analysis import BlockAnalysis
+    from poise.assembly.statics.block_solvers import BlockSolvers
+    from poise.assembly.statics.pushes import loads_of
 
     assembly = scenes.table()
     for side in (-0.5, 0.5):
@@ -62,13 +63,13 @@ def test_blocks_answer_what_the_whole_assembly_does(place):
             for n in structure.interfaces
         ),
     )
-    together = BlockAnalysis(structure, whole)
+    together = BlockAnalysis(structure, whole, BlockSolvers(structure, whole))
     for _ in range(5):
         point = item.pose.translation + half * [-1, *rng.uniform(-1, 1, 2)]
         push = Push(item.id, point, (1, *rng.normal(0, 0.3, 2)))
         blocks = assess(Analysis(structure), [push], "limit").results[0].robustness
         _, loads = together.loads(loads_of(assembly, [push], 1e-3))
-        assert blocks == pytest.approx(1 / together.limit.gauge(loads[0]).value, rel=1e-6)
+        assert blocks == pytest.approx(1 / together.solvers.limit.gauge(loads[0]).value, rel=1e-6)
 
 
 def test_adding_and_removing_objects_one_by_one_gives_what_a_new_start_gives():
@@ -84,11 +85,11 @@ def test_adding_and_removing_objects_one_by_one_gives_what_a_new_start_gives():
 
 def test_blocks_that_a_new_object_does_not_touch_keep_their_solvers():
     before = Analysis.of(scenes.on_floor(box("a", (1, 1, 1), (0, 0, 0.5)), box("b", (1, 1, 1), (3, 0, 0.5))))
-    kept = {block.key: block.limit for block in before.blocks}
+    kept = {id(block.solvers): block.solvers.limit for block in before.blocks}
     after = before.with_object(box("c", (1, 1, 1), (3, 0, 1.5)))
-    shared = [block for block in after.blocks if block.key in kept]
+    shared = [block.solvers for block in after.blocks if id(block.solvers) in kept]
     assert len(shared) == 1
-    assert shared[0].limit is kept[shared[0].key]
+    assert shared[0].limit is kept[id(shared[0])]
 
 
 def test_moving_an_object_away_from_its_support_is_refused():
@@ -122,3 +123,21 @@ def test_another_assembly_on_another_floor_is_taken_over():
     cube = box("cube", (1, 1, 1), (0, 0, 0.5))
     before, after = (Assembly((fixed_box(name, (4, 4, 1), (0, 0, -0.5)), cube)) for name in ("a", "b"))
     assert analysis_after(Analysis.of(before), after).assembly.index == {"b": 0, "cube": 1}
+
+
+def test_blocks_that_stay_share_their_solvers_and_keep_their_own_places():
+    first = Analysis.of(scenes.stack(3))
+    aside = box("aside", (0.2, 0.2, 0.2), (5, 0, 0.1))
+    floor, *boxes = first.assembly.objects
+    # Other places in `Assembly.objects` for the same blocks.
+    other = Analysis.of(Assembly((floor, aside), first.assembly.gravity, first.assembly.friction))
+    grown = other.with_object(*boxes).without("aside")
+    later = grown.with_object(aside)
+    solvers = {id(block.solvers) for block in grown.blocks}
+    assert len(solvers) == 3
+    assert solvers < {id(block.solvers) for block in later.blocks}
+    for analysis in (grown, later):
+        for block in analysis.blocks:
+            places = [place for members in block.block.members for place in members]
+            assert list(block.body_of) == places
+            assert all({interface.first, interface.second} & set(places) for interface in block.interfaces)

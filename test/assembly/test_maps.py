@@ -1,5 +1,7 @@
 """Certified maps: the bounds hold at points that were never solved, and meet the tolerance."""
 
+import itertools
+
 import assembly_scenes as scenes
 import numpy as np
 import pytest
@@ -8,10 +10,14 @@ from assembly_scenes import box, on_floor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poise.assembly import Analysis, Mesh, Push, RigidObject, SurfacePoints, assess, robustness_map, sample_surface
-from poise.assembly.convexity import upper_planes
-from poise.assembly.pushes import loads_of
+from poise.assembly import Analysis, Mesh, Push, RigidObject, assess, robustness_map
+from poise.assembly.contact.surface import SurfacePoints, sample_surface
+from poise.assembly.robustness.convexity import upper_planes
+from poise.assembly.robustness.maps import MAX_MAP_POINTS
+from poise.assembly.statics.deadline import Deadline
+from poise.assembly.statics.pushes import loads_of
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.geometry import Pose
 
 SCENES = {
     "cube": scenes.cube,
@@ -47,9 +53,9 @@ def single(analysis, surface, row, model):
     for block in analysis.blocks:
         questions, loads = block.loads(loads_of(analysis.assembly, [push], 1e-3))
         if len(questions):
-            factors.append(1 / max(block.patch.resting.gauge(loads[0]).value, 1e-9))
+            factors.append(1 / max(block.solvers.patch.resting.gauge(loads[0]).value, 1e-9))
             if model == "default":
-                factors.append(1 / max(block.limit.gauge(loads[0]).value, 1e-9))
+                factors.append(1 / max(block.solvers.limit.gauge(loads[0]).value, 1e-9))
     return min(factors)
 
 
@@ -89,7 +95,7 @@ def test_every_mechanism_bounds_every_point():
     found = robustness_map(analysis, 200, model="limit")
     rng = np.random.default_rng(1)
     for load in rng.normal(size=(30, 18)):
-        gauge = block.limit.gauge(load).upper
+        gauge = block.solvers.limit.gauge(load).upper
         assert max(mechanism.twist @ load for mechanism in found.mechanisms) <= gauge * (1 + 1e-6)
 
 
@@ -178,3 +184,50 @@ def test_tiny_blocks_on_tiny_trays_are_mapped_as_well_as_big_ones():
     big = robustness_map(scenes.cube(), 300, model="limit")
     assert found.complete
     assert np.min(found.upper) / 1e-3 == pytest.approx(np.min(big.upper), rel=0.05)
+
+
+def test_a_deadline_ends_a_map_without_asking_for_the_rest():
+    found = robustness_map(scenes.cube(), 200, model="patch", deadline=0.0)
+    assert not found.complete
+    assert np.all(found.lower == 0)
+    assert np.all(np.isinf(found.upper))
+
+
+@pytest.mark.parametrize("model", ["patch", "default"])
+def test_a_deadline_in_the_middle_leaves_bounds_that_hold(model, monkeypatch):
+    analysis = Analysis.of(scenes.stack(3))
+    full = robustness_map(analysis, 500, model=model)
+    monkeypatch.setattr("poise.assembly.map_regions.CHUNK", 20)
+    looks = itertools.count()
+    monkeypatch.setattr(Deadline, "passed", property(lambda _: next(looks) > 45))
+    early = robustness_map(analysis, sample_surface(analysis.structure, 500), model=model)
+    reached = early.lower > 0
+    assert not early.complete
+    assert 0 < reached.sum() < len(reached)
+    assert np.all(early.lower <= full.upper * (1 + 1e-6))
+    assert np.all(early.upper >= full.lower * (1 - 1e-6))
+    assert next(looks) < 100
+
+
+def test_a_map_has_a_largest_size():
+    with pytest.raises(InputError, match="1000000 at most") as refused:
+        robustness_map(scenes.cube(), MAX_MAP_POINTS + 1)
+    assert refused.value.code is ErrorCode.BAD_INPUT
+
+
+def test_chunks_of_rows_change_no_bound(monkeypatch):
+    scene = on_floor(capsule())
+    whole = robustness_map(scene, 600)
+    monkeypatch.setattr("poise.assembly.map_regions.CHUNK", 7)
+    parts = robustness_map(scene, 600)
+    np.testing.assert_allclose(parts.lower, whole.lower, rtol=1e-9)
+    np.testing.assert_allclose(parts.upper, whole.upper, rtol=1e-9)
+
+
+def capsule():
+    """A capsule that stands on the flat cut through its lower cap."""
+    round_one = trimesh.creation.capsule(radius=0.05, height=0.1, count=(12, 12))
+    bottom = round_one.bounds[0, 2] + 0.02
+    cut = trimesh.intersections.slice_mesh_plane(round_one, [0, 0, 1], [0, 0, bottom], cap=True)
+    pose = Pose.from_vector([0, 0, -bottom, 0, 0, 0, 1])
+    return RigidObject("capsule", Mesh(np.array(cut.vertices), np.array(cut.faces)), pose, mass=1.0)

@@ -6,10 +6,11 @@ import pytest
 from assembly_scenes import G, box, on_floor
 from scipy.optimize import brentq
 
-from poise.assembly import Analysis, Push, assess, find_interfaces
-from poise.assembly.friction_surface import FrictionSurface, patch_friction
-from poise.assembly.patch import PatchProgram
-from poise.assembly.pushes import loads_of
+from poise.assembly import Analysis, Push, assess
+from poise.assembly.contact.contacts import find_interfaces
+from poise.assembly.statics.friction_surface import FrictionSurface, patch_friction
+from poise.assembly.statics.patch import PatchProgram
+from poise.assembly.statics.pushes import loads_of
 
 # Quadrature of the reference: midpoints of a fine grid.
 FINE = 400
@@ -123,11 +124,11 @@ def test_the_program_of_several_interfaces_agrees_with_the_root_of_one():
         Push("cube", (-0.5, y, z), (1, *rng.normal(0, 0.3, 2))) for y, z in rng.uniform([-0.5, 0], [0.5, 1], (60, 2))
     ]
     loads = loads_of(analysis.assembly, pushes, 1e-3)
-    single = block.single_patch.collapse(loads.wrench).factor
+    single = block.solvers.single_patch.collapse(loads.wrench).factor
     _, scaled = block.loads(loads)
     for factor, load in zip(single, scaled, strict=True):
-        gauge = program.gauge(load, block.limit.gauge(load))
-        limit = 1 / block.limit.gauge(load).value
+        gauge = program.gauge(load, block.solvers.limit.gauge(load))
+        limit = 1 / block.solvers.limit.gauge(load).value
         assert min(1 / max(gauge.value, 1e-12), limit) == pytest.approx(min(factor, limit), rel=0.05)
 
 

@@ -7,11 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.placement.scenes import CELL, GLUED, glued
-from poise.assembly import RigidObject
-from poise.assembly.contacts import CONTACT_MARGIN
-from poise.assembly.penetration import penetration_depth
-from poise.assembly.placed import PlacedBody
-from poise.assembly.shapes import Box, Cylinder, Mesh
+from poise.assembly import Box, Cylinder, Mesh, RigidObject
+from poise.assembly.contact.contacts import CONTACT_MARGIN
+from poise.assembly.contact.penetration import penetration_depth
+from poise.assembly.contact.placed import PlacedBody
 from poise.geometry import Pose
 
 

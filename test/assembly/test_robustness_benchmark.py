@@ -10,7 +10,8 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))  # not installed
 import robustness as benchmark
 import robustness_truth as truth
 
-from poise.assembly import Analysis, Push, assess, robustness_map, sample_surface
+from poise.assembly import Analysis, Push, assess, robustness_map
+from poise.assembly.contact.surface import sample_surface
 
 
 def pushes_on(scene, count):

@@ -85,7 +85,7 @@ def test_a_written_scene_reads_back_the_same(tmp_path):
         ),
     )
     cone = {"id": "cone", "mesh": "cone.stl", "scale": 2.0, "mass": 1.5}
-    from poise.assembly import read_object
+    from poise.assembly.scene.scene_files import read_object
 
     first = Assembly((*objects, read_object(cone, tmp_path)), np.array([0.1, 0, -9.7]), 0.33)
     write_scene(first, tmp_path / "written.yaml")
@@ -115,7 +115,7 @@ def test_a_mesh_has_the_mass_properties_of_its_solid(tmp_path, format, inside_ou
     if inside_out:
         solid.invert()
     solid.export(tmp_path / f"solid.{format}")
-    from poise.assembly import read_object
+    from poise.assembly.scene.scene_files import read_object
 
     shape = read_object({"id": "m", "mesh": f"solid.{format}", "mass": 1}, tmp_path).shape
     assert shape.volume == pytest.approx(0.048, rel=1e-5)
@@ -131,7 +131,7 @@ def test_package_uris_are_found_in_the_share_folder_and_do_not_leave_it(tmp_path
     trimesh.creation.box().export(share / "cube.stl")
     trimesh.creation.box().export(tmp_path / "secret.stl")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    from poise.assembly import read_object
+    from poise.assembly.scene.scene_files import read_object
 
     assert read_object({"id": "m", "mesh": "package://things/cube.stl", "mass": 1}).shape.volume == pytest.approx(1)
     for source in ("package://things/../../secret.stl", "package://nothing/cube.stl", "http://host/cube.stl"):
@@ -228,7 +228,7 @@ def test_a_missing_file_is_unreadable(tmp_path):
 )
 @pytest.mark.parametrize("suffix", ["stl", "ply", "obj"])
 def test_a_broken_mesh_file_is_refused(tmp_path, content, suffix):
-    from poise.assembly import read_object
+    from poise.assembly.scene.scene_files import read_object
 
     (tmp_path / f"bad.{suffix}").write_bytes(content)
     with pytest.raises(InputError):
@@ -236,7 +236,7 @@ def test_a_broken_mesh_file_is_refused(tmp_path, content, suffix):
 
 
 def test_an_open_mesh_is_refused(tmp_path):
-    from poise.assembly import read_object
+    from poise.assembly.scene.scene_files import read_object
 
     solid = trimesh.creation.box()
     solid.faces = solid.faces[:-1]
@@ -256,3 +256,34 @@ def test_rotations_and_quaternions_are_inverse():
 
 def test_the_scene_of_the_contract_stands(scene):
     assert Analysis.of(scene()).stability().stable
+
+
+def test_every_true_inertia_is_accepted_at_every_scale():
+    rng = np.random.default_rng(8)
+    turns = rng.normal(size=(10_000, 4))
+    seconds = rng.uniform(0, 1, (10_000, 3))  # second moments: rods (two are zero) and plates (one is) among them
+    seconds[::10, :2] = 0.0
+    seconds[1::10, 2] = 0.0
+    for turn, second, scale in zip(turns, seconds, np.geomspace(1e-6, 1e3, 10_000), strict=True):
+        rotation = rotation_of_quaternion(turn)
+        inertia = scale * rotation @ np.diag(second.sum() - second) @ rotation.T
+        RigidObject("body", Box((1, 1, 1)), UPRIGHT, mass=1.0, inertia=inertia)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e3])
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        [[1, 0.01, 0], [0, 1, 0], [0, 0, 1]],
+        [[1, 0, 0], [0, 1, 0], [0, 0, 2.01]],
+        [[1, 0, 0], [0, -0.01, 0], [0, 0, 1]],
+        [[1, 0], [0, 1]],
+    ],
+)
+def test_an_inertia_of_no_body_is_refused_at_every_scale(inertia, scale):
+    with pytest.raises(InputError) as refused:
+        RigidObject("body", Box((1, 1, 1)), UPRIGHT, mass=1.0, inertia=scale * np.array(inertia, dtype=float))
+    assert refused.value.code is ErrorCode.OBJECT_INVALID
+
+
+UPRIGHT = Pose.from_vector([0, 0, 0, 0, 0, 0, 1])

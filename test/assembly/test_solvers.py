@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poise.assembly.solvers import Cones, ConicProgram, Outcome
+from poise.assembly.statics.solvers import Cones, ConicProgram, Outcome
 from poise.errors import ErrorCode, NoAnswerError
 
 

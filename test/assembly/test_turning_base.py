@@ -5,7 +5,7 @@ import pytest
 from assembly_scenes import G, box, cube, on_floor
 
 from poise.assembly import Analysis, acceleration_limits
-from poise.assembly.turning_base import SMOOTHING, TurningBase
+from poise.assembly.robustness.turning_base import SMOOTHING, TurningBase
 from poise.errors import ErrorCode, InputError
 from poise.geometry import rotation_of_quaternion
 

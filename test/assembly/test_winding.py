@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.placement.scenes import bowl, glued
 from poise.assembly import RigidObject
-from poise.assembly.penetration import winding_number
+from poise.assembly.contact.penetration import winding_number
 from poise.types import Array
 
 

@@ -24,8 +24,8 @@ from poise.excitation.information import SENSOR
 from poise.excitation.limits import moving_joints
 from poise.excitation.search import Objective
 from poise.inertia.model.parts import Parts
-from poise.inertia.model.regressor import regressor
 from poise.inertia.model.signals import motion_signals, residual_covariance
+from poise.inertia.model.wrench_regressor import regressor
 from poise.robot import RobotModel, frame_poses, sensor_motion
 from poise.simulation import FourierTrajectory, SplineTrajectory, WaypointTrajectory, check_limits, home
 
@@ -50,6 +50,18 @@ def wander(rng: np.random.Generator, model: RobotModel, stops: int = 5) -> Waypo
     times = np.concatenate([[0.0], np.cumsum(rng.uniform(0.2, 0.6, stops - 1))])
     position = home(model) + rng.uniform(-0.3, 0.3, size)
     return WaypointTrajectory(times, position, rng.normal(0, 0.4, size), rng.normal(0, 2.0, size))
+
+
+def test_all_guarded_points_at_once_give_what_each_gives_alone(fr3: RobotModel) -> None:
+    motion = FourierTrajectory.random(fr3, np.random.default_rng(4), duration=2.0, speed=0.5)
+    times = np.linspace(0.0, 2.0, 41)
+    motion = WaypointTrajectory(times, *motion.at(times))
+    points = np.random.default_rng(5).normal(scale=0.2, size=(7, 3))
+    each = [certify(fr3, motion, Guard(point[None])).speed for point in points]
+    reach = [certify(fr3, motion, Guard(np.vstack([point, points]))).speed for point in points]
+    np.testing.assert_allclose(reach, reach[0], rtol=1e-12)
+    assert reach[0] == pytest.approx(max(each), rel=1e-3)  # the bound of the jerk grows with the farthest point
+    assert reach[0] >= max(each) * (1 - 1e-12)
 
 
 def fastest(model: RobotModel, motion, points: np.ndarray, count: int = 4000) -> float:

@@ -18,7 +18,8 @@ from poise.excitation import (
     plan_stop_and_go,
     tool_centre,
 )
-from poise.excitation.brake import brake
+from poise.excitation import brake as brake_module
+from poise.excitation.brake import ReadyStops, brake
 from poise.excitation.session import Phase
 from poise.inertia import InertialParameters
 from poise.robot import RobotModel
@@ -102,7 +103,9 @@ def test_listening_weighs_without_moving_the_arm(guard: Guard, model: RobotModel
 
 @pytest.mark.parametrize("at", [0.3, 0.75, 1.2])
 def test_a_brake_takes_over_without_a_jump_and_keeps_the_limits(model, guard, swing, at) -> None:
-    stop = brake(model, swing.motion, at, guard, LIMITS)
+    ready = brake(model, swing.motion, at, guard, LIMITS)
+    stop = ready.motion
+    assert not ready.excess
     before, after = swing.motion.at(np.array([at])), stop.at(np.zeros(1))
     for one, other in zip(before, after, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
@@ -123,6 +126,83 @@ def test_cancelling_in_any_phase_brings_the_arm_to_rest_within_the_limits(guard,
     moved = np.abs(np.diff(np.array(stage.positions[-8:]), axis=0)).max()
     assert moved < 1e-4
     assert stage.fastest(surface(guard)) <= LIMITS.speed * (1 + 2e-3)
+
+
+def test_a_stop_is_looked_up_and_not_computed_when_it_is_needed(model, swing, monkeypatch) -> None:
+    many = Guard.outline(tool_centre(model, "tcp"), surface(Guard.ball(tool_centre(model, "tcp"), RADIUS)))
+    certified: list[int] = []
+
+    def counting(*arguments):
+        certified.append(len(arguments[2].points))
+        return certify(*arguments)
+
+    monkeypatch.setattr(brake_module, "certify", counting)
+    at_need: list[int] = []
+
+    def cancel(session, now) -> None:
+        before = len(certified)
+        session.cancel(now)
+        at_need.append(len(certified) - before)
+
+    stage = Rehearsal(PAYLOADS["drill"].phi, weighs=False)
+    session = stage.run(ready(swing), many, LIMITS, events=[(1.6, cancel)])
+    assert session.error.code == ErrorCode.CANCELLED
+    assert len(stage.commands) == 2
+    assert at_need == [0]
+    assert set(certified) == {len(many.points)}
+    assert len(certified) >= swing.motion.duration / brake_module.STOP_SPACING
+
+
+def test_from_every_instant_of_a_motion_a_stop_within_the_limits_is_ready_soon(model, guard, swing) -> None:
+    stops = ReadyStops.prepare(model, swing.motion, guard, LIMITS)
+    assert not any(stop.excess for stop in stops.stops)
+    for at in np.random.default_rng(3).uniform(0.0, swing.motion.duration, 50):
+        stop = stops.after(at)
+        assert at <= stop.begin <= at + brake_module.STOP_SPACING
+        np.testing.assert_allclose(stop.motion.position[0], swing.motion.at(np.array([stop.begin])).position[0])
+    for at in (-0.1, swing.motion.duration + 0.1):
+        held = stops.after(at)
+        assert held.begin == at
+        assert np.ptp(held.motion.position, axis=0).max() == 0
+
+
+def test_a_stop_that_exceeds_the_limits_is_sent_and_named_in_the_result(guard, swing) -> None:
+    strict = MotionLimits(speed=0.1)  # the motion was planned for more
+    stage = Rehearsal(PAYLOADS["drill"].phi, weighs=False)
+    session = stage.run(ready(swing), guard, strict, events=[(1.6, lambda session, now: session.cancel(now))])
+    assert session.error.code == ErrorCode.CANCELLED
+    assert "no stop kept the limits: speed 0.2" in session.error.message
+    assert "of 0.1 m/s" in session.error.message
+    assert len(stage.commands) == 2
+
+
+def test_a_stop_that_cannot_be_sent_is_sent_again(guard, swing) -> None:
+    stage = Rehearsal(PAYLOADS["drill"].phi, weighs=False)
+    send, failures = stage.send, [RuntimeError("the publisher is busy"), RuntimeError("still")]
+
+    def failing(command) -> None:
+        if stage.commands and failures:
+            raise failures.pop()
+        send(command)
+
+    stage.send = failing
+    session = stage.run(ready(swing), guard, LIMITS, events=[(1.6, lambda session, now: session.cancel(now))])
+    assert not failures
+    assert session.error.code == ErrorCode.CANCELLED
+    assert len(stage.commands) == 2
+    assert np.abs(np.diff(np.array(stage.positions[-8:]), axis=0)).max() < 1e-4
+
+
+def test_an_error_while_stops_are_computed_leaves_the_arm_at_rest(guard, swing, monkeypatch) -> None:
+    def broken(*_):
+        raise ZeroDivisionError("broken")
+
+    monkeypatch.setattr(brake_module, "certify", broken)
+    stage = Rehearsal(PAYLOADS["drill"].phi, weighs=False)
+    session = stage.run(ready(swing), guard, LIMITS)
+    assert session.error.code == ErrorCode.INTERNAL
+    assert "broken" in session.error.message
+    assert not stage.commands
 
 
 # -- what goes wrong -------------------------------------------------------------------------------------------------

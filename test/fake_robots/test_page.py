@@ -57,9 +57,3 @@ def test_the_trajectory_file_is_one(tmp_path):
     (tmp_path / "stops.yaml").write_text(text)
     model = RobotModel.from_file("fr3")
     check_limits(model, read_trajectory(tmp_path / "stops.yaml", model))
-
-
-def test_the_python_runs(capsys):
-    for block in blocks("python"):
-        exec(compile(block, "docs/fake_robots.md", "exec"), {})  # noqa: S102
-    assert "(1001, 6)" in capsys.readouterr().out

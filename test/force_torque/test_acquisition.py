@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, NoAnswerError, SensorError
-from poise.fake_robots.rdt_sensor import FakeRdtSensor
-from poise.fake_robots.wrench_source import WrenchSource
-from poise.force_torque import Acquisition, AcquisitionOptions, Batch, Blocks, RdtLink, RdtOptions, Report
+from poise.force_torque import (
+    Acquisition,
+    AcquisitionOptions,
+    BlockAverages,
+    SampleBatch,
+    StreamReport,
+)
 from poise.force_torque.health import GRACE, HOLD, Health, Severity
-from poise.force_torque.samples import Samples
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
+from poise.force_torque.sensors.ati_rdt.link import RdtLink, RdtOptions
+from poise.force_torque.wire import SensorSamples, WrenchSource
 
 WRENCH = np.array([1.0, -2.0, 30.0, 0.4, -0.5, 0.6])
 
@@ -23,23 +29,23 @@ class Witness:
 
     def __init__(self) -> None:
         self._arrived = threading.Condition()
-        self.all_blocks: list[Blocks] = []
-        self.batches: list[Batch] = []
-        self.reports: list[Report] = []
+        self.all_blocks: list[BlockAverages] = []
+        self.batches: list[SampleBatch] = []
+        self.reports: list[StreamReport] = []
         self.broken = False
         self.free = threading.Event()
         self.free.set()
 
-    def blocks(self, blocks: Blocks) -> None:
+    def blocks(self, blocks: BlockAverages) -> None:
         self._keep(self.all_blocks, blocks)
         self.free.wait(20.0)
         if self.broken:
             raise RuntimeError("a sink that fails")
 
-    def batch(self, batch: Batch) -> None:
+    def batch(self, batch: SampleBatch) -> None:
         self._keep(self.batches, batch)
 
-    def report(self, report: Report) -> None:
+    def report(self, report: StreamReport) -> None:
         self._keep(self.reports, report)
 
     def _keep(self, where: list[Any], what: Any) -> None:
@@ -283,8 +289,10 @@ def test_a_stopped_acquisition_has_silenced_its_sensor(sensor: FakeRdtSensor) ->
     session.witness.wait_for(lambda: not sensor.is_streaming)
 
 
-def samples(status: int = 0, saturated: bool = False, faulty: bool = False, rejected: int = 0, n: int = 1) -> Samples:
-    return Samples(
+def samples(
+    status: int = 0, saturated: bool = False, faulty: bool = False, rejected: int = 0, n: int = 1
+) -> SensorSamples:
+    return SensorSamples(
         np.zeros(n, dtype=np.uint32),
         np.zeros((n, 6)),
         np.full(n, status, dtype=np.uint32),

@@ -7,26 +7,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from poise.force_torque.decimation import BlockAverager, Blocks, Stamped, block_size
+from poise.force_torque.decimation import BlockAverager, BlockAverages, Stamped, block_size
 
 PERIOD = 142_857
 EPOCH = 1_790_000_000_000_000_000
 
 
 def ramp(position: np.ndarray) -> Stamped:
-    """Samples whose fx is their place."""
+    """SensorSamples whose fx is their place."""
     wrench = np.zeros((len(position), 6))
     wrench[:, 0] = position
     flags = np.zeros(len(position), dtype=bool)
     return Stamped(position, EPOCH + position * PERIOD, wrench, flags, flags.copy())
 
 
-def push_all(averager: BlockAverager, samples: Stamped, cuts: list[int]) -> list[Blocks]:
+def push_all(averager: BlockAverager, samples: Stamped, cuts: list[int]) -> list[BlockAverages]:
     edges = [0, *sorted(cut % (len(samples) + 1) for cut in cuts), len(samples)]
     return [averager.push(samples[begin:end]) for begin, end in pairwise(edges)]
 
 
-def joined(blocks: list[Blocks], name: str) -> np.ndarray:
+def joined(blocks: list[BlockAverages], name: str) -> np.ndarray:
     return np.concatenate([getattr(block, name) for block in blocks])
 
 

@@ -12,22 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poise.fake_robots.wrench_source import WrenchSource
-from poise.force_torque import robotiq
-from poise.force_torque.link import Link
-from poise.force_torque.rdt_link import RdtLink, RdtOptions
-from poise.force_torque.robotiq_link import RobotiqStreamLink
-from poise.force_torque.samples import Calibration, Samples
+from poise.force_torque.sensors.ati_rdt.link import RdtLink, RdtOptions
+from poise.force_torque.sensors.robotiq import protocol as robotiq
+from poise.force_torque.sensors.robotiq.link import RobotiqStreamLink
+from poise.force_torque.wire import Calibration, Link, SensorSamples, WrenchSource
 from poise.recording import open_recording
 
 BAG = Path(__file__).parents[2] / "bags" / "kuka_at_rest.mcap"
 
 
 @contextmanager
-def program(module: str, *arguments: str) -> Iterator[str]:
-    """Run a module as a program until Ctrl-C; give the line in which it says where it is."""
-    command = [sys.executable, "-m", f"poise.fake_robots.{module}", *arguments]
-    heeding = signal.signal(signal.SIGINT, signal.default_int_handler)  # a test run in the background inherits deafness
+def program(*arguments: str) -> Iterator[str]:
+    """Run a fake sensor as a program until Ctrl-C; give the line with the driver's parameters."""
+    command = [sys.executable, "-m", "poise.fake_robots.fake_sensor", *arguments]
+    heeding = signal.signal(signal.SIGINT, signal.default_int_handler)  # a test run in the background ignores SIGINT
     try:
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     finally:
@@ -44,7 +42,7 @@ def program(module: str, *arguments: str) -> Iterator[str]:
             process.stdout.close()
 
 
-def first_samples(link: Link) -> Samples:
+def first_samples(link: Link) -> SensorSamples:
     link.start()
     end = time.monotonic() + 20.0
     while not len(samples := link.read(0.1)):
@@ -54,8 +52,8 @@ def first_samples(link: Link) -> Samples:
 
 
 def test_an_rdt_sensor_replays_a_bag_until_ctrl_c() -> None:
-    with program("rdt_sensor", "--bag", str(BAG), "--port", "0", "--http-port", "0", "--rate", "1000") as line:
-        ports = re.search(r"127\.0\.0\.1:(\d+), page at http://127\.0\.0\.1:(\d+)/", line)
+    with program("rdt", "--bag", str(BAG), "--set", "rate=1000") as line:
+        ports = re.search(r"-p port:=(\d+) -p http_port:=(\d+)", line)
         assert ports is not None
         samples = first_samples(RdtLink(RdtOptions("127.0.0.1", int(ports[1]), int(ports[2]))))
     recorded = open_recording(BAG).wrench().wrench_in_sensor
@@ -64,9 +62,9 @@ def test_an_rdt_sensor_replays_a_bag_until_ctrl_c() -> None:
 
 
 def test_a_robotiq_sensor_runs_until_ctrl_c() -> None:
-    with program("robotiq_sensor") as line:
+    with program("robotiq_serial") as line:
         calibration = Calibration.from_counts(robotiq.COUNTS_PER_NEWTON, robotiq.COUNTS_PER_NEWTON_METRE)
-        samples = first_samples(RobotiqStreamLink(line.split(" at ")[1].strip(), calibration))
+        samples = first_samples(RobotiqStreamLink(line.split("address:=")[1].strip(), calibration))
     np.testing.assert_allclose(samples.wrench_in_sensor[0], [0, 0, -10, 0, 0, 0])
 
 

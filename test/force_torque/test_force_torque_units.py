@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, InputError
-from poise.force_torque.samples import Calibration, Reports
-from poise.force_torque.units import FORCE, TORQUE, newton_metres_per, newtons_per
+from poise.force_torque.wire import Calibration, Reports
+from poise.force_torque.wire.units import FORCE, TORQUE, newton_metres_per, newtons_per
 from poise.recording import open_recording
 
 BAGS = Path(__file__).parents[2] / "bags"

@@ -11,16 +11,15 @@ import pytest
 from pymodbus.client import ModbusSerialClient
 
 from poise.errors import ErrorCode, SensorError
-from poise.fake_robots.rdt_sensor import FakeRdtSensor, delaying, dropping, duplicating
-from poise.fake_robots.robotiq_sensor import FakeRobotiqSensor
-from poise.fake_robots.wrench_source import WrenchSource
-from poise.force_torque import robotiq
-from poise.force_torque.link import Link
-from poise.force_torque.rdt import Family
-from poise.force_torque.rdt_link import RdtLink, RdtOptions
-from poise.force_torque.robotiq_link import RobotiqModbusLink, RobotiqStreamLink
-from poise.force_torque.samples import Calibration, Samples
+from poise.fake_robots.fake_sensor import wrench_source_from_bag
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor, delaying, dropping, duplicating
+from poise.force_torque.sensors.ati_rdt.link import RdtLink, RdtOptions
+from poise.force_torque.sensors.ati_rdt.protocol import RdtFamily
+from poise.force_torque.sensors.robotiq import protocol as robotiq
+from poise.force_torque.sensors.robotiq.fake import FakeRobotiqSensor
+from poise.force_torque.sensors.robotiq.link import RobotiqModbusLink, RobotiqStreamLink
 from poise.force_torque.sequence import SequenceCounter
+from poise.force_torque.wire import Calibration, Link, SensorSamples, WrenchSource
 from poise.recording import open_recording
 
 BAG = Path(__file__).parents[2] / "bags" / "kuka_at_rest.mcap"
@@ -34,9 +33,9 @@ def options(sensor: FakeRdtSensor, **more: Any) -> RdtOptions:
     return RdtOptions("127.0.0.1", sensor.port, sensor.http_port, **more)
 
 
-def read_until(link: Link, enough: Callable[[list[Samples]], bool]) -> list[Samples]:
+def read_until(link: Link, enough: Callable[[list[SensorSamples]], bool]) -> list[SensorSamples]:
     """Read until there is enough; fail at the deadline."""
-    reads: list[Samples] = []
+    reads: list[SensorSamples] = []
     end = time.monotonic() + DEADLINE
     while not enough(reads):
         assert time.monotonic() < end, "the samples did not come"
@@ -44,7 +43,7 @@ def read_until(link: Link, enough: Callable[[list[Samples]], bool]) -> list[Samp
     return reads
 
 
-def count(reads: list[Samples]) -> int:
+def count(reads: list[SensorSamples]) -> int:
     return sum(map(len, reads))
 
 
@@ -64,7 +63,7 @@ def test_an_rdt_device_is_read_whole_in_either_mode(buffered: bool) -> None:
 
 def test_a_recording_comes_out_of_the_wire_as_it_went_in() -> None:
     recorded = open_recording(BAG).wrench()
-    source = WrenchSource.from_bag(BAG, rate=5000.0)
+    source = wrench_source_from_bag(BAG, rate=5000.0)
     with FakeRdtSensor(source, rate=5000.0) as sensor:
         link = RdtLink(options(sensor))
         link.start()
@@ -86,7 +85,7 @@ def test_what_the_network_does_is_accounted_for(fault: Callable[..., Any]) -> No
         counter = SequenceCounter()
         counter.account(read_until(link, count)[-1].sequence)
         sensor.fault = fault(0.1, np.random.default_rng(1))
-        reads: list[Samples] = []
+        reads: list[SensorSamples] = []
         while count(reads) <= 1500 or (counter.lost and fault is not dropping and len(reads) < 10_000):
             reads += read_until(link, count)  # what was held back still comes
             counter.account(reads[-1].sequence)
@@ -114,13 +113,13 @@ def test_counts_from_the_user_leave_the_page_alone() -> None:
 @pytest.mark.parametrize(
     ("family", "status", "saturated"),
     [
-        (Family.AXIA, 0xC0000000, True),
-        (Family.AXIA, 0x80020000, False),
-        (Family.NET_FT, 0x80020000, True),
-        (Family.NET_FT, 0xC0000000, False),
+        (RdtFamily.AXIA, 0xC0000000, True),
+        (RdtFamily.AXIA, 0x80020000, False),
+        (RdtFamily.NET_FT, 0x80020000, True),
+        (RdtFamily.NET_FT, 0xC0000000, False),
     ],
 )
-def test_saturation_is_read_from_the_bits_of_the_family(family: Family, status: int, saturated: bool) -> None:
+def test_saturation_is_read_from_the_bits_of_the_family(family: RdtFamily, status: int, saturated: bool) -> None:
     with FakeRdtSensor(WrenchSource(WRENCH)) as sensor:
         sensor.status = status
         link = RdtLink(options(sensor, family=family))
@@ -233,7 +232,7 @@ def test_a_robotiq_that_streams_already_is_read() -> None:
         first = RobotiqStreamLink(sensor.port, ROBOTIQ)
         first.start()
         read_until(first, count)
-        first._serial.close()  # type: ignore[union-attr]  # gone without a word
+        first._line._port.close()  # type: ignore[union-attr]  # gone without a word
         second = RobotiqStreamLink(sensor.port, ROBOTIQ)
         second.start()
         read_until(second, lambda reads: count(reads) > 5)
@@ -262,7 +261,7 @@ def test_a_robotiq_answers_modbus_through_garbage_and_after_streaming() -> None:
         stream = RobotiqStreamLink(sensor.port, ROBOTIQ)
         stream.start()
         read_until(stream, count)
-        stream._serial.close()  # type: ignore[union-attr]  # left streaming
+        stream._line._port.close()  # type: ignore[union-attr]  # left streaming
         link = RobotiqModbusLink(sensor.port, ROBOTIQ)
         for _ in range(5):
             try:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poise.errors import ErrorCode, SensorError
-from poise.force_torque.rdt import Command, Family, is_fault, parse_records, request
+from poise.force_torque.sensors.ati_rdt.protocol import RdtCommand, RdtFamily, is_fault, parse_records, request
 
 UINT32 = st.integers(0, 2**32 - 1)
 INT32 = st.integers(-(2**31), 2**31 - 1)
@@ -17,13 +17,13 @@ INT32 = st.integers(-(2**31), 2**31 - 1)
 @pytest.mark.parametrize(
     ("command", "count", "bytes_on_the_wire"),
     [
-        (Command.START_REALTIME, 0, "1234000200000000"),
-        (Command.START_BUFFERED, 1000, "12340003000003e8"),
-        (Command.BIAS, 0, "1234004200000000"),
-        (Command.STOP, 0, "1234000000000000"),
+        (RdtCommand.START_REALTIME, 0, "1234000200000000"),
+        (RdtCommand.START_BUFFERED, 1000, "12340003000003e8"),
+        (RdtCommand.BIAS, 0, "1234004200000000"),
+        (RdtCommand.STOP, 0, "1234000000000000"),
     ],
 )
-def test_requests_are_the_manuals_eight_bytes(command: Command, count: int, bytes_on_the_wire: str) -> None:
+def test_requests_are_the_manuals_eight_bytes(command: RdtCommand, count: int, bytes_on_the_wire: str) -> None:
     assert request(command, count).hex() == bytes_on_the_wire
 
 
@@ -59,12 +59,12 @@ AXIA = {
 
 @pytest.mark.parametrize(("status", "text"), AXIA.items())
 def test_the_axias_error_patterns_are_faults_in_words(status: int, text: str) -> None:
-    assert Family.AXIA.describe(status) == text
+    assert RdtFamily.AXIA.describe(status) == text
     assert is_fault(np.array([status], dtype=np.uint32)).all()
 
 
 def test_the_manuals_example_with_two_errors_is_read() -> None:
-    assert Family.AXIA.describe(0x80000005) == "internal temperature out of range, broken gage"
+    assert RdtFamily.AXIA.describe(0x80000005) == "internal temperature out of range, broken gage"
 
 
 @pytest.mark.parametrize("status", [0, 0x00010000, 0x80010000, 0x00000008])
@@ -73,7 +73,7 @@ def test_health_thresholds_and_being_busy_are_no_faults(status: int) -> None:
 
 
 def test_healthy_is_healthy_and_no_bit_is_silent() -> None:
-    for family in Family:
+    for family in RdtFamily:
         assert family.describe(0) == "healthy"
         for bit in range(32):
             assert family.describe(1 << bit) not in ("", "healthy")
@@ -81,13 +81,18 @@ def test_healthy_is_healthy_and_no_bit_is_silent() -> None:
 
 @pytest.mark.parametrize(
     ("product", "family"),
-    [("Axia80-M20", Family.AXIA), ("ATI AXIA130", Family.AXIA), ("Net F/T", Family.NET_FT), ("", Family.NET_FT)],
+    [
+        ("Axia80-M20", RdtFamily.AXIA),
+        ("ATI AXIA130", RdtFamily.AXIA),
+        ("Net F/T", RdtFamily.NET_FT),
+        ("", RdtFamily.NET_FT),
+    ],
 )
-def test_the_family_is_told_by_the_product(product: str, family: Family) -> None:
-    assert Family.of_product(product) is family
+def test_the_family_is_told_by_the_product(product: str, family: RdtFamily) -> None:
+    assert RdtFamily.of_product(product) is family
 
 
 def test_the_families_saturate_by_different_bits() -> None:
-    assert Family.AXIA.saturation == 0x48000000
-    assert Family.NET_FT.saturation == 0x00020000
-    assert "saturation" in Family.NET_FT.describe(0x80020000)
+    assert RdtFamily.AXIA.saturation == 0x48000000
+    assert RdtFamily.NET_FT.saturation == 0x00020000
+    assert "saturation" in RdtFamily.NET_FT.describe(0x80020000)

@@ -11,11 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from poise.errors import ErrorCode, SensorError
-from poise.fake_robots.rdt_sensor import FakeRdtSensor
-from poise.fake_robots.wrench_source import WrenchSource
-from poise.force_torque.rdt import Family
-from poise.force_torque.rdt_settings import fetch_settings, parse_settings
-from poise.force_torque.samples import Reports
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
+from poise.force_torque.sensors.ati_rdt.page import fetch_settings, parse_settings
+from poise.force_torque.sensors.ati_rdt.protocol import RdtFamily
+from poise.force_torque.wire import Reports, WrenchSource
 
 PAGE = b"""<?xml version="1.0" encoding="ISO-8859-1"?>
 <netft><runstat>0x00000000</runstat><runft>-8;47;1;0;0;0</runft><cfgcalsn>FT07209</cfgcalsn>
@@ -49,7 +48,7 @@ def server(answer: Callable[[socket.socket], None]) -> Iterator[int]:
 
 def test_a_page_gives_units_counts_ratings_and_rate() -> None:
     settings = parse_settings(PAGE)
-    assert settings.family is Family.NET_FT
+    assert settings.family is RdtFamily.NET_FT
     assert (settings.serial_number, settings.rate) == ("FT07209", 7000.0)
     calibration = settings.calibration(Reports.LOAD_ON_SENSOR)
     wrench = calibration.wrench([[1000, 0, 0, 500, 0, 0]])
@@ -98,7 +97,7 @@ def test_the_fake_sensors_page_is_fetched() -> None:
     with FakeRdtSensor(WrenchSource(np.zeros(6)), rate=2000.0) as sensor:
         settings = fetch_settings("127.0.0.1", sensor.http_port)
     assert settings.rate == 2000.0
-    assert settings.family is Family.AXIA
+    assert settings.family is RdtFamily.AXIA
 
 
 def test_nothing_listening_is_said_to_be_unreachable() -> None:

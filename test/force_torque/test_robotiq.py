@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pymodbus.framer.rtu import FramerRTU
 
 from poise.errors import ErrorCode, SensorError
-from poise.force_torque import robotiq
+from poise.force_torque.sensors.robotiq import protocol as robotiq
 
 COUNTS = st.lists(st.integers(-32768, 32767), min_size=6, max_size=6)
 
@@ -119,7 +119,7 @@ def test_what_comes_before_the_first_message_is_no_loss() -> None:
 def test_no_bytes_make_the_parser_keep_more_than_a_message(data: bytes) -> None:
     parser = robotiq.StreamParser()
     parser.feed(data)
-    assert len(parser._buffer) < robotiq.STREAM_LENGTH
+    assert len(parser._frames._buffer) < robotiq.STREAM_LENGTH
 
 
 def test_registers_are_signed() -> None:
@@ -128,15 +128,17 @@ def test_registers_are_signed() -> None:
 
 
 def test_the_identity_is_spelled_as_robotiqs_software_spells_it() -> None:
-    identity = robotiq.Identity.from_registers([0x4654, 0x5301, 0x0203], [0x4654, 0x5300, 1234, 0], 2020)
+    identity = robotiq.RobotiqIdentity.from_registers([0x4654, 0x5301, 0x0203], [0x4654, 0x5300, 1234, 0], 2020)
     assert (identity.firmware, identity.serial_number, identity.year) == ("FTS-1.2.3", "FTS-1234", 2020)
 
 
 def test_a_sensor_without_a_serial_number_is_unknown() -> None:
-    assert robotiq.Identity.from_registers([0x4654, 0x5301, 0x0203], [0, 0, 0, 0], 2020).serial_number == "unknown"
+    assert (
+        robotiq.RobotiqIdentity.from_registers([0x4654, 0x5301, 0x0203], [0, 0, 0, 0], 2020).serial_number == "unknown"
+    )
 
 
 def test_another_modbus_device_is_no_sensor() -> None:
     with pytest.raises(SensorError) as caught:
-        robotiq.Identity.from_registers([0x4743, 0x5301, 0x0203], [0, 0, 0, 0], 2020)
+        robotiq.RobotiqIdentity.from_registers([0x4743, 0x5301, 0x0203], [0, 0, 0, 0], 2020)
     assert caught.value.code == ErrorCode.SENSOR_PROTOCOL

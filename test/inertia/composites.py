@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.model.parts import Parts, box_moments
 from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
-from poise.inertia.model.regressor import regressor
+from poise.inertia.model.wrench_regressor import regressor
 from poise.types import Array
 
 GRAVITY = 9.80665

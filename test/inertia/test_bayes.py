@@ -15,7 +15,7 @@ from poise.inertia.estimators.hps import hps
 from poise.inertia.estimators.registry import method
 from poise.inertia.model.parts import Parts, box_moments
 from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
-from poise.inertia.model.regressor import regressor
+from poise.inertia.model.wrench_regressor import regressor
 
 
 @pytest.fixture

@@ -41,10 +41,10 @@ class Messages:
 
 
 def rest_then_swing(seconds: Array) -> tuple[Array, Array, Array]:
-    """Two poses that are held still, then every joint swings."""
-    begin = 1.6
-    held, moving = steps(np.minimum(seconds, begin), 0.6, 0.4), swing(np.maximum(seconds - begin, 0.0))
-    ramp = np.clip((seconds - begin) / 0.5, 0.0, 1.0)[:, None]
+    """Three poses that are held still, then every joint swings."""
+    begin = 3.4
+    held, moving = steps(np.minimum(seconds, begin), 0.6, 0.8), swing(np.maximum(seconds - begin, 0.0))
+    ramp = np.clip((seconds - begin) / 1.0, 0.0, 1.0)[:, None]
     place = held[0] + (moving[0] - held[0]) * ramp**3 * (10 - 15 * ramp + 6 * ramp**2)
     rate = np.gradient(place, seconds, axis=0)
     return place, rate, np.gradient(rate, seconds, axis=0)
@@ -53,7 +53,7 @@ def rest_then_swing(seconds: Array) -> tuple[Array, Array, Array]:
 @pytest.fixture(scope="module")
 def scene() -> Scene:
     """A zeroed sensor, whose wrenches end before the joint states do."""
-    measured = record(rest_then_swing, 4.0, rng=np.random.default_rng(12), load=HAMMER, wrench_rate=100.0)
+    measured = record(rest_then_swing, 6.0, rng=np.random.default_rng(12), load=HAMMER, wrench_rate=100.0)
     wrench = measured.wrench.select(slice(0, -5))
     return replace(measured, wrench=replace(wrench, wrench_in_sensor=wrench.wrench_in_sensor - BIAS))
 
@@ -79,13 +79,13 @@ def saturated(scene: Scene) -> Messages:
 
 def not_finite(scene: Scene) -> Messages:
     wrench = scene.wrench.wrench_in_sensor.copy()
-    wrench[150:160, 1], wrench[300:303] = np.nan, np.inf
+    wrench[150:160, 1], wrench[480:483] = np.nan, np.inf
     return replace(healthy(scene), wrench=wrench)
 
 
 def repeated(scene: Scene) -> Messages:
     wrench = scene.wrench.wrench_in_sensor.copy()
-    wrench[300:330] = wrench[300]
+    wrench[480:510] = wrench[480]
     return replace(healthy(scene), wrench=wrench)
 
 

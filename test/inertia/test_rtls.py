@@ -11,7 +11,7 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators.ols import ols
 from poise.inertia.estimators.rtls import RecursiveTotalLeastSquares, rtls
 from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
-from poise.inertia.model.regressor import regressor
+from poise.inertia.model.wrench_regressor import regressor
 from poise.types import Array
 
 BIASED = replace(EXACT, force_bias=np.inf, torque_bias=np.inf)

@@ -9,7 +9,7 @@ from poise.geometry import Pose
 from poise.manipulation import Arm, Reach, plan_transfer
 from poise.manipulation.approach import approach_directions
 from poise.manipulation.bodies import se3_of
-from poise.manipulation.playing import steps_of
+from poise.manipulation.execution import steps_of
 from poise.placement import Options, plan_placement
 
 TABLE = RigidObject("table", Box((1.2, 1.6, 0.1)), Pose.from_vector([0.4, 0, -0.05, 0, 0, 0, 1]), fixed=True)

@@ -8,7 +8,7 @@ import pinocchio as pin
 import pytest
 
 from poise.assembly import Box, Cylinder, RigidObject
-from poise.assembly.pushes import surface_distance
+from poise.assembly.statics.pushes import surface_distance
 from poise.geometry import Pose
 from poise.manipulation import Arm, Grasp, Hand, Limits
 from poise.manipulation.cell import Cell

@@ -15,7 +15,7 @@ from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import FittedEffect, Problem, payload_steps
 from poise.mismatch.reading import Motion, NominalModel, Tolerance, recorded_from_motion
-from poise.mismatch.reading.recordings import recorded_from_streams
+from poise.mismatch.reading.joint_motion import recorded_from_streams
 from poise.mismatch.reading.sanity import without_spikes
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, WrenchStream

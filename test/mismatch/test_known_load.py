@@ -9,7 +9,7 @@ import yaml
 
 from poise.cli import run
 from poise.mismatch.application.known_load import known_load
-from poise.mismatch.effects import ROWS
+from poise.mismatch.effects import PAYLOAD_PARAMETERS
 from poise.mismatch.reading import parse_model
 
 GRAVITY = 9.81
@@ -44,7 +44,12 @@ def test_caution_is_two_sigmas_of_the_centre_of_mass_at_the_edge(tmp_path: Path)
 
 def test_what_a_diagnosis_found_moves_the_limits(tmp_path: Path) -> None:
     """A centre of mass 30 mm towards the front, and turned by half a turn where the object's frame is."""
-    values = dict.fromkeys(ROWS, 0.0) | {"moment_x": 2.0 * 0.03, "ixx": 1e-3, "iyy": 2.8e-3, "izz": 2.8e-3}
+    values = dict.fromkeys(PAYLOAD_PARAMETERS, 0.0) | {
+        "moment_x": 2.0 * 0.03,
+        "ixx": 1e-3,
+        "iyy": 2.8e-3,
+        "izz": 2.8e-3,
+    }
     payload = {"mass": 2.0, "com": [0.0, 0.0, 0.0], "inertia": [0.02, 0, 0, 0.02, 0, 0.02]}
     effect = {"name": "payload_parameters", "parameters": values, "covariance": (1e-12 * np.eye(10)).tolist()}
     expected = [GRAVITY * (SIDE / 2 + sign * 0.03) / (SIDE / 2) for sign in (1, -1)]
@@ -62,7 +67,7 @@ def test_a_model_without_a_payload_is_refused(tmp_path: Path, capsys: pytest.Cap
 
 
 def test_the_covariance_of_a_finding_follows_its_names_not_their_order() -> None:
-    names = ROWS[::-1]
+    names = PAYLOAD_PARAMETERS[::-1]
     spread = np.arange(1.0, 11.0)
     effect = {
         "name": "payload_parameters",

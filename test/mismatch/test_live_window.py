@@ -7,9 +7,9 @@ import pytest
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
-from poise.mismatch.answer import LiveWindow, effects_called, examine
-from poise.mismatch.reading import NominalModel
-from poise.recording import open_recording
+from poise.mismatch.answer import LiveWindow, diagnose, effects_called, examine
+from poise.mismatch.reading import NominalModel, read_recording
+from poise.recording import open_recording, write_recording
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -32,9 +32,10 @@ def test_only_the_last_seconds_are_kept():
     window = fed(LiveWindow(10.0), 25.0)
     assert window.seconds == pytest.approx(10.0, abs=0.02)
     streams = window.streams()
-    assert streams["wrench"].stamps[-1] == window.newest
-    assert streams["joint_states"].stamps[0] >= window.newest - 10 * SECOND
-    assert np.isnan(streams["joint_states"].velocity).all()
+    joints = streams.joint_states(("a",))
+    assert streams.wrench.stamps[-1] == window.newest
+    assert joints.stamps[0] >= window.newest - 10 * SECOND
+    assert np.isnan(joints.velocity).all()
 
 
 def test_it_says_what_it_waits_for():
@@ -66,21 +67,30 @@ def test_wrenches_of_another_sensor_are_left_out():
     assert window.newest < SECOND
 
 
-def test_joint_states_come_in_the_order_of_the_last_and_lacking_ones_are_left_out():
+def test_joint_states_come_in_the_order_asked_for_from_the_messages_that_hold_them_all():
     window = LiveWindow(10.0)
     window.add_wrench(0, "ft", (0,) * 6)
     window.add_joint_state(0, ["b", "a", "c"], [2.0, 1.0, 3.0], [0.2, 0.1, 0.3], [])
     window.add_joint_state(1, ["a"], [9.0], [], [])
     window.add_joint_state(2, ["a", "b"], [1.5, 2.5], [], [5.0, 6.0])
-    joints = window.streams()["joint_states"]
+    joints = window.streams().joint_states(("a", "b"))
     assert joints.names == ("a", "b")
     np.testing.assert_array_equal(joints.position, [[1.0, 2.0], [1.5, 2.5]])
     np.testing.assert_array_equal(joints.velocity, [[0.1, 0.2], [np.nan, np.nan]])
     np.testing.assert_array_equal(joints.effort, [[np.nan, np.nan], [5.0, 6.0]])
 
 
+def test_joints_that_no_message_holds_are_refused():
+    window = fed(LiveWindow(10.0), 1.0)
+    with pytest.raises(InputError) as raised:
+        window.streams().joint_states(("a", "elbow"))
+    assert raised.value.code is ErrorCode.JOINT_MISSING
+    assert "elbow" in raised.value.message
+
+
 @pytest.mark.parametrize("bias", [0.0, 3.0])
-def test_a_window_is_examined_as_a_bag_and_kept_when_something_is_found(tmp_path, bias):
+def test_a_window_gets_the_answer_of_its_recording_and_is_kept_when_something_is_found(tmp_path, bias):
+    """Arm and gripper publish their states separately, as two drivers do."""
     robot = RobotModel.from_urdf(URDF, "ft_sensor")
     motion = FourierTrajectory.random(robot, np.random.default_rng(2), duration=12.0, speed=0.3)
     noise = WrenchNoise(rate=100.0, force=0.1, torque=0.005, bias=(bias, 0, 0, 0, 0, 0))
@@ -88,17 +98,31 @@ def test_a_window_is_examined_as_a_bag_and_kept_when_something_is_found(tmp_path
     model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
     # Efforts without the noise of motor currents would be another finding.
     joints = replace(made.joints, effort=np.full(made.joints.effort.shape, np.nan))
-    streams = {"wrench": made.wrench, "joint_states": joints}
-    found = examine(streams, URDF, model, effects_called(["sensor_bias", "flywheel"]), tmp_path).found
-    kept = list(tmp_path.glob("*.mcap"))
-    wrench = [each for each in found.examinations if each.problem.signal == "wrench"]
-    assert [finding.effect.name for finding in wrench[0].findings] == (["sensor_bias"] if bias else [])
+    window = LiveWindow(35.0)
+    window.description = URDF
+    for stamp, wrench in zip(made.wrench.stamps.tolist(), made.wrench.wrench_in_sensor, strict=True):
+        window.add_wrench(stamp, "ft_sensor", wrench)
+    for stamp, position, velocity in zip(joints.stamps.tolist(), joints.position, joints.velocity, strict=True):
+        window.add_joint_state(stamp, joints.names, position, velocity, [])
+        window.add_joint_state(stamp + 1000, ["finger"], [0.01], [], [])
+    library = effects_called(["sensor_bias", "flywheel"])
+    live = examine(window.streams(), model, library, tmp_path / "kept").found
+    assert [finding.effect.name for finding in live.findings] == (["sensor_bias"] if bias else [])
+
+    path = tmp_path / "window.mcap"
+    write_recording(path, {"wrench": made.wrench, "joint_states": joints}, robot_description=URDF)
+    read = read_recording(open_recording(path), model)
+    recorded = diagnose(read.recorded, read.model, None, library)
+    assert (live.verdict, live.probability) == (recorded.verdict, recorded.probability)
+    proofs = [(each.main.proof.nominal, each.main.proof.augmented) for each in (live, recorded)]
+    assert proofs[0] == proofs[1]
+    assert [each.values for each in live.findings] == [each.values for each in recorded.findings]
+
+    kept = list((tmp_path / "kept").glob("*.mcap"))
+    assert len(kept) == bool(bias)
     if bias:
-        assert found.findings[0].parameters["force_x"].value == pytest.approx(3.0, abs=0.3)
+        assert live.findings[0].parameters["force_x"].value == pytest.approx(3.0, abs=0.3)
         assert len(open_recording(kept[0]).wrench()) == len(made.wrench)
-    else:
-        assert found.verdict == "none"
-        assert not kept
 
 
 def test_effects_are_called_by_their_names():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from cases import make_case
 
-from poise.mismatch.effects.base_motion import MOST, BaseMotion
-from poise.mismatch.reading.recordings import LEAST_RATE, MAX_RATE, MOST_SAMPLES, usable
+from poise.mismatch.effects.base_motion import MAX_SPLINES, UnreportedBaseMotion
+from poise.mismatch.reading.wrench_samples import MAX_WRENCH_RATE, MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE, usable
 from poise.recording import WrenchStream
 
 
@@ -20,16 +20,16 @@ def stream(seconds: float, rate: float) -> WrenchStream:
 def test_few_enough_samples_are_left_and_they_are_averages(seconds: float, rate: float) -> None:
     kept, notes = usable(stream(seconds, rate))
     at = kept.stamps * 1e-9
-    assert len(kept) <= MOST_SAMPLES
-    assert LEAST_RATE * 0.95 <= 1 / np.median(np.diff(at)) <= MAX_RATE * 1.06
+    assert len(kept) <= MAX_WRENCH_SAMPLES
+    assert MIN_WRENCH_RATE * 0.95 <= 1 / np.median(np.diff(at)) <= MAX_WRENCH_RATE * 1.06
     assert kept.wrench_in_sensor[:, 5] == pytest.approx(6.0 * np.sin(0.3 * at), abs=1e-3)
-    assert any("longer than" in note for note in notes) == (seconds > MOST_SAMPLES / LEAST_RATE)
-    assert (len(kept) < round(seconds * rate)) == (seconds * rate > MOST_SAMPLES or rate > MAX_RATE)
+    assert any("longer than" in note for note in notes) == (seconds > MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE)
+    assert (len(kept) < round(seconds * rate)) == (seconds * rate > MAX_WRENCH_SAMPLES or rate > MAX_WRENCH_RATE)
 
 
 def test_a_base_motion_between_two_samples_does_nothing() -> None:
     recorded = make_case(3, duration=6.0).recorded()
     between = float(recorded.seconds[50:52].mean())
-    columns = BaseMotion().columns(recorded, {"start": between, "length": 1e-6, "splines": 10.0})
-    assert columns.shape == (len(recorded), 6, 2 * MOST)
+    columns = UnreportedBaseMotion().columns(recorded, {"start": between, "length": 1e-6, "splines": 10.0})
+    assert columns.shape == (len(recorded), 6, 2 * MAX_SPLINES)
     assert not columns.any()

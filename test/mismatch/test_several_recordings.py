@@ -12,7 +12,7 @@ from poise.cli import run
 from poise.mismatch.application import run_planned
 from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.reading import ModelEffect, NominalModel, dump_model, joined, spans
-from poise.mismatch.reading.joining import PAUSE
+from poise.mismatch.reading.joining import RECORDING_GAP
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
@@ -70,7 +70,7 @@ def test_recordings_lie_one_after_the_other_on_one_clock() -> None:
     for (begin, end), each in zip(spans(worlds), worlds, strict=True):
         inside = (whole.seconds >= begin - 1e-9) & (whole.seconds <= end + 1e-9)
         assert np.array_equal(whole.wrench[inside], each.wrench)
-    assert whole.seconds[last][0] - whole.seconds[~last][-1] == pytest.approx(PAUSE)
+    assert whole.seconds[last][0] - whole.seconds[~last][-1] == pytest.approx(RECORDING_GAP)
     assert last.sum() == len(worlds[-1])
 
 

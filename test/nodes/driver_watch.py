@@ -5,7 +5,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_graph import Graph
 
-from poise.fake_robots.rdt_sensor import FakeRdtSensor
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
 
 
 def rdt_parameters(sensor: FakeRdtSensor, **more: Any) -> dict[str, Any]:

@@ -10,9 +10,10 @@ from rclpy.qos import qos_profile_sensor_data
 from ros_graph import Graph, NodeProcess
 from std_srvs.srv import Trigger
 
-from poise.fake_robots.rdt_sensor import FakeRdtSensor
-from poise.fake_robots.robotiq_sensor import FakeRobotiqSensor
-from poise.fake_robots.wrench_source import WrenchSource
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
+from poise.force_torque.sensors.bota_serial import FakeBotaSensor
+from poise.force_torque.sensors.robotiq.fake import FakeRobotiqSensor
+from poise.force_torque.wire import WrenchSource
 from poise_msgs.msg import WrenchBatch
 
 pytestmark = pytest.mark.ros
@@ -100,6 +101,14 @@ def test_a_robotiq_stream_is_published(graph: Graph, start_node: Callable[..., N
         start_node("ft_driver", {"device": "robotiq_serial", "address": sensor.port})
         graph.wait_for(lambda: len(wrenches) > 20, what="wrenches")
         np.testing.assert_allclose(vector(wrenches[-1]), WRENCH, atol=0.005)
+
+
+def test_a_bota_stream_is_published(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:
+    with FakeBotaSensor(WrenchSource(WRENCH)) as sensor:
+        wrenches = graph.collect("wrench", WrenchStamped)
+        start_node("ft_driver", {"device": "bota_serial", "address": sensor.port})
+        graph.wait_for(lambda: len(wrenches) > 20, what="wrenches")
+        np.testing.assert_allclose(vector(wrenches[-1]), WRENCH, atol=1e-5)
 
 
 def test_a_robotiq_on_modbus_is_published_and_named(graph: Graph, start_node: Callable[..., NodeProcess]) -> None:

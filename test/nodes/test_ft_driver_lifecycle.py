@@ -17,9 +17,9 @@ from rcl_interfaces.srv import SetParameters
 from ros_graph import Graph, NodeProcess
 from std_srvs.srv import Trigger
 
-from poise.fake_robots.rdt_sensor import FakeRdtSensor
-from poise.fake_robots.wrench_source import WrenchSource
-from poise.nodes.ft_driver_parameters import PARAMETERS
+from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
+from poise.force_torque.wire import WrenchSource
+from poise.nodes.ft_driver_parameters import FT_DRIVER_PARAMETERS
 
 pytestmark = pytest.mark.ros
 
@@ -90,7 +90,7 @@ def test_parameters_do_not_change_under_a_configured_driver(
 @pytest.mark.parametrize(
     ("params", "text"),
     [
-        ({"device": "jr3"}, "parameter device is 'jr3'; use one of rdt, robotiq_serial, robotiq_modbus"),
+        ({"device": "jr3"}, "parameter device is 'jr3'; use one of bota_serial, rdt, robotiq_modbus, robotiq_serial"),
         ({"publish_rate": 0.0}, "parameter publish_rate"),
         ({"publish_rate": 100}, "write a float with a point"),
         ({"bias": [1.0, 2.0]}, "six finite numbers"),
@@ -112,7 +112,7 @@ def test_a_bad_parameter_ends_the_start_with_one_line(
 
 def test_the_parameter_file_holds_every_parameter_with_its_default() -> None:
     content = yaml.safe_load(CONFIG.read_text())["/**/ft_driver"]["ros__parameters"]
-    assert content == {parameter.name: parameter.default for parameter in PARAMETERS}
+    assert content == {parameter.name: parameter.default for parameter in FT_DRIVER_PARAMETERS}
 
 
 @pytest.mark.parametrize("namespace", ["/", "/arm/left"])

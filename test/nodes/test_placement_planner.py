@@ -15,7 +15,7 @@ from poise.assembly import Analysis, Assembly, write_scene
 from poise.errors import ErrorCode
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message, assembly_of, mesh_message, object_of
-from poise.placement import Options, plan_placement
+from poise.placement import PLACEMENT_PLANNERS, Options, plan_placement
 from poise_msgs.action import PlaceObject
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject
@@ -60,6 +60,24 @@ def test_the_answer_is_that_of_the_core_and_the_assembly_stays_as_it_was(start_n
     assert Analysis.of(stands).stability().margin > 0
     assert vector(caller.result(caller.send(**goal)).result.pose) == core.pose.vector.tolist()
     assert assemblies == []
+
+
+@pytest.mark.parametrize("name", ["uniform", "hm"])
+def test_the_planner_is_chosen_by_parameter(start_node, graph, caller, name):
+    start_node("placement_planner", {"planner": name, "candidates": 1, "support": "objects"})
+    caller.ready()
+    done = caller.result(caller.send(assembly=[message(CUBE)], object=wanted(), seed=5, deadline=60.0))
+    assert (done.status, done.result.error.message) == (GoalStatus.STATUS_SUCCEEDED, "")
+    options = Options(candidates=1, on="objects")
+    core = PLACEMENT_PLANNERS.find(name).plan(assembly_of(message(CUBE)), object_of(wanted()), options, 5, None)
+    assert vector(done.result.pose) == core.pose.vector.tolist()
+    assert done.result.iterations == core.iterations
+
+
+def test_an_unknown_planner_ends_the_node_with_the_known_ones(start_node):
+    node = start_node("placement_planner", {"planner": "best"})
+    assert node.wait() == 2
+    assert "sim-above" in node.output
 
 
 def test_an_assembly_on_the_topic_is_built_upon(start_node, graph, caller, tmp_path):

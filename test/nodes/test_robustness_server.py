@@ -169,6 +169,38 @@ def test_objects_follow_their_frames_in_tf(start_node, graph, tmp_path):
     assert ask(graph, assess(LOW_PUSH)).robustness[0].robustness == pytest.approx(MU * G)
 
 
+def test_a_bad_assembly_is_reported_until_a_good_one_comes(start_node, graph):
+    parameters = {"poses_from_tf": True, "tf_rate": 50.0}
+    server = start_node("robustness_server", parameters)
+    assert ask(graph, replace_by(message(CUBE, LID))).stable
+    sunk = message(box("cube", (1, 1, 1), (0, 0, 0.2)), LID)
+    sunk.header.frame_id = "other"
+    publisher = graph.node.create_publisher(AssemblyMessage, "assembly", LATCHED)
+    moving = graph.node.create_publisher(TFMessage, "tf", 10)
+    graph.wait_for(lambda: publisher.get_subscription_count() and moving.get_subscription_count(), what="the server")
+    publisher.publish(sunk)
+    graph.wait_for(lambda: ask(graph, assess(LOW_PUSH)).error.code == ErrorCode.INTERPENETRATION, what="the refusal")
+    for step in range(20):
+        place = (3 + 0.1 * step, 0, 0.1)
+        # Either frame of the two assemblies would move the lid of the first.
+        moving.publish(TFMessage(transforms=[transform(FRAME, "other", (0, 0, 0)), transform(FRAME, "lid", place)]))
+        assert ask(graph, assess(LOW_PUSH)).error.code == ErrorCode.INTERPENETRATION
+    assert ask(graph, change(SetAssembly.Request.REMOVE, message(LID))).error.code == ErrorCode.INTERPENETRATION
+    assert "INTERPENETRATION" in server.output
+    assert ask(graph, replace_by(message(CUBE))).stable
+    assert ask(graph, assess(LOW_PUSH)).error.code == ErrorCode.OK
+
+
+def test_poses_from_tf_that_overlap_are_reported_until_they_are_back(start_node, graph):
+    start_node("robustness_server", {"poses_from_tf": True, "tf_rate": 50.0})
+    assert ask(graph, replace_by(message(CUBE, LID))).stable
+    moving = graph.node.create_publisher(TFMessage, "tf", 10)
+    graph.wait_for(moving.get_subscription_count, what="the server at tf")
+    for height, code in ((0.9, ErrorCode.INTERPENETRATION), (1.1, ErrorCode.OK)):
+        moving.publish(TFMessage(transforms=[transform(FRAME, "lid", (0, 0, height))]))
+        graph.wait_for(lambda: ask(graph, assess(LOW_PUSH)).error.code == code, what=code.name)  # noqa: B023
+
+
 def transform(parent, child, shift, turn=(0.0, 0.0, 0.0, 1.0)):
     stamped = TransformStamped(child_frame_id=child)
     stamped.header.frame_id = parent
@@ -224,6 +256,10 @@ def test_every_bad_input_has_its_code_and_a_sentence_that_names_it(server, graph
     assert ask(graph, assess(LOW_PUSH, assembly=slippery)).error.code == ErrorCode.BAD_INPUT
     assert ask(graph, assess(LOW_PUSH)).error.code == ErrorCode.EMPTY
     assert ask(graph, assess(LOW_PUSH, assembly=good, model="magic")).error.code == ErrorCode.BAD_INPUT
+    many = [LOW_PUSH] * 10_001
+    for sizes in (assess(assembly=good, map_points=100_001), assess(*many, assembly=good)):
+        answer = ask(graph, sizes)
+        assert (answer.error.code, "at most" in answer.error.message) == (ErrorCode.BAD_INPUT, True)
     assert ask(graph, PlanDisassembly.Request(assembly=[good], target="ghost")).error.code == ErrorCode.OBJECT_UNKNOWN
     assert ask(graph, assess(LOW_PUSH, assembly=good)).error.code == ErrorCode.OK
 

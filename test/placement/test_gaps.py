@@ -6,7 +6,7 @@ import pytest
 from benchmarks.placement import scenes
 from poise.assembly import Analysis
 from poise.geometry import Pose
-from poise.placement.validation import Validator
+from poise.placement import Validator
 
 
 @pytest.mark.parametrize(("gap", "stays"), [(0.0, True), (1e-4, True), (1e-3, False)])

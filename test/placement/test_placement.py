@@ -5,14 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from poise.assembly import Analysis, Assembly, assess, read_object, read_scene
-from poise.assembly.pushes import Push
+from poise.assembly import Analysis, Assembly, Push, assess
+from poise.assembly.scene.scene_files import read_object, read_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
-from poise.placement import CancelledError, KeptFree, Options, Uncertainty, judge, plan_placement
-from poise.placement.features import Features
+from poise.placement import CancelledError, Features, KeptFree, Options, Uncertainty, Validator, judge, plan_placement
 from poise.placement.matching import Contact, poses_on_one, poses_on_two
-from poise.placement.validation import Validator
 
 FLOOR = {"id": "floor", "fixed": True, "box": [4, 4, 0.1], "pose": [0, 0, -0.05, 0, 0, 0, 1]}
 UP = np.array([0.0, 0.0, 1.0])

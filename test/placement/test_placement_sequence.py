@@ -5,7 +5,8 @@ import json
 import pytest
 
 from benchmarks.placement import scenes
-from poise.assembly import Analysis, read_object, read_scene
+from poise.assembly import Analysis
+from poise.assembly.scene.scene_files import read_object, read_scene
 from poise.cli import run as poise
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import Options, plan_sequence

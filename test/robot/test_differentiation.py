@@ -7,8 +7,8 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.robot import SlidingDifferentiator, differentiate, differentiate_rotations
-from poise.robot.splines import Grid, SplineFit
+from poise.robot import differentiate, differentiate_rotations
+from poise.robot.splines import Design, Grid, SplineFit
 
 RATE = 125.0
 
@@ -35,7 +35,7 @@ def test_the_basis_is_the_quintic_b_spline():
     seconds = np.linspace(0.0, 0.999, 60)
     knots = 0.1 * np.arange(-5, 16)
     for derivative in range(3):
-        ours = grid.matrix(seconds, derivative) @ coefficients
+        ours = Design(grid, seconds).evaluate(coefficients[:, None], derivative)[:, 0]
         np.testing.assert_allclose(ours, BSpline(knots, coefficients, 5)(seconds, derivative), rtol=1e-11, atol=1e-11)
 
 
@@ -185,54 +185,11 @@ def test_a_matrix_that_is_no_rotation_is_refused_by_its_place():
 def test_noise_gain_is_that_of_the_whole_normal_matrix():
     rng = np.random.default_rng(9)
     seconds = np.sort(rng.uniform(0.0, 30.0, 2000))
-    fit = SplineFit(Grid.across(seconds, 290), seconds, rng.normal(size=(2000, 1)))  # several blocks of the inverse
-    basis, second = (fit.grid.matrix(seconds, d).toarray() for d in (0, 2))
-    covariance = np.linalg.inv(basis.T @ basis)
-    expected = np.sqrt(np.einsum("ni,ij,nj->n", second, covariance, second))
-    np.testing.assert_allclose(fit.gain(seconds, 2)[50:-50], expected[50:-50], rtol=1e-3)
-
-
-def test_the_sliding_window_answers_as_the_whole_recording_does():
-    rng = np.random.default_rng(10)
-    seconds = np.arange(0.0, 12.0, 1.0 / RATE)
-    position = fourier(seconds, rng)[0] + rng.normal(size=(len(seconds), 3)) * 1e-4
-    stamps = nanoseconds(seconds)
-    stream, answers = SlidingDifferentiator(knot_spacing=0.08, lag=2.0), []
-    for stamp, sample in zip(stamps, position, strict=True):
-        stream.push(int(stamp), sample)
-        if stamp % 5 == 0:
-            answers.append(stream.take())
-    answers = [answer for answer in answers if answer is not None]
-    taken = np.concatenate([answer.stamps for answer in answers])
-    np.testing.assert_array_equal(taken, stamps[: len(taken)])  # every sample once, in order
-    stamped = stamps * np.float64(1e-9)
-    whole = SplineFit(Grid.at_multiples(stamped, 0.08), stamped, position)
-    sliding = np.concatenate([answer.acceleration for answer in answers])
-    sigma = np.concatenate([answer.acceleration_sigma for answer in answers])
-    assert np.abs((sliding - whole(stamped[: len(taken)], 2)) / sigma).max() < 1e-3
-
-
-def test_the_sliding_window_states_its_error_a_tenth_of_a_second_behind():
-    rng = np.random.default_rng(11)
-    seconds = np.arange(0.0, 15.0, 1.0 / RATE)
-    position, _, acceleration = fourier(seconds, rng)
-    stream, ratios = SlidingDifferentiator(knot_spacing=0.15, lag=0.1), []
-    for i, stamp in enumerate(nanoseconds(seconds)):
-        stream.push(int(stamp), position[i] + rng.normal(size=3) * 1e-3)
-        answer = stream.take() if i > 200 and i % 4 == 0 else None
-        if answer is not None:
-            at = np.searchsorted(seconds, answer.stamps * 1e-9 - 1e-6)
-            ratios.append((answer.acceleration - acceleration[at]) / answer.acceleration_sigma)
-    assert len(ratios) > 400
-    assert 0.8 < rms(np.concatenate(ratios)) < 1.25
-
-
-def test_the_sliding_window_drops_what_comes_late_and_starts_afresh_after_a_jump():
-    stream = SlidingDifferentiator(knot_spacing=0.1)
-    for stamp in range(0, 10**9, 10**7):
-        stream.push(stamp, [stamp * 1e-9])
-    stream.push(5 * 10**8, [99.0])
-    answer = stream.take()
-    np.testing.assert_allclose(answer.velocity, 1.0, atol=1e-6)
-    stream.push(10**12, [7.0])
-    assert stream.take() is None
+    design = Design(Grid.across(seconds, 290), seconds)  # several blocks of the inverse
+    fit = SplineFit(design, rng.normal(size=(2000, 1)))
+    basis = [design.evaluate(np.eye(295), d) for d in range(3)]
+    covariance = np.linalg.inv(basis[0].T @ basis[0])
+    gains = fit.gains(seconds)
+    for d, e in ((0, 0), (0, 2), (1, 1), (2, 2)):
+        expected = np.einsum("ni,ij,nj->n", basis[d], covariance, basis[e])
+        np.testing.assert_allclose(gains[50:-50, d, e], expected[50:-50], rtol=2e-3)

@@ -85,6 +85,9 @@ class BlockRecorder:
             return
         waiting = self._stamps[-self._n_waiting :]
         ready = int(np.searchsorted(waiting, self._stamps[-1] + min(self.grid.nanoseconds[0], 0), "right"))
+        # Whole blocks alone, so that rounding does not depend on the portions either.
+        unfinished = waiting[min(ready, len(waiting) - 1)] // self._block
+        ready = int(np.searchsorted(waiting // self._block, unfinished, "left"))
         self._pair(ready)
         self._n_waiting -= ready
         # Neighbours on both sides of the longest lag are remembered.

@@ -10,7 +10,7 @@ See docs/add_an_estimator.md.
 - `noise`: the noise of the samples. `change_watch`: changes of the payload.
 """
 
-from poise.inertia.estimators.change_watch import WATCH, ChangeWatch
+from poise.inertia.estimators.change_watch import WATCH, WATCH_NOISE, ChangeWatch
 from poise.inertia.estimators.entry import EstimatorEntry, MotionNeed
 from poise.inertia.estimators.information import InformationAccumulator
 from poise.inertia.estimators.least_squares import solve
@@ -34,6 +34,7 @@ __all__ = [
     "OLS",
     "STATIC",
     "WATCH",
+    "WATCH_NOISE",
     "ChangeWatch",
     "EstimatorEntry",
     "InformationAccumulator",

@@ -12,7 +12,7 @@ from poise.types import Array
 _EMPTY_HAND = 0.02
 """kg; a smaller payload is none."""
 
-_ASSUMED = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05)
+WATCH_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05)
 """The levels that changes are judged by where none are given: those of a usual arm, its sensor zeroed."""
 
 
@@ -20,14 +20,13 @@ class ChangeWatch:
     """`ContinuousEstimator` as a `StreamingEstimator`.
 
     Args:
-        prior: what is known before the first sample.
+        prior: what is known before the first sample; its noise has no NaN.
     """
 
     def __init__(self, prior: Prior) -> None:
         self._given = prior
         limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
-        noise = prior.noise.filled(_ASSUMED)
-        self._estimator = ContinuousEstimator(prior.parts, noise, **prior.options, **limits)
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **prior.options, **limits)
         self._parts = prior.parts
         self._n_changes = 0
 
@@ -52,10 +51,7 @@ class ChangeWatch:
 
     @property
     def prior(self) -> Prior:
-        """What is known before the first sample of the payload held now: the bias, and the shape where it was set.
-
-        The noise of samples is the given one, or has to be estimated as before.
-        """
+        """What is known before the first sample of the payload held now: the bias, and the shape where it was set."""
         known = self._estimator
         if not known.changes:
             return self._given

@@ -11,6 +11,8 @@ from poise.types import Array
 LEAST_NOISE = NoiseLevels(force=2e-3, torque=1e-4, linear_acceleration=1e-3, angular_acceleration=1e-3)
 """No sensor is better, and no model of the motion either."""
 
+_DIGITS = 4
+"""Significant digits of a level. More of them would hand the rounding of sums on to the estimator."""
 _ENOUGH = 10
 """Samples from which on the residuals of least squares say something about the noise."""
 
@@ -43,5 +45,6 @@ class NoiseMeter:
         for name, meter, most in (("force", self._force, left[0]), ("torque", self._torque, left[1])):
             seen = np.array([meter.value, most if self._n_samples > _ENOUGH else np.nan])
             usual, least = getattr(motion, name), getattr(LEAST_NOISE, name)
-            levels[name] = max(float(np.nanmin(seen)), least) if np.isfinite(seen).any() else usual
+            level = max(float(np.nanmin(seen)), least) if np.isfinite(seen).any() else usual
+            levels[name] = float(f"{level:.{_DIGITS}g}")
         return replace(motion, **levels, force_bias=np.inf, torque_bias=np.inf)

@@ -1,13 +1,19 @@
 """The physics of a rigid payload, and the question and the answer that all estimators share.
 
 - `parameters`: `InertialParameters`, the vector phi (10,), the pseudo-inertia, changes of frame.
-- `regressor`, `signals`: the wrench of a moving load, linear in phi.
+- `wrench_regressor`, `signals`: the wrench of a moving load, linear in phi.
 - `parts`, `object_shape`, `spread_points`: the shape of a held object as homogeneous parts.
 - `problem`: `NoiseLevels`, `IdentificationProblem`. `solution`: `InertialSolution`, `EstimateFinding`.
 - `sample_checks`, `rejection`: samples that cannot be used, and why. `metrics`: errors of an estimate.
 """
 
-from poise.inertia.model.object_shape import CLOUD_ACCURACY, ObjectShape, load_object, parts_of_solid
+from poise.inertia.model.object_shape import (
+    CLOUD_ACCURACY,
+    ObjectShape,
+    load_object,
+    parts_of_segmentation,
+    parts_of_solid,
+)
 from poise.inertia.model.parameters import (
     PARAMETER_NAMES,
     UPPER,
@@ -20,7 +26,6 @@ from poise.inertia.model.parameters import (
 )
 from poise.inertia.model.parts import Parts
 from poise.inertia.model.problem import UNKNOWN_NOISE, IdentificationProblem, NoiseLevels
-from poise.inertia.model.regressor import regressor
 from poise.inertia.model.rejection import RejectionLog
 from poise.inertia.model.sample_checks import NOT_FINITE, OUT_OF_ORDER, SampleChecks
 from poise.inertia.model.signals import (
@@ -38,6 +43,7 @@ from poise.inertia.model.signals import (
     residual_moments,
 )
 from poise.inertia.model.solution import EstimateFinding, InertialSolution, RejectedInterval, root_mean_square
+from poise.inertia.model.wrench_regressor import regressor
 
 __all__ = [
     "CLOUD_ACCURACY",
@@ -69,6 +75,7 @@ __all__ = [
     "mixed",
     "motion_signals",
     "normal_equations",
+    "parts_of_segmentation",
     "parts_of_solid",
     "phi_of_pseudo_inertia",
     "pseudo_inertia",

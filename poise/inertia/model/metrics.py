@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from poise.errors import ErrorCode, InputError
 from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.model.parameters import UPPER, InertialParameters, pseudo_inertia
-from poise.inertia.model.regressor import regressor
+from poise.inertia.model.wrench_regressor import regressor
 from poise.robot import SensorMotion
 from poise.types import Array
 

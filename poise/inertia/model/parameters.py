@@ -42,7 +42,8 @@ class InertialParameters:
                 )
             value.flags.writeable = False
             object.__setattr__(self, name, value)
-        if not np.allclose(self.inertia, self.inertia.T, rtol=1e-9, atol=1e-15, equal_nan=True):
+        rounding = 1e-9 * np.abs(self.inertia).max()  # relative: off-diagonal entries may be far smaller
+        if np.any(np.abs(self.inertia - self.inertia.T) > rounding):
             raise InputError(
                 ErrorCode.BAD_INPUT, "inertial parameters: the inertia matrix is not symmetric; check its order"
             )

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from poise.geometry import cross_matrix
 from poise.inertia.model.parameters import UPPER
 from poise.inertia.model.problem import NoiseLevels
-from poise.inertia.model.regressor import regressor
+from poise.inertia.model.wrench_regressor import regressor
 from poise.types import Array
 
 N_MOTION = 13

@@ -65,6 +65,11 @@ class InertialEstimate:
     findings: tuple[EstimateFinding, ...] = ()
     since: int | None = None
 
+    def __repr__(self) -> str:
+        com = ", ".join(f"{1e3 * value:.2f}" for value in self.parameters.com)
+        mass = f"{self.parameters.mass:.4f} ± {self.mass_std:.4f} kg"
+        return f"InertialEstimate({mass}, com [{com}] mm in {self.frame_id}, {self.method}, {self.n_samples} samples)"
+
     @classmethod
     def from_solution(
         cls,
@@ -157,3 +162,6 @@ class Identification:
     motion: SensorMotion
     history: tuple[InertialEstimate, ...]
     source: str
+
+    def __repr__(self) -> str:
+        return f"Identification({self.estimate!r}, motion from {self.source})"

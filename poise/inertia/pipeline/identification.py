@@ -8,11 +8,11 @@ import numpy as np
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.bayes import SHAPE_ACCURACY
-from poise.inertia.estimators import DEFAULT_METHOD, check_method, estimator_named, joined, model_matrix
+from poise.inertia.estimators import DEFAULT_METHOD, estimator_named, joined, model_matrix
 from poise.inertia.model import NOT_FINITE, OUT_OF_ORDER, Parts
 from poise.inertia.pipeline.estimate import Identification, InertialEstimate
 from poise.inertia.pipeline.method_pipeline import PairedSamples
-from poise.inertia.pipeline.online import OnlineEstimator, check_limits
+from poise.inertia.pipeline.online import OnlineEstimator, check_options
 from poise.recording import Recording, WrenchStream, interpolate
 from poise.robot import (
     HandFrames,
@@ -57,26 +57,17 @@ def identify(
     Args:
         recording: the wrench; and joint states, tf, or an IMU with a gyroscope. An IMU also helps tf without positions.
         robot_model: for the joint states; None: the recording's robot_description, without which tf is used.
-        sensor_frame: frame of the wrench; None: that of its messages.
-        base_frame: gravity-aligned frame in tf; None: the topmost.
+        sensor_frame, base_frame: of the wrench, and gravity-aligned in tf; None: its messages' frame, and the topmost.
         gravity: m/s2; None: the recording's metadata record `poise`, key `gravity`, else 9.80665.
-        method: see `method_choices`; `auto`: `static` when half of the samples are at rest and show mass and centre of
-            mass, else `ols`.
-        wrench_topic: topic of the sensor.
-        saturation: force [N] and torque [N m] at which a channel counts as saturated.
-        settings: how wrenches and motion are brought together.
-        parts: of the object in the sensor frame; None when its shape is not known.
-        shape_accuracy: relative error of lengths in the shape; None: that of a model from CAD.
+        method, saturation, settings, parts: see `OnlineEstimator`.
+        wrench_topic, shape_accuracy: of the sensor; relative error of lengths in the shape, None: of a model from CAD.
         progress: takes the share of the work that is done.
 
     Raises:
-        InputError: BAD_INPUT, TOPIC_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, JOINT_MISSING, UNSUPPORTED, ...
-        NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, NOT_CONSISTENT, SOLVER_FAILED.
+        InputError, NoAnswerError: what is missing or wrong, by its code; see `MethodPipeline.estimate` and `Recording`.
     """
-    check_method(method)
-    check_limits(gravity, saturation)
-    frames = recording.wrench_frames(wrench_topic)
-    wrench = recording.wrench(wrench_topic, next(iter(frames)))
+    check_options(method, gravity, saturation)
+    wrench, foreign = _wrench(recording, wrench_topic)
     frame = _frame(recording, wrench, sensor_frame)
     down = recorded_gravity(recording) if gravity is None else gravity
     kinematics, imu = _motion_of(recording, frame, robot_model, base_frame, down)
@@ -92,7 +83,7 @@ def identify(
         patience=math.inf,
         max_intervals=None,
     )
-    estimator.foreign_wrenches.update({name: count for name, count in frames.items() if name != wrench.frame_id})
+    estimator.foreign_wrenches.update(foreign)
     if imu is not None and estimator_named(method).uses_imu:
         estimator.take_imu(imu)
     return identify_wrenches(wrench, kinematics, estimator, progress=progress)
@@ -147,6 +138,12 @@ def _note(history: list[InertialEstimate], estimator: OnlineEstimator) -> None:
         return
     if not history or found.n_samples > history[-1].n_samples:
         history.append(found)
+
+
+def _wrench(recording: Recording, topic: str) -> tuple[WrenchStream, dict[str, int]]:
+    """The wrenches of the frame that is named first, and how many there are of each other frame."""
+    first, *others = (counts := recording.wrench_frames(topic))
+    return recording.wrench(topic, first), {name: counts[name] for name in others}
 
 
 def _frame(recording: Recording, wrench: WrenchStream, given: str | None) -> str:

@@ -54,11 +54,11 @@ class MeasuringSource:
         """See `MotionSource`."""
         return self._source.poses(begin, end)
 
-    def motion(self, begin: int, end: int) -> SensorMotion:
+    def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
         """See `MotionSource`."""
         if not isinstance(self._source, JointSource | FrameSource):
-            return self._source.motion(begin, end)
-        measured = self._source.measured(begin, end)
+            return self._source.motion(begin, end, margin)
+        measured = self._source.measured(begin, end, margin)
         if len(measured.motion):
             if self._n_stretches % self._stride == 0:
                 sigmas = measured.linear_acceleration_sigma, measured.angular_acceleration_sigma

@@ -117,9 +117,17 @@ class MethodPipeline:
         self._checks.restart()
         self._has_jumped = self.stamp is not None
 
-    def forget_evidence(self) -> None:
-        """The payload has changed: what least squares have seen is of another one."""
-        self._information = InformationAccumulator()
+    def check_sign(self) -> None:
+        """Refuse wrenches of the opposite sign, as far as the samples show it.
+
+        Raises:
+            NoAnswerError: NOT_CONSISTENT.
+        """
+        try:
+            plain = solve(self._information)
+        except NoAnswerError:
+            return
+        _check_sign(plain)
 
     def _paired(self, stamps: Stamps, wrench: Array) -> PairedSamples:
         if not len(stamps):

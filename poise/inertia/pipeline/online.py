@@ -13,10 +13,12 @@ from poise.inertia.bayes import SHAPE_ACCURACY, PayloadChange
 from poise.inertia.estimators import (
     DEFAULT_METHOD,
     WATCH,
+    WATCH_NOISE,
     ChangeWatch,
     EstimatorEntry,
     MotionNeed,
     Prior,
+    check_method,
 )
 from poise.inertia.model import OUT_OF_ORDER, UNKNOWN_NOISE, EstimateFinding, NoiseLevels, Parts
 from poise.inertia.pipeline.estimate import InertialEstimate
@@ -86,7 +88,7 @@ class OnlineEstimator:
         patience: float = 5.0,
         max_intervals: int | None = 100,
     ) -> None:
-        check_limits(gravity, saturation)
+        check_options(method, gravity, saturation)
         self.source = source
         self.frame_id = frame_id
         self.clock_jumps = 0
@@ -135,7 +137,7 @@ class OnlineEstimator:
     def _begin(self, method: str, prior: Prior) -> None:
         self._running = EstimatorGroup(method, self._pipeline, prior)
         if self._continuous:
-            self._watch = self._pipeline(WATCH, prior)
+            self._watch = self._pipeline(WATCH, replace(prior, noise=prior.noise.filled(WATCH_NOISE)))
 
     def change_source(self, source: MotionSource) -> None:
         """Take the motion from another source from now on; estimates and waiting wrenches stay."""
@@ -275,6 +277,8 @@ class OnlineEstimator:
         running, watch = self._running, self._watch
         since, known = running.prior.since, running.busiest.stamp
         unsettled = since is not None and (known is None or known < since + _SETTLED)
+        if watch is not None:
+            watch.check_sign()  # of all payloads so far: a stream of the opposite sign looks like many changes
         if watch is not None and watch.stamp is not None and self.changes and unsettled:
             found = watch.estimate(self.frame_id)
         else:
@@ -316,16 +320,17 @@ class OnlineEstimator:
 
     def _notice_change(self) -> None:
         """Start again with the new payload; what is known of the sensor's bias stays."""
-        watch, changes = self._watch, self._changes
+        changes = self._changes
         new = [] if changes is None else changes.new_changes()
-        if not new or watch is None or changes is None:
+        if not new or changes is None:
             return
         self.changes += new
-        watch.forget_evidence()
         if self._coming is not None and new[-1].mass_after > new[-1].mass_before:
             changes.hold(self._coming)
             self._coming = None
-        prior = replace(changes.prior, accuracy=self._prior.accuracy)
+        bias = changes.prior.noise
+        noise = replace(self._prior.noise, force_bias=bias.force_bias, torque_bias=bias.torque_bias)
+        prior = replace(changes.prior, accuracy=self._prior.accuracy, noise=noise)
         self._running = EstimatorGroup(self._running.method, self._pipeline, prior)
 
     def _notice_jump(self) -> None:
@@ -351,12 +356,13 @@ class OnlineEstimator:
         self._buffers.forget_before(newest - round(self._settings.memory * 1e9))
 
 
-def check_limits(gravity: float | None, saturation: tuple[float, float]) -> None:
-    """Refuse values that cannot be: gravity in m/s2 (None: not given), saturation in N and N m.
+def check_options(method: str, gravity: float | None, saturation: tuple[float, float]) -> None:
+    """Refuse a method that does not exist, and values that cannot be: gravity in m/s2, saturation in N and N m.
 
     Raises:
         InputError: BAD_INPUT.
     """
+    check_method(method)
     for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
         if value is not None and not value > 0:
             raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")

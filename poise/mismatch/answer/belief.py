@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 from poise.mismatch.inference import HypothesisSearch
 
-TEMPERATURE = 2.0
+_TEMPERATURE = 2.0
 """log evidences are divided by this where rivals are weighed against one another: models are never quite right."""
-PER_EFFECT = math.log(30.0)
+_PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-WEIGHTS = (1.97, 0.33, -4.03, -1.86)
+_WEIGHTS = (1.97, 0.33, -4.03, -1.86)
 """Of `BeliefBasis.terms` in the log odds that a name is true: fitted by `benchmarks.concealed.calibrate` on recordings
 that served no other purpose."""
 MAX_PROBABILITY = 0.995
-ALIKE = 3.0
+_ALIKE = 3.0
 """Difference of log evidence (tempered) below which two hypotheses are not told apart."""
-WORTH_TELLING = 0.001
+_WORTH_TELLING = 0.001
 
 Names = tuple[str, ...]
 
@@ -59,7 +59,7 @@ class BeliefBasis:
     @property
     def probability(self) -> float:
         """That the name is true."""
-        odds = sum(weight * term for weight, term in zip(WEIGHTS, self.terms, strict=True))
+        odds = sum(weight * term for weight, term in zip(_WEIGHTS, self.terms, strict=True))
         return min(1.0 / (1.0 + math.exp(-odds)), MAX_PROBABILITY)
 
 
@@ -72,7 +72,7 @@ def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> 
         beside_unknown: something is left that no name explains.
     """
     raw = _evidences(state)
-    weight = {names: math.exp(min(value - raw[answer], 0.0) / TEMPERATURE) for names, value in raw.items()}
+    weight = {names: math.exp(min(value - raw[answer], 0.0) / _TEMPERATURE) for names, value in raw.items()}
     found = {}
     for name in answer:
         without = tuple(other for other in answer if other != name)
@@ -86,15 +86,15 @@ def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> 
         probability = basis.probability
         lacking = sum(value for names, value in weight.items() if name not in names)
         others = {rival: (1.0 - probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
-        told = sorted(((rival, p) for rival, p in others.items() if p > WORTH_TELLING), key=lambda pair: -pair[1])
-        alike = sorted((rival for rival, value in instead.items() if value > math.exp(-ALIKE)), key=others.__getitem__)
+        told = sorted(((rival, p) for rival, p in others.items() if p > _WORTH_TELLING), key=lambda pair: -pair[1])
+        alike = sorted((rival for rival, value in instead.items() if value > math.exp(-_ALIKE)), key=others.__getitem__)
         found[name] = EffectBelief(probability, tuple(told[:5]), tuple(reversed(alike)), basis)
     return found
 
 
 def probability_of_none(state: HypothesisSearch) -> float:
     """Probability that nothing of the library is there."""
-    evidence = {names: (value - PER_EFFECT * len(names)) / TEMPERATURE for names, value in _evidences(state).items()}
+    evidence = {names: (value - _PER_EFFECT * len(names)) / _TEMPERATURE for names, value in _evidences(state).items()}
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())
     return min(math.exp(evidence[()] - top) / total, MAX_PROBABILITY)

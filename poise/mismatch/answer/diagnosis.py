@@ -13,7 +13,7 @@ from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
 from poise.mismatch.effects import Effect, Values, all_effects
 from poise.mismatch.inference import (
-    WARM,
+    WARM_STEPS,
     Dependence,
     DependenceCurve,
     FittedEffect,
@@ -33,7 +33,7 @@ from poise.mismatch.inference import (
     wrench_problem,
 )
 from poise.mismatch.reading import ModelEffect, NominalModel, with_model_effects, without
-from poise.mismatch.recorded import RecordedMotion, channel_names
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array, Mask
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
@@ -111,6 +111,10 @@ class Diagnosis:
 
     examinations: tuple[SignalDiagnosis, ...]
     seconds: float
+
+    def __repr__(self) -> str:
+        named = [f"{each.effect.name} ({each.belief.probability:.1%})" for each in self.findings]
+        return f"Diagnosis({self.verdict}{': ' if named else ''}{', '.join(named)}, {self.seconds:.1f} s)"
 
     @property
     def main(self) -> SignalDiagnosis:
@@ -194,9 +198,9 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         looked = make(without(problem.recorded, last), problem.model)
     state, best = search(looked, library)
     if looked is not seen:
-        best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM)
+        best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
     final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
-    best = fit(final, best.parts, WARM)
+    best = fit(final, best.parts, WARM_STEPS)
     nominal = fit(final, ()) if best.parts else best
     shown = _shown(final, library)
     rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, shown))
@@ -204,7 +208,7 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
     doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
     held = tail(final) if last is None else last
     channels = (
-        channel_names()
+        WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"
         else problem.recorded.effort.names
     )

@@ -18,18 +18,18 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 
-RATE = 100.0
+_RATE = 100.0
 """Hz of the wrench along a designed motion."""
-DURATION = 14.0
+_DURATION = 14.0
 """s of it."""
-ENOUGH = 25.0
+_ENOUGH = 25.0
 """log evidence that decides between two hypotheses, whatever noise does."""
-VIGOUR = ((0.15, 0.4, 0.08, 3), (0.25, 0.8, 0.08, 5), (0.3, 0.3, 0.3, 4), (0.4, 1.2, 0.12, 5), (0.6, 0.6, 0.4, 5))
+_VIGOUR = ((0.15, 0.4, 0.08, 3), (0.25, 0.8, 0.08, 5), (0.3, 0.3, 0.3, 4), (0.4, 1.2, 0.12, 5), (0.6, 0.6, 0.4, 5))
 """Shares of the speed limits, amplitudes (rad), lowest frequencies (Hz) and harmonics of motions, gentle ones first."""
-TRIES = 4
+_TRIES = 4
 """Motions of each kind."""
-MOST_RIVALS = 3
-STEPS = 6
+_MOST_RIVALS = 3
+_STEPS = 6
 """Of the refits along a motion."""
 
 
@@ -52,7 +52,7 @@ class DiscriminatingMotion:
     @property
     def enough(self) -> bool:
         """Whether it will decide."""
-        return self.expected >= ENOUGH
+        return self.expected >= _ENOUGH
 
 
 def separating_motion(
@@ -114,7 +114,7 @@ def _missed(
     explained = []
     for part in (true, rival):
         starts = [part.values, *part.effect.starts(here.recorded, here.residual)]
-        fits = [refine(made, here.frame, here.recorded, part.effect, start, STEPS) for start in starts[:3]]
+        fits = [refine(made, here.frame, here.recorded, part.effect, start, _STEPS) for start in starts[:3]]
         explained.append(max(each.drop for each in fits))
     return 0.5 * (explained[0] - explained[1])
 
@@ -124,7 +124,7 @@ def _open_question(examined: SignalDiagnosis) -> tuple[NamedEffect, list[Effect]
     for finding in examined.findings if examined.problem.signal == "wrench" else ():
         rivals = [effect for name in finding.belief.alike if (effect := effect_named(name)) and effect.transfers]
         if rivals and finding.effect.transfers:
-            return finding, rivals[:MOST_RIVALS]
+            return finding, rivals[:_MOST_RIVALS]
     return None
 
 
@@ -135,7 +135,7 @@ def _fitted(examined: SignalDiagnosis, others: tuple[FittedEffect, ...], rival: 
     if known is None:
         here = linearization_point(examined.problem, others)
         tried = [
-            refine(examined.problem, here.frame, here.recorded, rival, start, STEPS)
+            refine(examined.problem, here.frame, here.recorded, rival, start, _STEPS)
             for start in rival.starts(here.recorded, here.residual)
         ]
         best = max(tried, key=lambda each: each.drop)
@@ -152,14 +152,14 @@ def _motions(recorded: RecordedMotion, robot: RobotModel, rng: np.random.Generat
     still = base_joints(robot)
     inside = np.where(np.isfinite(robot.lower), 0.1 * (robot.upper - robot.lower), 0.0)
     inside = np.nan_to_num(inside, posinf=0.0)
-    for speed, amplitude, frequency, harmonics in VIGOUR:
-        for number in range(TRIES):
+    for speed, amplitude, frequency, harmonics in _VIGOUR:
+        for number in range(_TRIES):
             shift = rng.uniform(-0.5, 0.5, len(middle)) * (number > 0) * (np.arange(len(middle)) >= still)
             centre = np.clip(middle + shift, robot.lower + inside, robot.upper - inside)
             made = FourierTrajectory.random(
                 robot,
                 rng,
-                duration=DURATION,
+                duration=_DURATION,
                 speed=speed,
                 amplitude=amplitude,
                 frequency=frequency,
@@ -172,6 +172,6 @@ def _motions(recorded: RecordedMotion, robot: RobotModel, rng: np.random.Generat
 
 def _world(recorded: RecordedMotion, robot: RobotModel, trajectory: FourierTrajectory) -> RecordedMotion:
     """The motion as the nominal model sees it, the base at rest."""
-    seconds = np.arange(int(DURATION * RATE) + 1) / RATE
+    seconds = np.arange(int(_DURATION * _RATE) + 1) / _RATE
     gravity = float(np.linalg.norm(recorded.gravity[0]))
     return recorded_from_motion(robot, seconds, Motion(*trajectory.at(seconds)), recorded.phi, gravity=gravity)

@@ -1,6 +1,5 @@
 """Diagnosing a running robot: messages are kept for a while, and their last stretch is examined as a recording."""
 
-import tempfile
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.answer.diagnosis import Diagnosis, diagnose
 from poise.mismatch.effects import Effect, all_effects, effect_named
-from poise.mismatch.reading import NominalModel, ReadRecording, read_recording
-from poise.recording import JointStream, PoseStream, Stream, WrenchStream, open_recording, write_recording
+from poise.mismatch.reading import MeasuredStreams, NominalModel, ReadRecording, read_streams
+from poise.recording import JointStream, PoseStream, Stream, WrenchStream, write_recording
 
-MOST_SAMPLES = 200_000
+_MOST_SAMPLES = 200_000
 """Of each topic that are kept at the most: a window of a minute at more than 3 kHz."""
-LEAST_WINDOW = 8.0
+_LEAST_WINDOW = 8.0
 """s of wrenches, with joint motion, that can be examined."""
 
 
@@ -57,9 +56,9 @@ class LiveWindow:
         """Messages that came after a younger one of their topic, and were left out."""
         self.foreign = 0
         """Wrenches of another frame than the first one's, left out."""
-        self._wrenches: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
-        self._joints: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
-        self._poses: deque[tuple[int, Any]] = deque(maxlen=MOST_SAMPLES)
+        self._wrenches: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._joints: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._poses: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._frames = ("odom", "base_link")
 
     def add_wrench(self, stamp: int, frame_id: str, wrench: Sequence[float]) -> None:
@@ -105,21 +104,31 @@ class LiveWindow:
             return "no joint state has come yet"
         if not self.description:
             return "no robot_description has come yet"
-        if self.seconds < LEAST_WINDOW:
-            return f"{self.seconds:.0f} of {LEAST_WINDOW:.0f} s of wrenches have come"
+        if self.seconds < _LEAST_WINDOW:
+            return f"{self.seconds:.0f} of {_LEAST_WINDOW:.0f} s of wrenches have come"
         return ""
 
-    def streams(self) -> dict[str, Stream]:
-        """What is kept, by topic; joint states with the joints of the last one."""
+    def streams(self) -> MeasuredStreams:
+        """What is kept, for the reading; it stays as it is while further messages come in.
+
+        Raises:
+            InputError: EMPTY when no wrench is kept.
+        """
+        if not self._wrenches:
+            raise InputError(ErrorCode.EMPTY, "the window holds no wrench: wait until some have come")
         wrenches, joints, poses = (list(kept) for kept in (self._wrenches, self._joints, self._poses))
-        made: dict[str, Stream] = {
-            "wrench": WrenchStream(_stamps(wrenches), np.array([value for _, value in wrenches]), self.frame_id),
-            "joint_states": _joint_stream(joints),
-        }
+        values = np.array([value for _, value in wrenches], dtype=np.float64)
+        odometry, description = None, self.description
         if len(poses) > 1:
             rotation, translation = (np.array([value[k] for _, value in poses]) for k in (0, 1))
-            made["odom"] = PoseStream(_stamps(poses), rotation, translation, *self._frames)
-        return made
+            odometry = PoseStream(_stamps(poses), rotation, translation, *self._frames)
+        return MeasuredStreams(
+            "the live window",
+            WrenchStream(_stamps(wrenches), values, self.frame_id),
+            lambda names: _joint_stream(joints, names),
+            odometry,
+            lambda: description,
+        )
 
     def _add(self, kept: deque[tuple[int, Any]], stamp: int, value: Any) -> None:
         if kept and stamp <= kept[-1][0]:
@@ -133,8 +142,7 @@ class LiveWindow:
 
 
 def examine(
-    streams: dict[str, Stream],
-    description: str,
+    streams: MeasuredStreams,
     model: NominalModel,
     library: Sequence[Effect] | None = None,
     keep: Path | None = None,
@@ -143,22 +151,21 @@ def examine(
 
     Args:
         streams: of `LiveWindow.streams`.
-        description: URDF.
         model: the nominal simulation.
         library: effects to look for; None: all.
         keep: folder in which the window is kept as a bag when something is found in it; None: nowhere.
 
     Raises:
-        InputError: as `read_recording`.
+        InputError: as `read_streams`.
     """
-    with tempfile.TemporaryDirectory(prefix="poise-window-") as folder:
-        path = Path(folder) / f"window_{int(streams['wrench'].stamps[0])}.mcap"
-        write_recording(path, streams, robot_description=description, compression="none")
-        reading = read_recording(open_recording(path), model)
-        made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library), reading)
-        if keep is not None and made.found.verdict != "none":
-            keep.mkdir(parents=True, exist_ok=True)
-            write_recording(keep / path.name, streams, robot_description=description)
+    reading = read_streams(streams, model)
+    made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library), reading)
+    if keep is not None and made.found.verdict != "none":
+        keep.mkdir(parents=True, exist_ok=True)
+        path = keep / f"window_{int(streams.wrench.stamps[0])}.mcap"
+        kept = {"wrench": streams.wrench, "joint_states": reading.joints, "odom": streams.odometry}
+        there: dict[str, Stream] = {topic: stream for topic, stream in kept.items() if stream is not None}
+        write_recording(path, there, robot_description=streams.description())
     return made
 
 
@@ -176,13 +183,22 @@ def effects_called(names: Sequence[str]) -> list[Effect] | None:
     return [effect for effect in found if effect is not None] or None
 
 
-def _joint_stream(joints: list[tuple[int, Any]]) -> JointStream:
-    """Joint states of the joints of the last; rows that lack some are left out, what was not measured is NaN."""
-    names = joints[-1][1][0]
-    chosen = [(stamp, value) for stamp, value in joints if set(names) <= set(value[0])]
+def _joint_stream(states: list[tuple[int, Any]], names: tuple[str, ...]) -> JointStream:
+    """The states of some joints, of the messages that hold them all; what was not measured is NaN.
+
+    Raises:
+        InputError: JOINT_MISSING.
+    """
+    chosen = [(stamp, value) for stamp, value in states if set(names) <= set(value[0])]
+    if not chosen:
+        there = " ".join(sorted({name for _, (own, *_) in states for name in own})) or "none"
+        raise InputError(
+            ErrorCode.JOINT_MISSING,
+            f"joint_states: no message of the window holds the joints {' '.join(names)}; there are {there}",
+        )
     out = np.full((3, len(chosen), len(names)), np.nan)
     for row, (_, (own, *parts)) in enumerate(chosen):
-        columns = slice(None) if own == names else [own.index(name) for name in names]
+        columns = [own.index(name) for name in names]
         for kind, part in enumerate(parts):
             if len(part) == len(own):
                 out[kind, row] = np.asarray(part)[columns]

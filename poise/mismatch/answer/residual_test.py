@@ -12,9 +12,9 @@ from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import Problem, linear_bspline_basis
 from poise.types import Array
 
-MATERIAL = 0.05
+_MATERIAL = 0.05
 """Excess energy of the residual, relative to the noise's, from which it is no longer noise."""
-LOUDER = 1.3
+_LOUDER = 1.3
 """Fast noise that is this much louder in fast motion than in slow is no sensor noise."""
 
 
@@ -39,7 +39,7 @@ class ResidualTest:
     @property
     def only_louder(self) -> bool:
         """Nothing but fast noise that grows with the speed: no larger than noise may be, it casts no doubt on names."""
-        return self.louder and self.excess <= MATERIAL
+        return self.louder and self.excess <= _MATERIAL
 
 
 def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
@@ -50,7 +50,7 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     # A few spikes are no structure: what is beyond five sigmas counts as five.
     excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
     loud = _louder_when_fast(problem, residual)
-    allowed = MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
+    allowed = _MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
     depends = _depends(problem, seconds, residual, scaled, loud) if structured else ()
     return ResidualTest(
@@ -83,7 +83,7 @@ def _louder_when_fast(problem: Problem, residual: Array) -> bool:
     if quick - slow < 0.1:
         return False
     before, after = level[speed <= slow], level[speed >= quick]
-    return bool(np.sqrt(np.mean(after**2)) > LOUDER * np.sqrt(np.mean(before**2)))
+    return bool(np.sqrt(np.mean(after**2)) > _LOUDER * np.sqrt(np.mean(before**2)))
 
 
 def _strongest_correlation(whitened: Array) -> float:

@@ -9,15 +9,15 @@ from poise.mismatch.inference import SignalNoise, linear_bspline_basis
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-STRETCH = 0.25
+_STRETCH = 0.25
 """s over which the energy of a residual is averaged."""
-ALERT, CALM = 6.0, 2.5
+_ALERT, _CALM = 6.0, 2.5
 """Sigmas of that average at which a window opens, and closes."""
-JOINED = 0.5
+_JOINED = 0.5
 """s between windows that are one."""
-MOST = 8
+_MOST = 8
 """Windows that are told."""
-NOTABLE = 0.15
+_NOTABLE = 0.15
 """Share of a window's excess from which a channel or a state is named."""
 
 
@@ -64,7 +64,7 @@ def locate(
     for a, b in spans:
         energy = excess[a:b].sum(axis=0)
         whole = max(float(energy.clip(0).sum()), 1e-12)
-        order = [int(c) for c in np.argsort(-energy) if energy[c] > NOTABLE * whole]
+        order = [int(c) for c in np.argsort(-energy) if energy[c] > _NOTABLE * whole]
         found.append(
             ResidualWindow(
                 float(noise.seconds[a]),
@@ -76,28 +76,28 @@ def locate(
                 float(energy.sum() / total),
             )
         )
-    return tuple(sorted(found, key=lambda window: -window.share)[:MOST])
+    return tuple(sorted(found, key=lambda window: -window.share)[:_MOST])
 
 
 def _spans(seconds: Array, energy: Array) -> list[tuple[int, int]]:
     """Rows (from, to) where the smoothed energy stands out: it opens at ALERT sigmas and lasts down to CALM."""
     period = float(np.median(np.diff(seconds)))
-    half = max(round(STRETCH / period / 2), 1)
+    half = max(round(_STRETCH / period / 2), 1)
     kernel = np.hanning(2 * half + 3)[1:-1]
     kernel /= kernel.sum()
     smooth = np.convolve(np.pad(energy, half, mode="reflect"), kernel, mode="valid")
     # Of noise alone the sum over C channels of z^2 - 1 has variance 2 C; C is 6 for a wrench.
     sigma = float(np.sqrt(12.0 * np.sum(kernel**2)))
-    calm = smooth > CALM * sigma
+    calm = smooth > _CALM * sigma
     edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(int)))
     spans = [
         (int(a), int(b))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
-        if float(smooth[a:b].max()) > ALERT * sigma
+        if float(smooth[a:b].max()) > _ALERT * sigma
     ]
     joined: list[tuple[int, int]] = []
     for a, b in spans:
-        if joined and seconds[a] - seconds[joined[-1][1] - 1] < JOINED:
+        if joined and seconds[a] - seconds[joined[-1][1] - 1] < _JOINED:
             joined[-1] = (joined[-1][0], b)
         else:
             joined.append((a, b))
@@ -143,7 +143,7 @@ def goes_with(recorded: RecordedMotion, seconds: Array, scaled: Array, rows: sli
     """States whose curves explain most of a residual in some rows, judged on blocks that were left out."""
     shares = {name: explained(curves[rows], scaled[rows]) for name, curves in _curves(recorded, seconds).items()}
     best = max(shares.values(), default=0.0)
-    good = [name for name, share in shares.items() if share > max(NOTABLE, 0.75 * best)]
+    good = [name for name, share in shares.items() if share > max(_NOTABLE, 0.75 * best)]
     return sorted(good, key=lambda name: -shares[name])[:3]
 
 

@@ -13,8 +13,8 @@ from poise.mismatch.recorded import load_wrench
 from poise.recording import Recording, WrenchStream
 from poise.types import Array
 
-ROUNDS = 15
-SETTLED = 1e-7
+_ROUNDS = 15
+_SETTLED = 1e-7
 """Change of the payload (kg, kg m, kg m2) below which the rounds end."""
 
 
@@ -64,12 +64,12 @@ def compensate(recording: Recording, model: NominalModel) -> CompensatedWrench:
         else:
             chosen.append(component)
     phi, response = recorded.phi, np.zeros((len(recorded), 6))
-    for _ in range(ROUNDS if chosen else 0):
+    for _ in range(_ROUNDS if chosen else 0):
         nominal = load_wrench(phi, recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
         here = replace(recorded, phi=phi, prediction=nominal)
         response = with_model_effects(here, chosen).prediction - nominal
         before, phi = phi, identified(replace(recorded, wrench=recorded.wrench - response))
-        if float(np.abs(phi - before).max()) < SETTLED:
+        if float(np.abs(phi - before).max()) < _SETTLED:
             break
     stamps = recorded.start + np.round(recorded.seconds * 1e9).astype(np.int64)
     frame = reading.model.sensor_frame or "ft_sensor"

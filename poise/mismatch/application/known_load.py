@@ -8,12 +8,12 @@ from poise.assembly import RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.inertia.model import InertialParameters, frame_change
-from poise.mismatch.effects import ROWS
-from poise.mismatch.inference import SIGMAS, payload_steps
+from poise.mismatch.effects import PAYLOAD_PARAMETERS
+from poise.mismatch.inference import PRIOR_SIGMA, payload_steps
 from poise.mismatch.reading import NominalModel
 from poise.types import Array
 
-CAUTION = 2.0
+_CAUTION = 2.0
 """Sigmas by which mass and centre of mass are varied."""
 
 
@@ -27,17 +27,19 @@ def known_load(model: NominalModel) -> tuple[Array, Array]:
     """
     if model.phi is None:
         raise InputError(ErrorCode.BAD_INPUT, "the model has no payload: state one, or save a diagnosis of a recording")
-    steps = payload_steps(model.phi, model.tolerance) * SIGMAS
+    steps = payload_steps(model.phi, model.tolerance) * PRIOR_SIGMA
     found = next((part for part in model.effects if part.name == "payload_parameters"), None)
     if found is None:
         return model.phi, np.asarray(steps @ steps.T)
-    order = [list(found.values).index(name) for name in ROWS]
-    return model.phi + np.array([found.values[name] for name in ROWS]), found.covariance[np.ix_(order, order)]
+    order = [list(found.values).index(name) for name in PAYLOAD_PARAMETERS]
+    return model.phi + np.array([found.values[name] for name in PAYLOAD_PARAMETERS]), found.covariance[
+        np.ix_(order, order)
+    ]
 
 
 def loads_about(item: RigidObject, model: NominalModel, pose_sensor_object: Pose) -> list[RigidObject]:
     """The object as the model knows it, first, and then as it may be too: a sigma point each way along every axis of
-    the covariance of mass and first moment (Julier and Uhlmann 2004), at `CAUTION` sigmas.
+    the covariance of mass and first moment (Julier and Uhlmann 2004), at `_CAUTION` sigmas.
 
     Args:
         item: of an assembly; its mass, centre of mass and inertia are replaced.
@@ -52,7 +54,7 @@ def loads_about(item: RigidObject, model: NominalModel, pose_sensor_object: Pose
     change = frame_change(rotation.T, -rotation.T @ pose_sensor_object.translation)
     phi, covariance = change @ phi, change @ covariance @ change.T
     strength, axes = np.linalg.eigh(covariance[:4, :4])
-    steps = CAUTION * np.sqrt(np.maximum(strength, 0.0)) * axes
+    steps = _CAUTION * np.sqrt(np.maximum(strength, 0.0)) * axes
     body = InertialParameters.from_phi(phi)
     made = []
     for step in (np.zeros(4), *steps.T, *-steps.T):

@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.geometry import STANDARD_GRAVITY
 from poise.mismatch.reading import (
     Motion,
     NominalModel,
@@ -19,11 +18,11 @@ from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import Trajectory
 
-NOISE = (0.1, 0.005)
+_NOISE = (0.1, 0.005)
 """N and N m: where a model states no noise, an FT-300's (thesis table 3.2, moderate)."""
-EFFORT_NOISE = 0.1
+_EFFORT_NOISE = 0.1
 """N m, of motor currents (as `fake_robot` has it)."""
-ROUNDED = 1000
+_ROUNDED = 1000
 """ns that a stamp may be off after it was seconds for a while."""
 
 
@@ -66,7 +65,7 @@ def run_recorded(
     if recorded.effort is not None and joints is not None:
         # The recording's own samples, but those at its ends that no smoothing reaches.
         stamps = recorded.start + np.round(recorded.effort.seconds * 1e9).astype(np.int64)
-        rows, first = np.unique(np.searchsorted(joints.stamps, stamps - ROUNDED), return_index=True)
+        rows, first = np.unique(np.searchsorted(joints.stamps, stamps - _ROUNDED), return_index=True)
         effort = np.full((len(rows), len(joints.names)), np.nan)
         effort[:, [joints.names.index(name) for name in recorded.effort.names]] = recorded.effort.prediction[first]
         told = replace(joints.select(rows), effort=effort)
@@ -102,7 +101,7 @@ def run_planned(
         seconds,
         Motion(*trajectory.at(seconds)),
         phi + robot.load_in_sensor if model.tool_in_wrench else phi,
-        gravity=STANDARD_GRAVITY if model.gravity is None else model.gravity,
+        gravity=model.gravity_or_standard,
         effort=effort if effort.names else None,
     )
     recorded = with_model_effects(nominal, model.effects, events=True)
@@ -119,13 +118,13 @@ def run_planned(
 def _noisy(joints: JointStream, rng: np.random.Generator | None) -> JointStream:
     if rng is None:
         return joints
-    return replace(joints, effort=joints.effort + rng.normal(size=joints.effort.shape) * EFFORT_NOISE)
+    return replace(joints, effort=joints.effort + rng.normal(size=joints.effort.shape) * _EFFORT_NOISE)
 
 
 def _wrench(recorded: RecordedMotion, model: NominalModel, rng: np.random.Generator | None) -> WrenchStream:
     wrench = np.array(recorded.prediction)
     if rng is not None:
-        given = (model.noise_force or NOISE[0], model.noise_torque or NOISE[1])
+        given = (model.noise_force or _NOISE[0], model.noise_torque or _NOISE[1])
         wrench += rng.normal(size=wrench.shape) * np.repeat(given, 3)
     stamps = recorded.start + np.round(recorded.seconds * 1e9).astype(np.int64)
     if stamps[0] > recorded.start:

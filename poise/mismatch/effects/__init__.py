@@ -5,21 +5,19 @@
 - every other file: one effect.
 """
 
-import importlib
-import inspect
-import pkgutil
 from functools import cache
 
-from poise.mismatch.effects.accelerometer_input import LOWEST, slow_part
+from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_offset import joint_columns
-from poise.mismatch.effects.payload_parameters import ROWS
+from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
 from poise.mismatch.effects.sensor_rotation import rotation_columns
+from poise.registry import entries_of
 
 __all__ = [
     "LAYERS",
-    "LOWEST",
-    "ROWS",
+    "PAYLOAD_PARAMETERS",
+    "SLOWEST_VIBRATION",
     "Effect",
     "EffectParameter",
     "Values",
@@ -34,13 +32,7 @@ __all__ = [
 @cache
 def all_effects() -> tuple[Effect, ...]:
     """Every effect of the library, by layer and name."""
-    found = []
-    for module in pkgutil.iter_modules(__path__):
-        content = importlib.import_module(f"{__name__}.{module.name}")
-        for kind in vars(content).values():
-            own = inspect.isclass(kind) and kind.__module__ == content.__name__
-            if own and issubclass(kind, Effect) and not inspect.isabstract(kind):
-                found.append(kind())
+    found: tuple[Effect, ...] = entries_of(__name__, __path__, Effect)  # type: ignore[type-abstract]
     return tuple(sorted(found, key=lambda effect: (LAYERS.index(effect.layer), effect.name)))
 
 

@@ -12,25 +12,25 @@ from poise.mismatch.effects.starts import smoothed, spectrum
 from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
-LOWEST = 2.0
+SLOWEST_VIBRATION = 2.0
 """Hz; what an accelerometer feels more slowly is a motion."""
-LATEST = 0.06
+_LATEST = 0.06
 """s by which its clock may be off."""
-STEP = 0.001
-STRETCH = 0.1
+_STEP = 0.001
+_STRETCH = 0.1
 """s over which the size of the shaking is averaged."""
-CALM, BLOW = 3.0, 2.2
+_CALM, _BLOW = 3.0, 2.2
 """It shakes from this many times its size in the calmest tenth; a blow is this many times the usual shaking."""
-APART = 0.5
+_APART = 0.5
 """s between blows."""
-RINGS = (0.05, 0.35)
+_RINGS = (0.05, 0.35)
 """s before and after a blow in which an accelerometer is too slow to tell all of it."""
 
 
 def slow_part(seconds: Array, values: Array) -> Array:
-    """(N, ...) without what is faster than `LOWEST` (there half the power is left): a Gaussian filter, no delay."""
+    """(N, ...) low-passed by a Gaussian filter without delay: half the power is left at `SLOWEST_VIBRATION`."""
     period = float(np.median(np.diff(seconds)))
-    width = np.sqrt(np.log(2.0)) / (2.0 * np.pi * LOWEST) / period
+    width = np.sqrt(np.log(2.0)) / (2.0 * np.pi * SLOWEST_VIBRATION) / period
     return np.asarray(gaussian_filter1d(values, width, axis=0, mode="nearest"))
 
 
@@ -41,8 +41,8 @@ def parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
     """
     first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
     return (
-        EffectParameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=STRETCH),
-        EffectParameter("length", "s", low=0.1, high=recorded.duration + 2.0, linear=False, resolution=STRETCH),
+        EffectParameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=_STRETCH),
+        EffectParameter("length", "s", low=0.1, high=recorded.duration + 2.0, linear=False, resolution=_STRETCH),
         EffectParameter(
             "frequency",
             "Hz",
@@ -51,7 +51,7 @@ def parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
             linear=False,
             resolution=1.0 / max(recorded.duration, 1.0),
         ),
-        EffectParameter("accelerometer_late", "s", low=-LATEST, high=LATEST, linear=False),
+        EffectParameter("accelerometer_late", "s", low=-_LATEST, high=_LATEST, linear=False),
         EffectParameter("smoothing", "s", low=2e-4, high=0.02, linear=False, log=True),
         EffectParameter("gain", "", 1.0),
     )
@@ -62,15 +62,15 @@ def starts(recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
     felt = _felt(recorded)
     wanted = recorded.to_sensor(shaking(recorded, residual))
     wanted = wanted - slow_part(recorded.seconds, wanted)
-    lags = np.arange(-LATEST + STEP, LATEST, STEP)
+    lags = np.arange(-_LATEST + _STEP, _LATEST, _STEP)
     likeness = [float(np.sum(at_times(recorded.seconds, felt, recorded.seconds + lag) * wanted)) for lag in lags]
     begin, end = _span(recorded, felt)
     inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
     frequency, power = spectrum(recorded, felt * inside[:, None])
     yield {
         "start": begin,
-        "length": max(end - begin, STRETCH),
-        "frequency": float(frequency[int(np.argmax(power * (frequency > LOWEST)))]),
+        "length": max(end - begin, _STRETCH),
+        "frequency": float(frequency[int(np.argmax(power * (frequency > SLOWEST_VIBRATION)))]),
         "accelerometer_late": float(lags[int(np.argmax(likeness))]),
         "smoothing": 0.002,
     }
@@ -86,7 +86,7 @@ def columns(recorded: RecordedMotion, nonlinear: Values) -> Array:
 
 def windows(recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
     """All its time, and the blows in it."""
-    blows = ((moment - RINGS[0], moment + RINGS[1]) for moment in blows_in(recorded))
+    blows = ((moment - _RINGS[0], moment + _RINGS[1]) for moment in blows_in(recorded))
     return ((values["start"], values["start"] + values["length"]), *blows)
 
 
@@ -117,17 +117,17 @@ def blows_in(recorded: RecordedMotion) -> list[float]:
     """Moments, s, at which it shakes far more than usual, in the order of time."""
     felt = _felt(recorded)
     begin, end = _span(recorded, felt)
-    size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), STRETCH))
+    size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), _STRETCH))
     inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
     usual = float(np.median(size[inside])) if inside.any() else np.inf
     raw = np.linalg.norm(felt, axis=1)
     found: list[float] = []
     for index in np.argsort(-size):
-        if size[index] < BLOW * usual or len(found) == 8:
+        if size[index] < _BLOW * usual or len(found) == 8:
             break
-        near = np.abs(recorded.seconds - recorded.seconds[index]) <= STRETCH
+        near = np.abs(recorded.seconds - recorded.seconds[index]) <= _STRETCH
         moment = float(recorded.seconds[near][int(np.argmax(raw[near]))])
-        if all(abs(moment - other) > APART for other in found):
+        if all(abs(moment - other) > _APART for other in found):
             found.append(moment)
     return sorted(found)
 
@@ -142,8 +142,8 @@ def _felt(recorded: RecordedMotion) -> Array:
 
 def _span(recorded: RecordedMotion, felt: Array) -> tuple[float, float]:
     """First and last moment at which it shakes."""
-    size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), STRETCH))
-    loud: NDArray[np.intp] = np.flatnonzero(size > CALM * np.quantile(size, 0.1))
+    size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), _STRETCH))
+    loud: NDArray[np.intp] = np.flatnonzero(size > _CALM * np.quantile(size, 0.1))
     first, last = (int(loud[0]), int(loud[-1])) if len(loud) else (0, len(size) - 1)
     return float(recorded.seconds[first]), float(recorded.seconds[last])
 

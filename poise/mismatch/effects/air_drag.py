@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of
+from poise.mismatch.effects.part_wrench import PAYLOAD_REACH, POINT_PARAMETERS, likely_place, payload_centre, place_of
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
@@ -24,7 +24,10 @@ class AirDrag(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        places = (EffectParameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE)
+        places = (
+            EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+            for name in POINT_PARAMETERS
+        )
         return (*places, EffectParameter("coefficient", "N s2/m2", 1.5, positive=True))
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
@@ -36,7 +39,7 @@ class AirDrag(Effect):
         size = float(np.sum(centred * wanted[:, :3]) / max(float(np.sum(centred**2)), 1e-12))
         place = likely_place(size * centred, wanted[:, 3:]) if size > 0.0 else centre
         for point in (centre, place):
-            yield dict(zip(PLACE, point.tolist(), strict=True))
+            yield dict(zip(POINT_PARAMETERS, point.tolist(), strict=True))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         place = place_of(nonlinear)

@@ -11,13 +11,13 @@ from poise.mismatch.effects.part_motion import between_stops
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-LOUD = 1.1
+_LOUD = 1.1
 """Residual in units of white noise from which a joint is looked at."""
-GAPS = tuple(np.geomspace(0.001, 0.08, 16).tolist())
+_GAPS = tuple(np.geomspace(0.001, 0.08, 16).tolist())
 """rad."""
-BLURS, REACHES = (15, 5), (0.3, 0.1)
+_BLURS, _REACHES = (15, 5), (0.3, 0.1)
 """Samples, and log gap around the best so far that is tried."""
-SOFT = (0.003, 0.006, 0.01, 0.02)
+_SOFT = (0.003, 0.006, 0.01, 0.02)
 """s in which a knock settles."""
 
 
@@ -56,7 +56,7 @@ class Backlash(Effect):
         """
         loud = residual.std(axis=0) / np.maximum(white_level(residual), 1e-12)
         column = int(np.argmax(loud))
-        if loud[column] < LOUD:
+        if loud[column] < _LOUD:
             return
         joint = float(list(numbers(recorded))[column])
 
@@ -67,10 +67,10 @@ class Backlash(Effect):
             there, here = there - there.mean(), here - here.mean()
             return -(max(float(there @ here), 0.0) ** 2) / max(float(here @ here), 1e-12)
 
-        gap = min(GAPS, key=lambda each: left(each, SOFT[1], BLURS[0]))
-        for blur, reach in zip(BLURS, REACHES, strict=True):
-            gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), SOFT[1], blur))
-        settling = min(SOFT, key=lambda each: left(float(gap), each, 1))
+        gap = min(_GAPS, key=lambda each: left(each, _SOFT[1], _BLURS[0]))
+        for blur, reach in zip(_BLURS, _REACHES, strict=True):
+            gap = min(gap * np.exp(np.linspace(-reach, reach, 11)), key=lambda each: left(float(each), _SOFT[1], blur))
+        settling = min(_SOFT, key=lambda each: left(float(gap), each, 1))
         yield {"joint": joint, "gap": float(gap), "settling": settling}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:

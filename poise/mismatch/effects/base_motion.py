@@ -11,17 +11,17 @@ from poise.mismatch.effects.starts import bursts, smoothed
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-FEWEST, MOST = 10, 36
+_FEWEST, MAX_SPLINES = 10, 36
 """Splines of a speed: a single move needs few, a base that goes on swaying many."""
-FINEST = 0.4
+_FINEST = 0.4
 """s between the knots of what sways."""
-CHAINED = 2.5
+_CHAINED = 2.5
 """s between bursts of one motion: a base that sways stands still for a moment at every turn."""
-MARGIN = 0.15
+_MARGIN = 0.15
 """s that a window may be wider than what stands out of the noise."""
 
 
-class BaseMotion(Effect):
+class UnreportedBaseMotion(Effect):
     """The whole robot accelerates level in the world from rest to rest; the payload's inertia answers.
 
     The base's speed is a chain of cubic B-splines within the window: with its acceleration zero at both ends.
@@ -42,9 +42,9 @@ class BaseMotion(Effect):
         when = (
             EffectParameter("start", "s", low=first - 1.0, high=last, linear=False),
             EffectParameter("length", "s", low=0.1, high=max(recorded.duration, 1.0), linear=False, log=True),
-            EffectParameter("splines", "", low=FEWEST, high=MOST, linear=False, choice=True, hidden=True),
+            EffectParameter("splines", "", low=_FEWEST, high=MAX_SPLINES, linear=False, choice=True, hidden=True),
         )
-        speeds = (EffectParameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(MOST) for a in "xy")
+        speeds = (EffectParameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(MAX_SPLINES) for a in "xy")
         return (*when, *speeds)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
@@ -53,13 +53,13 @@ class BaseMotion(Effect):
         calm = np.stack([smoothed(recorded, part, 0.1) for part in level.T], axis=1)
         found = list(bursts(recorded, calm, count=8))
         for begin, end in sorted({_chained(found, found[0]), found[0]}) if found else ():
-            length = min(end - begin + 2 * MARGIN, 0.98 * max(recorded.duration, 1.0))
-            for splines in sorted({FEWEST, min(max(round(length / FINEST), FEWEST), MOST)}):
-                yield {"start": begin - MARGIN, "length": max(length, 0.2), "splines": float(splines)}
+            length = min(end - begin + 2 * _MARGIN, 0.98 * max(recorded.duration, 1.0))
+            for splines in sorted({_FEWEST, min(max(round(length / _FINEST), _FEWEST), MAX_SPLINES)}):
+                yield {"start": begin - _MARGIN, "length": max(length, 0.2), "splines": float(splines)}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         rows, rates = self._rates(recorded, nonlinear)
-        out = np.zeros((len(recorded), 6, 2 * MOST))
+        out = np.zeros((len(recorded), 6, 2 * MAX_SPLINES))
         level = shaking_columns(recorded)[rows, :, :2]
         waves = rates[:, None, :, None] * level[:, :, None, :]
         out[rows, :, : 2 * rates.shape[1]] = waves.reshape(len(rows), 6, 2 * rates.shape[1])
@@ -103,6 +103,6 @@ def _chained(spans: list[tuple[float, float]], seed: tuple[float, float]) -> tup
     begin, end = seed
     for _ in spans:
         for a, b in spans:
-            if a < end + CHAINED and b > begin - CHAINED:
+            if a < end + _CHAINED and b > begin - _CHAINED:
                 begin, end = min(begin, a), max(end, b)
     return begin, end

@@ -11,7 +11,7 @@ from poise.mismatch.effects.part_wrench import best_fit
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-NAMES = ("rotation_x", "rotation_y")
+_NAMES = ("rotation_x", "rotation_y")
 
 
 class BaseTilt(Effect):
@@ -31,7 +31,7 @@ class BaseTilt(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         return tuple(
-            EffectParameter(n, "rad", scale=0.01, low=-0.5, high=0.5, linear=False, peaked=True) for n in NAMES
+            EffectParameter(n, "rad", scale=0.01, low=-0.5, high=0.5, linear=False, peaked=True) for n in _NAMES
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
@@ -41,20 +41,20 @@ class BaseTilt(Effect):
         columns = (columns - columns.mean(axis=0)) * weight[:, None]
         wanted = (residual - residual.mean(axis=0)) * weight
         turn = -best_fit(columns.reshape(-1, 2), wanted.ravel())[0]
-        yield dict(zip(NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
+        yield dict(zip(_NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        turn = Rotation.from_rotvec([-values[NAMES[0]], -values[NAMES[1]], 0.0]).as_matrix()
+        turn = Rotation.from_rotvec([-values[_NAMES[0]], -values[_NAMES[1]], 0.0]).as_matrix()
         gravity = recorded.to_world(recorded.gravity)
         return self._weighed(recorded, (gravity @ turn.T - gravity)[:, None])[:, :, 0]
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         del recorded
-        return {"tilt": (float(np.hypot(values[NAMES[0]], values[NAMES[1]])), "rad")}
+        return {"tilt": (float(np.hypot(values[_NAMES[0]], values[_NAMES[1]])), "rad")}
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         tilt = self.derived(recorded, values)["tilt"][0]
-        about = "xy"[int(abs(values[NAMES[1]]) > abs(values[NAMES[0]]))]
+        about = "xy"[int(abs(values[_NAMES[1]]) > abs(values[_NAMES[0]]))]
         return (
             f"The floor is not level: gravity is turned by {np.degrees(tilt):.2f} degrees, mostly about {about} of the "
             "world; the nominal model stands upright."

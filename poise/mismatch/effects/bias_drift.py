@@ -3,7 +3,7 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.sensor_bias import AXES
+from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
 from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
@@ -24,7 +24,7 @@ class BiasDrift(Effect):
         del recorded
         return tuple(
             EffectParameter(axis, unit, size)
-            for axis, unit, size in zip(AXES, ["N"] * 3 + ["N m"] * 3, [0.6] * 3 + [0.04] * 3, strict=True)
+            for axis, unit, size in zip(BIAS_PARAMETERS, ["N"] * 3 + ["N m"] * 3, [0.6] * 3 + [0.04] * 3, strict=True)
         )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -34,7 +34,7 @@ class BiasDrift(Effect):
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded
-        change = np.array([values[axis] for axis in AXES])
+        change = np.array([values[axis] for axis in BIAS_PARAMETERS])
         return (
             f"Over the recording the sensor's zero drifts by {directed(change[:3].tolist(), 'N')} and "
             f"{np.linalg.norm(change[3:]):.3f} N m: the nominal model's sensor does not drift."

@@ -8,9 +8,9 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion, forces_at
 from poise.types import Array
 
-ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
-HOOK = ("x", "y", "z")
-LEAST_WAY = 0.02
+_ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
+_HOOK = ("x", "y", "z")
+_LEAST_WAY = 0.02
 """m that the tool has to travel for a cable's length to change."""
 
 
@@ -29,13 +29,13 @@ class Cable(Effect):
     confused_with = ("world_force", "payload_parameters", "joint_offset")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        place, _ = self._hook(recorded, dict.fromkeys(HOOK, 0.0) | {"on_base": 0.0})
+        place, _ = self._hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": 0.0})
         low, high = place.min(axis=0) - 3.0, place.max(axis=0) + 3.0
         anchors = (
             EffectParameter(name, "m", low=a, high=b, linear=False)
-            for name, a, b in zip(ANCHOR, low.tolist(), high.tolist(), strict=True)
+            for name, a, b in zip(_ANCHOR, low.tolist(), high.tolist(), strict=True)
         )
-        hooks = (EffectParameter(name, "m", low=-0.4, high=0.4, linear=False) for name in HOOK)
+        hooks = (EffectParameter(name, "m", low=-0.4, high=0.4, linear=False) for name in _HOOK)
         return (
             EffectParameter("on_base", "", low=0.0, high=1.0, linear=False, choice=True, hidden=True),
             *anchors,
@@ -48,7 +48,7 @@ class Cable(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The residual forces point at the anchor: the point nearest to all their lines; then force against length."""
         for on_base in (0.0, 1.0) if recorded.base is not None else (0.0,):
-            hook, turn = self._hook(recorded, dict.fromkeys(HOOK, 0.0) | {"on_base": on_base})
+            hook, turn = self._hook(recorded, dict.fromkeys(_HOOK, 0.0) | {"on_base": on_base})
             force = np.einsum("nji,nj->ni", turn, recorded.to_world(residual[:, :3]))
             square = np.einsum("ni,ni->n", force, force)
             # Weighted by the force's square: sum (|f|^2 1 - f f^T)(x - hook) = 0.
@@ -64,14 +64,14 @@ class Cable(Effect):
             for slack in sorted({0.7 * float(length.min()), rest, float(np.quantile(length, 0.3))}):
                 yield {
                     "on_base": on_base,
-                    **dict(zip(ANCHOR, anchor.tolist(), strict=True)),
-                    **dict.fromkeys(HOOK, 0.0),
+                    **dict(zip(_ANCHOR, anchor.tolist(), strict=True)),
+                    **dict.fromkeys(_HOOK, 0.0),
                     "rest_length": slack,
                 }
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         hook, turn = self._hook(recorded, nonlinear)
-        away = np.array([nonlinear[name] for name in ANCHOR]) - hook
+        away = np.array([nonlinear[name] for name in _ANCHOR]) - hook
         length = np.linalg.norm(away, axis=1)
         toward = away / np.maximum(length, 1e-6)[:, None]
         taut = length > nonlinear["rest_length"]
@@ -81,16 +81,16 @@ class Cable(Effect):
         share = (length - nonlinear["rest_length"]) / (np.abs(speed) * recorded.period + 1e-9) + 0.5
         rate = np.clip(share, 0.0, 1.0) * speed
         pull = recorded.to_sensor(np.einsum("nij,nj->ni", turn, toward))
-        point = np.array([nonlinear[name] for name in HOOK])
+        point = np.array([nonlinear[name] for name in _HOOK])
         return np.stack([forces_at(point, pull * size[:, None]) for size in (stretch, rate)], axis=2)
 
     def untestable(self, recorded: RecordedMotion) -> str:
         lacking = super().untestable(recorded)
         way = float(np.ptp(recorded.position_in_world, axis=0).max())
-        return lacking or ("" if way > LEAST_WAY else f"the tool stays within {1e3 * way:.0f} mm")
+        return lacking or ("" if way > _LEAST_WAY else f"the tool stays within {1e3 * way:.0f} mm")
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        place = ", ".join(f"{values[name]:.2f}" for name in ANCHOR)
+        place = ", ".join(f"{values[name]:.2f}" for name in _ANCHOR)
         return (
             f"A cable pulls the tool towards ({place}) m with {values['stiffness']:.0f} N/m beyond "
             f"{values['rest_length']:.2f} m: the nominal model has no cable."
@@ -100,7 +100,7 @@ class Cable(Effect):
     def _hook(recorded: RecordedMotion, values: Values) -> tuple[Array, Array]:
         """(N, 3) the hook, in the world or in the base's frame, and rotation (N, 3, 3) from that frame to the world."""
         place = recorded.position_in_world + recorded.to_world(
-            np.broadcast_to(np.array([values[name] for name in HOOK]), (len(recorded), 3))
+            np.broadcast_to(np.array([values[name] for name in _HOOK]), (len(recorded), 3))
         )
         if values["on_base"] > 0.5 and recorded.base is not None:
             turn = recorded.base.rotation_world_base

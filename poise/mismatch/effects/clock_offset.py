@@ -8,9 +8,9 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
-LARGEST = 0.3
+_LARGEST = 0.3
 """s that are searched."""
-COARSE = 0.03
+_COARSE = 0.03
 """s between the samples that choose where to begin."""
 
 
@@ -29,16 +29,16 @@ class ClockOffset(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return (EffectParameter("offset", "s", 0.02, -LARGEST, LARGEST, linear=False, peaked=True),)
+        return (EffectParameter("offset", "s", 0.02, -_LARGEST, _LARGEST, linear=False, peaked=True),)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         weight = np.repeat([1.0, 20.0], 3)
-        rows = slice(None, None, max(round(COARSE / recorded.period), 1))
+        rows = slice(None, None, max(round(_COARSE / recorded.period), 1))
         seconds, said, left = recorded.seconds[rows], recorded.prediction[rows], residual[rows]
-        tried = np.arange(-LARGEST, LARGEST + 0.005, 0.01)
+        tried = np.arange(-_LARGEST, _LARGEST + 0.005, 0.01)
         moved = (np.stack([np.interp(seconds - delay, seconds, c) for c in said.T], axis=1) - said for delay in tried)
         misfit = [float(np.var((left - shift) * weight, axis=0).sum()) for shift in moved]
-        yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * LARGEST, 0.99 * LARGEST))}
+        yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * _LARGEST, 0.99 * _LARGEST))}
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         moved = at_times(recorded.seconds, recorded.prediction, recorded.seconds - values["offset"])

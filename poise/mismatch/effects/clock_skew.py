@@ -9,7 +9,7 @@ from poise.mismatch.effects.part_wrench import best_fit
 from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
-LARGEST = 0.02
+_LARGEST = 0.02
 
 
 class ClockSkew(Effect):
@@ -27,7 +27,7 @@ class ClockSkew(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return (EffectParameter("skew", "", scale=5e-4, low=-LARGEST, high=LARGEST, linear=False, peaked=True),)
+        return (EffectParameter("skew", "", scale=5e-4, low=-_LARGEST, high=_LARGEST, linear=False, peaked=True),)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """First order about some skews, beside a constant shift; straight lines between samples."""
@@ -40,7 +40,7 @@ class ClockSkew(Effect):
             left = ((residual - moved + recorded.prediction) * weight).ravel()
             step, rest = best_fit(columns, left)
             found.append((rest, about + float(step[0])))
-        yield {"skew": float(np.clip(min(found)[1], -0.9 * LARGEST, 0.9 * LARGEST))}
+        yield {"skew": float(np.clip(min(found)[1], -0.9 * _LARGEST, 0.9 * _LARGEST))}
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         moved = at_times(recorded.seconds, recorded.prediction, recorded.seconds / (1.0 + values["skew"]))

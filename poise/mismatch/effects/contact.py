@@ -10,22 +10,22 @@ from poise.mismatch.effects.starts import bursts
 from poise.mismatch.recorded import RecordedMotion, directed, forces_at
 from poise.types import Array
 
-POINT = ("x", "y", "z")
-KNOTS = 7
-REACH = 0.5
-ENOUGH = 100
+_POINT = ("x", "y", "z")
+_KNOTS = 7
+_REACH = 0.5
+_ENOUGH = 100
 """Samples outside a touch from which the rest of the recording is known."""
-AROUND = 0.3
+_AROUND = 0.3
 """s before and after a burst that take part in the search for its window, at the least."""
-SHORTEST = 0.05
+_SHORTEST = 0.05
 """s of a touch."""
-NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
+_NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
 """Shares of a burst by which its window may begin later and end sooner."""
-MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
+_MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
 """Steps of start and end that are tried."""
 
 
-class Contact(Effect):
+class PlateContact(Effect):
     """A force in the world at a point of the tool, from `start` for `length`; its course is a chain of hat functions.
 
     The course covers normal force and friction alike: friction is what of the force lies against the sliding.
@@ -46,8 +46,8 @@ class Contact(Effect):
             EffectParameter("start", "s", low=first - 1.0, high=last, linear=False),
             EffectParameter("length", "s", low=0.03, high=max(recorded.duration / 2, 1.0), linear=False, log=True),
         )
-        points = (EffectParameter(name, "m", low=-REACH, high=REACH, linear=False) for name in POINT)
-        forces = (EffectParameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(KNOTS) for a in "xyz")
+        points = (EffectParameter(name, "m", low=-_REACH, high=_REACH, linear=False) for name in _POINT)
+        forces = (EffectParameter(f"force_{a}_{k}", "N", 5.0, hidden=True) for k in range(_KNOTS) for a in "xyz")
         return (*when, *points, *forces)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
@@ -60,9 +60,9 @@ class Contact(Effect):
             normal = np.einsum("nci,ncj->ij", lever, lever)
             normal += (0.02 * np.trace(normal) + 1e-9) / 3 * np.eye(3)
             point = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
-            place = dict(zip(POINT, np.clip(point, -0.9 * REACH, 0.9 * REACH).tolist(), strict=True))
+            place = dict(zip(_POINT, np.clip(point, -0.9 * _REACH, 0.9 * _REACH).tolist(), strict=True))
             start, stop = self._window(recorded, straight, (begin - recorded.period, end + recorded.period))
-            yield {"start": start, "length": float(np.clip(stop - start, SHORTEST, recorded.duration / 3)), **place}
+            yield {"start": start, "length": float(np.clip(stop - start, _SHORTEST, recorded.duration / 3)), **place}
 
     @staticmethod
     def _window(recorded: RecordedMotion, residual: Array, seen: tuple[float, float]) -> tuple[float, float]:
@@ -71,7 +71,7 @@ class Contact(Effect):
         There are narrow optima one after the other, as knots meet the bends of the course; a descent stays in the next.
         """
         length = seen[1] - seen[0]
-        around = max(0.5 * length, AROUND)
+        around = max(0.5 * length, _AROUND)
         rows = (recorded.seconds > seen[0] - around) & (recorded.seconds < seen[1] + around)
         seconds, force = recorded.seconds[rows], recorded.to_world(residual[:, :3])[rows]
         # ProjectedColumns a cubic: what else is wrong, and what a touch made of the calibration, changes slowly.
@@ -79,25 +79,25 @@ class Contact(Effect):
         force = force - slow @ (slow.T @ force)
 
         def left(window: tuple[float, float]) -> float:
-            if window[1] - window[0] < SHORTEST:
+            if window[1] - window[0] < _SHORTEST:
                 return np.inf
             linear_bspline_basis = _hats(seconds, window[0], window[1] - window[0])
             linear_bspline_basis = linear_bspline_basis - slow @ (slow.T @ linear_bspline_basis)
             normal = linear_bspline_basis.T @ linear_bspline_basis
             right = linear_bspline_basis.T @ force
             ridge = 1e-6 * float(np.trace(normal)) + 1e-12  # a window may lie where there are no samples
-            solved = np.linalg.solve(normal + ridge * np.eye(KNOTS), right)
+            solved = np.linalg.solve(normal + ridge * np.eye(_KNOTS), right)
             return -float(np.sum(solved * right))
 
-        tried = [(seen[0] + a * length, seen[1] - b * length) for a in NARROWER for b in NARROWER]
+        tried = [(seen[0] + a * length, seen[1] - b * length) for a in _NARROWER for b in _NARROWER]
         found = [_descended(left, window, length / 100) for window in sorted(tried, key=left)[:3]]
         return min(found, key=left)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        point = np.array([nonlinear[name] for name in POINT])
+        point = np.array([nonlinear[name] for name in _POINT])
         whole = _hats(recorded.seconds, nonlinear["start"], nonlinear["length"])
         rows = np.flatnonzero(whole.any(axis=1))
-        out = np.zeros((len(recorded), 6, 3 * KNOTS))
+        out = np.zeros((len(recorded), 6, 3 * _KNOTS))
         linear_bspline_basis = whole[rows]
         turn = recorded.rotation_world_sensor[rows]
         for axis in range(3):
@@ -124,7 +124,7 @@ class Contact(Effect):
     @staticmethod
     def _peak(values: Values) -> Array:
         """(3,) the force at the knot where it is greatest, world axes."""
-        forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(KNOTS)])
+        forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(_KNOTS)])
         return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])
 
 
@@ -134,7 +134,7 @@ def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: floa
     A calibration that was fitted in spite of the touch is bent by it, all along the recording.
     """
     outside = (recorded.seconds < begin) | (recorded.seconds > end)
-    if outside.sum() < ENOUGH:
+    if outside.sum() < _ENOUGH:
         return residual
     states = (
         np.ones((len(recorded), 1)),
@@ -150,8 +150,8 @@ def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: floa
 
 def _hats(seconds: Array, start: float, length: float) -> Array:
     """(N, KNOTS) hat functions whose knots part a window evenly."""
-    place = (seconds - start) / length * (KNOTS + 1)
-    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, KNOTS + 1)), 0.0)
+    place = (seconds - start) / length * (_KNOTS + 1)
+    return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, _KNOTS + 1)), 0.0)
 
 
 def _descended(
@@ -160,7 +160,7 @@ def _descended(
     """A pattern search: start and end move by a step as long as that helps, then by half of it."""
     least, smallest = left(window), step / 10
     while step > smallest:
-        tried = [(window[0] + i * step, window[1] + j * step) for i, j in MOVES]
+        tried = [(window[0] + i * step, window[1] + j * step) for i, j in _MOVES]
         sizes = [left(each) for each in tried]
         if min(sizes) < least:
             window, least = tried[int(np.argmin(sizes))], min(sizes)

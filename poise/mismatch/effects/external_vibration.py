@@ -10,16 +10,16 @@ from poise.mismatch.effects.part_wrench import shaking, shaking_columns
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
-PHASES = ("sine", "cosine")
-LOWEST = 2.0
+_PHASES = ("sine", "cosine")
+_LOWEST = 2.0
 """Hz; what shakes more slowly is a motion."""
-STRETCH = 1.28
+_STRETCH = 1.28
 """s of a spectrum that is looked at, each begins a quarter after the one before."""
-RAMP = 0.1
+_RAMP = 0.1
 """s in which the shaking comes and goes."""
-CLEAR = 0.05
+_CLEAR = 0.05
 """Share of the robot's own acceleration that a line must reach: splines smooth bends of a jerk by up to 4 % of it."""
-FEWEST_WAVES = 6.0
+_FEWEST_WAVES = 6.0
 """Of a vibration; a shorter burst is some other event."""
 
 
@@ -47,9 +47,9 @@ class ExternalVibration(Effect):
         when = (
             EffectParameter("start", "s", low=first - 1.0, high=last, linear=False, resolution=0.05),
             EffectParameter("length", "s", low=0.1, high=recorded.duration + 2.0, linear=False, resolution=0.05),
-            EffectParameter("frequency", "Hz", low=LOWEST, high=0.5 / recorded.period, linear=False),
+            EffectParameter("frequency", "Hz", low=_LOWEST, high=0.5 / recorded.period, linear=False),
         )
-        sizes = (EffectParameter(f"{phase}_{a}", "m/s2", 0.4, hidden=True) for phase in PHASES for a in "xyz")
+        sizes = (EffectParameter(f"{phase}_{a}", "m/s2", 0.4, hidden=True) for phase in _PHASES for a in "xyz")
         return (*when, *sizes)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
@@ -59,21 +59,21 @@ class ExternalVibration(Effect):
             return
         shake = shaking(recorded, residual)
         for frequency, begin, end in self._lines(recorded, shake):
-            near = frequency + np.linspace(-0.6, 0.6, 61) / STRETCH
+            near = frequency + np.linspace(-0.6, 0.6, 61) / _STRETCH
             inside = (recorded.seconds >= begin) & (recorded.seconds <= end)
             turns = np.exp(-2j * np.pi * np.outer(near, recorded.seconds[inside]))
             best = float(near[int(np.argmax((np.abs(turns @ shake[inside]) ** 2).sum(axis=1)))])
             start, stop = self._span(recorded, shake, best, inside)
-            if (stop - start) * best < FEWEST_WAVES or not self._clear(recorded, shake, best, (start, stop)):
+            if (stop - start) * best < _FEWEST_WAVES or not self._clear(recorded, shake, best, (start, stop)):
                 continue
-            yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, LOWEST)}
+            yield {"start": start, "length": max(stop - start, 0.2), "frequency": max(best, _LOWEST)}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         if recorded.accelerometer is not None:
             return felt.columns(recorded, nonlinear)
         start, length = nonlinear["start"], nonlinear["length"]
         since = recorded.seconds - start
-        ramp = min(RAMP, length / 4)
+        ramp = min(_RAMP, length / 4)
         size = np.clip(np.minimum(since, length - since) / ramp + 0.5, 0.0, 1.0)
         # Phases count from the middle of the window: the frequency then hardly moves them.
         turn = 2.0 * np.pi * nonlinear["frequency"] * (since - length / 2)
@@ -89,7 +89,7 @@ class ExternalVibration(Effect):
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         if recorded.accelerometer is not None:
             return felt.derived(recorded, values)
-        ellipse = np.array([[values[f"{phase}_{axis}"] for axis in "xyz"] for phase in PHASES])
+        ellipse = np.array([[values[f"{phase}_{axis}"] for axis in "xyz"] for phase in _PHASES])
         _, size, axes = np.linalg.svd(ellipse)
         parts = {f"direction_{axis}": (float(value), "") for axis, value in zip("xyz", axes[0], strict=True)}
         return {"amplitude": (float(size[0]), "m/s2"), **parts}
@@ -108,7 +108,7 @@ class ExternalVibration(Effect):
         """(frequency, begin, end) of what stands out of the spectra for longest and most."""
         period = recorded.period
         even = np.arange(recorded.seconds[0], recorded.seconds[-1], period)
-        length = min(int(STRETCH / period), len(even))
+        length = min(int(_STRETCH / period), len(even))
         firsts = np.arange(0, len(even) - length + 1, max(length // 4, 1))
         rows = firsts[:, None] + np.arange(length)
         power = np.zeros((len(firsts), length // 2 + 1))
@@ -117,7 +117,7 @@ class ExternalVibration(Effect):
             pieces = pieces - pieces.mean(axis=1, keepdims=True)
             power += np.abs(np.fft.rfft(pieces * np.hanning(length))) ** 2
         frequency = np.fft.rfftfreq(length, period)
-        fast = frequency >= LOWEST
+        fast = frequency >= _LOWEST
         # What is usual at higher frequencies is noise; less than thrice of it does not count.
         excess = np.where(fast, power / max(float(np.median(power[:, frequency > 4.0])), 1e-30) - 6.0, -1.0)
         for _ in range(count):
@@ -137,7 +137,7 @@ class ExternalVibration(Effect):
         wave = np.exp(-2j * np.pi * frequency * recorded.seconds[inside]) * window / window.sum()
         amplitude = 2.0 * float(np.linalg.norm(wave @ shake[inside]))
         own = np.sqrt(np.mean(np.sum(recorded.linear_acceleration[inside] ** 2, axis=1)))
-        return bool(amplitude > CLEAR * own)
+        return bool(amplitude > _CLEAR * own)
 
     @staticmethod
     def _span(recorded: RecordedMotion, shake: Array, frequency: float, inside: Mask) -> tuple[float, float]:

@@ -8,9 +8,9 @@ from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
 from poise.mismatch.effects.part_wrench import (
-    AXIS,
-    PLACE,
-    REACH,
+    AXIS_PARAMETERS,
+    PAYLOAD_REACH,
+    POINT_PARAMETERS,
     best_fit,
     chart,
     direction,
@@ -25,7 +25,7 @@ from poise.mismatch.effects.part_wrench import (
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
+_PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 
 
 class FlexibleMode(Effect):
@@ -48,8 +48,11 @@ class FlexibleMode(Effect):
         return (
             EffectParameter("frequency", "Hz", low=1.5, high=30.0, linear=False, log=True),
             EffectParameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
-            *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS),
-            *(EffectParameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
+            *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
+            *(
+                EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+                for name in POINT_PARAMETERS
+            ),
             EffectParameter("mass", "kg", 0.5, positive=True),
         )
 
@@ -69,13 +72,13 @@ class FlexibleMode(Effect):
             found.append((left, float(frequency), entries))
         for _, frequency, entries in sorted(found, key=lambda item: item[0])[:3:2]:
             matrix = np.zeros((3, 3))
-            for (i, j), entry in zip(PAIRS, entries, strict=True):
+            for (i, j), entry in zip(_PAIRS, entries, strict=True):
                 matrix[i, j] = matrix[j, i] = entry
             sizes, axes = np.linalg.eigh(matrix)
             axis = axes[:, int(np.argmax(np.abs(sizes)))]
             nonlinear = {"frequency": frequency, "damping_ratio": 0.05, **chart(axis)}
             better = self._better_place(recorded, residual, nonlinear, place)
-            yield {**nonlinear, **dict(zip(PLACE, better.tolist(), strict=True))}
+            yield {**nonlinear, **dict(zip(POINT_PARAMETERS, better.tolist(), strict=True))}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         place, axis = place_of(nonlinear), direction(nonlinear)
@@ -112,12 +115,14 @@ class FlexibleMode(Effect):
         force = np.broadcast_to(-axes[None, :, :, None] * second[:, None, None, :], turned.shape)
         lever = -cross(place, axes).T[None, :, :, None] * second[:, None, None, :]
         whole = np.concatenate([force, turned + lever], axis=1)
-        return np.stack([whole[:, :, i, j] + (whole[:, :, j, i] if i != j else 0.0) for i, j in PAIRS], axis=2)
+        return np.stack([whole[:, :, i, j] + (whole[:, :, j, i] if i != j else 0.0) for i, j in _PAIRS], axis=2)
 
     def _better_place(self, recorded: RecordedMotion, residual: Array, nonlinear: Values, place: Array) -> Array:
         """Where the force must attack that the torque is explained, once axis and frequency are there."""
-        response = self.columns(recorded, {**nonlinear, **dict(zip(PLACE, place.tolist(), strict=True))})[:, :, 0]
+        response = self.columns(recorded, {**nonlinear, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))})[
+            :, :, 0
+        ]
         centred, wanted = response - response.mean(axis=0), residual - residual.mean(axis=0)
         mass = float(np.sum(centred[:, :3] * wanted[:, :3]) / max(float(np.sum(centred[:, :3] ** 2)), 1e-12))
         shifted = place + likely_place(mass * centred[:, :3], wanted[:, 3:] - mass * centred[:, 3:])
-        return np.asarray(np.clip(shifted, -0.9 * REACH, 0.9 * REACH))
+        return np.asarray(np.clip(shifted, -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH))

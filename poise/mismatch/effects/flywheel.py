@@ -7,7 +7,7 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
-NAMES = ("momentum_x", "momentum_y", "momentum_z")
+_NAMES = ("momentum_x", "momentum_y", "momentum_z")
 
 
 class Flywheel(Effect):
@@ -25,7 +25,7 @@ class Flywheel(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return tuple(EffectParameter(name, "N m s", 0.05) for name in NAMES)
+        return tuple(EffectParameter(name, "N m s", 0.05) for name in _NAMES)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
@@ -37,5 +37,5 @@ class Flywheel(Effect):
         del recorded
         return (
             "Something in the tool spins with an angular momentum of "
-            f"{directed([values[name] for name in NAMES], 'N m s')}: the nominal load has no rotor."
+            f"{directed([values[name] for name in _NAMES], 'N m s')}: the nominal load has no rotor."
         )

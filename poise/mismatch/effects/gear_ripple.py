@@ -9,7 +9,7 @@ from poise.mismatch.effects.joint_friction import column_of, efforts, joint_call
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-HIGHEST = 250.0
+_HIGHEST = 250.0
 """Waves per turn that are looked for."""
 
 
@@ -32,7 +32,7 @@ class GearRipple(Effect):
         count, size = float(max(numbers(recorded))), float(np.median(torque_sizes(recorded)))
         return (
             EffectParameter("joint", "", low=1.0, high=count, linear=False, choice=True),
-            EffectParameter("order", "", low=1.0, high=1.2 * HIGHEST, linear=False, log=True),
+            EffectParameter("order", "", low=1.0, high=1.2 * _HIGHEST, linear=False, log=True),
             EffectParameter("sine", "N m", size, hidden=True),
             EffectParameter("cosine", "N m", size, hidden=True),
         )
@@ -77,7 +77,7 @@ def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
     if span < 0.05:
         return np.zeros(0), np.zeros(0)
     # Sums of the residual in narrow bins of position; their Fourier transform is that over the positions.
-    count = int(np.ceil(span * HIGHEST * 8.0 / (2.0 * np.pi))) + 1
+    count = int(np.ceil(span * _HIGHEST * 8.0 / (2.0 * np.pi))) + 1
     place = np.minimum((position - position.min()) / span * count, count - 1).astype(int)
     smooth = np.polynomial.Polynomial.fit(position, residual, 3)(position)
     left = residual - smooth
@@ -85,5 +85,5 @@ def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
     size = 4 * count
     power = np.abs(np.fft.rfft(sums, size)) ** 2 / max(float(left @ left), 1e-12)
     order = np.asarray(2.0 * np.pi * np.arange(len(power)) * count / (size * span))
-    kept = (order > 2.0 * 2.0 * np.pi / span) & (order < HIGHEST)
+    kept = (order > 2.0 * 2.0 * np.pi / span) & (order < _HIGHEST)
     return order[kept], power[kept]

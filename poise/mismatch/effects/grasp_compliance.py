@@ -12,10 +12,10 @@ from poise.mismatch.effects.part_wrench import specific_at
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-MOST_ROUNDS = 8
-SETTLED = 2e-5
+_MOST_ROUNDS = 8
+_SETTLED = 2e-5
 """rad by which a round may still move the payload."""
-LARGEST = 0.5
+_LARGEST = 0.5
 """rad, beyond which the grip is not followed."""
 
 
@@ -71,7 +71,7 @@ class GraspCompliance(Effect):
         )
 
     @staticmethod
-    def _simulated(recorded: RecordedMotion, values: Values, rounds: int = MOST_ROUNDS) -> Array:
+    def _simulated(recorded: RecordedMotion, values: Values, rounds: int = _MOST_ROUNDS) -> Array:
         turn, rate, second = _turns(recorded, values, rounds)
         body = _Turned(recorded, values["height"])
         force, torque = body.wrench(turn, rate, second)
@@ -79,7 +79,7 @@ class GraspCompliance(Effect):
         return np.concatenate([force, torque + cross(pivot, force)], axis=1) - recorded.nominal
 
 
-def _turns(recorded: RecordedMotion, values: Values, rounds: int = MOST_ROUNDS) -> tuple[Array, Array, Array]:
+def _turns(recorded: RecordedMotion, values: Values, rounds: int = _MOST_ROUNDS) -> tuple[Array, Array, Array]:
     """(N, 3) rotation vector of the payload in the sensor's axes, its rate and second rate."""
     body = _Turned(recorded, values["height"])
     moments, axes = np.linalg.eigh(body.inertia)
@@ -96,10 +96,10 @@ def _turns(recorded: RecordedMotion, values: Values, rounds: int = MOST_ROUNDS) 
         x, dx = (np.hstack([part[order] for part in parts]) for order in range(2))
         ddx = load - (damping * dx + stiffness * x) / moments
         new, rate, second = x @ axes.T, dx @ axes.T, ddx @ axes.T
-        new *= np.minimum(1.0, LARGEST / np.maximum(np.linalg.norm(new, axis=1, keepdims=True), 1e-9))
+        new *= np.minimum(1.0, _LARGEST / np.maximum(np.linalg.norm(new, axis=1, keepdims=True), 1e-9))
         moved = float(np.abs(new - turn).max())
         turn = new
-        if moved < SETTLED:
+        if moved < _SETTLED:
             break
     return turn, rate, second
 

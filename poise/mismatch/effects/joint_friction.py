@@ -7,7 +7,7 @@ import numpy as np
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
-CREEPING = 0.005
+COULOMB_TRANSITION = 0.005
 """rad/s about which a joint's sense of motion changes."""
 
 
@@ -33,7 +33,7 @@ def numbers(recorded: RecordedMotion) -> tuple[int, ...]:
 
 def sense(recorded: RecordedMotion) -> Array:
     """(M, J) sign of the velocity, smooth through zero."""
-    return np.tanh(efforts(recorded).velocity / CREEPING)
+    return np.tanh(efforts(recorded).velocity / COULOMB_TRANSITION)
 
 
 def each_joint(values: Array) -> Array:

@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from poise.mismatch.effects.part_motion import knock_acceleration
 from poise.types import Array
 
-LOUD = 8.0
+_LOUD = 8.0
 """Jumps of the force over its noise that are knocks."""
-APART = 0.06
+_APART = 0.06
 """s at least between two."""
-MOST = 60
-SETTLINGS = tuple(0.002 * 2.0 ** (k / 4) for k in range(17))
+_MOST = 60
+_SETTLINGS = tuple(0.002 * 2.0 ** (k / 4) for k in range(17))
 """s: 2 to 32 ms."""
-PLACES = 21
+_PLACES = 21
 """Moments between two samples at which a knock is tried to begin."""
 
 
@@ -46,21 +46,21 @@ def find_knocks(seconds: Array, force: Array, sigma: Array) -> list[Knocks]:
     """
     jumps = np.diff(force, axis=0)
     size = np.linalg.norm(jumps / sigma, axis=1)
-    rows = np.flatnonzero(size > LOUD)
+    rows = np.flatnonzero(size > _LOUD)
     if len(rows) < 2:
         return []
     axis = np.linalg.eigh(jumps[rows].T @ jumps[rows])[1][:, 2]
-    onsets = rows[np.concatenate([[True], np.diff(seconds[rows]) > APART])]
-    onsets = np.sort(onsets[np.argsort(-size[onsets])[:MOST]])
+    onsets = rows[np.concatenate([[True], np.diff(seconds[rows]) > _APART])]
+    onsets = np.sort(onsets[np.argsort(-size[onsets])[:_MOST]])
     along = force @ axis
-    tried = [[_knock(seconds, along, int(onset), settling) for onset in onsets] for settling in SETTLINGS]
+    tried = [[_knock(seconds, along, int(onset), settling) for onset in onsets] for settling in _SETTLINGS]
     misfit = np.array([sum(float(np.log(one[0] + 1e-12)) for one in found) for found in tried])
     walled = np.concatenate([[np.inf], misfit, [np.inf]])
     valleys = np.flatnonzero((misfit <= walled[:-2]) & (misfit <= walled[2:]))
     readings = []
     for i in sorted(valleys.tolist(), key=lambda i: float(misfit[i])):
         moments, impulses = np.array([one[1:] for one in tried[i]]).T
-        readings.append(Knocks(axis, moments, impulses, SETTLINGS[i], rows))
+        readings.append(Knocks(axis, moments, impulses, _SETTLINGS[i], rows))
     return readings
 
 
@@ -70,7 +70,7 @@ def _knock(seconds: Array, along: Array, onset: int, settling: float) -> tuple[f
     The force of a critically damped stop, beside a constant.
     """
     rows = slice(onset + 1, min(onset + 9, len(seconds)))
-    starts = np.linspace(seconds[onset], seconds[onset + 1], PLACES)
+    starts = np.linspace(seconds[onset], seconds[onset + 1], _PLACES)
     shape = -knock_acceleration(seconds[rows] - starts[:, None], settling)
     shape -= shape.mean(axis=1, keepdims=True)
     wanted = along[rows] - along[rows].mean()

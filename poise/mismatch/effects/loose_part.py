@@ -12,9 +12,9 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.knocks import Knocks, find_knocks
 from poise.mismatch.effects.part_motion import between_stops, travelled
 from poise.mismatch.effects.part_wrench import (
-    AXIS,
-    PLACE,
-    REACH,
+    AXIS_PARAMETERS,
+    PAYLOAD_REACH,
+    POINT_PARAMETERS,
     chart,
     direction,
     likely_place,
@@ -27,15 +27,15 @@ from poise.mismatch.effects.part_wrench import (
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-BLURS = (15, 5, 2)
+_BLURS = (15, 5, 2)
 """Samples."""
-FEWEST = 2
+_FEWEST = 2
 """Knocks that are needed to begin with them."""
-AXES, HEARD = 80, 40.0
+_AXES, _HEARD = 80, 40.0
 """Axes that are tried for a part that is not heard, and the fall of the square from which one is looked at."""
-GAPS, SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
+_GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
 """m and s that are tried then."""
-SURE, NEAR, TIMED = 0.02, 0.03, 0.003
+_SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
 """rad, m and s to which knocks alone show axis, place and moment."""
 
 
@@ -63,8 +63,11 @@ class LoosePart(Effect):
         return (
             EffectParameter("gap", "m", low=5e-4, high=0.2, linear=False, log=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
-            *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS),
-            *(EffectParameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
+            *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
+            *(
+                EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+                for name in POINT_PARAMETERS
+            ),
             EffectParameter("mass", "kg", 0.4, positive=True),
         )
 
@@ -75,12 +78,12 @@ class LoosePart(Effect):
         readings = find_knocks(recorded.seconds, wanted[:, :3], 1.0 / weight[:3])
         bent = _bent(recorded, residual)
         found = self._from_rest(recorded, bent, weight)
-        if readings and len(readings[0].moments) >= FEWEST:
+        if readings and len(readings[0].moments) >= _FEWEST:
             heard = [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
             found.append(min(heard, key=lambda values: self._left(recorded, values, bent, weight, 1)))
         sharp = [self._sharpened(recorded, values, bent, weight) for values in found]
         if sharp:
-            yield min(sharp, key=lambda values: self._left(recorded, values, bent, weight, BLURS[-1]))
+            yield min(sharp, key=lambda values: self._left(recorded, values, bent, weight, _BLURS[-1]))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         place, axis = place_of(nonlinear), direction(nonlinear)
@@ -114,17 +117,17 @@ class LoosePart(Effect):
         def off(x: Array) -> Array:
             """Distances against the gap, in what half a sample makes; impulses; and what is known already."""
             far, speed = course(x)
-            distance = (far - np.exp(x[2]) * crossed) / (TIMED * np.abs(speed) + 1e-4)
+            distance = (far - np.exp(x[2]) * crossed) / (_TIMED * np.abs(speed) + 1e-4)
             likelier = np.abs(distance).argmin(axis=0), np.arange(len(sides))
             impulse = (impulses / np.exp(x[3]) - speed[likelier]) / (0.1 * np.median(np.abs(speed)) + 1e-3)
-            return np.concatenate([distance[likelier], impulse, (x[:2] - begin[:2]) / SURE, (x[4:] - place) / NEAR])
+            return np.concatenate([distance[likelier], impulse, (x[:2] - begin[:2]) / _SURE, (x[4:] - place) / _NEAR])
 
         far, speed = np.abs(course(begin))
         begin[2] = np.log(max(float(np.median(far[0, crossed != 0.0])), 1e-4))
         begin[3] = np.log(max(float(np.median(np.abs(impulses))) / max(float(np.median(speed[0])), 1e-3), 1e-3))
         found = least_squares(off, begin, loss="soft_l1", diff_step=1e-4, max_nfev=30).x
         gap = float(np.clip(np.exp(found[2]), 6e-4, 0.19))
-        place = np.clip(found[4:], -0.9 * REACH, 0.9 * REACH)
+        place = np.clip(found[4:], -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH)
         return _values(gap, knocks.settling, _axis(found), place)
 
     def _from_rest(self, recorded: RecordedMotion, wanted: Array, weight: Array) -> list[dict[str, float]]:
@@ -139,13 +142,13 @@ class LoosePart(Effect):
             along = float(np.sum(here * wanted[:, 3:] * weight[3:]))
             return max(along, 0.0) ** 2 / max(float(np.sum(here**2)), 1e-12)
 
-        axis = max(_hemisphere(AXES), key=explained)
+        axis = max(_hemisphere(_AXES), key=explained)
         for reach in (0.2, 0.08, 0.03):
             axis = max((axis, *_around(axis, reach)), key=explained)
-        if explained(axis) < HEARD:
+        if explained(axis) < _HEARD:
             return []
-        tried = [_values(gap, SETTLING, axis, centre) for gap in GAPS]
-        return [min(tried, key=lambda values: self._left(recorded, values, wanted, weight, BLURS[0]))]
+        tried = [_values(gap, _SETTLING, axis, centre) for gap in _GAPS]
+        return [min(tried, key=lambda values: self._left(recorded, values, wanted, weight, _BLURS[0]))]
 
     def _sharpened(
         self, recorded: RecordedMotion, start: dict[str, float], wanted: Array, weight: Array
@@ -153,7 +156,7 @@ class LoosePart(Effect):
         """Least squares in ever less blurred residuals: a knock that comes a sample too late explains nothing."""
         moving = [p for p in self.parameters(recorded) if not p.linear]
         found = start
-        for blur in BLURS:
+        for blur in _BLURS:
 
             def left(places: Array, blur: int = blur) -> Array:
                 values = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
@@ -183,7 +186,7 @@ class LoosePart(Effect):
 
 
 def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str, float]:
-    return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(PLACE, place.tolist(), strict=True))}
+    return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
 
 
 def _bent(recorded: RecordedMotion, values: Array) -> Array:
@@ -214,4 +217,4 @@ def _around(axis: Array, reach: float) -> Array:
 
 
 def _axis(x: Array) -> Array:
-    return direction(dict(zip(AXIS, x[:2].tolist(), strict=True)))
+    return direction(dict(zip(AXIS_PARAMETERS, x[:2].tolist(), strict=True)))

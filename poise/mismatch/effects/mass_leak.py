@@ -6,7 +6,14 @@ import numpy as np
 
 from poise.inertia.model import regressor
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import PLACE, REACH, best_fit, payload_centre, place_of, point_wrench
+from poise.mismatch.effects.part_wrench import (
+    PAYLOAD_REACH,
+    POINT_PARAMETERS,
+    best_fit,
+    payload_centre,
+    place_of,
+    point_wrench,
+)
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
@@ -28,7 +35,10 @@ class MassLeak(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
-        places = (EffectParameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE)
+        places = (
+            EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+            for name in POINT_PARAMETERS
+        )
         start = EffectParameter("start", "s", low=first - 0.1 * recorded.duration, high=last, linear=False)
         return (start, *places, EffectParameter("rate", "kg/s", 0.3 / max(recorded.duration, 1.0)))
 
@@ -45,9 +55,11 @@ class MassLeak(Effect):
             rate, left = best_fit(columns.reshape(-1, 4), white)
             found.append((left, start, rate))
         _, start, rate = min(found, key=lambda item: item[0])
-        far = abs(rate[0]) * REACH < np.abs(rate[1:]).max() or rate[0] == 0.0
-        place = payload_centre(recorded) if far else np.clip(rate[1:] / rate[0], -0.9 * REACH, 0.9 * REACH)
-        yield {"start": start, **dict(zip(PLACE, place.tolist(), strict=True))}
+        far = abs(rate[0]) * PAYLOAD_REACH < np.abs(rate[1:]).max() or rate[0] == 0.0
+        place = (
+            payload_centre(recorded) if far else np.clip(rate[1:] / rate[0], -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH)
+        )
+        yield {"start": start, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         lost = -np.maximum(recorded.seconds - nonlinear["start"], 0.0) * recorded.recording_of(nonlinear["start"])

@@ -10,7 +10,7 @@ from poise.mismatch.effects.starts import steps
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-ROWS = ("mass", "moment_x", "moment_y", "moment_z")
+_ROWS = ("mass", "moment_x", "moment_y", "moment_z")
 
 
 class MassStep(Effect):
@@ -36,7 +36,7 @@ class MassStep(Effect):
                 resolution=recorded.period,
             ),
             EffectParameter("mass", "kg", 0.3),
-            *(EffectParameter(name, "kg m", 0.03) for name in ROWS[1:]),
+            *(EffectParameter(name, "kg m", 0.03) for name in _ROWS[1:]),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:

@@ -8,12 +8,12 @@ from scipy.linalg.lapack import dtbtrs
 from poise.geometry import cross
 from poise.types import Array
 
-MOST_KNOCKS = 2000
-SWING_STEP, LONGEST_STEP = 0.24, 0.03
+_MOST_KNOCKS = 2000
+_SWING_STEP, _LONGEST_STEP = 0.24, 0.03
 """rad of phase, and s, that a swinging pendulum is stepped by."""
-BLUR = 1e-3
+_BLUR = 1e-3
 """s on either side over which the acceleration in a knock is averaged."""
-SEARCHED = 64
+_SEARCHED = 64
 """Samples that are looked at for the end of a flight at a time."""
 
 
@@ -97,8 +97,8 @@ def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping:
         damping: c, 1/s, against the vessel.
     """
     # Steps on a ladder: they do not change with every frequency that is tried.
-    finer = max(np.ceil(2.0 * np.log2(frequency * LONGEST_STEP / SWING_STEP)), 0.0)
-    count = int(np.ceil((seconds[-1] - seconds[0]) / LONGEST_STEP * 2.0 ** (finer / 2.0))) + 1
+    finer = max(np.ceil(2.0 * np.log2(frequency * _LONGEST_STEP / _SWING_STEP)), 0.0)
+    count = int(np.ceil((seconds[-1] - seconds[0]) / _LONGEST_STEP * 2.0 ** (finer / 2.0))) + 1
     even = np.linspace(seconds[0], seconds[-1], count)
     step = float(even[1] - even[0])
     square = 2.0 * (1.0 - np.cos(frequency * step)) / frequency**2
@@ -162,7 +162,7 @@ def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> t
     flight = _Flight(seconds, push)
     position, velocity, acceleration = np.zeros((3, len(seconds)))
     side, since = 1.0 if push[0] >= 0.0 else -1.0, float(seconds[0])
-    for _ in range(MOST_KNOCKS):
+    for _ in range(_MOST_KNOCKS):
         left = flight.departure(side, since)
         arrived, stop = flight.arrival(side * gap / 2, gap / 2, left)
         rests, flies = (slice(*np.searchsorted(seconds, span)) for span in ((since, left), (left, arrived)))
@@ -203,7 +203,7 @@ def travelled(seconds: Array, push: Array, arrivals: Array, sides: Array) -> tup
 
 
 def _knock(seconds: Array, start: float, speed: float, settling: float, onto: tuple[Array, Array, Array]) -> None:
-    rows = slice(*np.searchsorted(seconds, [start - BLUR, start + 30.0 * settling + BLUR]))
+    rows = slice(*np.searchsorted(seconds, [start - _BLUR, start + 30.0 * settling + _BLUR]))
     t = seconds[rows] - start
     s = np.maximum(t, 0.0) / settling
     onto[0][rows] += speed * settling * s * np.exp(-s)
@@ -216,8 +216,8 @@ def knock_acceleration(t: Array, settling: float) -> Array:
 
     It jumps to -2 / settling: its mean over a short while is what a sensor has of it.
     """
-    late, early = (np.maximum(t + shift, 0.0) / settling for shift in (BLUR, -BLUR))
-    return np.asarray(((1.0 - late) * np.exp(-late) - (1.0 - early) * np.exp(-early)) / (2.0 * BLUR))
+    late, early = (np.maximum(t + shift, 0.0) / settling for shift in (_BLUR, -_BLUR))
+    return np.asarray(((1.0 - late) * np.exp(-late) - (1.0 - early) * np.exp(-early)) / (2.0 * _BLUR))
 
 
 class _Flight:
@@ -267,14 +267,14 @@ class _Flight:
         v0, x0 = self.integrals(left)
         first = int(np.searchsorted(self._seconds, left, side="right"))
         while first < len(self._seconds):
-            rows = slice(first, first + SEARCHED)
+            rows = slice(first, first + _SEARCHED)
             place = begin + self.travel[rows] - x0 - v0 * (self._seconds[rows] - left)
             out = np.flatnonzero(np.abs(place) > half * (1.0 + 1e-9))
             if len(out):
                 side = float(np.sign(place[out[0]]))
                 early = max(float(self._seconds[first + out[0] - 1]), left)
                 return self._met(early, float(self._seconds[first + out[0]]), begin - side * half, v0, x0, left), side
-            first += SEARCHED
+            first += _SEARCHED
         return np.inf, 0.0
 
     def _met(self, early: float, late: float, offset: float, v0: float, x0: float, left: float) -> float:

@@ -9,16 +9,16 @@ from poise.geometry import cross
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-PLACE = ("x", "y", "z")
-REACH = 0.5
+POINT_PARAMETERS = ("x", "y", "z")
+PAYLOAD_REACH = 0.5
 """m from the sensor within which parts of a payload are looked for."""
-AXIS = ("axis_a", "axis_b")
+AXIS_PARAMETERS = ("axis_a", "axis_b")
 """Chart of directions, see `direction`."""
 
 
 def place_of(values: Mapping[str, float]) -> Array:
     """(3,) the point x, y, z, sensor axes."""
-    return np.array([values[name] for name in PLACE])
+    return np.array([values[name] for name in POINT_PARAMETERS])
 
 
 def specific_at(recorded: RecordedMotion, place: Array) -> Array:
@@ -84,7 +84,7 @@ def direction(values: Mapping[str, float]) -> Array:
 
     An axis and its opposite mean the same here; the half with z > 0 lies within a radius of sqrt(2).
     """
-    a, b = values[AXIS[0]], values[AXIS[1]]
+    a, b = values[AXIS_PARAMETERS[0]], values[AXIS_PARAMETERS[1]]
     square = min(a * a + b * b, 4.0)
     flat = np.sqrt(1.0 - square / 4.0)
     vector = np.array([a * flat, b * flat, 1.0 - square / 2.0])
@@ -96,7 +96,7 @@ def chart(axis: ArrayLike) -> dict[str, float]:
     unit = np.asarray(axis, dtype=np.float64) / np.linalg.norm(axis)
     unit = -unit if unit[2] < 0.0 else unit
     size = np.sqrt(2.0 / (1.0 + unit[2]))
-    return {AXIS[0]: float(unit[0] * size), AXIS[1]: float(unit[1] * size)}
+    return {AXIS_PARAMETERS[0]: float(unit[0] * size), AXIS_PARAMETERS[1]: float(unit[1] * size)}
 
 
 def named_axis(values: Mapping[str, float]) -> dict[str, tuple[float, str]]:
@@ -115,7 +115,7 @@ def likely_place(force: Array, torque: Array) -> Array:
     normal = np.einsum("nci,ncj->ij", lever, lever)
     normal += (1e-3 * np.trace(normal) + 1e-12) / 3.0 * np.eye(3)
     place = np.linalg.solve(normal, np.einsum("nci,nc->i", lever, torque))
-    return np.asarray(np.clip(place, -0.9 * REACH, 0.9 * REACH))
+    return np.asarray(np.clip(place, -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH))
 
 
 def payload_centre(recorded: RecordedMotion) -> Array:

@@ -7,7 +7,7 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-ROWS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+PAYLOAD_PARAMETERS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 class PayloadParameters(Effect):
@@ -26,8 +26,8 @@ class PayloadParameters(Effect):
         mass = max(float(recorded.phi[0]), 0.5)
         return (
             EffectParameter("mass", "kg", 0.15 * mass),
-            *(EffectParameter(name, "kg m", 0.02 * mass, hidden=True) for name in ROWS[1:4]),
-            *(EffectParameter(name, "kg m2", 0.005 * mass, hidden=True) for name in ROWS[4:]),
+            *(EffectParameter(name, "kg m", 0.02 * mass, hidden=True) for name in PAYLOAD_PARAMETERS[1:4]),
+            *(EffectParameter(name, "kg m2", 0.005 * mass, hidden=True) for name in PAYLOAD_PARAMETERS[4:]),
         )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -40,7 +40,8 @@ class PayloadParameters(Effect):
         inertia = np.nan_to_num(body.inertia_vector - nominal.inertia_vector)
         told = {f"com_{axis}": (float(value), "m") for axis, value in zip("xyz", com, strict=True)}
         return told | {
-            f"inertia_{row[1:]}": (float(value), "kg m2") for row, value in zip(ROWS[4:], inertia, strict=True)
+            f"inertia_{row[1:]}": (float(value), "kg m2")
+            for row, value in zip(PAYLOAD_PARAMETERS[4:], inertia, strict=True)
         }
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
@@ -55,4 +56,4 @@ class PayloadParameters(Effect):
 
     @staticmethod
     def _body(recorded: RecordedMotion, values: Values) -> InertialParameters:
-        return InertialParameters.from_phi(recorded.phi + np.array([values[name] for name in ROWS]))
+        return InertialParameters.from_phi(recorded.phi + np.array([values[name] for name in PAYLOAD_PARAMETERS]))

@@ -8,9 +8,9 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion, lattice, white_level
 from poise.types import Array
 
-FINEST = (1e-3, 1e-5)
+_FINEST = (1e-3, 1e-5)
 """N, N m: finer steps do not matter to anyone."""
-MATERIAL = 0.1
+_MATERIAL = 0.1
 """Share of the white noise's power that rounding must be."""
 
 
@@ -38,7 +38,7 @@ class Quantisation(Effect):
             EffectParameter(
                 f"{what}_step", unit, low=fine, high=1e4 * fine, linear=False, log=True, resolution=1e-3 * fine
             )
-            for what, unit, fine in zip(("force", "torque"), ("N", "N m"), FINEST, strict=True)
+            for what, unit, fine in zip(("force", "torque"), ("N", "N m"), _FINEST, strict=True)
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
@@ -53,7 +53,7 @@ class Quantisation(Effect):
             return None
         level = white_level(recorded.wrench - recorded.nominal)
         rounding = np.repeat([found["force_step"], found["torque_step"]], 3) / np.sqrt(12.0)
-        return found if bool((rounding**2 > MATERIAL * level**2).any()) else None
+        return found if bool((rounding**2 > _MATERIAL * level**2).any()) else None
 
     @staticmethod
     def found(recorded: RecordedMotion) -> dict[str, float] | None:
@@ -61,7 +61,7 @@ class Quantisation(Effect):
         steps = [lattice(recorded.wrench[:, part]) for part in (slice(0, 3), slice(3, 6))]
         if not any(steps):
             return None
-        return {f"{what}_step": max(s, fine) for what, s, fine in zip(("force", "torque"), steps, FINEST, strict=True)}
+        return {f"{what}_step": max(s, fine) for what, s, fine in zip(("force", "torque"), steps, _FINEST, strict=True)}
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         step = np.repeat([values["force_step"], values["torque_step"]], 3)

@@ -8,10 +8,10 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
-GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
-HIGHEST = 1e4
+_GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6)))
+_HIGHEST = 1e4
 """N or N m: a limit that is never reached."""
-FEWEST = 8
+_FEWEST = 8
 """Readings at exactly the same extreme value that chance does not bring."""
 
 
@@ -31,30 +31,30 @@ class Saturation(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         return tuple(
-            EffectParameter(name, unit, low=1e-3, high=HIGHEST, linear=False, log=True, resolution=1e-3)
-            for name, unit, _ in GROUPS
+            EffectParameter(name, unit, low=1e-3, high=_HIGHEST, linear=False, log=True, resolution=1e-3)
+            for name, unit, _ in _GROUPS
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Readings that stand at one extreme value; without any there is no saturation to speak of."""
         del residual
-        found = {name: plateau(recorded.wrench[:, part]) or HIGHEST for name, _, part in GROUPS}
-        if min(found.values()) < HIGHEST:
+        found = {name: plateau(recorded.wrench[:, part]) or _HIGHEST for name, _, part in _GROUPS}
+        if min(found.values()) < _HIGHEST:
             yield found
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
+        limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
         return np.asarray(np.clip(recorded.prediction, -limit, limit) - recorded.prediction)
 
     @staticmethod
     def passes(recorded: RecordedMotion, values: Values) -> Mask:
         """(N, 6) False where the reading stands at its limit and says nothing about what comes before it."""
-        limit = np.repeat([values[name] for name, _, _ in GROUPS], 3)
+        limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
         return np.asarray(np.abs(recorded.wrench) < limit * (1.0 - 1e-9))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded
-        stops = [f"{values[name]:.3g} {unit}" for name, unit, _ in GROUPS if values[name] < 0.99 * HIGHEST]
+        stops = [f"{values[name]:.3g} {unit}" for name, unit, _ in _GROUPS if values[name] < 0.99 * _HIGHEST]
         return f"The reading stops at {' and '.join(stops)} while the load goes on: the nominal sensor has no limit."
 
 
@@ -73,4 +73,4 @@ def plateau(values: Array) -> float:
     at_limit = int((size > limit * (1.0 - 1e-9)).sum())
     below = size[(size > 0.97 * limit) & (size <= limit * (1.0 - 1e-9))]
     crowd = int(np.unique(np.round(below / limit, 9), return_counts=True)[1].max()) if len(below) else 0
-    return limit if at_limit >= max(FEWEST, 3 * crowd) else 0.0
+    return limit if at_limit >= max(_FEWEST, 3 * crowd) else 0.0

@@ -6,7 +6,7 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion, directed
 from poise.types import Array
 
-AXES = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+BIAS_PARAMETERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 
 
 class SensorBias(Effect):
@@ -23,8 +23,8 @@ class SensorBias(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return tuple(EffectParameter(axis, "N", 2.0) for axis in AXES[:3]) + tuple(
-            EffectParameter(axis, "N m", 0.15) for axis in AXES[3:]
+        return tuple(EffectParameter(axis, "N", 2.0) for axis in BIAS_PARAMETERS[:3]) + tuple(
+            EffectParameter(axis, "N m", 0.15) for axis in BIAS_PARAMETERS[3:]
         )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -32,7 +32,10 @@ class SensorBias(Effect):
         return np.broadcast_to(np.eye(6), (len(recorded), 6, 6))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        force, torque = directed([values[axis] for axis in AXES[:3]], "N"), np.array([values[a] for a in AXES[3:]])
+        force, torque = (
+            directed([values[axis] for axis in BIAS_PARAMETERS[:3]], "N"),
+            np.array([values[a] for a in BIAS_PARAMETERS[3:]]),
+        )
         return (
             f"With nothing on it the sensor would read {force} and {np.linalg.norm(torque):.3f} N m: "
             "the nominal model has no such bias."

@@ -3,12 +3,11 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
 
-CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
-LEVER = 0.1
+_LEVER = 0.1
 """m: a sensor's force range over its torque range (FT 300: 300 N, 30 N m), which scales crosstalk between the two."""
 
 
@@ -28,10 +27,10 @@ class SensorGain(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         made = []
-        for i, read in enumerate(CHANNELS):
-            for j, felt in enumerate(CHANNELS):
+        for i, read in enumerate(WRENCH_CHANNELS):
+            for j, felt in enumerate(WRENCH_CHANNELS):
                 unit = "" if i // 3 == j // 3 else "m" if i > j else "1/m"
-                size = 0.03 if i // 3 == j // 3 else 0.03 * LEVER if i > j else 0.03 / LEVER
+                size = 0.03 if i // 3 == j // 3 else 0.03 * _LEVER if i > j else 0.03 / _LEVER
                 made.append(EffectParameter(f"gain_{read}_{felt}", unit, size))
         return tuple(made)
 
@@ -52,8 +51,8 @@ class SensorGain(Effect):
         matrix = self._matrix(recorded, values)
         i = int(np.argmax(np.abs(np.diag(matrix))))
         return (
-            f"The sensor's scale is off: {AXES[i]} reads {100 * matrix[i, i]:+.1f} %, with crosstalk of up to "
-            f"{100 * self.derived(recorded, values)['largest_crosstalk'][0]:.1f} %: the nominal sensor has unit gain."
+            f"The sensor's scale is off: {BIAS_PARAMETERS[i]} reads {100 * matrix[i, i]:+.1f} %, with crosstalk of up "
+            f"to {100 * self.derived(recorded, values)['largest_crosstalk'][0]:.1f} %: the nominal gain is one."
         )
 
     def _matrix(self, recorded: RecordedMotion, values: Values) -> Array:

@@ -3,12 +3,11 @@
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.sensor_bias import AXES
-from poise.mismatch.effects.sensor_gain import CHANNELS
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
 
-TYPICAL = ((0.06, 0.08), (20.0, 2.0))
+_TYPICAL = ((0.06, 0.08), (20.0, 2.0))
 """Share of the load that the quadratic and the cubic part make, at this force (N) and torque (N m)."""
 
 
@@ -28,10 +27,10 @@ class SensorNonlinearity(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         made = []
-        for i, channel in enumerate(CHANNELS):
-            load, unit = TYPICAL[1][i // 3], "N" if i < 3 else "(N m)"
-            made.append(EffectParameter(f"quadratic_{channel}", f"1/{unit}", TYPICAL[0][0] / load))
-            made.append(EffectParameter(f"cubic_{channel}", f"1/{unit}2", TYPICAL[0][1] / load**2))
+        for i, channel in enumerate(WRENCH_CHANNELS):
+            load, unit = _TYPICAL[1][i // 3], "N" if i < 3 else "(N m)"
+            made.append(EffectParameter(f"quadratic_{channel}", f"1/{unit}", _TYPICAL[0][0] / load))
+            made.append(EffectParameter(f"cubic_{channel}", f"1/{unit}2", _TYPICAL[0][1] / load**2))
         return tuple(made)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
@@ -50,7 +49,7 @@ class SensorNonlinearity(Effect):
         shares = self._shares(recorded, values)
         i = int(np.argmax(np.abs(shares)))
         return (
-            f"The sensor is not linear: at the largest load {AXES[i]} reads {100 * shares[i]:+.1f} % off; "
+            f"The sensor is not linear: at the largest load {BIAS_PARAMETERS[i]} reads {100 * shares[i]:+.1f} % off; "
             "the nominal sensor is linear."
         )
 
@@ -59,6 +58,7 @@ class SensorNonlinearity(Effect):
         """(6,) error over load where each channel is loaded most."""
         largest = np.abs(recorded.prediction).max(axis=0)
         bends = (
-            values[f"quadratic_{c}"] * w + values[f"cubic_{c}"] * w**2 for c, w in zip(CHANNELS, largest, strict=True)
+            values[f"quadratic_{c}"] * w + values[f"cubic_{c}"] * w**2
+            for c, w in zip(WRENCH_CHANNELS, largest, strict=True)
         )
         return np.array(list(bends))

@@ -10,7 +10,7 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-NAMES = ("rotation_x", "rotation_y", "rotation_z")
+_NAMES = ("rotation_x", "rotation_y", "rotation_z")
 
 
 class SensorRotation(Effect):
@@ -28,7 +28,7 @@ class SensorRotation(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return tuple(EffectParameter(name, "rad", 0.02, -0.5, 0.5, linear=False, peaked=True) for name in NAMES)
+        return tuple(EffectParameter(name, "rad", 0.02, -0.5, 0.5, linear=False, peaked=True) for name in _NAMES)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """First order: the residual is w x r, for force and torque alike."""
@@ -37,15 +37,15 @@ class SensorRotation(Effect):
         centred = columns - columns.mean(axis=0)
         wanted = (residual - residual.mean(axis=0)) * weight
         turn = np.linalg.lstsq(centred.reshape(-1, 3), wanted.ravel(), rcond=None)[0]
-        yield dict(zip(NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
+        yield dict(zip(_NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        turn = Rotation.from_rotvec([values[name] for name in NAMES]).as_matrix()
+        turn = Rotation.from_rotvec([values[name] for name in _NAMES]).as_matrix()
         read = np.hstack([recorded.prediction[:, :3] @ turn, recorded.prediction[:, 3:] @ turn])
         return np.asarray(read - recorded.prediction)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        turn = np.array([values[name] for name in NAMES])
+        turn = np.array([values[name] for name in _NAMES])
         return (
             f"The sensor's axes are turned by {np.degrees(np.linalg.norm(turn)):.2f} degrees, mostly about "
             f"{'xyz'[int(np.argmax(np.abs(turn)))]}, against the robot description."

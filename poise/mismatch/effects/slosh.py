@@ -7,7 +7,14 @@ import numpy as np
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import hanging
-from poise.mismatch.effects.part_wrench import PLACE, REACH, likely_place, payload_centre, place_of, specific_at
+from poise.mismatch.effects.part_wrench import (
+    PAYLOAD_REACH,
+    POINT_PARAMETERS,
+    likely_place,
+    payload_centre,
+    place_of,
+    specific_at,
+)
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
@@ -35,7 +42,10 @@ class Slosh(Effect):
         return (
             EffectParameter("length", "m", low=0.008, high=0.5, linear=False, log=True),
             EffectParameter("damping_ratio", "", low=0.003, high=0.7, linear=False, log=True),
-            *(EffectParameter(name, "m", low=-REACH, high=REACH, linear=False) for name in PLACE),
+            *(
+                EffectParameter(name, "m", low=-PAYLOAD_REACH, high=PAYLOAD_REACH, linear=False)
+                for name in POINT_PARAMETERS
+            ),
             EffectParameter("mass", "kg", 0.5, positive=True),
         )
 
@@ -46,7 +56,11 @@ class Slosh(Effect):
         place = payload_centre(recorded)
         scores = []
         for length in np.geomspace(0.02, 0.25, 7):
-            values = {"length": float(length), "damping_ratio": 0.05, **dict(zip(PLACE, place.tolist(), strict=True))}
+            values = {
+                "length": float(length),
+                "damping_ratio": 0.05,
+                **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True)),
+            }
             response = self.columns(recorded, values)[:, :, 0]
             response = response - response.mean(axis=0)
             along, size = (float(np.sum(response * other * weight**2)) for other in (wanted, response))
@@ -54,7 +68,7 @@ class Slosh(Effect):
         best = sorted(scores, key=lambda item: -item[0])[:1]
         for _, mass, response, values in best:
             pivot = likely_place(mass * response[:, :3], wanted[:, 3:]) if mass > 0.0 else place
-            yield {**values, **dict(zip(PLACE, pivot.tolist(), strict=True))}
+            yield {**values, **dict(zip(POINT_PARAMETERS, pivot.tolist(), strict=True))}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         place, length = place_of(nonlinear), nonlinear["length"]

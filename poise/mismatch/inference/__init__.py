@@ -1,16 +1,16 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
-from poise.mismatch.inference.calibration import SIGMAS, payload_steps
+from poise.mismatch.inference.calibration import PRIOR_SIGMA, payload_steps
 from poise.mismatch.inference.fitting import HypothesisFit, fit, linearization_point, refine
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, tail
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
-from poise.mismatch.inference.search import WARM, HypothesisSearch, names, residual_of, search
+from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, names, residual_of, search
 from poise.mismatch.inference.unknown import Dependence, DependenceCurve, linear_bspline_basis, shape, state_description
 
 __all__ = [
-    "SIGMAS",
-    "WARM",
+    "PRIOR_SIGMA",
+    "WARM_STEPS",
     "Dependence",
     "DependenceCurve",
     "FittedEffect",

@@ -15,10 +15,10 @@ from poise.mismatch.reading import Tolerance
 from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
-SIGMAS = 0.5
+PRIOR_SIGMA = 0.5
 """One sigma of the prior in units of the tolerance: two sigma is what is declared good enough."""
 
-CROSS = 0.1
+_CROSS = 0.1
 """Gain across axes (within force, within torque) in units of that along them: what is left after calibration."""
 
 
@@ -27,7 +27,7 @@ class CalibrationGroup:
     """A group of calibration errors.
 
     Args:
-        name: payload, bias, drift, gain, rotation, joints, clock, or blur (no tolerance: see `BLURS`).
+        name: payload, bias, drift, gain, rotation, joints, clock, or blur (no tolerance: see `_BLURS`).
         columns: (N, 6, k) response to one tolerance of each.
         sigma: (k,) prior, in units of the tolerance.
     """
@@ -37,11 +37,11 @@ class CalibrationGroup:
     sigma: Array
 
 
-BLURS = (0.02, 0.05, 0.12)
+_BLURS = (0.02, 0.05, 0.12)
 """s: what of the prediction is faster than these may be noise of the encoders, differentiated twice. To take some of it
 back, without delay, is no physics; without this a part that swings would win by filtering the noise out."""
 
-TORQUE_CONSTANT = 0.01
+_TORQUE_CONSTANT = 0.01
 """Relative tolerance of the motors' torque constants."""
 
 
@@ -53,7 +53,7 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
     late = -np.gradient(wrench, recorded.seconds, axis=0)[:, :, None]
-    widths = [width / recorded.period for width in BLURS]
+    widths = [width / recorded.period for width in _BLURS]
     calm = [gaussian_filter1d(recorded.nominal, width, axis=0, mode="nearest") - recorded.nominal for width in widths]
     groups = [
         ("payload", payload_columns(recorded, tolerance)),
@@ -65,7 +65,7 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
         ("clock", late * tolerance.clock_offset),
         ("blur", np.stack(calm, axis=2)),
     ]
-    return tuple(CalibrationGroup(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
+    return tuple(CalibrationGroup(name, columns, np.full(columns.shape[2], PRIOR_SIGMA)) for name, columns in groups)
 
 
 def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
@@ -79,22 +79,22 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     along = -np.einsum("ncj,nck->njk", joints.jacobian_in_sensor[:, :, chosen], felt)
     count = len(chosen)
     payload = at_times(recorded.seconds, along.reshape(len(recorded), -1), track.seconds).reshape(-1, count, 10)
-    gain = track.rigid[:, :, None] * np.eye(count) * TORQUE_CONSTANT
+    gain = track.rigid[:, :, None] * np.eye(count) * _TORQUE_CONSTANT
     groups = [
         ("payload", payload),
         ("joints", track.by_position * tolerance.joint_offset),
         ("gain", gain),
     ]
-    return tuple(CalibrationGroup(name, columns, np.full(columns.shape[2], SIGMAS)) for name, columns in groups)
+    return tuple(CalibrationGroup(name, columns, np.full(columns.shape[2], PRIOR_SIGMA)) for name, columns in groups)
 
 
 def gain_columns(wrench: Array) -> Array:
-    """(N, 6, 18) response to the gains of the six axes, and to the twelve across axes in units of `CROSS`."""
+    """(N, 6, 18) response to the gains of the six axes, and to the twelve across axes in units of `_CROSS`."""
     out = np.zeros((len(wrench), 6, 18))
     out[:, range(6), range(6)] = wrench
     across = [(i, j) for i in range(6) for j in range(6) if i != j and i // 3 == j // 3]
     for column, (i, j) in enumerate(across, start=6):
-        out[:, i, column] = CROSS * wrench[:, j]
+        out[:, i, column] = _CROSS * wrench[:, j]
     return out
 
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from poise.mismatch.inference.noise import NoiseColour, SignalNoise
 from poise.mismatch.inference.problem import Problem, SampleBlocks
 
-TOGETHER = 5
+_TOGETHER = 5
 """Samples that become one. Odd, so that one of them is in the middle."""
-ENOUGH = 500
+_ENOUGH = 500
 """Samples that a thinned recording has at the least; shorter ones stay as they are."""
 
 
@@ -21,13 +21,13 @@ def thinned(problem: Problem) -> Problem:
     is faster than the averages is lost.
     """
     seconds = problem.seconds
-    count = len(seconds) // TOGETHER
-    if count < ENOUGH:
+    count = len(seconds) // _TOGETHER
+    if count < _ENOUGH:
         return problem
-    rows = np.arange(count * TOGETHER).reshape(count, TOGETHER)
+    rows = np.arange(count * _TOGETHER).reshape(count, _TOGETHER)
     period = float(np.median(np.diff(seconds)))
-    rows = rows[seconds[rows[:, -1]] - seconds[rows[:, 0]] < 1.5 * TOGETHER * period]
-    return replace(problem, blocks=SampleBlocks(rows, _thinned_noise(problem.noise, rows, TOGETHER * period)))
+    rows = rows[seconds[rows[:, -1]] - seconds[rows[:, 0]] < 1.5 * _TOGETHER * period]
+    return replace(problem, blocks=SampleBlocks(rows, _thinned_noise(problem.noise, rows, _TOGETHER * period)))
 
 
 def _thinned_noise(noise: SignalNoise, rows: NDArray[np.intp], span: float) -> SignalNoise:
@@ -35,11 +35,11 @@ def _thinned_noise(noise: SignalNoise, rows: NDArray[np.intp], span: float) -> S
 
     def kept(colour: NoiseColour) -> NoiseColour:
         x = span / colour.tau
-        factor = float(np.sqrt(TOGETHER * 2.0 * (x - 1.0 + np.exp(-x)) / x**2))
+        factor = float(np.sqrt(_TOGETHER * 2.0 * (x - 1.0 + np.exp(-x)) / x**2))
         return NoiseColour(colour.floor * factor, colour.slope * factor, colour.tau)
 
     colours = tuple(kept(colour) for colour in noise.colours)
-    middle = rows[:, TOGETHER // 2]
+    middle = rows[:, _TOGETHER // 2]
     return SignalNoise(
-        noise.sigma / np.sqrt(TOGETHER), noise.groups, colours, noise.seconds[middle], noise.speed[middle]
+        noise.sigma / np.sqrt(_TOGETHER), noise.groups, colours, noise.seconds[middle], noise.speed[middle]
     )

@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from poise.types import Array, Mask
 
-ROUNDING = 1e-11
+_ROUNDING = 1e-11
 """Relative, of sums over all samples."""
 
 
@@ -75,7 +75,7 @@ class WhitenedRegression:
         across = solve_triangular(factor, self.columns @ extra.T, lower=True)
         whole = extra @ extra.T
         # What the frame has already cancels, but for the rounding of large numbers: that much is not known.
-        left = whole - across.T @ across + ROUNDING * np.diag(np.diag(whole))
+        left = whole - across.T @ across + _ROUNDING * np.diag(np.diag(whole))
         return ProjectedColumns(left, extra @ self.target - across.T @ half)
 
     def extended(self, extra: Array, precision: Array, mean: Array) -> "WhitenedRegression":

@@ -1,8 +1,8 @@
 """Fitting hypotheses: effects with their exact responses, by Gauss-Newton steps on all parameters at once.
 
-Linear parameters have normal priors about zero whose width is one of `SCALES` times what is typical; non-linear ones
-move in the unit interval of their priors. The evidence is exact in the linear parameters and the calibration errors,
-and by Laplace's method in the non-linear ones (MacKay 1992, "Bayesian interpolation").
+Linear parameters have normal priors about zero, as wide as one of `PRIOR_SCALES` times the typical size. Non-linear
+parameters move in the unit interval of their priors. The evidence is exact in the linear parameters and the calibration
+errors, and by Laplace's method in the non-linear ones (MacKay 1992, "Bayesian interpolation").
 """
 
 from collections.abc import Sequence
@@ -13,17 +13,17 @@ import numpy as np
 from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.damping import Damping
 from poise.mismatch.inference.evidence import ProjectedColumns, WhitenedRegression, flat_width, laplace_evidence
-from poise.mismatch.inference.linearised import SCALES, STEP, Linearised, columns_of, linearised, slope_of
+from poise.mismatch.inference.linearised import PRIOR_SCALES, SLOPE_STEP, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-MOST_STEPS = 12
-HOPE = 5.0
+_MOST_STEPS = 12
+_HOPE = 5.0
 """How much more a step may bring than the linear model promises."""
-SETTLED = 0.1
+_SETTLED = 0.1
 """Fall of the square below which a fit has settled."""
-NEARLY = 2.0
+_NEARLY = 2.0
 """The same for taking the calibration anew about what a fit says."""
 
 
@@ -74,7 +74,7 @@ def refine(
     recorded: RecordedMotion,
     effect: Effect,
     start: Values,
-    steps: int = MOST_STEPS,
+    steps: int = _MOST_STEPS,
     least: float = -np.inf,
 ) -> EffectCandidate:
     """The most likely parameters of one effect beside a frame that stays as it is, from a starting point.
@@ -90,7 +90,7 @@ def refine(
     """
     parameters = effect.parameters(recorded)
     moving = [p for p in parameters if not p.linear and not p.choice and not p.resolution]
-    weak = np.array([(SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
+    weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
     at = _linear(problem, frame, recorded, effect, dict(start), weak)
     damping = Damping()
     for _ in range(steps if moving else 0):
@@ -98,7 +98,7 @@ def refine(
         moved = _stepped(problem, frame, recorded, effect, at, moving, slopes, weak, damping, least)
         if moved is None:
             break
-        settled = moved.drop - at.drop < SETTLED
+        settled = moved.drop - at.drop < _SETTLED
         at = moved
         if settled:
             break
@@ -112,7 +112,7 @@ def score_start(
 ) -> EffectCandidate:
     """One effect beside a frame at a starting point; its hope is what it explains there beyond chance."""
     parameters = effect.parameters(recorded)
-    weak = np.array([(SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
+    weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
     at = _linear(problem, frame, recorded, effect, dict(start), weak)
     free = sum(not p.choice for p in parameters)
     slopes = np.zeros((0, len(at.response)))
@@ -183,7 +183,7 @@ def _stepped(
     """A Levenberg-Marquardt step in all parameters, damped until the fit is better; None when it cannot be."""
     count = len(at.columns)
     slope = _downhill(frame, effect, recorded, at, slopes, weak)
-    if 0.5 * at.drop + HOPE * slope.promised < least:
+    if 0.5 * at.drop + _HOPE * slope.promised < least:
         return None
     for strength in damping.tries():
         held = strength * np.diag(slope.beside.information)[count:]
@@ -233,7 +233,7 @@ def _evidence_gain(
     beside = frame.beside(np.vstack([at.columns, slopes]))
     inner = beside.pick(slice(0, count))
     scores = []
-    for scale in SCALES if count else (1.0,):
+    for scale in PRIOR_SCALES if count else (1.0,):
         precision = np.array([(scale * p.scale) ** -2.0 for p in linear])
         won = inner.gain(precision) if count else 0.5 * at.drop
         across = beside.information[:count, count:]
@@ -284,7 +284,7 @@ def fit(problem: Problem, parts: Sequence[FittedEffect], steps: int = 12) -> Hyp
     current = linearised(problem, tuple(parts), None)
     for _ in range(2 if parts else 0):
         settled = _settled(problem, current, steps)
-        if current.square - settled.square < NEARLY:
+        if current.square - settled.square < _NEARLY:
             current = settled
             break
         # The calibration's own response changes a little with what the sensor is said to feel.
@@ -299,14 +299,14 @@ def _settled(problem: Problem, at: Linearised, steps: int) -> Linearised:
         moved = _all_stepped(problem, at, damping)
         if moved is None:
             return at
-        if at.square - moved.square < SETTLED:
+        if at.square - moved.square < _SETTLED:
             return replace(moved, columns=at.columns)
         at = replace(moved, columns=columns_of(problem, moved.parts, moved.worlds))
     return at
 
 
 def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearised | None:
-    precision, mean = at.priors(SCALES[-1])
+    precision, mean = at.priors(PRIOR_SCALES[-1])
     own = at.parameters()
     beside = at.calibration.beside(at.columns)
     vector = beside.vector + precision * mean
@@ -330,7 +330,7 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     linear = np.array([p.linear for _, p in own], dtype=bool)
     calibration = at.calibration.beside(at.columns)
     scores = []
-    for scale in SCALES if linear.any() else (1.0,):
+    for scale in PRIOR_SCALES if linear.any() else (1.0,):
         precision, mean = at.priors(scale)
         scores.append(laplace_evidence(at.calibration, calibration, precision, mean, linear))
     best = int(np.argmax(scores))
@@ -343,7 +343,7 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale
     if any(p.positive and at.parts[i].values[p.name] < 0.0 for i, p in own):
         evidence = -np.inf
-    precision, mean = at.priors(SCALES[best])
+    precision, mean = at.priors(PRIOR_SCALES[best])
     whole = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
     response = problem.predicted(at.whole) - problem.predicted(problem.recorded)
     groups = problem.groups(at.whole, at.parts)
@@ -373,5 +373,5 @@ def _rate(p: EffectParameter, value: float) -> float:
     if p.linear:
         return 1.0
     place = p.to_unit(value)
-    low, high = max(place - STEP, 0.0), min(place + STEP, 1.0)
+    low, high = max(place - SLOPE_STEP, 0.0), min(place + SLOPE_STEP, 1.0)
     return (p.from_unit(high) - p.from_unit(low)) / (high - low)

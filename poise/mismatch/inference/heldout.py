@@ -9,9 +9,9 @@ from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.types import Array, Mask
 
-STEPS = 4
+_STEPS = 4
 """Of a fit without the held-out samples; it starts from one with them."""
-TAIL = 0.3
+_TAIL = 0.3
 """Share of a single recording, at its end, that is held out."""
 
 
@@ -49,7 +49,7 @@ def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     told = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.recorded) if fixed else 0.0
     measured = problem.measured - told
     train = _reading(replace(problem, judged=~last), measured)
-    plain, full = fit(thinned(replace(problem, judged=~last)), ()), fit(thinned(train), learnt, STEPS)
+    plain, full = fit(thinned(replace(problem, judged=~last)), ()), fit(thinned(train), learnt, _STEPS)
     given = problem.measured - problem.predicted(problem.recorded)
     errors = [
         given - plain.response - plain.calibrated,
@@ -68,7 +68,7 @@ def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
 def tail(problem: Problem) -> Mask:
     """(N,) the last 30 % of a recording."""
     seconds = problem.seconds
-    return np.asarray(seconds > seconds[-1] - TAIL * (seconds[-1] - seconds[0]))
+    return np.asarray(seconds > seconds[-1] - _TAIL * (seconds[-1] - seconds[0]))
 
 
 def _reading(problem: Problem, measured: Array) -> Problem:

@@ -10,8 +10,8 @@ from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-SCALES = (1 / 3, 1.0, 3.0)
-STEP = 1e-4
+PRIOR_SCALES = (1 / 3, 1.0, 3.0)
+SLOPE_STEP = 1e-4
 """Of the unit interval, for derivatives by differences."""
 
 
@@ -54,7 +54,7 @@ def linearised(
         calibration = calibration.with_target(target)
     columns = columns_of(problem, parts, worlds) if slopes else np.zeros((0, len(calibration.target)))
     about = Linearised(parts, worlds, whole, calibration, columns, 0.0)
-    precision, mean = about.priors(SCALES[-1])
+    precision, mean = about.priors(PRIOR_SCALES[-1])
     return replace(about, square=calibration.square + float(precision @ mean**2))
 
 
@@ -79,6 +79,6 @@ def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], worlds: list[R
 def slope_of(effect: Effect, recorded: RecordedMotion, values: Values, p: EffectParameter, here: Array) -> Array:
     """(N, C) derivative of the response by the place of a parameter in its prior."""
     place = p.to_unit(values[p.name])
-    ahead = place + STEP if place + STEP <= 1.0 else place - STEP
+    ahead = place + SLOPE_STEP if place + SLOPE_STEP <= 1.0 else place - SLOPE_STEP
     there = effect.simulate(recorded, {**values, p.name: p.from_unit(ahead)})
     return np.asarray((there - here) / (ahead - place))

@@ -15,14 +15,14 @@ from scipy.linalg.lapack import dtbtrs
 from poise.mismatch.recorded import white_level
 from poise.types import Array
 
-FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
-SLOPES = (0.0, 0.15, 0.3, 0.5, 0.8)
-TAUS = (0.04, 0.08, 0.16, 0.32)
+_FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
+_SLOPES = (0.0, 0.15, 0.3, 0.5, 0.8)
+_TAUS = (0.04, 0.08, 0.16, 0.32)
 """What is tried: coloured noise of up to the white noise's size at rest, and somewhat more at speed.
 
 These are caps too. A slow residual that is larger is no sensor noise, however well a filter would whiten it.
 """
-EXCESS = 1.15
+_EXCESS = 1.15
 """The white level may exceed what neighbouring samples differ by, by this much."""
 
 
@@ -149,7 +149,7 @@ def fit_noise(
 def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[tuple[NoiseColour, ...], Array]:
     """Each channel's colour and white level: every kind is run through its Kalman filter side by side."""
     kinds = [
-        NoiseColour(*kind) for kind in product(FLOORS, SLOPES, TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == TAUS[0]
+        NoiseColour(*kind) for kind in product(_FLOORS, _SLOPES, _TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == _TAUS[0]
     ]
     floor, slope, tau = (np.array([getattr(kind, name) for kind in kinds]) for name in ("floor", "slope", "tau"))
     gain = floor + slope * speed[:, None]
@@ -166,7 +166,7 @@ def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) ->
         p = a * a * (p - k * g * p) + 1.0 - a * a
     n, channels = residual.shape
     # Most likely level given the kind, kept near what neighbouring samples say.
-    sigma2 = np.clip(square / n, (level[:, None] / EXCESS) ** 2, (level[:, None] * EXCESS) ** 2)
+    sigma2 = np.clip(square / n, (level[:, None] / _EXCESS) ** 2, (level[:, None] * _EXCESS) ** 2)
     loglik = -0.5 * (square / sigma2 + n * np.log(sigma2)) - 0.5 * log_variance
     best = np.argmax(loglik, axis=1)
     return tuple(kinds[i] for i in best), np.sqrt(sigma2[np.arange(channels), best])

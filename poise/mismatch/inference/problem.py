@@ -16,9 +16,9 @@ from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion, lattice
 from poise.types import Array, Mask
 
-BREAK = 2.0
+_BREAK = 2.0
 """s without a sample after which a recording begins anew."""
-RUN_UP, RUN_OUT = 0.4, 0.1
+_RUN_UP, _RUN_OUT = 0.4, 0.1
 """s at the start and the end of a recording that are predicted, but not judged."""
 
 
@@ -85,9 +85,9 @@ class Problem:
     def active(self) -> Mask:
         """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
         at = self.seconds
-        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > BREAK) + 1])
+        begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > _BREAK) + 1])
         first = at[begun][np.searchsorted(begun, np.arange(len(at)), side="right") - 1]
-        inner = np.asarray((at >= first + RUN_UP) & (at <= at[-1] - RUN_OUT))
+        inner = np.asarray((at >= first + _RUN_UP) & (at <= at[-1] - _RUN_OUT))
         return inner if self.judged is None else inner & self.judged
 
     @cached_property

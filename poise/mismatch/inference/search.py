@@ -25,30 +25,30 @@ from poise.mismatch.inference.unknown import Dependence, dependences
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-PROMISING = 3
+_PROMISING = 3
 """Candidates of a round that are fitted."""
-LOOK, STEPS, WARM = 7, 4, 2
+_LOOK, _STEPS, WARM_STEPS = 7, 4, 2
 """Steps of a first look, of a fit from where that led, and of one from where another fit did."""
-REACH = 0.2
+_REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
-NEAR = 20.0
+_NEAR = 20.0
 """log evidence within which hypotheses are judged more closely."""
-VISIBLE = 3.0
+_VISIBLE = 3.0
 """Sigmas by which an effect of typical size must stand out to be testable."""
-BRIEF, BESIDE = 0.3, 0.2
+_BRIEF, _BESIDE = 0.3, 0.2
 """Share of a recording up to which an event's window is left out when more is looked for, and s on its sides."""
-MOST_PARTS = 3
-THRESHOLD = 3.0
+_MOST_PARTS = 3
+_THRESHOLD = 3.0
 """log evidence from which a hypothesis is looked at closely."""
-WIDER = 1.3
+_WIDER = 1.3
 """log evidence that a tolerance that is exceeded must win over one that is kept."""
-NEW_PHYSICS = 6.0
+_NEW_PHYSICS = 6.0
 """The same for physics that the nominal model lacks altogether."""
-UNKNOWN = 20.0
+_UNKNOWN = 20.0
 """The same for a free curve over a state, which may also follow noise that is not quite as the model has it."""
-NEXT_THRESHOLD, NEXT_MORE = 8.0, 5.0
+_NEXT_THRESHOLD, _NEXT_MORE = 8.0, 5.0
 """The same for dropping an effect, and what a second and third effect need beyond a first."""
-LOOKALIKE = 0.005
+_LOOKALIKE = 0.005
 """Share of all the evidence won by which an effect must better one that it is confused with: a model is never exact,
 and where much is to be explained, a look-alike with more parameters mends the details."""
 
@@ -93,7 +93,7 @@ class HypothesisSearch:
         known = list(self.fits.values())
         self.fits.clear()
         for each in known:
-            self.offer(fit(self.under(each), each.parts, WARM))
+            self.offer(fit(self.under(each), each.parts, WARM_STEPS))
 
     def offer(self, found: HypothesisFit) -> None:
         """Keep a fit when its hypothesis had none as good."""
@@ -127,7 +127,7 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[H
         effects += dependences(problem.recorded)
     best = fit(state.judging, ())
     state.offer(best)
-    for _ in range(MOST_PARTS):
+    for _ in range(_MOST_PARTS):
         found = _round(state, best, effects)
         best = state.fits[names(best)]
         if found is None:
@@ -141,12 +141,12 @@ def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
     known = {part.effect.name for part in best.parts}
     new = next((part.effect for part in found.parts if part.effect.name not in known), None)
     if new is None:
-        return NEW_PHYSICS
-    first = UNKNOWN if isinstance(new, Dependence) else WIDER if new.widens else NEW_PHYSICS
+        return _NEW_PHYSICS
+    first = _UNKNOWN if isinstance(new, Dependence) else _WIDER if new.widens else _NEW_PHYSICS
     if not best.parts:
         return first
     won = best.log_evidence - nominal if any(_alike(new, part.effect) for part in best.parts) else 0.0
-    return max(first + NEXT_MORE, NEXT_THRESHOLD) + LOOKALIKE * max(won, 0.0)
+    return max(first + _NEXT_MORE, _NEXT_THRESHOLD) + _LOOKALIKE * max(won, 0.0)
 
 
 def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit:
@@ -158,10 +158,10 @@ def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Ef
             continue
         rest = [other for other in best.parts if other is not part]
         made = [FittedEffect(each, {p.name: 0.0 for p in each.parameters(state.problem.recorded)}) for each in pieces]
-        tried = fit(state.under(best), [*rest, *made], STEPS)
+        tried = fit(state.under(best), [*rest, *made], _STEPS)
         state.offer(tried)
         won = best.log_evidence - state.fits[()].log_evidence
-        if tried.log_evidence >= best.log_evidence - LOOKALIKE * max(won, 0.0):
+        if tried.log_evidence >= best.log_evidence - _LOOKALIKE * max(won, 0.0):
             return tried
     return best
 
@@ -181,11 +181,11 @@ def _pruned(state: HypothesisSearch, best: HypothesisFit) -> HypothesisFit:
         problem = state.under(best)
         shorter = []
         for part in best.parts:
-            rest = fit(problem, [other for other in best.parts if other is not part], STEPS)
+            rest = fit(problem, [other for other in best.parts if other is not part], _STEPS)
             state.offer(rest)
             shorter.append(state.fits[names(rest)])
         top = max(shorter, key=lambda each: each.log_evidence)
-        if best.log_evidence - top.log_evidence > NEXT_THRESHOLD:
+        if best.log_evidence - top.log_evidence > _NEXT_THRESHOLD:
             break
         best = top
     return best
@@ -197,15 +197,15 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     if not chosen:
         return None
     problem = state.under(best)
-    found = [fit(problem, parts, STEPS) for parts in chosen]
+    found = [fit(problem, parts, _STEPS) for parts in chosen]
     for each in found:
         state.offer(each)
     found.sort(key=lambda each: -each.log_evidence)
     # The noise that the best one leaves; all near it, and the model before, are judged under that too.
     quieter = state.under(found[0])
-    top = [each for each in found if each.log_evidence > found[0].log_evidence - NEAR]
+    top = [each for each in found if each.log_evidence > found[0].log_evidence - _NEAR]
     for each in (*top, best):
-        state.offer(fit(quieter, each.parts, WARM))
+        state.offer(fit(quieter, each.parts, WARM_STEPS))
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
@@ -215,7 +215,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
 def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     """The best fit, or one with fewer parameters of an effect that it is confused with and that is nearly as good."""
     best = max(found, key=lambda each: each.log_evidence)
-    near = best.log_evidence - LOOKALIKE * max(best.log_evidence - nominal, 0.0)
+    near = best.log_evidence - _LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
     alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
     return min((best, *alike), key=lambda each: each.frame.columns.shape[0])
@@ -234,14 +234,14 @@ def prescreen(
     found = sorted((*slow, *fast), key=lambda each: -each.gain)
     for each in found:
         state.gains[names(best), each.effect.name] = each.gain
-        if not best.parts and each.shown < VISIBLE and not isinstance(each.effect, Dependence):
+        if not best.parts and each.shown < _VISIBLE and not isinstance(each.effect, Dependence):
             state.untestable[each.effect.name] = (
                 f"this motion does not show it; this would: {each.effect.separating_motion}"
             )
     if not found or found[0].gain < 0.0:
         return []
-    least = max(0.0, found[0].gain - max(NEAR, 0.15 * found[0].gain))
-    chosen = [each for each in _few_unknown(found) if each.gain > least][:PROMISING]
+    least = max(0.0, found[0].gain - max(_NEAR, 0.15 * found[0].gain))
+    chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
     return [(*best.parts, FittedEffect(each.effect, each.values)) for each in chosen]
@@ -253,8 +253,8 @@ def _calm(problem: Problem, best: HypothesisFit) -> Problem:
     keep = np.ones(len(problem.seconds), dtype=bool)
     for part, recorded in zip(best.parts, worlds, strict=True):
         for begin, end in () if part.effect.transfers else part.effect.windows(recorded, part.values):
-            if end - begin < BRIEF * recorded.duration:
-                keep &= (problem.seconds < begin - BESIDE) | (problem.seconds > end + BESIDE)
+            if end - begin < _BRIEF * recorded.duration:
+                keep &= (problem.seconds < begin - _BESIDE) | (problem.seconds > end + _BESIDE)
     return problem if keep.all() else replace(problem, judged=keep if problem.judged is None else keep & problem.judged)
 
 
@@ -285,12 +285,12 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
     recorded = here.recorded
     found, top = [], 0.0
     for each in sorted(seen, key=lambda each: -each.hope):
-        least = max(THRESHOLD, REACH * top)
+        least = max(_THRESHOLD, _REACH * top)
         done, nonlinear = each, {}
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
         if nonlinear and each.hope > least:
-            done = refine(problem, frame, recorded, each.effect, nonlinear, LOOK, least)
+            done = refine(problem, frame, recorded, each.effect, nonlinear, _LOOK, least)
         found.append(replace(done, shown=each.shown))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)

@@ -12,22 +12,22 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.mismatch.effects import Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion, channel_names, white_level
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, white_level
 from poise.types import Array
 
-CURVE = 8
+_CURVE = 8
 """Hat functions over the range of a scalar state."""
-TURNS = 24
+_TURNS = 24
 """The same over a joint's angle: what catches or is magnetised repeats itself several times in a turn."""
-TIME_STEP, MOMENT = 4.0, 1.0
+_TIME_STEP, _MOMENT = 4.0, 1.0
 """s between the knots of a slow course in time, and of pushes from outside."""
-PLACES = 10
+_PLACES = 10
 """Places along the path around which a force that depends on the place may differ."""
-TYPICAL = 3.0
+_TYPICAL = 3.0
 """Typical size of a curve, in units of the white noise."""
-LEVER = 0.1
+_LEVER = 0.1
 """m: typical distance of what pushes from the sensor."""
-SLOW = 0.02
+_SLOW = 0.02
 """m/s: dry friction turns around within this."""
 
 
@@ -92,12 +92,12 @@ def _course(recorded: RecordedMotion, step: float) -> Array:
 
 
 def _of_time(recorded: RecordedMotion, level: Array) -> VaryingState:
-    return VaryingState("time", recorded.seconds[:, None], _each(_course(recorded, TIME_STEP), level))
+    return VaryingState("time", recorded.seconds[:, None], _each(_course(recorded, _TIME_STEP), level))
 
 
 def _of_time_and_attitude(recorded: RecordedMotion, level: Array) -> VaryingState:
     """Forces and torques in world axes, faster than `_of_time`: what comes from outside does not turn with the tool."""
-    course, turn = _course(recorded, MOMENT), recorded.rotation_world_sensor.swapaxes(1, 2)
+    course, turn = _course(recorded, _MOMENT), recorded.rotation_world_sensor.swapaxes(1, 2)
     half = (turn[:, :, None, :] * course[:, None, :, None]).reshape(len(recorded), 3, -1)
     out = np.zeros((len(recorded), 6, 2 * half.shape[2]))
     out[:, :3, : half.shape[2]], out[:, 3:, half.shape[2] :] = half * level[0], half * level[3]
@@ -106,7 +106,7 @@ def _of_time_and_attitude(recorded: RecordedMotion, level: Array) -> VaryingStat
 
 def _of_time_and_load(recorded: RecordedMotion, level: Array) -> VaryingState:
     """A gain of each channel that changes with time."""
-    course = _course(recorded, TIME_STEP)
+    course = _course(recorded, _TIME_STEP)
     felt = recorded.nominal - recorded.nominal.mean(axis=0)
     felt = felt / np.maximum(felt.std(axis=0), 1e-9)
     columns = _each(course, level).reshape(len(recorded), 6, 6, -1) * felt[:, :, None, None]
@@ -115,7 +115,7 @@ def _of_time_and_load(recorded: RecordedMotion, level: Array) -> VaryingState:
 
 def _of_time_and_turning(recorded: RecordedMotion, level: Array) -> VaryingState:
     """Torques that grow with the angular velocity by a factor that changes with time: a rotor that spins up."""
-    course = _course(recorded, TIME_STEP)
+    course = _course(recorded, _TIME_STEP)
     rate = recorded.angular_velocity / max(float(recorded.angular_velocity.std()), 1e-9)
     turned = np.stack([cross(rate, np.broadcast_to(axis, rate.shape)) for axis in np.eye(3)], axis=2)
     out = np.zeros((len(recorded), 6, 3 * (course.shape[1] + 1)))
@@ -126,14 +126,14 @@ def _of_time_and_turning(recorded: RecordedMotion, level: Array) -> VaryingState
 
 
 def _of_joint(name: str, values: Array, level: Array) -> VaryingState:
-    turns = min(max(CURVE, round(TURNS * float(np.ptp(values)) / np.pi)), 2 * TURNS)
-    count = turns if name.startswith("joint_position") else CURVE
+    turns = min(max(_CURVE, round(_TURNS * float(np.ptp(values)) / np.pi)), 2 * _TURNS)
+    count = turns if name.startswith("joint_position") else _CURVE
     return VaryingState(name, values[:, None], _each(linear_bspline_basis(values, count), level))
 
 
 def _of_speed(recorded: RecordedMotion, level: Array) -> VaryingState:
     speed = np.linalg.norm(recorded.velocity_in_world, axis=1, keepdims=True)
-    laws = np.hstack([recorded.velocity_in_world / np.sqrt(speed**2 + SLOW**2), recorded.velocity_in_world])
+    laws = np.hstack([recorded.velocity_in_world / np.sqrt(speed**2 + _SLOW**2), recorded.velocity_in_world])
     return VaryingState("joint_velocity", speed, _pushes(recorded, laws.reshape(-1, 2, 3), level))
 
 
@@ -153,10 +153,10 @@ def _each(basis: Array, level: Array) -> Array:
 
 def _own(wrench: Array, level: Array) -> Array:
     """(N, 6, 6 b): in every channel functions of what that channel feels."""
-    curves = [linear_bspline_basis(wrench[:, channel], CURVE) for channel in range(6)]
-    out = np.zeros((len(wrench), 6, 6 * CURVE))
+    curves = [linear_bspline_basis(wrench[:, channel], _CURVE) for channel in range(6)]
+    out = np.zeros((len(wrench), 6, 6 * _CURVE))
     for channel, basis in enumerate(curves):
-        out[:, channel, channel * CURVE : (channel + 1) * CURVE] = basis * level[channel]
+        out[:, channel, channel * _CURVE : (channel + 1) * _CURVE] = basis * level[channel]
     return out
 
 
@@ -165,7 +165,7 @@ def _pushes(recorded: RecordedMotion, forces_in_world: Array, level: Array) -> A
     force = np.einsum("nji,nkj->nki", recorded.rotation_world_sensor, forces_in_world)
     at_origin = np.concatenate([force, np.zeros_like(force)], axis=2)
     levers = [
-        np.concatenate([np.zeros_like(force), cross(np.broadcast_to(arm * LEVER, force.shape), force)], axis=2)
+        np.concatenate([np.zeros_like(force), cross(np.broadcast_to(arm * _LEVER, force.shape), force)], axis=2)
         for arm in np.eye(3)
     ]
     return np.asarray(np.concatenate([at_origin, *levers], axis=1).swapaxes(1, 2) * level[0])
@@ -177,7 +177,7 @@ def _anywhere(recorded: RecordedMotion, level: Array) -> Array:
     # Places far from one another: each next one is the farthest from those before.
     chosen = [int(np.argmax(np.linalg.norm(place - place.mean(axis=0), axis=1)))]
     apart = np.linalg.norm(place - place[chosen[0]], axis=1)
-    while len(chosen) < PLACES:
+    while len(chosen) < _PLACES:
         chosen.append(int(np.argmax(apart)))
         apart = np.minimum(apart, np.linalg.norm(place - place[chosen[-1]], axis=1))
     width = max(float(apart.max()), 0.05)
@@ -249,7 +249,7 @@ class Dependence(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         state = self.at(recorded)
         count = 0 if state is None else state.columns.shape[2]
-        return tuple(EffectParameter(f"c{k}", "", TYPICAL, hidden=True) for k in range(count))
+        return tuple(EffectParameter(f"c{k}", "", _TYPICAL, hidden=True) for k in range(count))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear
@@ -266,7 +266,7 @@ class Dependence(Effect):
         unit = "N" if channel < 3 else "N m"
         return (
             f"Something that is not in the library adds up to {np.abs(response[:, channel]).max():.2g} {unit} to "
-            f"{channel_names()[channel]} and depends on {state_description(self.state)}."
+            f"{WRENCH_CHANNELS[channel]} and depends on {state_description(self.state)}."
         )
 
 
@@ -295,7 +295,7 @@ def shape(effect: Dependence, recorded: RecordedMotion, values: Values, points: 
     parts = np.array_split(order, min(points, len(order)))
     return DependenceCurve(
         effect.state,
-        channel_names()[channel],
+        WRENCH_CHANNELS[channel],
         "N" if channel < 3 else "N m",
         np.array([component[part].mean() for part in parts]),
         np.array([course[part].mean() for part in parts]),

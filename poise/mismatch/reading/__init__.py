@@ -2,6 +2,7 @@
 
 from poise.mismatch.reading.joining import joined, spans, without
 from poise.mismatch.reading.kinematics import Motion, base_joints, effort_track, recorded_from_motion
+from poise.mismatch.reading.measured_streams import MeasuredStreams
 from poise.mismatch.reading.model_effects import absent, effect_of, with_model_effects
 from poise.mismatch.reading.nominal_model import (
     ModelEffect,
@@ -12,9 +13,10 @@ from poise.mismatch.reading.nominal_model import (
     parse_model,
 )
 from poise.mismatch.reading.payload import identified
-from poise.mismatch.reading.recordings import ReadRecording, read_recording
+from poise.mismatch.reading.recordings import ReadRecording, read_recording, read_streams
 
 __all__ = [
+    "MeasuredStreams",
     "ModelEffect",
     "Motion",
     "NominalModel",
@@ -30,6 +32,7 @@ __all__ = [
     "load_model",
     "parse_model",
     "read_recording",
+    "read_streams",
     "recorded_from_motion",
     "spans",
     "with_model_effects",

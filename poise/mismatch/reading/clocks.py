@@ -5,9 +5,9 @@ from scipy.optimize import isotonic_regression
 
 from poise.types import Array
 
-MAX_JITTER = 0.27
+_MAX_JITTER = 0.27
 """Periods; stamps without any clock behind them would have 0.29."""
-SHORT, LONG = 128, 512
+_SHORT, _LONG = 128, 512
 """Samples over which a period is found roughly, and then finely; also those whose mean phase is followed."""
 
 
@@ -25,7 +25,7 @@ def regular(seconds: Array) -> Array | None:
     ticks = _numbered(seconds, period)
     fitted = _wandering(ticks, seconds)
     jitter = float(np.std(seconds - fitted))
-    if jitter > MAX_JITTER * period or not (np.diff(fitted) > 0).all():
+    if jitter > _MAX_JITTER * period or not (np.diff(fitted) > 0).all():
         return None
     return fitted
 
@@ -38,7 +38,7 @@ def _phasors(seconds: Array, period: float, length: int) -> Array:
 
 def _period(seconds: Array, rough: float) -> float:
     """s, the period under which stretches of stamps are most even."""
-    for length, reach in ((SHORT, 0.1), (LONG, 0.002)):
+    for length, reach in ((_SHORT, 0.1), (_LONG, 0.002)):
         tried = rough * (1.0 + np.arange(-reach, reach, 0.2 / length))
         rough = float(max(tried, key=lambda period: np.sum(np.abs(_phasors(seconds, period, length)) ** 2)))
     return rough
@@ -46,7 +46,7 @@ def _period(seconds: Array, rough: float) -> float:
 
 def _numbered(seconds: Array, period: float) -> Array:
     """(N,) tick numbers: the stamps rounded to the clock whose phase is followed from stretch to stretch."""
-    phasors = _phasors(seconds, period, SHORT)
+    phasors = _phasors(seconds, period, _SHORT)
     middles = np.array([part.mean() for part in np.array_split(seconds, len(phasors))])
     phase = np.interp(seconds, middles, np.unwrap(np.angle(phasors)) / (2.0 * np.pi))
     rows = np.arange(len(seconds))

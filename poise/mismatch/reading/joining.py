@@ -10,7 +10,7 @@ from poise.errors import ErrorCode, InputError
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Mask
 
-PAUSE = 5.0
+RECORDING_GAP = 5.0
 """s between the last sample of a recording and the first of the next, on the joint clock."""
 
 
@@ -51,7 +51,7 @@ def spans(worlds: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
     found, begin = [], 0.0
     for recorded in worlds:
         found.append((begin, begin + recorded.duration))
-        begin += recorded.duration + PAUSE
+        begin += recorded.duration + RECORDING_GAP
     return found
 
 

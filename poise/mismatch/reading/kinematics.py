@@ -11,7 +11,7 @@ from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, Recorded
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.types import Array
 
-STILL = 1e-3
+_STILL = 1e-3
 """m/s or rad/s below which a base rests."""
 
 
@@ -207,4 +207,4 @@ class _BaseRows:
 
 def _moves(base: BaseTrack) -> bool:
     fastest = max(np.abs(base.velocity_in_world).max(), np.abs(base.angular_velocity_in_base).max())
-    return bool(fastest > STILL)
+    return bool(fastest > _STILL)

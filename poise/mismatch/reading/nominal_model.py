@@ -13,7 +13,7 @@ from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import InertialParameters, symmetric
 from poise.types import Array
 
-MAX_BYTES = 1_000_000
+_MAX_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,11 @@ class NominalModel:
     effects: tuple[ModelEffect, ...] = ()
     payload_identified: bool = False
 
+    @property
+    def gravity_or_standard(self) -> float:
+        """m/s2, downwards."""
+        return STANDARD_GRAVITY if self.gravity is None else self.gravity
+
 
 def load_model(path: Path) -> NominalModel:
     """Read model.yaml.
@@ -98,8 +103,8 @@ def load_model(path: Path) -> NominalModel:
         InputError: FILE_UNREADABLE; BAD_INPUT for anything in it that makes no sense, with its place.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {MAX_BYTES} bytes, not a model")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(ErrorCode.BAD_INPUT, f"{path}: larger than {_MAX_BYTES} bytes, not a model")
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"cannot read the model {path}: {error.strerror}") from error

@@ -10,10 +10,10 @@ from poise.mismatch.reading.nominal_model import Tolerance
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-SCALE = np.array([3.0, *[0.3] * 3, *[0.05] * 6, *[10.0] * 3, *[1.0] * 3])
+_SCALE = np.array([3.0, *[0.3] * 3, *[0.05] * 6, *[10.0] * 3, *[1.0] * 3])
 """One sigma of weak priors on mass, first moments, inertia and bias: what the motion does not show stays small."""
-LOOSER = 10.0
-FARTHEST = 5.0
+_LOOSER = 10.0
+_FARTHEST = 5.0
 """m from the sensor at which no payload has its centre of mass."""
 
 
@@ -32,7 +32,7 @@ def identified(recorded: RecordedMotion) -> Array:
     for _ in range(3):
         scaled = (rows * (np.sqrt(weight) / sigma)[:, :, None]).reshape(-1, 16)
         target = (recorded.wrench * np.sqrt(weight) / sigma).ravel()
-        answer = np.linalg.solve(scaled.T @ scaled + np.diag(SCALE**-2.0), scaled.T @ target)
+        answer = np.linalg.solve(scaled.T @ scaled + np.diag(_SCALE**-2.0), scaled.T @ target)
         off = (recorded.wrench - rows @ answer) / sigma
         size = np.maximum(1.4826 * np.median(np.abs(off), axis=0), 1.0)
         weight = np.minimum(1.0, 2.0 * size / np.maximum(np.abs(off), 1e-9))
@@ -50,7 +50,7 @@ def _check_units(recorded: RecordedMotion) -> None:
     matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
     mass = _slope(matrix[:, :3, :1], recorded.wrench[:, :3])[0]
     lever = _slope(matrix[:, 3:, 1:4], recorded.wrench[:, 3:]) / max(abs(float(mass)), 0.05)
-    if float(np.linalg.norm(lever)) > FARTHEST:
+    if float(np.linalg.norm(lever)) > _FARTHEST:
         raise InputError(
             ErrorCode.BAD_INPUT,
             f"the centre of mass would be {float(np.linalg.norm(lever)):.0f} m from the sensor: the torque seems to be "
@@ -70,7 +70,7 @@ def loosened(tolerance: Tolerance) -> Tolerance:
     """With a payload that is only known as well as a first fit does."""
     return replace(
         tolerance,
-        payload_mass=LOOSER * tolerance.payload_mass,
-        payload_com=LOOSER * tolerance.payload_com,
-        payload_inertia=LOOSER * tolerance.payload_inertia,
+        payload_mass=_LOOSER * tolerance.payload_mass,
+        payload_com=_LOOSER * tolerance.payload_com,
+        payload_inertia=_LOOSER * tolerance.payload_inertia,
     )

@@ -5,19 +5,19 @@ import warnings
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.recorded import RecordedMotion, channel_names
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.recording import JointStream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
 
-NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
+_NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
 """Samples that say what one in their middle should be like."""
-PARTS = ("force", "torque")
-OUTSIDE = 1.0
+_PARTS = ("force", "torque")
+_OUTSIDE = 1.0
 """rad or m beyond its range at which a joint cannot be; ranges in descriptions are often a little narrow."""
-SHORTEST, SLOWEST = 4.0, 15.0
+_SHORTEST, _SLOWEST = 4.0, 15.0
 """s of wrenches, and Hz of joint states, at the least."""
-MAX_SPIKES = 0.03
+_MAX_SPIKES = 0.03
 """Share of samples that may be spikes; more of them are no accidents."""
 
 
@@ -33,7 +33,7 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
     if len(stuck):
         raise InputError(
             ErrorCode.BAD_INPUT,
-            f"{name}: {', '.join(channel_names()[c] for c in stuck)} of the wrench reads the same in every sample: is "
+            f"{name}: {', '.join(WRENCH_CHANNELS[c] for c in stuck)} of the wrench reads the same in every sample: is "
             "the sensor on, and its driver running?",
         )
     read, said = (values - values.mean(axis=0) for values in (recorded.wrench, recorded.prediction))
@@ -42,7 +42,9 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
         a, b = read[:, part], said[:, part]
         gains.append(float(np.sum(a * b) / max(np.sum(b * b), 1e-12)))
         likeness.append(float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), 1e-12)))
-    turned = [what for what, like, gain in zip(PARTS, likeness, gains, strict=True) if like < -0.9 and -2 < gain < -0.5]
+    turned = [
+        what for what, like, gain in zip(_PARTS, likeness, gains, strict=True) if like < -0.9 and -2 < gain < -0.5
+    ]
     if turned:
         what = "wrench" if "force" in turned else "torque alone"
         raise InputError(
@@ -71,7 +73,7 @@ def check_positions(robot: RobotModel, position: Array) -> None:
         beyond = np.fmax(robot.lower - position, position - robot.upper)
     farthest = np.nan_to_num(np.where(np.isnan(beyond), -np.inf, beyond), neginf=-1.0)
     row, joint = np.unravel_index(int(np.argmax(farthest)), farthest.shape)
-    if farthest[row, joint] > OUTSIDE:
+    if farthest[row, joint] > _OUTSIDE:
         raise InputError(
             ErrorCode.BAD_INPUT,
             f"joint {robot.joint_names[joint]} is at {position[row, joint]:.2f}, its range in the description is "
@@ -87,17 +89,17 @@ def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
         InputError: TOO_FEW_SAMPLES.
     """
     length = float(wrench.stamps[-1] - wrench.stamps[0]) * 1e-9
-    if length < SHORTEST:
+    if length < _SHORTEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"the wrench lasts {length:.1f} s: record ten seconds or more, {SHORTEST:.0f} s at the least",
+            f"the wrench lasts {length:.1f} s: record ten seconds or more, {_SHORTEST:.0f} s at the least",
         )
     period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else np.inf
-    if period > 1.0 / SLOWEST:
+    if period > 1.0 / _SLOWEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
             f"joint states come every {period:.2f} s, which tells no accelerations: record at 50 Hz or more, "
-            f"{SLOWEST:.0f} Hz at the least",
+            f"{_SLOWEST:.0f} Hz at the least",
         )
 
 
@@ -109,13 +111,13 @@ def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]
         calm = np.where(out[:, None], np.nan, residual)
         with warnings.catch_warnings():  # where no neighbour is good, nothing is known: NaN is right
             warnings.simplefilter("ignore", RuntimeWarning)
-            around = np.nanmedian(np.stack([np.roll(calm, shift, axis=0) for shift in NEIGHBOURS]), axis=0)
+            around = np.nanmedian(np.stack([np.roll(calm, shift, axis=0) for shift in _NEIGHBOURS]), axis=0)
         off = residual - around
         spread = 1.4826 * np.nanmedian(np.abs(off), axis=0)
         out = np.nan_to_num(np.abs(off / np.maximum(spread, 1e-9)).max(axis=1)) > 8.0
         out[:6] = out[-6:] = False
     beside = np.convolve(out.astype(float), np.ones(5), mode="same") > 2.5
     out &= ~beside
-    if not out.any() or out.mean() > MAX_SPIKES:
+    if not out.any() or out.mean() > _MAX_SPIKES:
         return recorded, []
     return recorded.select(~out), [f"{int(out.sum())} wrench samples stand alone far out of line and were left out"]

@@ -7,25 +7,25 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.clocks import regular
-from poise.robot import Grid, SplineFit
+from poise.robot import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
-GAP = 6.0
+_GAP = 6.0
 """Median sample intervals that make a gap."""
-MIN_SAMPLES = 30
-EDGE = 0.08
+_MIN_SAMPLES = 30
+_EDGE = 0.08
 """s at the ends of a stretch where accelerations are too uncertain."""
-SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
+_SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
 """s between knots that are tried: 0.03 to 0.51."""
-LOCAL = 0.7
+_LOCAL = 0.7
 """s around a sample that say which spline suits it."""
-LOUD = 0.8
+_LOUD = 0.8
 """Quantile of the noise around a sample that stands for all."""
-FINER = 2.5
+_FINER = 2.5
 """How much closer than the knots that suit the whole recording those of some moment may be."""
-PRICE = 2.0
+_PRICE = 2.0
 """log likelihood that a coefficient must win; Akaike's 1 buys noise where it is louder than elsewhere."""
-HONEST = 2.5
+_HONEST = 2.5
 """Measured rates whose means over 25 samples scatter by this much more than white noise would are not used."""
 
 
@@ -71,7 +71,7 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
     noise = np.zeros(values.shape[1])
     for part in _stretches(seconds):
         begin, end = seconds[part][0], seconds[part][-1]
-        inside = (wanted >= begin + EDGE) & (wanted <= end - EDGE)
+        inside = (wanted >= begin + _EDGE) & (wanted <= end - _EDGE)
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
         noise = np.maximum(noise, blend.noise)
         out[:, inside] = blend(wanted[inside])
@@ -91,9 +91,9 @@ class _Blend:
 
     def __init__(self, seconds: Array, values: Array, rates: Array | None) -> None:
         span = float(seconds[-1] - seconds[0])
-        sizes = sorted({max(round(span / spacing), 1) for spacing in SPACINGS})
+        sizes = sorted({max(round(span / spacing), 1) for spacing in _SPACINGS})
         grids = [Grid.across(seconds, size) for size in sizes if size <= max(len(seconds) * 2 // 3 - 5, 1)]
-        plain = [SplineFit(grid, seconds, values) for grid in grids]
+        plain = [SplineFit(Design(grid, seconds), values) for grid in grids]
         best = np.argmin([fit.score() for fit in plain], axis=0)
         columns = np.arange(values.shape[1])
         self.noise = np.array([fit.sigma for fit in plain])[best, columns]
@@ -101,22 +101,26 @@ class _Blend:
         self._seconds = seconds
         # A base's odometry is loud while it drives and silent while it rests: what counts is the former.
         local = self._around((values - plain[-1](seconds)) ** 2)
-        self.noise *= np.sqrt(np.maximum(np.quantile(local, LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0))
+        self.noise *= np.sqrt(
+            np.maximum(np.quantile(local, _LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0)
+        )
         slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
-        self._fits = plain if slopes is None else [SplineFit(g, seconds, values, slopes, weight) for g in grids]
+        self._fits = (
+            plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
+        )
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
         # What is much finer than what suits the whole follows noise wherever it is a little louder.
         fine = np.array([grid.size for grid in grids])
-        self._score -= 1e9 * (fine[:, None] > FINER * fine[best])[:, None]
+        self._score -= 1e9 * (fine[:, None] > _FINER * fine[best])[:, None]
 
     def _local(self, fit: SplineFit, values: Array) -> Array:
-        """(M, J) local log likelihood, less `PRICE` for every coefficient that is spent around."""
+        """(M, J) local log likelihood, less `_PRICE` for every coefficient that is spent around."""
         square = ((values - fit(self._seconds)) / self.noise) ** 2
         spent = float(self._window(len(values)).sum()) * fit.grid.size / len(values)
-        return self._around(-0.5 * square) - PRICE * spent
+        return self._around(-0.5 * square) - _PRICE * spent
 
     def _around(self, values: Array) -> Array:
-        """(M, J) sums over `LOCAL` seconds, smoothly weighted."""
+        """(M, J) sums over `_LOCAL` seconds, smoothly weighted."""
         window = self._window(len(values))
         half = len(window) // 2
         padded = np.pad(values, ((half, half), (0, 0)), mode="reflect")
@@ -124,7 +128,7 @@ class _Blend:
 
     def _window(self, count: int) -> Array:
         period = float(np.median(np.diff(self._seconds)))
-        half = min(max(round(LOCAL / period), 3), (count - 1) // 2)
+        half = min(max(round(_LOCAL / period), 3), (count - 1) // 2)
         return np.asarray(np.hanning(2 * half + 3)[1:-1])
 
     def __call__(self, wanted: Array) -> Array:
@@ -152,7 +156,7 @@ def _trusted(
         return None, 0.0
     means = off[:length].reshape(-1, 25, off.shape[1]).mean(axis=1)
     scatter = np.maximum(off.var(axis=0), 1e-18)
-    if (25.0 * np.mean(means**2, axis=0) > HONEST * scatter).any():
+    if (25.0 * np.mean(means**2, axis=0) > _HONEST * scatter).any():
         return None, 0.0
     return rates, float(np.median(noise**2 / scatter))
 
@@ -165,19 +169,19 @@ def _roughness(seconds: Array, values: Array) -> float:
     if not moving.any():
         return 0.0
     size = max(round((seconds[part][-1] - seconds[part][0]) / 0.1), 1)
-    sigma = SplineFit(Grid.across(seconds[part], size), seconds[part], values[part][:, moving]).sigma
+    sigma = SplineFit(Design(Grid.across(seconds[part], size), seconds[part]), values[part][:, moving]).sigma
     return float(np.log(np.maximum(sigma, 1e-12)).sum())
 
 
 def _stretches(seconds: Array) -> list[slice]:
     steps = np.diff(seconds)
-    limit = GAP * float(np.median(steps)) if len(steps) else 0.0
+    limit = _GAP * float(np.median(steps)) if len(steps) else 0.0
     edges = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(seconds)]
-    found = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= MIN_SAMPLES]
+    found = [slice(a, b) for a, b in itertools.pairwise(edges) if b - a >= _MIN_SAMPLES]
     if not found:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"too few joint samples: of {len(seconds)} no {MIN_SAMPLES} come without a gap of {limit:.3g} s; "
+            f"too few joint samples: of {len(seconds)} no {_MIN_SAMPLES} come without a gap of {limit:.3g} s; "
             "record at 50 Hz or more, for ten seconds or more",
         )
     return found

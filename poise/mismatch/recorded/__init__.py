@@ -1,18 +1,18 @@
 """One recording as effects see it: measured wrench, prediction, motion behind them, and the wrench of a rigid load."""
 
-from poise.mismatch.recorded.channels import channel_names, directed
+from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import lattice, white_level
 from poise.mismatch.recorded.recorded_motion import BaseTrack, EffortTrack, JointTrack, RecordedMotion
 from poise.mismatch.recorded.resampling import at_times
 
 __all__ = [
+    "WRENCH_CHANNELS",
     "BaseTrack",
     "EffortTrack",
     "JointTrack",
     "RecordedMotion",
     "at_times",
-    "channel_names",
     "directed",
     "forces_at",
     "lattice",

@@ -4,6 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+WRENCH_CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Of a wrench, in the order of its columns."""
+
 
 def directed(vector: Sequence[float], unit: str) -> str:
     """A vector's size and main direction: '9.1 N, mostly along +x'."""
@@ -14,8 +17,3 @@ def directed(vector: Sequence[float], unit: str) -> str:
     axis = int(np.argmax(np.abs(values)))
     mostly = "along" if abs(values[axis]) > 0.95 * size else "mostly along"
     return f"{size:.3g} {unit}, {mostly} {'+' if values[axis] > 0 else '-'}{'xyz'[axis]}"
-
-
-def channel_names() -> tuple[str, ...]:
-    """fx to tz."""
-    return ("fx", "fy", "fz", "tx", "ty", "tz")

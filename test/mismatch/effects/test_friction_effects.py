@@ -6,7 +6,7 @@ import pytest
 from effect_worlds import HOME, PAYLOAD, ROBOT, TYPICAL, effort_world, filled
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.effects.joint_friction import CREEPING
+from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION
 from poise.mismatch.effects.part_motion import between_stops
 from poise.mismatch.reading import Motion, effort_track
 
@@ -34,7 +34,7 @@ def ratios(value):
 def test_dry_friction_jumps_by_twice_itself_and_viscous_friction_is_a_line():
     at = effort_world()
     velocity = at.effort.velocity
-    fast = np.abs(velocity) > 5 * CREEPING
+    fast = np.abs(velocity) > 5 * COULOMB_TRANSITION
     dry = response("coulomb_friction", at, **{f"torque_{i}": float(i) for i in JOINTS})
     np.testing.assert_allclose(dry[fast], (np.sign(velocity) * np.arange(1, 7))[fast], rtol=1e-3)
     wet = response("viscous_friction", at, **{f"damping_{i}": 0.5 * i for i in JOINTS})
@@ -48,7 +48,7 @@ def test_stribeck_friction_falls_from_stiction_to_coulomb_and_rises_with_speed()
     velocity = np.abs(at.effort.velocity[:, 1])
     values = {"velocity": 0.1, "torque_2": 3.0, "stiction_2": 6.0, "damping_2": 2.0}
     size = np.abs(response("stribeck_friction", at, **values)[:, 1])
-    slow, fast = (velocity > 4 * CREEPING) & (velocity < 0.03), velocity > 0.35
+    slow, fast = (velocity > 4 * COULOMB_TRANSITION) & (velocity < 0.03), velocity > 0.35
     np.testing.assert_allclose(size[slow], 9.0, rtol=0.1)
     np.testing.assert_allclose(size[fast], 3.0 + 2.0 * velocity[fast], rtol=1e-3)
     middle = np.abs(velocity - 0.1) < 0.01

@@ -2,7 +2,17 @@
 
 import numpy as np
 import pytest
-from effect_worlds import AXIS, HOME, PAYLOAD, PLACE, REACH, ROBOT, TYPICAL, filled, recorded
+from effect_worlds import (
+    AXIS,
+    HOME,
+    PAYLOAD,
+    PLACE,
+    REACH,
+    ROBOT,
+    TYPICAL,
+    filled,
+    recorded,
+)
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation

@@ -1,0 +1,28 @@
+"""Which objects touch, where, and the graph of what supports what.
+
+- `placed`, `penetration`: bodies at their poses, and how deep they overlap.
+- `contacts` (with `touching`, `round_contacts`): contact interfaces between bodies.
+- `graph`: the contact interface graph, cut into blocks. `surface`: points where something could push.
+"""
+
+from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
+from poise.assembly.contact.graph import FIXED, Block, Structure
+from poise.assembly.contact.penetration import convex_geometry, distance_to_triangles, winding_number
+from poise.assembly.contact.placed import bounds_of, triangle_areas
+from poise.assembly.contact.surface import SurfacePoints, sample_surface
+
+__all__ = [
+    "CONTACT_MARGIN",
+    "FIXED",
+    "Block",
+    "Interface",
+    "Structure",
+    "SurfacePoints",
+    "bounds_of",
+    "convex_geometry",
+    "distance_to_triangles",
+    "find_interfaces",
+    "sample_surface",
+    "triangle_areas",
+    "winding_number",
+]

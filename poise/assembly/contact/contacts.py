@@ -1,0 +1,149 @@
+"""Contact interfaces of an assembly: which objects touch, where, and with what friction."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from poise.assembly.contact.penetration import penetration_depth
+from poise.assembly.contact.placed import Patch, PlacedBody, placed, triangle_areas
+from poise.assembly.contact.round_contacts import round_patches
+from poise.assembly.contact.touching import FACE_ANGLE, touching_patches
+from poise.assembly.scene import Assembly
+from poise.errors import ErrorCode, InputError
+from poise.geometry import plane_axes, unit
+from poise.types import Array
+
+CONTACT_MARGIN = 1.5e-3
+"""Gaps and overlaps up to this, in m, count as touching: what a scan leaves between bodies that touch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """All places in one plane where two objects touch.
+
+    The forces that the corners can transmit are all the forces that the region can (a force at an inner point is
+    a sum of forces of the same direction at the corners), so limit analysis needs no others.
+
+    Args:
+        first, second: places in `Assembly.objects`; the first presses on the second along the normal.
+        normal: (3,) from first into second.
+        points: (K, 3) corners of the convex hull of the region, in order, m; two for a line, one for a point.
+        triangles: (T, 3, 3) the region touched; empty for lines and points.
+        gap: m, negative where they overlap.
+        friction: Coulomb coefficient.
+    """
+
+    first: int
+    second: int
+    normal: Array
+    points: Array
+    triangles: Array
+    gap: float
+    friction: float
+
+    @cached_property
+    def area(self) -> float:
+        """m2; 0 for lines and points."""
+        return float(triangle_areas(self.triangles).sum())
+
+
+def find_interfaces(
+    assembly: Assembly, margin: float = CONTACT_MARGIN, only: frozenset[str] | None = None
+) -> list[Interface]:
+    """Find where objects touch. Pairs of fixed objects are left out.
+
+    Args:
+        assembly: the objects.
+        margin: gaps and overlaps up to this count as touching, m.
+        only: look at pairs with one of these ids alone.
+
+    Raises:
+        InputError: INTERPENETRATION, naming the two objects and the depth.
+    """
+    bodies = [placed(item) for item in assembly.objects]
+    wanted = None if only is None else np.array([item.id in only for item in assembly.objects])
+    interfaces: list[Interface] = []
+    for i, j in _pairs_near(bodies, margin):
+        if wanted is not None and not (wanted[i] or wanted[j]):
+            continue
+        first, second = bodies[i], bodies[j]
+        _check_overlap(first, second, margin)
+        search = round_patches if first.cylinder or second.cylinder else touching_patches
+        friction = assembly.friction_between(first.item.id, second.item.id)
+        for group in _by_plane(search(first, second, margin), margin):
+            interfaces.append(_merged(group, i, j, friction))
+    return interfaces
+
+
+def _pairs_near(bodies: list[PlacedBody], margin: float) -> list[list[int]]:
+    """Pairs, the first earlier in the list, whose bounds come within the margin; not both fixed."""
+    bounds = np.array([body.bounds for body in bodies])
+    fixed = np.array([body.item.fixed for body in bodies])
+    apart = np.any(bounds[:, None, 0] > bounds[None, :, 1] + margin, axis=2)
+    near = ~(apart | apart.T) & ~(fixed[:, None] & fixed[None])
+    pairs: list[list[int]] = np.argwhere(np.triu(near, 1)).tolist()
+    return pairs
+
+
+def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None:
+    low = np.maximum(first.bounds[0], second.bounds[0])
+    high = np.minimum(first.bounds[1], second.bounds[1])
+    if np.any(high - low <= margin):
+        return
+    depth = penetration_depth(first, second)
+    if depth > margin:
+        names = first.item.id, second.item.id
+        raise InputError(
+            ErrorCode.INTERPENETRATION,
+            f"objects {names[0]} and {names[1]} overlap by {depth * 1e3:.2f} mm (up to {margin * 1e3:g} mm is taken "
+            "as touching); move one of them",
+            objects=names,
+            depth=depth,
+        )
+
+
+def _by_plane(patches: list[Patch], margin: float) -> list[list[Patch]]:
+    """Patches in groups that lie in one plane, the largest first."""
+    groups: list[list[Patch]] = []
+    for patch in sorted(patches, key=lambda patch: -patch.area):
+        for group in groups:
+            lead = group[0]
+            flat = lead.normal @ patch.normal > np.cos(FACE_ANGLE)
+            if flat and np.all(np.abs((patch.points - lead.points[0]) @ lead.normal) <= margin):
+                group.append(patch)
+                break
+        else:
+            groups.append([patch])
+    return groups
+
+
+def _merged(group: list[Patch], first: int, second: int, friction: float) -> Interface:
+    """One interface of patches in one plane: the corners of their common hull, and their whole region."""
+    if len(group) == 1 and len(group[0].points) <= 4:
+        lead = group[0]
+        return Interface(first, second, lead.normal, lead.points, lead.triangles, lead.gap, friction)
+    areas = np.array([patch.area for patch in group])
+    weights = areas if areas.sum() > 0 else np.ones(len(group))
+    normal = unit(np.sum([w * patch.normal for w, patch in zip(weights, group, strict=True)], axis=0))
+    points = _hull(np.concatenate([patch.points for patch in group]), normal)
+    gap = float(np.average([patch.gap for patch in group], weights=weights))
+    triangles = np.concatenate([patch.triangles for patch in group])
+    return Interface(first, second, normal, points, triangles, gap, friction)
+
+
+def _hull(points: Array, normal: Array) -> Array:
+    """Corners of the convex hull of points in a plane, in order; the two ends when they are in line."""
+    plane = (points - points[0]) @ plane_axes(normal).T
+    spread = float(np.ptp(plane, axis=0).max())
+    if spread <= 1e-9:
+        return points[:1]
+    try:
+        corners = points[ConvexHull(plane).vertices]
+        # Corners that clipping has left side by side are one.
+        apart = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1) > 1e-5 * spread
+        return np.asarray(corners[apart])
+    except QhullError:
+        along = plane @ np.linalg.svd(plane - plane.mean(axis=0))[2][0]
+        return points[[int(along.argmin()), int(along.argmax())]]

@@ -1,0 +1,54 @@
+"""How hard an assembly may be pushed and accelerated, and in which order it may be taken apart.
+
+- `registry`, `limit_loads`, `block_answers`: models by name, what they answer, and what they share.
+- `assess`, `maps`: single pushes, and certified maps of the surface.
+- `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
+- `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
+"""
+
+from poise.assembly.robustness.acceleration import AccelerationLimits, acceleration_limits
+from poise.assembly.robustness.assess import Assessment, Robustness, assess
+from poise.assembly.robustness.block_answers import (
+    ask_block,
+    ask_single_patch,
+    both_gauges,
+    check_elastic,
+    limit_gauges,
+    patch_gauges,
+)
+from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
+from poise.assembly.robustness.limit_loads import Collapses, PlainMovement
+from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
+from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS, RobustnessModel
+from poise.assembly.robustness.sensitivity import Sensitivity, sensitivity
+from poise.assembly.robustness.turning_base import TurningBase
+from poise.assembly.robustness.uncertainty import MotionProbability, motion_probability
+
+__all__ = [
+    "DEFAULT_MODEL",
+    "MAX_MAP_POINTS",
+    "ROBUSTNESS_MODELS",
+    "AccelerationLimits",
+    "Assessment",
+    "Collapses",
+    "Disassembly",
+    "MotionProbability",
+    "PlainMovement",
+    "Robustness",
+    "RobustnessMap",
+    "RobustnessModel",
+    "Sensitivity",
+    "TurningBase",
+    "acceleration_limits",
+    "ask_block",
+    "ask_single_patch",
+    "assess",
+    "both_gauges",
+    "check_elastic",
+    "limit_gauges",
+    "motion_probability",
+    "patch_gauges",
+    "plan_disassembly",
+    "robustness_map",
+    "sensitivity",
+]

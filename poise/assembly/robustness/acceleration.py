@@ -1,0 +1,271 @@
+"""How fast a base may accelerate, turn and tilt before something on it slips or topples."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from poise.assembly.robustness.gravity_cone import GravityCone
+from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
+from poise.assembly.scene import Assembly
+from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads, Mechanism
+from poise.errors import ErrorCode, InputError
+from poise.geometry import unit
+from poise.types import Array
+
+FASTEST = 1000.0
+"""Accelerations above this are not looked into, m/s2."""
+# Bounds on the limits of blocks of several interfaces are brought this close.
+TOLERANCE = 0.003
+# Directions all around, besides those asked for, from which the polytope is made, and the tolerance for these.
+AROUND, TOLERANCE_AROUND = 90, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerationLimits:
+    """How fast a base may accelerate, in the assembly's frame. All objects twice as heavy bear the same.
+
+    The sustained combinations of linear acceleration, angular acceleration and squared angular speed form a convex
+    set: shares of their single limits that add up to at most 1 are safe together.
+
+    Args:
+        directions: (D, 3) unit vectors.
+        limits: (D,) m/s2; inf above `FASTEST`.
+        first_to_move: ids of what moves first, for each direction; empty when nothing does.
+        normals, offsets: (F, 3), (F,) every acceleration a with normals @ a <= offsets is sustained, m/s2.
+        angular_acceleration: rad/s2, either way about an axis along z of the assembly's frame, from rest.
+        angular_speed: rad/s, about the same axis, when steady.
+        complete: the deadline left time for all; otherwise the limits are what is certified.
+    """
+
+    directions: Array
+    limits: Array
+    first_to_move: tuple[tuple[str, ...], ...]
+    normals: Array
+    offsets: Array
+    angular_acceleration: float
+    angular_speed: float
+    complete: bool
+
+    def tilts(self, gravity: float) -> Array:
+        """(D,) how far the base may be tilted so that `directions`, if level, point uphill, rad.
+
+        What a tilt does is what an acceleration uphill does, up to a factor on gravity that no limit depends on.
+        """
+        return np.asarray(np.arctan(self.limits / gravity))
+
+    def left_by(self, speed: float, acceleration: float) -> float:
+        """The share of all limits that a base leaves which turns already, rad/s and rad/s2; 0 when that is too much."""
+        taken = _share(abs(acceleration), self.angular_acceleration) + _share(speed**2, self.angular_speed**2)
+        return max(0.0, 1.0 - taken)
+
+    def while_turning(self, speed: float, acceleration: float) -> "AccelerationLimits":
+        """What is sustained while the base turns: certified, since the sustained combinations are convex.
+
+        No more than that: accelerations that counteract the turning may be larger.
+        """
+        left = self.left_by(speed, acceleration)
+        limits = self.limits * left if left else np.zeros_like(self.limits)
+        return replace(self, limits=limits, offsets=self.offsets * left)
+
+
+def acceleration_limits(
+    assembly: Assembly | Analysis,
+    directions: int | Array = 72,
+    deadline: float | None = None,
+    turning: bool = True,
+    axis: Sequence[float] = (0.0, 0.0),
+) -> AccelerationLimits:
+    """How fast the base of an assembly may accelerate.
+
+    An accelerating base is a resting one under another gravity. Sustained effective gravities form a convex cone:
+    in closed form for every body on one interface; for blocks with cycles solved where bounds (collapse mechanisms
+    from above, convexity from below) are still apart.
+
+    Args:
+        assembly: prepared as an `Analysis` when more will be asked.
+        directions: (D, 3) any lengths but zero; or how many in the horizontal plane, counter-clockwise from x.
+        deadline: s.
+        turning: angular acceleration and speed too (NaN otherwise).
+        axis: (2,) x and y of the axis about which the base turns, m.
+
+    Raises:
+        InputError: BAD_INPUT or NOT_FINITE for directions; INTERPENETRATION, FLOATING.
+        NoAnswerError: UNSTABLE, SOLVER_FAILED.
+    """
+    clock = Deadline.after(deadline)
+    asked = _directions(directions)
+    analysis = Analysis.of(assembly)
+    analysis.require_stable(clock)
+    all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(AROUND)])
+    tolerance = np.where(np.arange(len(all_directions)) < len(asked) + 6, TOLERANCE, TOLERANCE_AROUND)
+    limits = np.full(len(all_directions), FASTEST)
+    movers: list[Callable[[], tuple[str, ...]] | None] = [None] * len(asked)
+    complete = True
+    for block in analysis.blocks:
+        found, mechanisms, done = _block_limits(block, all_directions, tolerance, clock)
+        complete &= done
+        lower = found < limits
+        for row in np.flatnonzero(lower[: len(asked)]).tolist():
+            movers[row] = mechanisms(row)
+        limits = np.where(lower, found, limits)
+    normals, offsets = _polytope(all_directions * limits[:, None])
+    angular, speed, done = _turning(analysis, axis, clock) if turning else (np.nan, np.nan, True)
+    names = tuple(() if mover is None else mover() for mover in movers)
+    shown = np.where(limits >= FASTEST, np.inf, limits)[: len(asked)]
+    return AccelerationLimits(asked, shown, names, normals, offsets, angular, speed, complete and done)
+
+
+def _share(value: float, most: float) -> float:
+    return 0.0 if value == 0 else value / most if most > 0 else np.inf
+
+
+def _directions(directions: int | Array) -> Array:
+    if isinstance(directions, int):
+        if not 1 <= directions <= 100_000:
+            raise InputError(ErrorCode.BAD_INPUT, f"directions: {directions}, expected 1 to 100000")
+        azimuth = 2 * np.pi * np.arange(directions) / directions
+        return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(directions)], axis=1)
+    given = np.asarray(directions, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1:] != (3,) or not len(given):
+        raise InputError(ErrorCode.BAD_INPUT, f"directions have shape {given.shape}, expected (D, 3)")
+    if not np.all(np.isfinite(given)):
+        raise InputError(ErrorCode.NOT_FINITE, "directions: an entry is not finite")
+    if np.any(np.linalg.norm(given, axis=1) == 0):
+        raise InputError(ErrorCode.BAD_INPUT, "directions: one has no length")
+    return unit(given)
+
+
+def _around(count: int) -> Array:
+    """(count, 3) directions spread over the sphere (a Fibonacci lattice)."""
+    steps = np.arange(count) + 0.5
+    height = 1 - 2 * steps / count
+    azimuth = np.pi * (1 + 5**0.5) * steps
+    across = np.sqrt(1 - height**2)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), height], axis=1)
+
+
+Movers = Callable[[int], Callable[[], tuple[str, ...]]]
+
+
+def _block_limits(
+    block: BlockAnalysis, directions: Array, tolerance: Array, deadline: Deadline
+) -> tuple[Array, Movers, bool]:
+    """Limits (D,) of one block, m/s2, who moves at each, and whether all are known to the tolerance (D,)."""
+    objects = block.structure.assembly.objects
+    gravity = np.asarray(block.structure.assembly.gravity)
+    if block.geometry.statically_determinate and not block.solvers.self_stress:
+        members = block.block.members[0]
+        masses = np.array([objects[place].mass for place in members])
+        com = masses @ np.array([objects[place].com_in_world for place in members]) / masses.sum()
+        cone = GravityCone(block.interfaces[0], block.block.supports[0][1] == 0, com)
+        limits, _ = cone.factors(gravity, -directions)
+        names = tuple(objects[place].id for place in members)
+        return limits, lambda _: lambda: names, True
+    limits, numbers, mechanisms, complete = _bounded(block, directions, tolerance, deadline)
+    if block.solvers.self_stress:
+        # Slow: the directions around are left out of the polytope.
+        wanted = tolerance < TOLERANCE_AROUND
+        limits, complete = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline, complete)
+
+    def movers(row: int) -> Callable[[], tuple[str, ...]]:
+        return lambda: tuple(objects[place].id for place in mechanisms[numbers[row]].velocities)
+
+    return limits, movers, complete
+
+
+def _inertial_loads(block: BlockAnalysis) -> Array:
+    """(6 n, 3) loads on a block, in its units, per m/s2 of acceleration of the base along x, y and z."""
+    objects = block.structure.assembly.objects
+    loads = np.zeros((3, len(block.block.members), 6))
+    for body, members in enumerate(block.block.members):
+        for place in members:
+            force = -objects[place].mass * np.eye(3)
+            moment = np.cross(objects[place].com_in_world, force)
+            loads[:, body] += block.geometry.units.of_wrench(np.concatenate([force, moment], axis=1))
+    return loads.reshape(3, -1).T
+
+
+def _bounded(
+    block: BlockAnalysis, directions: Array, tolerance: Array, deadline: Deadline
+) -> tuple[Array, "np.typing.NDArray[np.int64]", list[Mechanism], bool]:
+    """Lower bounds (D,) of the limits; the mechanism that bounds each from above; whether they meet the tolerance."""
+    loads = _inertial_loads(block)
+    patch = block.solvers.patch
+    cuts: list[Array] = []
+    mechanisms: list[Mechanism] = []
+    reached: list[Array] = []
+    upper, number = np.full(len(directions), np.inf), np.zeros(len(directions), dtype=np.int64)
+    wanted = list(np.vstack([np.eye(3), -np.eye(3)]))
+    while True:
+        for direction in wanted:
+            if deadline.passed:
+                return np.zeros(len(directions)), number, mechanisms, False
+            gauges = [block.solvers.limit.gauge(loads @ direction)]
+            if patch is not None and not (gauges[0].multipliers is not None and patch.allows(gauges[0].multipliers)):
+                gauges.append(patch.resting.gauge(loads @ direction))
+            weakest = max(gauges, key=lambda gauge: gauge.value)
+            reached.append(direction / max(weakest.upper, 1 / FASTEST))
+            for gauge in gauges:
+                cuts.append(gauge.twist @ loads)
+                mechanisms.append(Mechanism(block, gauge.twist))
+        powers = directions @ np.array(cuts).T
+        number = powers.argmax(axis=1)
+        upper = 1 / np.maximum(powers.max(axis=1), 1 / FASTEST)
+        normals, offsets = _polytope(np.array(reached))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes = directions @ normals.T
+            lower = np.where(slopes > 1e-12, offsets / slopes, np.inf).min(axis=1)
+        gap = np.where(lower < (1 - tolerance) * upper, 1 / np.maximum(lower, 1e-9) - 1 / upper, 0.0)
+        if not gap.any():
+            return np.minimum(lower, upper), number, mechanisms, True
+        wanted = [directions[int(gap.argmax())]]
+
+
+def _elastic(
+    block: BlockAnalysis, directions: Array, limits: Array, deadline: Deadline, complete: bool
+) -> tuple[Array, bool]:
+    """Limits lowered to what elastic contacts hold, where a block might lean on self-stress."""
+    loads = _inertial_loads(block)
+    checked = np.zeros_like(limits)
+    for row in np.flatnonzero(limits > 0).tolist():
+        if deadline.passed:
+            return checked, False
+        checked[row], known = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
+        complete &= known
+    return checked, complete
+
+
+def _polytope(points: Array) -> tuple[Array, Array]:
+    """Normals (F, 3) and offsets (F,) of the hull of points around the origin."""
+    try:
+        facets = ConvexHull(points).equations
+    except QhullError:  # flat: nothing is sustained in some direction
+        return np.vstack([np.eye(3), -np.eye(3)]), np.zeros(6)
+    facets = np.unique(np.round(facets, 12), axis=0)
+    return facets[:, :3], np.maximum(-facets[:, 3], 0.0)
+
+
+def _turning(analysis: Analysis, centre: Sequence[float], deadline: Deadline) -> tuple[float, float, bool]:
+    """Largest angular acceleration either way, rad/s2, and largest steady speed, rad/s, about z through a centre."""
+    axis, origin = np.array([0.0, 0.0, 1.0]), np.array([*centre, 0.0])
+    question, places, wrenches = [], [], []
+    for number, sign in enumerate((1.0, -1.0)):
+        for place in analysis.structure.movable:
+            item = analysis.assembly.objects[place]
+            force = -item.mass * sign * np.cross(axis, item.com_in_world - origin)
+            moment = np.cross(item.com_in_world, force) - sign * item.inertia_in_world @ axis
+            question.append(number)
+            places.append(place)
+            wrenches.append(np.concatenate([force, moment]))
+    for place in analysis.structure.movable:
+        item = analysis.assembly.objects[place]
+        force = item.mass * (item.com_in_world - origin) * [1, 1, 0]
+        moment = np.cross(item.com_in_world, force) - np.cross(axis, item.inertia_in_world @ axis)
+        question.append(2)
+        places.append(place)
+        wrenches.append(np.concatenate([force, moment]))
+    loads = Loads(np.array(question), np.array(places), np.array(wrenches).reshape(-1, 6), 3)
+    found = ROBUSTNESS_MODELS.find(DEFAULT_MODEL).solve(analysis, loads, deadline)
+    return float(found.lower[:2].min()), float(np.sqrt(found.lower[2])), found.complete

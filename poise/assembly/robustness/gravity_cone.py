@@ -1,0 +1,59 @@
+"""Which accelerations a body on one interface sustains: a cone of effective gravities, in closed form."""
+
+import numpy as np
+
+from poise.assembly.contact import Interface
+from poise.assembly.statics import hull_edges, patch_friction
+from poise.types import Array
+
+
+class GravityCone:
+    """Effective gravities under which a body stays on the one interface that holds it.
+
+    Gravity and inertia act along one line through the centre of mass. The body stays while that line leaves the hull
+    of the patch on its inside and its angle to the normal is within friction; no moment turns the patch, so that
+    `limit` and `patch` agree.
+    """
+
+    def __init__(self, interface: Interface, faces_body: bool, com: Array) -> None:
+        """Take an interface whose normal points into the body (or not), and the com (3,) of all that it carries."""
+        friction = patch_friction(interface)
+        normal = interface.normal if faces_body else -interface.normal
+        inward, offset = hull_edges((interface.points - friction.centroid) @ friction.axes.T)
+        inward = inward @ friction.axes
+        arm = com - friction.centroid
+        # The line meets the plane at arm + g height / (-g . n): inside each edge this is linear in g.
+        sides = inward * (arm @ normal) - np.outer(inward @ arm - offset, normal)
+        self._sides = np.vstack([sides, -normal])
+        self._normal, self._mu = normal, interface.friction
+
+    def factors(self, gravity: Array, changes: Array) -> tuple[Array, Array]:
+        """How far changes (D, 3) of the effective gravity may be followed.
+
+        Returns:
+            (D,) the factor at which gravity + factor * change leaves the cone, and whether by slipping.
+        """
+        start = np.maximum(self._sides @ gravity, 0.0)
+        fall = changes @ self._sides.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            topple = np.where(fall < 0, start / -fall, np.inf).min(axis=1)
+        slip = self._slip(gravity, changes)
+        return np.minimum(topple, slip), slip < topple
+
+    def _slip(self, gravity: Array, changes: Array) -> Array:
+        """(D,) first factor at which the tangential part exceeds friction; both sides of that are squared."""
+        pressing, sliding = self._split(gravity)
+        d_pressing, d_sliding = self._split(changes)
+        a = self._mu**2 * d_pressing**2 - np.einsum("ij,ij->i", d_sliding, d_sliding)
+        b = self._mu**2 * pressing * d_pressing - d_sliding @ sliding
+        c = max(float(self._mu**2 * pressing**2 - sliding @ sliding), 0.0)
+        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+        # The first positive root of a s^2 + 2 b s + c, in the form that does not cancel.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            found = np.where(root > b, c / (root - b), np.inf)
+        return np.where((b >= 0) & (a >= 0) & (b * b <= a * c), np.inf, np.where(found >= 0, found, np.inf))
+
+    def _split(self, vectors: Array) -> tuple[Array, Array]:
+        """Parts (...) against the normal and (..., 3) in the plane."""
+        pressing = -(vectors @ self._normal)
+        return pressing, vectors + pressing[..., None] * self._normal

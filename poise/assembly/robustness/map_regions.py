@@ -1,0 +1,332 @@
+"""Bounds on how near pushes bring a block to collapse, for all points of a region of the surface at once."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from poise.assembly.contact import SurfacePoints
+from poise.assembly.robustness.convexity import upper_planes
+from poise.assembly.statics import BlockAnalysis, Deadline, Mechanism
+from poise.geometry import plane_axes, wrench_of_force
+from poise.types import Array, Indices, Mask
+
+FLAT = 12
+# Points of curved surfaces solved in one round.
+ROUND = 96
+# Of more mechanisms than this, those are kept that come this near to the best at some probe.
+MANY, NEAR = 40, 0.6
+# Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
+CHUNK = 20_000
+
+
+def chunks(count: int) -> Iterator[slice]:
+    """Slices of at most `CHUNK` rows that cover `count` rows."""
+    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+
+
+def group_rows(key: Array) -> Indices:
+    """(N,) group number of each row of a key (N, K <= 5); rows are equal to about 1e-6."""
+    # One number for each row of the key: far faster to sort than rows.
+    weights = np.array([1.0, np.e, np.pi, np.sqrt(2), np.sqrt(3)])[: key.shape[1]]
+    return np.unique(np.round(key @ weights, 6), return_inverse=True)[1].ravel()
+
+
+@dataclass(eq=False)
+class Bounds:
+    """Bounds on the gauge (1 / robustness) of all points, over the blocks looked at so far.
+
+    Args:
+        lower, upper: (N,).
+        block: (N,) number of the block that gives the lower bound, -1 for none.
+        mechanism: (N,) number of the mechanism that does, -1 for none.
+        mechanisms: all found.
+    """
+
+    lower: Array
+    upper: Array
+    block: Indices
+    mechanism: Indices
+    mechanisms: list[Mechanism] = field(default_factory=list)
+    solves: int = 0
+
+    @classmethod
+    def none(cls, count: int) -> "Bounds":
+        return cls(np.zeros(count), np.zeros(count), np.full(count, -1), np.full(count, -1))
+
+    def raise_to(self, rows: Indices, lower: Array, upper: Array, block: int, mechanism: Indices) -> None:
+        """A block has these gauges at least and at most; the weakest block counts."""
+        stronger = lower > self.lower[rows]
+        self.block[rows[stronger]] = block
+        self.mechanism[rows[stronger]] = mechanism[stronger]
+        self.lower[rows] = np.maximum(self.lower[rows], lower)
+        self.upper[rows] = np.maximum(self.upper[rows], upper)
+
+    def give_up(self, rows: Indices) -> None:
+        """Record that the deadline passed before a block was asked about these points."""
+        self.upper[rows] = np.inf
+
+
+@dataclass(eq=False)
+class Pool:
+    """One block under a model, and the collapse mechanisms (cuts) it has given."""
+
+    block: BlockAnalysis
+    number: int
+    bounds: Bounds
+    deadline: Deadline
+    with_limit: bool
+    with_patch: bool
+    twists: list[Array] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+
+    def gauge(self, body: int, wrench: Array) -> float:
+        """Gauge of a wrench (6,) on a body of the block; its mechanisms join the pool."""
+        load = np.zeros(6 * self.block.geometry.count)
+        load[6 * body : 6 * body + 6] = wrench
+        patch = self.block.solvers.patch if self.with_patch else None
+        value = 0.0
+        if self.with_limit or patch is None:
+            limit = self.block.solvers.rough_limit.gauge(load)
+            self._keep(limit.twist)
+            value = limit.upper
+            if patch is None or (limit.multipliers is not None and patch.allows(limit.multipliers)):
+                return value
+        resting = patch.resting.gauge(load)
+        self._keep(resting.twist)
+        return max(value, resting.upper)
+
+    def _keep(self, twist: Array) -> None:
+        self.bounds.solves += 1
+        if np.any(twist):
+            self.twists.append(twist)
+            self.numbers.append(len(self.bounds.mechanisms))
+            self.bounds.mechanisms.append(Mechanism(self.block, twist))
+
+    def cuts(self, body: int, wrenches: Array, start: int = 0) -> tuple[Array, Indices]:
+        """Largest lower bound (n,) that mechanisms from `start` on give for wrenches (n, 6), and its number."""
+        if len(self.twists) <= start:
+            return np.zeros(len(wrenches)), np.full(len(wrenches), -1)
+        twists = np.array([twist[6 * body : 6 * body + 6] for twist in self.twists[start:]])
+        numbers = np.array(self.numbers[start:])
+        if len(twists) > MANY:  # most are of other faces: a few points tell which matter here
+            probes = wrenches[:: max(1, len(wrenches) // 16)] @ twists.T
+            matter = np.any(probes >= NEAR * np.abs(probes.max(axis=1, keepdims=True)), axis=0)
+            matter[probes.max(axis=0).argmax()] = True
+            twists, numbers = twists[matter], numbers[matter]
+        best, values = np.empty(len(wrenches), dtype=np.int64), np.empty(len(wrenches))
+        for part in chunks(len(wrenches)):
+            power = wrenches[part] @ twists.T
+            best[part] = power.argmax(axis=1)
+            values[part] = power[np.arange(len(power)), best[part]]
+        return np.maximum(values, 0.0), np.where(values > 0, numbers[best], -1)
+
+
+@dataclass(eq=False)
+class Region:
+    """Points on one body of a block that are bounded together, and what is known of them.
+
+    Args:
+        pool: of the block.
+        body: of the block.
+        rows: (n,) numbers of the points.
+        wrenches: (n, 6) of unit pushes, in the block's units.
+    """
+
+    pool: Pool
+    body: int
+    rows: Indices
+    wrenches: Array
+
+    def __post_init__(self) -> None:
+        self._seen = 0
+        self.lower = np.zeros(len(self.rows))
+        self.upper = np.full(len(self.rows), np.inf)
+        self.mechanism = np.full(len(self.rows), -1)
+        self.solved = np.zeros(len(self.rows), dtype=bool)
+
+    def learn(self) -> None:
+        """Raise the lower bounds by the mechanisms that joined the pool since."""
+        values, numbers = self.pool.cuts(self.body, self.wrenches, self._seen)
+        self._seen = len(self.pool.twists)
+        better = values > self.lower
+        self.lower[better], self.mechanism[better] = values[better], numbers[better]
+
+    def open(self, tolerance: float, floor: float) -> Mask:
+        """(n,) whether the bounds are still too far apart to tell the robustness to the tolerance."""
+        known = np.maximum(self.lower, self.pool.bounds.lower[self.rows])
+        return (self.upper > (1 + tolerance) * known) & (self.upper > floor) & ~self.solved
+
+    def solve(self, index: int) -> float:
+        """Solve one point; what is left between its bounds is the solver's tolerance."""
+        value = self.pool.gauge(self.body, self.wrenches[index])
+        self.solved[index] = True
+        self.upper[index] = min(self.upper[index], value)
+        return value
+
+    def record(self) -> None:
+        """Hand the bounds to the map."""
+        upper = np.maximum(self.upper, self.lower)
+        self.pool.bounds.raise_to(self.rows, self.lower, upper, self.pool.number, self.mechanism)
+
+
+def bound_flat(
+    region: Region, plane: Array, corners: Array, corner_wrenches: Array, tolerance: float, floor: float
+) -> bool:
+    """Bound points that lie in one plane and are pushed in one direction.
+
+    Args:
+        region: the points.
+        plane: (n, 2) their coordinates.
+        corners: (4, 2) of a rectangle around them.
+        corner_wrenches: (4, 6) of pushes there, in the block's units.
+        tolerance, floor: see `Region.open`.
+
+    Returns:
+        Whether all are bounded to the tolerance before the deadline.
+    """
+    places = list(corners)
+    values = []
+    for wrench in corner_wrenches:
+        if region.pool.deadline.passed:
+            return False
+        values.append(region.pool.gauge(region.body, wrench))
+    region.learn()
+    while True:
+        finite = np.isfinite(values)
+        if finite.all():
+            planes = upper_planes(np.array(places), np.array(values))
+            facet = np.empty(len(plane), dtype=np.int64)
+            for part in chunks(len(plane)):
+                heights = plane[part] @ planes[:, :2].T + planes[:, 2]
+                facet[part] = heights.argmax(axis=1)
+                region.upper[part] = np.minimum(region.upper[part], heights[np.arange(len(heights)), facet[part]])
+        else:  # on the verge of moving: between points nothing is known
+            facet = np.arange(len(plane)) % ROUND
+        wanted = _widest(region, facet, tolerance, floor)
+        if not len(wanted):
+            return True
+        for index in wanted:
+            if region.pool.deadline.passed:
+                region.learn()
+                return False
+            values.append(region.solve(index))
+            places.append(plane[index])
+        region.learn()
+
+
+def _widest(region: Region, facet: Indices, tolerance: float, floor: float) -> Indices:
+    """For each facet of the upper bound with points still open, the one with the widest gap."""
+    rows = np.flatnonzero(region.open(tolerance, floor))
+    gap = region.upper[rows] - np.maximum(region.lower[rows], region.pool.bounds.lower[region.rows[rows]])
+    order = np.lexsort((-gap, facet[rows]))
+    _, first = np.unique(facet[rows][order], return_index=True)
+    return rows[order[first]]
+
+
+def bound_curved(region: Region, tolerance: float, floor: float) -> bool:
+    """Bound points of a curved surface, each pushed in its own direction; see `bound_flat`.
+
+    Solved points bound their neighbours from above: the gauge is sublinear, so that a load that is a combination
+    a_k w_k + d of neighbours has at most a_k gauge(w_k) + gauge(d), and d is small.
+    """
+    count = len(region.rows)
+    wanted = np.unique(np.linspace(0, count - 1, min(count, ROUND)).astype(int))
+    axes: list[float] = []
+    for unit in (sign * axis for axis in np.eye(6) for sign in (1.0, -1.0)):
+        if region.pool.deadline.passed:
+            return False
+        axes.append(region.pool.gauge(region.body, unit))
+    rest, values = np.array(axes).reshape(6, 2), np.zeros(count)
+    while True:
+        for index in wanted:
+            if region.pool.deadline.passed:
+                region.learn()
+                return False
+            values[index] = region.solve(index)
+        region.learn()
+        _between(region, values, rest)
+        rows = np.flatnonzero(region.open(tolerance, floor))
+        if not len(rows):
+            return True
+        gap = region.upper[rows] / np.maximum(region.lower[rows], floor)
+        order = rows[np.argsort(-gap)][: 4 * ROUND]
+        wanted = np.sort(order[:: max(1, len(order) // ROUND)])
+
+
+def _between(region: Region, values: Array, rest: Array) -> None:
+    """Lower the upper bounds of points by the three solved points nearest in load."""
+    known = np.flatnonzero(region.solved & np.isfinite(values))
+    if len(known) < 3 or not np.all(np.isfinite(rest)):
+        return
+    tree = cKDTree(region.wrenches[known])
+    for part in chunks(len(region.rows)):
+        if region.pool.deadline.passed:
+            return
+        wrenches = region.wrenches[part]
+        near = known[tree.query(wrenches, k=3)[1]]
+        base = region.wrenches[near]  # (n, 3, 6)
+        square = base @ base.transpose(0, 2, 1) + 1e-9 * np.eye(3)
+        weights = np.linalg.solve(square, base @ wrenches[:, :, None])[:, :, 0]
+        weights = np.maximum(weights, 0.0)
+        left = wrenches - np.einsum("ij,ijk->ik", weights, base)
+        bound = np.einsum("ij,ij->i", weights, values[near])
+        bound += np.maximum(left, 0) @ rest[:, 0] + np.maximum(-left, 0) @ rest[:, 1]
+        region.upper[part] = np.minimum(region.upper[part], bound)
+
+
+def _split(body: Indices, surface: SurfacePoints, rows: Indices, length: float) -> list[Indices]:
+    """The rows (positions in `rows`) in groups of one body, one direction of push and one plane."""
+    offset = np.einsum("ij,ij->i", surface.points[rows], surface.directions[rows]) / length
+    key = np.column_stack([body, np.round(surface.directions[rows], 7), np.round(offset, 6)])
+    group = group_rows(key)
+    return np.split(np.argsort(group, kind="stable"), np.cumsum(np.bincount(group))[:-1])
+
+
+def bound_block(
+    pool: Pool, surface: SurfacePoints, rows: Indices, wrenches: Array, tolerance: float, floor: float
+) -> bool:
+    """Bound all points (rows) whose pushes load a block; wrenches (N, 6) of all points, N and N m.
+
+    Returns:
+        Whether all are bounded to the tolerance before the deadline.
+    """
+    if not len(rows):
+        return True
+    if pool.deadline.passed:
+        pool.bounds.give_up(rows)
+        return False
+    geometry = pool.block.geometry
+    body = pool.block.bodies_of(surface.place[rows])
+    scaled = geometry.units.of_wrench(wrenches[rows])
+    groups = _split(body, surface, rows, geometry.units.length)
+    complete, curved = True, np.zeros(len(rows), dtype=bool)
+    for part in groups:
+        if len(part) < FLAT:
+            curved[part] = True
+            continue
+        region = Region(pool, int(body[part[0]]), rows[part], scaled[part])
+        direction = surface.directions[rows[part[0]]]
+        plane, corners, places = _rectangle(surface.points[rows[part]], direction)
+        corner_wrenches = geometry.units.of_wrench(wrench_of_force(direction, places))
+        complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
+        region.record()
+    for number in np.unique(body[curved]):
+        part = np.flatnonzero(curved & (body == number))
+        region = Region(pool, int(number), rows[part], scaled[part])
+        complete &= bound_curved(region, tolerance, floor)
+        region.record()
+    return complete
+
+
+def _rectangle(points: Array, direction: Array) -> tuple[Array, Array, Array]:
+    """Coordinates (n, 2) of points in a plane, and the corners (4, 2), (4, 3) of a rectangle around them."""
+    axes = plane_axes(direction)
+    origin = points.mean(axis=0)
+    plane = (points - origin) @ axes.T
+    low, high = plane.min(axis=0), plane.max(axis=0)
+    slack = 1e-6 * max(float((high - low).max()), 1e-6)
+    low, high = low - slack, high + slack
+    corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    return plane, corners, origin + corners @ axes

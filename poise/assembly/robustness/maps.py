@@ -1,0 +1,212 @@
+"""Certified maps: how hard each point of the surface may be pushed, between bounds that meet a tolerance."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.assembly.contact import SurfacePoints, sample_surface
+from poise.assembly.robustness.block_answers import HUGE, NEARLY
+from poise.assembly.robustness.map_regions import Bounds, Pool, bound_block, chunks, group_rows
+from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
+from poise.assembly.scene import Assembly
+from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism
+from poise.errors import ErrorCode, InputError
+from poise.geometry import wrench_of_force
+from poise.types import Array, Indices, Mask
+
+CEILING = 100.0
+"""Points that hold this many weights of the assembly are strong enough: how much more is not looked into."""
+MAX_MAP_POINTS = 1_000_000
+"""Points of one map: more would take minutes and gigabytes."""
+LESS = 0.6
+"""Share of the tolerance that limit analysis may be below a patch's answer without being asked."""
+FOR_EVER = 1e-5
+"""Gauges below this, per weight of the assembly, are sustained for ever; maps are solved to a tenth of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobustnessMap:
+    """How hard points of the surface may be pushed.
+
+    Args:
+        analysis: of the assembly.
+        surface: where, and along which direction.
+        lower, upper: (N,) N; certified by the model. The upper bound is what the best mechanism found allows.
+        block: (N,) number in `analysis.blocks` of what gives way at the upper bound; -1 for none.
+        mechanism: (N,) number in `mechanisms` of how; -1 for none, or when a patch alone gives way (ask `assess`).
+        mechanisms: collapse mechanisms; each bounds the robustness of every point from above.
+        doubtful: (N,) faces on which elastic contacts did not hold the weakest point of an object (or points that may
+            lean on self-stress), or were not asked for want of time: there the true robustness may be lower.
+        complete: the bounds meet the tolerance everywhere; otherwise the deadline passed before.
+        solves: conic programs solved.
+        seconds: taken.
+    """
+
+    analysis: Analysis
+    surface: SurfacePoints
+    lower: Array
+    upper: Array
+    block: Indices
+    mechanism: Indices
+    mechanisms: tuple[Mechanism, ...]
+    doubtful: Mask
+    complete: bool
+    solves: int
+    seconds: float
+
+    def moves(self, point: int) -> tuple[str, ...]:
+        """Ids of what moves first when one point is pushed at its upper bound."""
+        objects = self.analysis.assembly.objects
+        if self.mechanism[point] >= 0:
+            places = tuple(self.mechanisms[self.mechanism[point]].velocities)
+        elif self.block[point] >= 0:
+            places = self.analysis.blocks[self.block[point]].block.members[0]
+        else:
+            places = ()
+        return tuple(objects[place].id for place in places)
+
+
+def robustness_map(
+    assembly: Assembly | Analysis,
+    surface: SurfacePoints | int = 10_000,
+    tolerance: float = 0.03,
+    model: str | None = None,
+    deadline: float | None = None,
+) -> RobustnessMap:
+    """Bound the robustness of many points of the surface, with few solved exactly.
+
+    1 / robustness is a convex function of the load. On a flat face with one direction of push the load is affine in
+    the point: solved points bound all between them from above by convexity, and every collapse mechanism found
+    bounds all points, directions and objects from below. Points are solved where the bounds are farthest apart.
+
+    Args:
+        assembly: prepared as an `Analysis` when more will be asked.
+        surface: points and directions of push, or how many to spread over the surface (pushes inward along the normal).
+        tolerance: the bounds are brought to upper <= (1 + tolerance) lower, except above `CEILING` weights.
+        model: limit, patch, or default (the weaker of both). Under `patch`, bodies on several interfaces have their
+            centres of pressure where they are at rest.
+        deadline: s; what is certified by then is returned, with bounds 0 and inf for the rest.
+
+    Raises:
+        InputError: BAD_INPUT for a model without certified bounds, or for more than `MAX_MAP_POINTS` points;
+            INTERPENETRATION, FLOATING.
+        NoAnswerError: UNSTABLE, SOLVER_FAILED.
+    """
+    start, clock = time.perf_counter(), Deadline.after(deadline)
+    name = model or DEFAULT_MODEL
+    _check_request(name, surface if isinstance(surface, int) else len(surface.points))
+    analysis = Analysis.of(assembly)
+    analysis.require_stable(clock)
+    if isinstance(surface, int):
+        surface = sample_surface(analysis.structure, surface)
+    bounds, complete, doubtful = _bounded(analysis, surface, tolerance, name, clock)
+    weight = _weight(analysis)
+    with np.errstate(divide="ignore"):
+        lower, upper = (1 / np.where(gauge > FOR_EVER / weight, gauge, 0.0) for gauge in (bounds.upper, bounds.lower))
+    return RobustnessMap(
+        analysis,
+        surface,
+        lower,
+        upper,
+        bounds.block,
+        bounds.mechanism,
+        tuple(bounds.mechanisms),
+        doubtful,
+        complete,
+        bounds.solves,
+        time.perf_counter() - start,
+    )
+
+
+def _check_request(model: str, count: int) -> None:
+    if not ROBUSTNESS_MODELS.find(model).maps:
+        raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {model!r}")
+    if count > MAX_MAP_POINTS:
+        raise InputError(ErrorCode.BAD_INPUT, f"a map of {count} points is too large; ask for {MAX_MAP_POINTS} at most")
+
+
+def _weight(analysis: Analysis) -> float:
+    return sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
+
+
+def _bounded(
+    analysis: Analysis, surface: SurfacePoints, tolerance: float, model: str, clock: Deadline
+) -> tuple[Bounds, bool, Mask]:
+    """Bounds on the gauges of all points, whether they meet the tolerance, and which faces are doubtful."""
+    bounds = Bounds.none(len(surface.points))
+    wrenches = wrench_of_force(surface.directions, surface.points)
+    loaded = [np.flatnonzero(block.bodies_of(surface.place) >= 0) for block in analysis.blocks]
+    open_rows = list(loaded)
+    complete, floor = not clock.passed, 1 / (CEILING * _weight(analysis))
+    if model != "limit":
+        for number, block in enumerate(analysis.blocks):
+            less = LESS * tolerance if model == "default" else 0.0
+            open_rows[number], done = _single_patch(block, number, loaded[number], wrenches, bounds, less, clock)
+            complete &= done
+    for number, (block, rows) in enumerate(zip(analysis.blocks, open_rows, strict=True)):
+        if model == "patch" and block.solvers.single_patch is not None:
+            continue
+        pool = Pool(block, number, bounds, clock, with_limit=model != "patch", with_patch=model != "limit")
+        complete &= bound_block(pool, surface, rows, wrenches, tolerance, floor)
+    doubtful = np.zeros(len(surface.points), dtype=bool)
+    if model == "default":
+        with np.errstate(divide="ignore"):
+            upper = 1 / bounds.lower
+        for block, rows in zip(analysis.blocks, loaded, strict=True):
+            if len(rows) and not block.geometry.statically_determinate:
+                doubtful[rows] |= _doubtful(block, surface, rows, wrenches, upper, clock)
+    return bounds, complete, doubtful
+
+
+def _doubtful(
+    block: BlockAnalysis, surface: SurfacePoints, rows: Indices, wrenches: Array, upper: Array, deadline: Deadline
+) -> Mask:
+    """(r,) of points (rows), the faces where elastic contacts do not hold what the map says.
+
+    The weakest point of each object is asked about; where the block may lean on self-stress, the weakest, middle and
+    strongest of each of its faces.
+    """
+    if deadline.passed:
+        return np.ones(len(rows), dtype=bool)
+    face = group_rows(np.column_stack([surface.place[rows], np.round(surface.directions[rows], 3)]))
+    doubtful = np.zeros(len(rows), dtype=bool)
+    units, places = block.geometry.units, block.body_of
+    groups = face if block.solvers.self_stress else surface.place[rows]
+    for number in np.unique(groups):
+        members = np.flatnonzero(groups == number)
+        members = members[np.argsort(upper[rows[members]])]
+        asked = {0, len(members) // 2, len(members) - 1} if block.solvers.self_stress else {0}
+        for index in (int(members[position]) for position in asked):
+            row = rows[index]
+            load = np.zeros((block.geometry.count, 6))
+            load[places[int(surface.place[row])]] = units.of_wrench(wrenches[row])
+            most = NEARLY * min(float(upper[row]), HUGE * units.weight)
+            if deadline.passed or not block.solvers.coulomb.holds(most * load.ravel(), deadline):
+                doubtful |= face == face[index]
+    return doubtful
+
+
+def _single_patch(
+    block: BlockAnalysis, number: int, rows: Indices, wrenches: Array, bounds: Bounds, less: float, deadline: Deadline
+) -> tuple[Indices, bool]:
+    """Blocks of one body on one interface need no bounds under `patch`: all points (rows) have a closed form.
+
+    Returns:
+        The points for which limit analysis has still to be asked: it may hold less, by more than this share. And
+        whether all points were reached before the deadline.
+    """
+    if block.solvers.single_patch is None:
+        return rows, True
+    still_open = [rows[:0]]
+    for part in chunks(len(rows)):
+        if deadline.passed:
+            bounds.give_up(rows[part.start :])
+            return np.concatenate(still_open), False
+        some = rows[part]
+        factor = block.solvers.single_patch.collapse(wrenches[some]).factor
+        with np.errstate(divide="ignore"):
+            gauge = 1 / factor
+        bounds.raise_to(some, gauge, gauge * (1 + less), number, np.full(len(some), -1))
+        still_open.append(some[~block.solvers.single_patch.allowed_by_limit(wrenches[some], factor / (1 + less))])
+    return np.concatenate(still_open), True

@@ -1,0 +1,114 @@
+"""How robustness changes with everything it depends on: exact, from the collapse mechanism."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from poise.assembly.scene import Assembly
+from poise.assembly.statics import NEVER, Analysis, BlockAnalysis, Gauge, Push, loads_of
+from poise.geometry import wrench_of_force
+from poise.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """Derivatives of the robustness R of one push under limit analysis.
+
+    Args:
+        robustness: N; inf where nothing gives way, and then all derivatives are 0.
+        mass: N/kg for each object by id (those that do not matter are left out). Linear: masses times derivatives add
+            up to R.
+        com: (3,) N/m for each object by id, for moves of its centre of mass in the assembly's frame.
+        friction: N for each pair of ids, per unit of its coefficient.
+        point: (3,) N/m for moves of the pushed point.
+        push: as asked.
+    """
+
+    robustness: float
+    mass: dict[str, float]
+    com: dict[str, Array]
+    friction: dict[tuple[str, str], float]
+    point: Array
+    push: Push
+    _weakest: tuple[BlockAnalysis, Gauge] | None = field(repr=False)
+
+    def improvement(self, extra: Push) -> float:
+        """Change of R, N, per N of another force that presses all the while (thesis eq. 4.30, 4.43, exactly).
+
+        Positive where leaning on, or putting down a weight at, that point makes the assembly stronger.
+        """
+        if self._weakest is None:
+            return 0.0
+        block, gauge = self._weakest
+        place = block.structure.assembly.place_of(extra.object)
+        if place not in block.body_of:
+            return 0.0
+        direction = np.asarray(extra.direction, dtype=np.float64)
+        wrench = wrench_of_force(direction / np.linalg.norm(direction), np.asarray(extra.point, dtype=np.float64))
+        body = block.body_of[place]
+        twist = gauge.twist.reshape(-1, 6)[body]
+        return float(-self.robustness * (twist @ block.geometry.units.of_wrench(wrench)))
+
+
+def sensitivity(assembly: Assembly | Analysis, push: Push) -> Sensitivity:
+    """Derivatives of the robustness of one push.
+
+    By the envelope theorem they need no further solve: with the collapse mechanism y and the contact forces at
+    collapse held, R (power of the push) = power against gravity + power of friction, term by term.
+
+    Raises:
+        InputError: as `assess`.
+        NoAnswerError: UNSTABLE, SOLVER_FAILED.
+    """
+    analysis = Analysis.of(assembly)
+    analysis.require_stable()
+    loads = loads_of(analysis.assembly, [push], analysis.structure.margin)
+    weakest: tuple[BlockAnalysis, Gauge] | None = None
+    for block in analysis.blocks:
+        questions, block_loads = block.loads(loads)
+        if len(questions):
+            gauge = block.solvers.limit.gauge(block_loads[0])
+            if gauge.value > NEVER * np.abs(block_loads[0]).max() and (
+                weakest is None or gauge.value > weakest[1].value
+            ):
+                weakest = block, gauge
+    if weakest is None or not np.isfinite(weakest[1].value):
+        robustness = np.inf if weakest is None else 0.0
+        return Sensitivity(robustness, {}, {}, {}, np.zeros(3), push, None)
+    block, gauge = weakest
+    robustness = 1 / gauge.value
+    mass, com = _of_weights(block, gauge, robustness)
+    force = np.asarray(push.direction, dtype=np.float64)
+    force = force / np.linalg.norm(force)
+    body = block.body_of[int(loads.place[0])]
+    spin = gauge.twist.reshape(-1, 6)[body, 3:] / (block.geometry.units.length * block.geometry.units.weight)
+    point = -(robustness**2) * np.cross(force, spin)
+    return Sensitivity(robustness, mass, com, _of_friction(block, gauge, robustness), point, push, weakest)
+
+
+def _of_weights(block: BlockAnalysis, gauge: Gauge, robustness: float) -> tuple[dict[str, float], dict[str, Array]]:
+    objects, gravity = block.structure.assembly.objects, np.asarray(block.structure.assembly.gravity)
+    units = block.geometry.units
+    mass, com = {}, {}
+    for twist, members in zip(gauge.twist.reshape(-1, 6), block.block.members, strict=True):
+        for place in members:
+            item = objects[place]
+            per_mass = units.of_wrench(wrench_of_force(gravity, item.com_in_world))
+            mass[item.id] = float(-robustness * (twist @ per_mass))
+            spin = twist[3:] / (units.length * units.weight)
+            com[item.id] = -robustness * np.cross(item.mass * gravity, spin)
+    return mass, com
+
+
+def _of_friction(block: BlockAnalysis, gauge: Gauge, robustness: float) -> dict[tuple[str, str], float]:
+    """More friction by d mu holds a slipping corner by its normal force times its sliding speed."""
+    geometry, objects = block.geometry, block.structure.assembly.objects
+    if gauge.multipliers is None:
+        return {}
+    sliding = np.linalg.norm((geometry.grasp.T @ gauge.twist).reshape(-1, 3)[:, 1:], axis=1)
+    power = np.bincount(geometry.interface, gauge.multipliers[1::3] * sliding, len(block.interfaces))
+    found: dict[tuple[str, str], float] = {}
+    for interface, value in zip(block.interfaces, power, strict=True):
+        pair = objects[interface.first].id, objects[interface.second].id
+        found[pair] = found.get(pair, 0.0) + float(robustness**2 * value)
+    return found

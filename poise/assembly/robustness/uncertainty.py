@@ -1,0 +1,204 @@
+"""How likely a push moves something when friction, masses and poses are not known exactly."""
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from poise.assembly.contact import Structure
+from poise.assembly.scene import Assembly, RigidObject
+from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism, Push, loads_of
+from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
+from poise.types import Array
+
+# Masses are sampled so often for each draw of friction and poses.
+MASSES_PER_DRAW = 20
+# The rest of the samples is taken to stand when so many solved in a row do, the most critical first.
+SURE = 8
+
+
+@dataclass(frozen=True)
+class MotionProbability:
+    """How likely something moves.
+
+    Args:
+        probability: that anything does.
+        deviation: its standard deviation, of the sampling.
+        moves: probability for each id that it does.
+        samples: how many were drawn.
+        solves: conic programs that took.
+        complete: all samples were drawn before the deadline.
+    """
+
+    probability: float
+    deviation: float
+    moves: dict[str, float]
+    samples: int
+    solves: int
+    complete: bool
+
+
+def motion_probability(
+    assembly: Assembly,
+    push: Push,
+    force: float,
+    rng: np.random.Generator,
+    samples: int = 2000,
+    friction_deviation: float = 0.0,
+    pose_deviation: float = 0.0,
+    deadline: float | None = None,
+) -> MotionProbability:
+    """How likely a push of a given force moves something, under limit analysis.
+
+    Masses and centres of mass are drawn from the covariances of the objects; friction from the deviations of its
+    pairs. Samples that differ in mass alone share their collapse mechanisms: a mechanism that takes less power
+    against the sample's gravity than the push gives proves motion, and only the samples nearest to it are solved.
+
+    Args:
+        assembly: with covariances and deviations.
+        push: where and along which direction.
+        force: N.
+        rng: of the samples.
+        samples: how many.
+        friction_deviation: of the coefficients of pairs that have no deviation of their own.
+        pose_deviation: of each coordinate of each movable object's position across gravity, m.
+        deadline: s.
+
+    Raises:
+        InputError: BAD_INPUT for numbers below 0; as `assess`. NoAnswerError: SOLVER_FAILED.
+    """
+    _check(force=force, friction_deviation=friction_deviation, pose_deviation=pose_deviation)
+    clock = Deadline.after(deadline)
+    nominal = Structure.of(assembly)
+    frictions_vary = friction_deviation > 0 or any(pair.deviation > 0 for pair in assembly.friction_pairs)
+    # Draws of friction and poses are new problems; masses within one are not.
+    masses = MASSES_PER_DRAW if any(item.covariance is not None for item in assembly.objects) else 1
+    each = masses if frictions_vary or pose_deviation > 0 else samples
+    counts: Counter[str] = Counter()
+    moved = drawn = solves = 0
+    while drawn < samples and not clock.passed:
+        structure = _shifted(nominal, pose_deviation, rng) if pose_deviation > 0 else nominal
+        if frictions_vary:
+            structure = _with_friction(structure, friction_deviation, rng)
+        movers, used = _moves(Analysis(structure), push, force, rng, min(each, samples - drawn))
+        drawn, solves = drawn + len(movers), solves + used
+        moved += sum(mechanism is not None for mechanism in movers)
+        for mechanism in filter(None, movers):
+            counts.update(assembly.objects[place].id for place in mechanism.velocities)
+    share = moved / max(drawn, 1)
+    deviation = float(np.sqrt(share * (1 - share) / max(drawn, 1)))
+    return MotionProbability(share, deviation, _shares(counts, drawn), drawn, solves, drawn >= samples)
+
+
+def _shares(counts: Counter[str], total: int) -> dict[str, float]:
+    return {name: count / total for name, count in counts.items()}
+
+
+def _check(**settings: float) -> None:
+    for name, value in settings.items():
+        if not (np.isfinite(value) and value >= 0):
+            raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}, expected a number that is not negative")
+
+
+def _shifted(structure: Structure, deviation: float, rng: np.random.Generator) -> Structure:
+    """The structure with its objects moved a little; contacts may gap or overlap by as much as that may be."""
+    assembly = structure.assembly
+    down = np.asarray(assembly.gravity) / (np.linalg.norm(assembly.gravity) or 1.0)
+    objects = []
+    for item in assembly.objects:
+        if not item.fixed:
+            step = rng.normal(0.0, deviation, 3)
+            step -= (step @ down) * down
+            item = replace(item, pose=Pose(item.pose.rotation, item.pose.translation + step))
+        objects.append(item)
+    return Structure.of(replace(assembly, objects=tuple(objects)), structure.margin + 6 * deviation)
+
+
+def _with_friction(structure: Structure, default: float, rng: np.random.Generator) -> Structure:
+    """The structure with the coefficients of all interfaces drawn anew, one per pair of objects."""
+    objects = structure.assembly.objects
+    deviations = {frozenset(pair.objects): pair.deviation for pair in structure.assembly.friction_pairs}
+    drawn: dict[tuple[int, int], float] = {}
+    interfaces = []
+    for interface in structure.interfaces:
+        key = interface.first, interface.second
+        if key not in drawn:
+            names = frozenset((objects[key[0]].id, objects[key[1]].id))
+            deviation = deviations.get(names, 0.0) or default
+            drawn[key] = max(0.0, float(rng.normal(interface.friction, deviation)))
+        interfaces.append(replace(interface, friction=drawn[key]))
+    return replace(structure, interfaces=tuple(interfaces))
+
+
+def _moves(
+    analysis: Analysis, push: Push, force: float, rng: np.random.Generator, count: int
+) -> tuple[list[Mechanism | None], int]:
+    """How each of `count` samples of the masses moves (None: not at all), and how many programs were solved."""
+    loads = loads_of(analysis.assembly, [push], np.inf)
+    moments = {place: _moments(analysis.assembly.objects[place], rng, count) for place in analysis.structure.movable}
+    movers: list[Mechanism | None] = [None] * count
+    solves = 0
+    for block in analysis.blocks:
+        if block.solvers.balance.margin < 0:
+            mechanism = Mechanism(block, block.solvers.balance.twist)
+            return [mechanism] * count, solves
+        _, pushes = block.loads(loads)
+        pushed = force * pushes[0] if len(pushes) else np.zeros(6 * block.geometry.count)
+        change = _gravity(block, moments, count) - block.geometry.gravity.ravel() + pushed
+        found, used = _falls(block, change)
+        solves += used
+        for row, twist in found.items():
+            if movers[row] is None:
+                movers[row] = Mechanism(block, twist)
+    return movers, solves
+
+
+def _falls(block: BlockAnalysis, change: Array) -> tuple[dict[int, Array], int]:
+    """Which samples of the load, as changes (S, 6 n) of the block's gravity, it does not sustain, and how it moves."""
+    count = len(change)
+    twists: list[Array] = []
+    power = np.zeros(count)
+    best = np.full(count, -1)
+    known = np.zeros(count, dtype=bool)
+    in_a_row = 0
+    while not known.all() and in_a_row < SURE:
+        open_rows = np.flatnonzero(~known & (power <= 1))
+        if not len(open_rows):
+            break
+        row = int(open_rows[power[open_rows].argmax()])
+        gauge = block.solvers.limit.gauge(change[row])
+        known[row] = True
+        in_a_row = 0 if gauge.value > 1 else in_a_row + 1
+        # A motion that nothing resists, not even gravity, weighs more than any power.
+        twist = gauge.twist * (1e9 if np.isinf(gauge.value) else 1.0)
+        twists.append(twist)
+        found = change @ twist
+        better = found > power
+        power[better], best[better] = found[better], len(twists) - 1
+    return {row: twists[best[row]] for row in np.flatnonzero(power > 1).tolist()}, len(twists)
+
+
+def _moments(item: RigidObject, rng: np.random.Generator, count: int) -> Array:
+    """(count, 4) mass and mass times centre of mass (in the object frame), drawn from the covariance."""
+    com = item.pose.undo(item.com_in_world)
+    mean = np.concatenate([[item.mass], item.mass * com])
+    if item.covariance is None:
+        return np.broadcast_to(mean, (count, 4))
+    drawn = rng.multivariate_normal(mean, np.asarray(item.covariance)[:4, :4], size=count)
+    drawn[:, 0] = np.maximum(drawn[:, 0], 1e-9)
+    return np.asarray(drawn)
+
+
+def _gravity(block: BlockAnalysis, moments: dict[int, Array], count: int) -> Array:
+    """(count, 6 n) load of gravity on a block, in its units, for samples of the masses; linear in these."""
+    assembly = block.structure.assembly
+    gravity = np.asarray(assembly.gravity)
+    total = np.zeros((count, block.geometry.count, 6))
+    for place, body in block.body_of.items():
+        pose = assembly.objects[place].pose
+        mass = moments[place][:, :1]
+        first = moments[place][:, 1:] @ pose.rotation.T + mass * pose.translation
+        wrench = np.concatenate([mass * gravity, np.cross(first, gravity)], axis=1)
+        total[:, body] += block.geometry.units.of_wrench(wrench)
+    return total.reshape(count, -1)

@@ -1,0 +1,28 @@
+"""What an assembly is made of: rigid objects with their shapes, friction and gravity, and the files they come from.
+
+- `shapes`, `mesh_files`: boxes, cylinders and closed meshes as polyhedra.
+- `scene`: `RigidObject`, `FrictionPair` and `Assembly`. `scene_files`: YAML in and out.
+"""
+
+from poise.assembly.scene.mesh_files import load_mesh
+from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject
+from poise.assembly.scene.scene_files import load_scene, read_object, read_scene, scene_content, write_scene
+from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Polyhedron, Shape, merge_facets
+
+__all__ = [
+    "Assembly",
+    "Box",
+    "Cylinder",
+    "FrictionPair",
+    "Mesh",
+    "Polyhedron",
+    "RigidObject",
+    "Shape",
+    "load_mesh",
+    "load_scene",
+    "merge_facets",
+    "read_object",
+    "read_scene",
+    "scene_content",
+    "write_scene",
+]

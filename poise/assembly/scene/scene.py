@@ -1,0 +1,194 @@
+"""What an assembly is made of: rigid objects, friction and gravity."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from poise.assembly.scene.shapes import Shape
+from poise.errors import ErrorCode, InputError
+from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.types import Array
+
+INERTIA_ROUNDING = 1e-9
+"""Share of the largest entry by which an inertia tensor may miss symmetry and the triangle inequality."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidObject:
+    """One rigid body of an assembly.
+
+    Args:
+        id: its name, unique in the assembly.
+        shape: box, cylinder or mesh, in the object frame.
+        pose: of the object frame, in the assembly's frame.
+        fixed: no force moves it (floor, tray, shelf); its mass is ignored.
+        mass: kg; positive unless fixed.
+        com: (3,) centre of mass in the object frame, m; None: the centroid of the shape.
+        inertia: (3, 3) about the centre of mass, in the object's axes, kg m2; None: uniform density.
+        covariance: (10, 10) of (m, m c, I about the object frame's origin); None: known exactly.
+
+    Raises:
+        InputError: NOT_FINITE or OBJECT_INVALID, naming the object and the entry.
+    """
+
+    id: str
+    shape: Shape
+    pose: Pose
+    fixed: bool = False
+    mass: float = 0.0
+    com: Array | None = None
+    inertia: Array | None = None
+    covariance: Array | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.id, str) or not self.id:
+            raise InputError(ErrorCode.OBJECT_INVALID, f"object id {self.id!r}: give every object a name")
+        for name, value in (
+            ("pose", np.concatenate([self.pose.rotation.ravel(), self.pose.translation])),
+            ("mass", self.mass),
+            ("com", self.com),
+            ("inertia", self.inertia),
+            ("covariance", self.covariance),
+        ):
+            if value is not None and not np.all(np.isfinite(value)):
+                raise InputError(ErrorCode.NOT_FINITE, f"object {self.id}: {name} is not finite", object=self.id)
+        if self.fixed:
+            return
+        if self.mass <= 0:
+            raise self._invalid(f"mass {self.mass:g} kg; it must be positive (or mark the object as fixed)")
+        if self.inertia is not None and not _is_inertia(self.inertia):
+            raise self._invalid(
+                "the inertia matrix belongs to no body: check the order ixx ixy ixz iyy iyz izz, about com"
+            )
+
+    def _invalid(self, what: str) -> InputError:
+        return InputError(ErrorCode.OBJECT_INVALID, f"object {self.id}: {what}", object=self.id)
+
+    @cached_property
+    def vertices(self) -> Array:
+        """(V, 3) of the shape, in the assembly's frame."""
+        return self.pose.apply(self.shape.polyhedron.vertices)
+
+    @cached_property
+    def com_in_world(self) -> Array:
+        """(3,) m, in the assembly's frame."""
+        return self.pose.apply(self.shape.centroid if self.com is None else np.asarray(self.com))
+
+    @cached_property
+    def inertia_in_world(self) -> Array:
+        """(3, 3) about the centre of mass, in the assembly's axes, kg m2."""
+        inertia = self.mass * self.shape.inertia_per_mass if self.inertia is None else np.asarray(self.inertia)
+        return self.pose.rotation @ inertia @ self.pose.rotation.T
+
+
+@dataclass(frozen=True)
+class FrictionPair:
+    """The Coulomb coefficient between two objects, and its standard deviation."""
+
+    objects: tuple[str, str]
+    coefficient: float
+    deviation: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """Objects in contact: the content of a scene file and of poise_msgs/Assembly.
+
+    Args:
+        objects: all bodies, fixed ones included.
+        gravity: (3,) m/s2, in the assembly's frame.
+        friction: Coulomb coefficient of pairs that `friction_pairs` does not name.
+        friction_pairs: single pairs.
+
+    Raises:
+        InputError: BAD_INPUT, NOT_FINITE or OBJECT_UNKNOWN, naming the entry.
+    """
+
+    objects: tuple[RigidObject, ...]
+    gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
+    friction: float = 0.5
+    friction_pairs: tuple[FrictionPair, ...] = ()
+
+    def __post_init__(self) -> None:
+        ids = [item.id for item in self.objects]
+        twice = {name for name in ids if ids.count(name) > 1}
+        if twice:
+            raise InputError(ErrorCode.BAD_INPUT, f"objects: the id {sorted(twice)[0]} is given twice; rename one")
+        if not any(item.fixed for item in self.objects):
+            raise InputError(ErrorCode.BAD_INPUT, "objects: none is fixed; mark the floor or tray with fixed: true")
+        if not np.all(np.isfinite(self.gravity)):
+            raise InputError(ErrorCode.NOT_FINITE, f"gravity {self.gravity} is not finite")
+        _check_friction("friction", self.friction)
+        for pair in self.friction_pairs:
+            where = f"friction_pairs of {pair.objects[0]} and {pair.objects[1]}"
+            _check_friction(where, pair.coefficient)
+            _check_friction(f"{where}: deviation", pair.deviation)
+            for name in pair.objects:
+                if name not in ids:
+                    raise InputError(ErrorCode.OBJECT_UNKNOWN, f"{where}: there is no object {name}", object=name)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was mended in the meshes, one sentence each, naming the object."""
+        return tuple(f"object {item.id}: {note}" for item in self.objects for note in getattr(item.shape, "notes", ()))
+
+    @cached_property
+    def index(self) -> Mapping[str, int]:
+        """The place of each id in `objects`."""
+        return {item.id: i for i, item in enumerate(self.objects)}
+
+    @cached_property
+    def _pairs(self) -> Mapping[frozenset[str], FrictionPair]:
+        return {frozenset(pair.objects): pair for pair in self.friction_pairs}
+
+    def friction_between(self, first: str, second: str) -> float:
+        """Coulomb coefficient between two objects, by id."""
+        pair = self._pairs.get(frozenset((first, second)))
+        return self.friction if pair is None else pair.coefficient
+
+    def place_of(self, name: str) -> int:
+        """The place of an id in `objects`.
+
+        Raises:
+            InputError: OBJECT_UNKNOWN.
+        """
+        if name not in self.index:
+            known = ", ".join(list(self.index)[:8])
+            raise InputError(ErrorCode.OBJECT_UNKNOWN, f"there is no object {name!r}; there are {known}", object=name)
+        return self.index[name]
+
+    def with_object(self, *items: RigidObject, pairs: Sequence[FrictionPair] = ()) -> "Assembly":
+        """The assembly with objects and friction pairs added, or put in the place of those of the same ids."""
+        objects = {item.id: item for item in self.objects} | {item.id: item for item in items}
+        frictions = dict(self._pairs) | {frozenset(pair.objects): pair for pair in pairs}
+        return replace(self, objects=tuple(objects.values()), friction_pairs=tuple(frictions.values()))
+
+    def without(self, name: str) -> "Assembly":
+        """The assembly without an object and the friction pairs that name it."""
+        self.place_of(name)
+        return replace(
+            self,
+            objects=tuple(item for item in self.objects if item.id != name),
+            friction_pairs=tuple(pair for pair in self.friction_pairs if name not in pair.objects),
+        )
+
+
+def _check_friction(where: str, value: float) -> None:
+    if not np.isfinite(value):
+        raise InputError(ErrorCode.NOT_FINITE, f"{where}: {value} is not finite")
+    if value < 0:
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: {value:g} is negative; Coulomb coefficients start at 0")
+
+
+def _is_inertia(matrix: Array) -> bool:
+    """Symmetric, positive, and no principal moment above the sum of the others (a flat body reaches it)."""
+    if np.shape(matrix) != (3, 3):
+        return False
+    # Rounding is relative to the largest entry: a rotated tensor has off-diagonal entries far smaller than that.
+    rounding = INERTIA_ROUNDING * float(np.abs(matrix).max())
+    if float(np.abs(matrix - np.transpose(matrix)).max()) > rounding:
+        return False
+    moments = np.linalg.eigvalsh(matrix)
+    return bool(moments[0] >= -rounding and moments[0] + moments[1] >= moments[2] - rounding)

@@ -1,0 +1,215 @@
+"""Scene files: YAML in, an `Assembly` out, and back."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from poise.assembly.scene.mesh_files import load_mesh
+from poise.assembly.scene.scene import Assembly, FrictionPair, RigidObject
+from poise.assembly.scene.shapes import Box, Cylinder, Mesh, Shape
+from poise.errors import ErrorCode, InputError
+from poise.files import write_whole
+from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.types import Array
+
+MAX_BYTES = 16_000_000
+UPPER = np.triu_indices(3)
+
+SCENE_KEYS = {"gravity", "friction", "objects", "friction_pairs"}
+OBJECT_KEYS = {"id", "fixed", "box", "cylinder", "mesh", "scale", "pose", "mass", "com", "inertia", "covariance"}
+PAIR_KEYS = {"objects", "coefficient", "deviation"}
+
+
+def load_scene(path: str | Path) -> Assembly:
+    """Read a scene file (its format is in docs/robustness.md). Meshes are looked for beside it.
+
+    Raises:
+        InputError: FILE_UNREADABLE, FILE_CORRUPT, or what is wrong with which entry.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; is it a scene?")
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: not YAML: {reason}") from error
+    return read_scene(content, folder=path.parent)
+
+
+def read_scene(content: Any, folder: Path = Path()) -> Assembly:
+    """Turn the parsed content of a scene file into an assembly; meshes are relative to the folder."""
+    scene = _mapping(content, "scene", SCENE_KEYS)
+    objects = _list(scene.get("objects"), "objects")
+    pairs = _list(scene.get("friction_pairs", []), "friction_pairs")
+    return Assembly(
+        objects=tuple(read_object(entry, folder, f"objects[{i}]") for i, entry in enumerate(objects)),
+        gravity=_numbers(scene.get("gravity", [0, 0, -STANDARD_GRAVITY]), 3, "gravity"),
+        friction=_number(scene.get("friction", 0.5), "friction"),
+        friction_pairs=tuple(_pair(entry, f"friction_pairs[{i}]") for i, entry in enumerate(pairs)),
+    )
+
+
+def read_object(content: Any, folder: Path = Path(), where: str = "object") -> RigidObject:
+    """Turn one entry of `objects` into a rigid object. Without a pose it lies at the origin.
+
+    In place of a file name, `mesh` may be a `Mesh`: messages carry them in full.
+    """
+    entry = _mapping(content, where, OBJECT_KEYS)
+    name = entry.get("id")
+    if not isinstance(name, str) or not name:
+        raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: id {name!r} is not a name")
+    where = f"object {name}"
+    fixed = entry.get("fixed", False)
+    if not isinstance(fixed, bool):
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: fixed is {fixed!r}, expected true or false")
+    if not fixed and "mass" not in entry:
+        raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: has no mass; give it, or mark the object as fixed")
+    inertia = None
+    if "inertia" in entry:
+        inertia = np.empty((3, 3))
+        inertia[UPPER] = _numbers(entry["inertia"], 6, f"{where}: inertia")
+        inertia.T[UPPER] = inertia[UPPER]
+    covariance = entry.get("covariance")
+    return RigidObject(
+        id=name,
+        shape=_shape(entry, folder, where),
+        pose=_pose(entry.get("pose", [0, 0, 0, 0, 0, 0, 1]), where),
+        fixed=fixed,
+        mass=_number(entry.get("mass", 0.0), f"{where}: mass"),
+        com=_numbers(entry["com"], 3, f"{where}: com") if "com" in entry else None,
+        inertia=inertia,
+        covariance=None if covariance is None else _numbers(covariance, 100, f"{where}: covariance").reshape(10, 10),
+    )
+
+
+def write_scene(assembly: Assembly, path: str | Path) -> None:
+    """Write a scene file that `load_scene` reads back; whole or not at all.
+
+    Raises:
+        InputError: FILE_UNWRITABLE; UNSUPPORTED for a mesh that has no file.
+    """
+    text = yaml.safe_dump(scene_content(assembly), sort_keys=False, default_flow_style=None)
+    write_whole(Path(path), text.encode())
+
+
+def scene_content(assembly: Assembly) -> dict[str, Any]:
+    """The content of a scene file, as plain lists and numbers."""
+    content: dict[str, Any] = {
+        "gravity": np.asarray(assembly.gravity).tolist(),
+        "friction": float(assembly.friction),
+        "objects": [_object_content(item) for item in assembly.objects],
+    }
+    if assembly.friction_pairs:
+        content["friction_pairs"] = [
+            {"objects": list(p.objects), "coefficient": float(p.coefficient)}
+            | ({"deviation": float(p.deviation)} if p.deviation else {})
+            for p in assembly.friction_pairs
+        ]
+    return content
+
+
+def _object_content(item: RigidObject) -> dict[str, Any]:
+    content: dict[str, Any] = {"id": item.id}
+    if item.fixed:
+        content["fixed"] = True
+    shape = item.shape
+    if isinstance(shape, Box):
+        content["box"] = [float(value) for value in shape.size]
+    elif isinstance(shape, Cylinder):
+        content["cylinder"] = [float(shape.radius), float(shape.length)]
+    elif isinstance(shape, Mesh) and shape.source:
+        content |= {"mesh": shape.source, "scale": float(shape.scale)}
+    else:
+        raise InputError(
+            ErrorCode.UNSUPPORTED, f"object {item.id}: its mesh has no file, so a scene file cannot name it"
+        )
+    content["pose"] = item.pose.vector.tolist()
+    if not item.fixed:
+        content["mass"] = float(item.mass)
+    if item.com is not None:
+        content["com"] = np.asarray(item.com).tolist()
+    if item.inertia is not None:
+        content["inertia"] = np.asarray(item.inertia)[UPPER].tolist()
+    if item.covariance is not None:
+        content["covariance"] = np.ravel(item.covariance).tolist()
+    return content
+
+
+def _shape(entry: Mapping[str, Any], folder: Path, where: str) -> Shape:
+    kinds = [kind for kind in ("box", "cylinder", "mesh") if kind in entry]
+    if len(kinds) != 1:
+        found = " and ".join(kinds) or "none"
+        raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: give one of box, cylinder or mesh (found {found})")
+    if kinds[0] == "mesh":
+        if isinstance(entry["mesh"], Mesh):
+            return entry["mesh"]
+        if not isinstance(entry["mesh"], str):
+            raise InputError(ErrorCode.BAD_INPUT, f"{where}: mesh is {entry['mesh']!r}, expected a file name")
+        return load_mesh(entry["mesh"], folder, _number(entry.get("scale", 1.0), f"{where}: scale"))
+    sizes = _numbers(entry[kinds[0]], 3 if kinds[0] == "box" else 2, f"{where}: {kinds[0]}")
+    if np.any(sizes <= 0):
+        raise InputError(
+            ErrorCode.OBJECT_INVALID, f"{where}: {kinds[0]} {sizes.tolist()} has a side that is not positive"
+        )
+    return Box(tuple(sizes.tolist())) if kinds[0] == "box" else Cylinder(*sizes.tolist())
+
+
+def _pose(value: Any, where: str) -> Pose:
+    numbers = _numbers(value, 7, f"{where}: pose")
+    length = float(np.linalg.norm(numbers[3:]))
+    if abs(length - 1) > 1e-3:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"{where}: the quaternion of its pose (x y z w) has length {length:.4g}, expected 1"
+        )
+    return Pose.from_vector(numbers)
+
+
+def _pair(content: Any, where: str) -> FrictionPair:
+    entry = _mapping(content, where, PAIR_KEYS)
+    names = entry.get("objects")
+    if not isinstance(names, Sequence) or len(names) != 2 or not all(isinstance(name, str) for name in names):
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: objects is {names!r}, expected two ids")
+    return FrictionPair(
+        (names[0], names[1]),
+        _number(entry.get("coefficient"), f"{where}: coefficient"),
+        _number(entry.get("deviation", 0.0), f"{where}: deviation"),
+    )
+
+
+def _mapping(value: Any, where: str, keys: set[str]) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: expected named entries, found {type(value).__name__}")
+    strange = [str(key) for key in value if key not in keys]
+    if strange:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"{where}: unknown entry {strange[0]}; known are {', '.join(sorted(keys))}"
+        )
+    return value
+
+
+def _list(value: Any, where: str) -> list[Any]:
+    if not isinstance(value, list):
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: expected a list, found {type(value).__name__}")
+    return value
+
+
+def _number(value: Any, where: str) -> float:
+    # bool is an int in Python, never a quantity here.
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: expected a number, found {value!r}")
+    return float(value)
+
+
+def _numbers(value: Any, count: int, where: str) -> Array:
+    if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != count:
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}: expected {count} numbers, found {value!r:.80}")
+    numbers = np.array([_number(entry, where) for entry in value])
+    if not np.all(np.isfinite(numbers)):
+        raise InputError(ErrorCode.NOT_FINITE, f"{where}: {value} has an entry that is not finite")
+    return numbers

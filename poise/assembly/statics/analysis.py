@@ -1,0 +1,233 @@
+"""An assembly made ready for questions: its blocks with their solvers, built when first needed and kept."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from poise.assembly.contact import CONTACT_MARGIN, Block, Interface, Structure
+from poise.assembly.scene import Assembly, FrictionPair, RigidObject
+from poise.assembly.statics.block import BlockGeometry
+from poise.assembly.statics.block_solvers import BlockKey, BlockSolvers
+from poise.assembly.statics.deadline import NEVER_LATE, Deadline
+from poise.assembly.statics.pushes import Loads
+from poise.assembly.statics.single_patch import SinglePatch
+from poise.errors import ErrorCode, NoAnswerError
+from poise.types import Array, Indices
+
+STILL = 1e-4
+"""Bodies slower than this share of the fastest are at rest in a mechanism."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockAnalysis:
+    """One block of the contact interface graph in an assembly, with its solvers.
+
+    Args:
+        structure: of the assembly.
+        block: which part of its graph.
+        solvers: of the block; analyses of similar assemblies may share them.
+    """
+
+    structure: Structure
+    block: Block
+    solvers: BlockSolvers
+
+    @property
+    def geometry(self) -> BlockGeometry:
+        return self.solvers.geometry
+
+    @cached_property
+    def interfaces(self) -> list[Interface]:
+        return [self.structure.interfaces[number] for number in self.block.interfaces]
+
+    @cached_property
+    def body_of(self) -> dict[int, int]:
+        """The body of the block that moves with each object, by its place in `Assembly.objects`."""
+        return {place: body for body, members in enumerate(self.block.members) for place in members}
+
+    def bodies_of(self, place: Indices) -> Indices:
+        """(N,) the body of the block that moves with each object, by places (N,) in `Assembly.objects`; -1 for none."""
+        body = np.full(len(self.structure.assembly.objects), -1, dtype=np.int64)
+        body[list(self.body_of)] = list(self.body_of.values())
+        return np.asarray(body[place])
+
+    def loads(self, loads: Loads) -> tuple[np.ndarray, Array]:
+        """The questions (q,) that load this block, and the loads (q, 6 n) in its units."""
+        bodies = self.bodies_of(loads.place)
+        rows = np.flatnonzero(bodies >= 0)
+        questions, row = np.unique(loads.question[rows], return_inverse=True)
+        body = bodies[rows]
+        total = np.zeros((len(questions), self.geometry.count, 6))
+        np.add.at(total, (row, body), self.geometry.units.of_wrench(loads.wrench[rows]))
+        return questions, total.reshape(len(questions), 6 * self.geometry.count)
+
+
+class Mechanism:
+    """How a block gives way.
+
+    Args:
+        block: which.
+        twist: (6 n,) in the block's units, of any scale.
+    """
+
+    def __init__(self, block: BlockAnalysis, twist: Array) -> None:
+        self.block = block
+        self._twist = twist
+
+    @property
+    def twist(self) -> Array:
+        """(6 n,) in the block's units."""
+        return self._twist
+
+    @cached_property
+    def velocities(self) -> dict[int, Array]:
+        """For each object that moves, its place in `Assembly.objects`: (6,) velocity of its com, angular velocity."""
+        twists = self.twist.reshape(-1, 6)
+        speeds = np.abs(twists).max(axis=1)
+        velocities = self.block.geometry.units.velocity(twists)
+        objects, groups = self.block.structure.assembly.objects, self.block.block.members
+        moving = [(body, place) for body in np.flatnonzero(speeds > STILL * speeds.max()) for place in groups[body]]
+        rows = velocities[[body for body, _ in moving]]
+        # v + omega x com, for all at once: np.cross is slow for single vectors.
+        com = np.array([objects[place].com_in_world for _, place in moving]).reshape(-1, 3)
+        rows[:, :3] += np.cross(rows[:, 3:], com)
+        return {place: row for (_, place), row in zip(moving, rows, strict=True)}
+
+    @cached_property
+    def mode(self) -> str:
+        """slip, topple or mixed: what happens at the interfaces that part.
+
+        An interface topples when its corners part at different speeds (more so than the dilatancy of limit analysis
+        asks of a patch that turns in its plane), and slips when the corner that parts least slides.
+        """
+        geometry = self.block.geometry
+        relative = (geometry.grasp.T @ self.twist).reshape(-1, 3)
+        slide = np.linalg.norm(relative[:, 1:], axis=1)
+        scale = max(float(np.abs(relative).max(initial=0.0)), 1e-300)
+        slips = topples = False
+        for number in range(len(self.block.block.interfaces)):
+            corners = geometry.interface == number
+            parting, sliding = relative[corners, 0], slide[corners]
+            dilatancy = geometry.friction[corners] * sliding
+            topples |= bool(np.ptp(parting) > 1.5 * np.ptp(dilatancy) + 1e-3 * scale)
+            slips |= bool(sliding[(parting - dilatancy).argmin()] > 1e-2 * scale)
+        return "mixed" if slips and topples else "slip" if slips else "topple"
+
+
+class PatchMechanism(Mechanism):
+    """How the one interface of a block gives way to a wrench (6,), N and N m; worked out when asked for."""
+
+    def __init__(self, block: BlockAnalysis, patch: SinglePatch, wrench: Array, factor: float, slips: bool) -> None:
+        self.block = block
+        self._patch = patch
+        self._give_way = wrench, factor, slips
+
+    @cached_property
+    def twist(self) -> Array:
+        """(6,) in the block's units."""
+        return self.block.geometry.units.of_velocity(self._patch.mechanism(*self._give_way))
+
+
+@dataclass(frozen=True)
+class Stability:
+    """Whether an assembly stands by itself.
+
+    Args:
+        margin: N by which every interface could press less and still hold; 0 on the verge of moving; negative when it
+            falls: how hard every interface would have to pull, or how much of the weight nothing carries.
+        falling: ids of what falls, or is on the verge of it.
+        complete: elastic contacts were asked wherever contact forces have a choice.
+    """
+
+    margin: float
+    falling: tuple[str, ...]
+    complete: bool
+
+    @property
+    def stable(self) -> bool:
+        return self.margin >= 0
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """An assembly, its contacts, and one solver per block. For one thread at a time."""
+
+    structure: Structure
+    _shared: Mapping[BlockKey, BlockSolvers] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def of(cls, assembly: "Assembly | Structure | Analysis", margin: float = CONTACT_MARGIN) -> "Analysis":
+        """Prepare an assembly; what is prepared already is kept.
+
+        Raises:
+            InputError: INTERPENETRATION or FLOATING.
+        """
+        if isinstance(assembly, Analysis):
+            return assembly
+        return cls(assembly if isinstance(assembly, Structure) else Structure.of(assembly, margin))
+
+    def with_object(self, *items: RigidObject, pairs: Sequence[FrictionPair] = ()) -> "Analysis":
+        """The analysis with objects added, or moved, and friction changed: only the blocks these change are new.
+
+        Raises:
+            InputError: INTERPENETRATION, FLOATING; OBJECT_UNKNOWN in a friction pair.
+        """
+        return Analysis(self.structure.with_object(*items, pairs=pairs), self._solvers)
+
+    def without(self, name: str) -> "Analysis":
+        """The analysis when one object is taken away. Others may float then: see `stability`.
+
+        Raises:
+            InputError: OBJECT_UNKNOWN.
+        """
+        return Analysis(self.structure.without(name), self._solvers)
+
+    @cached_property
+    def _solvers(self) -> dict[BlockKey, BlockSolvers]:
+        return {BlockSolvers.key(self.structure, block.block): block.solvers for block in self.blocks}
+
+    @property
+    def assembly(self) -> Assembly:
+        return self.structure.assembly
+
+    @cached_property
+    def blocks(self) -> tuple[BlockAnalysis, ...]:
+        found = []
+        for block in self.structure.blocks:
+            shared = self._shared.get(BlockSolvers.key(self.structure, block)) if self._shared else None
+            found.append(BlockAnalysis(self.structure, block, shared or BlockSolvers(self.structure, block)))
+        return tuple(found)
+
+    def stability(self, deadline: Deadline = NEVER_LATE) -> Stability:
+        """Whether and how safely the assembly stands by itself; floating objects fall."""
+        objects = self.assembly.objects
+        margin = -np.inf if self.structure.floating else np.inf
+        falling = [objects[place].id for place in self.structure.floating]
+        complete = True
+        for block in self.blocks:
+            standing, known = block.solvers.standing(deadline)
+            complete &= known
+            margin = min(margin, standing.margin * block.geometry.units.weight)
+            if standing.margin <= 0:
+                falling += [objects[place].id for place in Mechanism(block, standing.twist).velocities]
+        return Stability(margin, tuple(dict.fromkeys(falling)), complete)
+
+    def require_stable(self, deadline: Deadline = NEVER_LATE) -> None:
+        """Raise NoAnswerError UNSTABLE, with what falls and by what margin, when the assembly does not stand."""
+        found = self.stability(deadline)
+        if not found.stable:
+            raise unstable(found.falling, found.margin)
+
+
+def unstable(falling: Sequence[str], margin: float) -> NoAnswerError:
+    """UNSTABLE: what falls, or is on the verge of it, and by what margin, N."""
+    names = ", ".join(falling[:5])
+    return NoAnswerError(
+        ErrorCode.UNSTABLE,
+        f"the assembly does not stand by itself: {names} would move (margin {margin:.4g} N); "
+        "check poses, centres of mass and friction, or support it",
+        objects=list(falling),
+        margin=margin,
+    )

@@ -1,0 +1,104 @@
+"""The solvers of one block of the contact interface graph, built when first needed and kept."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from poise.assembly.contact import Block, Interface, Structure
+from poise.assembly.statics.block import BlockGeometry, block_geometry, gravity_wrenches
+from poise.assembly.statics.coulomb import CoulombBlock
+from poise.assembly.statics.deadline import NEVER_LATE, Deadline
+from poise.assembly.statics.equilibrium import Standing, has_self_stress, stability
+from poise.assembly.statics.gauge import GaugeProgram
+from poise.assembly.statics.limit import limit_program
+from poise.assembly.statics.patch import PatchProgram
+from poise.assembly.statics.single_patch import SinglePatch
+
+BlockKey = tuple[object, ...]
+"""Equal for blocks that are the same problem: the same objects held in the same places, with the same friction."""
+
+
+@dataclass(eq=False)
+class BlockSolvers:
+    """All that is computed about one block, apart from places in `Assembly.objects`.
+
+    Analyses of other assemblies share it as long as the block has the same `key`. It keeps the structure that it was
+    built for, so the identities in its key stay valid.
+
+    Args:
+        structure: of an assembly with the block.
+        block: as numbered in that structure.
+    """
+
+    structure: Structure
+    block: Block
+    _standing: Standing | None = field(default=None, init=False)
+
+    @staticmethod
+    def key(structure: Structure, block: Block) -> BlockKey:
+        """The `BlockKey` of a block."""
+        objects = structure.assembly.objects
+        members = tuple(tuple(id(objects[place]) for place in group) for group in block.members)
+        interfaces = (structure.interfaces[number] for number in block.interfaces)
+        return members, tuple((id(interface.points), interface.friction) for interface in interfaces), block.supports
+
+    @cached_property
+    def geometry(self) -> BlockGeometry:
+        return block_geometry(self.structure, self.block)
+
+    @cached_property
+    def interfaces(self) -> list[Interface]:
+        return [self.structure.interfaces[number] for number in self.block.interfaces]
+
+    @cached_property
+    def limit(self) -> GaugeProgram:
+        return limit_program(self.geometry)
+
+    @cached_property
+    def rough_limit(self) -> GaugeProgram:
+        """Model `limit` to a millionth, for maps."""
+        return limit_program(self.geometry, 1e-6)
+
+    @cached_property
+    def single_patch(self) -> SinglePatch | None:
+        """For one body on one interface."""
+        if not self.geometry.statically_determinate:
+            return None
+        faces_body = self.block.supports[0][1] == 0
+        resting = gravity_wrenches(self.structure, self.block)[0]
+        return SinglePatch(self.interfaces[0], faces_body, resting)
+
+    @cached_property
+    def patch(self) -> PatchProgram | None:
+        """For several bodies or interfaces; None when uniformly spread friction cannot hold the block at rest."""
+        if self.geometry.statically_determinate:
+            return None
+        program = PatchProgram(self.geometry, self.interfaces)
+        return program if program.holds else None
+
+    @cached_property
+    def coulomb(self) -> CoulombBlock:
+        return CoulombBlock(self.geometry, self.interfaces)
+
+    @cached_property
+    def self_stress(self) -> bool:
+        return has_self_stress(self.geometry)
+
+    @cached_property
+    def balance(self) -> Standing:
+        """How safely the block stands if contact forces may be any that balance."""
+        return stability(self.geometry)
+
+    def standing(self, deadline: Deadline = NEVER_LATE) -> tuple[Standing, bool]:
+        """How safely the block stands. Indeterminate contact forces must also be those of elastic contacts.
+
+        Returns:
+            How safely, and whether elastic contacts were checked where necessary, before the deadline.
+        """
+        if self.balance.margin < 0 or self.geometry.statically_determinate:
+            return self.balance, True
+        if self._standing is None:
+            state = self.coulomb.settle(self.geometry.gravity.ravel(), deadline=deadline)
+            if not state.known:
+                return self.balance, False
+            self._standing = self.balance if state.stands else Standing(-state.unbalanced, state.displacement)
+        return self._standing, True

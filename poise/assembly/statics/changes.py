@@ -1,0 +1,62 @@
+"""What two assemblies have in common: an analysis for the second that starts from that of the first."""
+
+import numpy as np
+
+from poise.assembly.scene import Assembly, Mesh, RigidObject, Shape
+from poise.assembly.statics.analysis import Analysis
+from poise.types import Array
+
+
+def analysis_after(before: Analysis | None, assembly: Assembly) -> Analysis:
+    """The analysis of an assembly, with all that is the same as in another one kept: contacts, programs, solutions.
+
+    Raises:
+        InputError: INTERPENETRATION, FLOATING.
+    """
+    if before is None or not _same_setting(before.assembly, assembly):
+        return Analysis.of(assembly)
+    known = before.assembly.index
+    gone = [item.id for item in before.assembly.objects if item.id not in assembly.index]
+    changed = [
+        item
+        for item in assembly.objects
+        if item.id not in known or not same_object(item, before.assembly.objects[known[item.id]])
+    ]
+    stays = any(item.fixed for item in before.assembly.objects if item.id not in gone)
+    if len(gone) + len(changed) == len(assembly.objects) or not stays:
+        return Analysis.of(assembly)
+    analysis = before
+    for name in gone:
+        analysis = analysis.without(name)
+    # Also when nothing is new: what floats now is an error.
+    return analysis.with_object(*changed) if gone or changed else before
+
+
+def _same_setting(first: Assembly, second: Assembly) -> bool:
+    """Equal gravity and friction."""
+    return (
+        np.array_equal(first.gravity, second.gravity)
+        and first.friction == second.friction
+        and set(first.friction_pairs) == set(second.friction_pairs)
+    )
+
+
+def same_object(first: RigidObject, second: RigidObject) -> bool:
+    """Whether two objects are equal in every number."""
+    return (
+        (first.id, first.fixed, first.fixed or first.mass) == (second.id, second.fixed, second.fixed or second.mass)
+        and np.array_equal(first.pose.rotation, second.pose.rotation)
+        and np.array_equal(first.pose.translation, second.pose.translation)
+        and all(_same(getattr(first, name), getattr(second, name)) for name in ("com", "inertia", "covariance"))
+        and _same_shape(first.shape, second.shape)
+    )
+
+
+def _same(first: Array | None, second: Array | None) -> bool:
+    return first is second if first is None or second is None else np.array_equal(first, second)
+
+
+def _same_shape(first: Shape, second: Shape) -> bool:
+    if isinstance(first, Mesh) and isinstance(second, Mesh):
+        return np.array_equal(first.vertices, second.vertices) and np.array_equal(first.triangles, second.triangles)
+    return first == second

@@ -1,0 +1,142 @@
+"""Does a block stand by itself, with which contact forces, and could it hold forces that no load asks for?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import block_diag, csc_array, diags_array, eye_array, hstack, vstack
+
+from poise.assembly.statics.block import BlockGeometry, Sparse
+from poise.assembly.statics.solvers import Cones, ConicProgram, Outcome
+from poise.errors import ErrorCode, NoAnswerError
+from poise.types import Array
+
+MARGINAL = 1e-6
+"""Margins below this share of the block's weight are 0: as good as rounding lets one know."""
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """How safely a block stands.
+
+    Args:
+        margin: the force, in block weights, by which every interface could press less and still hold; 0: on the
+            verge of moving; negative: how hard every interface would have to pull.
+        twist: (6 n,) the motion that is nearest to happening, or happens.
+    """
+
+    margin: float
+    twist: Array
+
+
+SMALL = 10_000
+"""Entries of a matrix up to which it is put together dense."""
+
+
+def cone_rows(friction: Array) -> Array:
+    """(K, 3) scale of (normal, tangents) that makes a standard cone of |t| <= mu n, and of its dual."""
+    return np.stack([np.ones_like(friction), friction, friction], axis=1)
+
+
+def moving_into_cones(geometry: BlockGeometry) -> Sparse:
+    """(3 K, 6 n) how fast twists open and slide the contacts, in the scale of `cone_rows`; dense for small blocks."""
+    scale = cone_rows(geometry.friction).ravel()
+    if geometry.grasp.shape[0] * geometry.grasp.shape[1] > SMALL:
+        return diags_array(scale) @ geometry.grasp.T
+    return scale[:, None] * geometry.grasp.toarray().T
+
+
+def stacked(first: Array, rest: Sparse) -> Sparse:
+    """A dense row (1, n) over a matrix (m, n), sparse: small ones are put together dense, which is much faster."""
+    if isinstance(rest, np.ndarray):
+        return csc_array(np.vstack([first, rest]))
+    return vstack([csc_array(first), rest], format="csc")
+
+
+def stability(geometry: BlockGeometry, load: Array | None = None) -> Standing:
+    """How safely a block stands under gravity, or under another load (6 n,) in the block's units.
+
+    One SOCP: the largest t for which contact forces in their cones, moved inwards by t / (corners of the interface),
+    balance the load. Its dual is the least power needed against gravity by an admissible motion that opens the
+    interfaces at a mean rate of 1: the motion nearest to happening.
+
+    Raises:
+        NoAnswerError: SOLVER_FAILED.
+    """
+    load = geometry.gravity.ravel() if load is None else load
+    corners = np.bincount(geometry.interface)[geometry.interface]
+    spread = np.zeros((len(corners), 3))
+    spread[:, 0] = 1 / corners
+    opening = (geometry.grasp @ spread.ravel())[None]
+    matrix = stacked(opening, -moving_into_cones(geometry))
+    right = np.concatenate([[1.0], np.zeros(3 * len(corners))])
+    solution = ConicProgram(matrix, right, Cones(zero=1, second_order=(3,) * len(corners))).solve(-load)
+    if solution.outcome is Outcome.INFEASIBLE:  # no motion at all: wedged from all sides
+        return Standing(np.inf, np.zeros_like(load))
+    if solution.outcome is Outcome.UNBOUNDED:
+        return Standing(-np.inf, solution.x)
+    margin = solution.value
+    return Standing(0.0 if abs(margin) <= MARGINAL else margin, solution.x)
+
+
+def has_self_stress(geometry: BlockGeometry) -> bool:
+    """Whether contact forces can balance each other without any load, as between two walls.
+
+    There limit analysis may lean on forces that nothing presses into being. None exist exactly when some motion opens
+    all contacts faster than friction could follow (strict separation).
+
+    Raises:
+        NoAnswerError: SOLVER_FAILED.
+    """
+    if geometry.statically_determinate:
+        return False
+    size = len(geometry.points)
+    cone = diags_array(cone_rows(geometry.friction).ravel())
+    rate = np.zeros((size, 3))
+    rate[:, 0] = 1.0
+    columns = hstack([-(cone @ geometry.grasp.T), csc_array(rate.reshape(-1, 1))])
+    bound = csc_array(([1.0], ([0], [6 * geometry.count])), shape=(1, 6 * geometry.count + 1))
+    right = np.concatenate([[1.0], np.zeros(3 * size)])
+    program = ConicProgram(
+        vstack([bound, columns], format="csc"), right, Cones(nonnegative=1, second_order=(3,) * size)
+    )
+    objective = np.zeros(6 * geometry.count + 1)
+    objective[-1] = -1.0
+    return program.solve(objective).value > -0.5
+
+
+def contact_forces(geometry: BlockGeometry, load: Array | None = None, sides: int | None = None) -> Array:
+    """Contact forces that balance gravity, or another load, with the least sum of squares (thesis eq. 4.12-4.15).
+
+    Args:
+        geometry: the block.
+        load: (6 n,) in the block's units; None: gravity.
+        sides: of the polygon that stands for the friction circle (eq. 4.9, 4.10); None: the circle itself.
+
+    Returns:
+        (K, 3) normal force and two tangential ones at each point, in block weights.
+
+    Raises:
+        NoAnswerError: UNSTABLE when no forces do; SOLVER_FAILED.
+    """
+    load = geometry.gravity.ravel() if load is None else load
+    size = len(geometry.points)
+    balance = geometry.grasp
+    if sides is None:
+        inside = -diags_array(np.stack([geometry.friction, np.ones(size), np.ones(size)], axis=1).ravel())
+        cones = Cones(zero=balance.shape[0], second_order=(3,) * size)
+    else:
+        inside = block_diag([polygon_rows(mu, sides) for mu in geometry.friction])
+        cones = Cones(zero=balance.shape[0], nonnegative=inside.shape[0])
+    right = np.concatenate([-load, np.zeros(inside.shape[0])])
+    program = ConicProgram(vstack([balance, inside], format="csc"), right, cones, eye_array(3 * size, format="csc"))
+    solution = program.solve(np.zeros(3 * size))
+    if solution.outcome is not Outcome.SOLVED:
+        raise NoAnswerError(ErrorCode.UNSTABLE, "no contact forces keep the objects at rest; see its stability margin")
+    return solution.x.reshape(-1, 3)
+
+
+def polygon_rows(friction: float, sides: int) -> Array:
+    """(sides + 1, 3) rows C with C f <= 0: the polygon inscribed in the friction circle (eq. 4.10), and n >= 0."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    circle = np.stack([np.full(sides, -friction * np.cos(np.pi / sides)), np.cos(angles), np.sin(angles)], axis=1)
+    return np.vstack([circle, [-1.0, 0.0, 0.0]])

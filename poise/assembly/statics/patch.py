@@ -1,0 +1,221 @@
+"""Model `patch` for several bodies or interfaces: one wrench each, friction spread as under uniform pressure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import block_array, coo_array, csc_array
+
+from poise.assembly.contact import Interface
+from poise.assembly.statics.block import BlockGeometry, assembled
+from poise.assembly.statics.equilibrium import contact_forces
+from poise.assembly.statics.friction_surface import patch_friction
+from poise.assembly.statics.gauge import NEVER, Gauge, GaugeProgram
+from poise.assembly.statics.solvers import Cones
+from poise.types import Array, Indices
+
+PRESSED = 1e-6
+"""An interface pressed by less than this, in the block's units, has no centre of pressure."""
+# The centres of pressure are moved until friction about the old ones errs by this share of what turning resists,
+# at most so often.
+SETTLED, MOVES = 0.05, 4
+# Gauges this much above those of limit analysis are worth moving the centres for.
+WEAKER = 1.01
+# In blocks of more interfaces than this, patches less than twice as long as wide are one cell (3 % instead of 1.5 %).
+MANY, COMPACT = 8, 2.0
+# How closely programs are solved: far below what spreading friction over cells leaves.
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Cells of all patches of a block, in its units.
+
+    Args:
+        interface: (M,) number within the block.
+        share: (M,) friction per unit of the interface's normal force: mu times the share of the area.
+        places: (M, 3) from the centre of pressure.
+        axes: (M, 2, 3) two tangents.
+        turning: (M, 3) normal times spin.
+        reach: (M,) lever arm of the patch against turning.
+    """
+
+    interface: Indices
+    share: Array
+    places: Array
+    axes: Array
+    turning: Array
+    reach: Array
+
+
+class PatchProgram:
+    """Gauges of loads on a block whose interfaces carry one wrench each.
+
+    Normal forces act at the corners of each interface, friction at cells that share its normal force by area, about
+    its centre of pressure: there friction acts when all of a patch slides one way. With the centres held, all
+    supplies are convex, and gauges and cuts are those of limit analysis.
+    """
+
+    def __init__(self, geometry: BlockGeometry, interfaces: Sequence[Interface]) -> None:
+        """Take a block and its interfaces in order.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED; UNSTABLE when the block does not stand.
+        """
+        self._geometry = geometry
+        self._cells, middles = _cells(geometry, interfaces)
+        self._mu = np.array([interface.friction for interface in interfaces])
+        self._reach = np.zeros(len(interfaces))
+        self._reach[self._cells.interface] = self._cells.reach
+        self._centres = self._pressed_at(contact_forces(geometry)[:, 0], middles)
+        self._matrix = self._rows(self._centres)
+        corners, count = len(geometry.points), len(self._cells.share)
+        self._right = np.zeros(self._matrix.shape[0])
+        self._right[0] = 1.0
+        self._cones = Cones(nonnegative=1 + corners, second_order=(4,) * count)
+        self.resting = GaugeProgram(self._matrix, self._right, self._cones, 6 * geometry.count, TOLERANCE)
+        """Gauges with the centres of pressure as they are at rest (of the forces of thesis eq. 4.12-4.15): convex, so
+        that its cuts hold for all loads. Pushes that shift them across the friction they call for are misjudged by
+        some per cent; steep ones, off centre, by more (too strong for the block)."""
+        self._moving: GaugeProgram | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether friction spread like this holds the block at rest at all."""
+        return bool(np.isfinite(self.resting.gauge(self._geometry.gravity.ravel()).value))
+
+    def gauge(self, load: Array, limit: Gauge) -> Gauge:
+        """Gauge of a load (6 n,) with the centres of pressure where they are as the block gives way.
+
+        Args:
+            load: in the block's units.
+            limit: what limit analysis (of the same corners) says. It is returned when its forces are friction that
+                patches can have; where it is weaker anyway, the centres stay as they are at rest; otherwise its
+                normal forces are the first guess of where they move.
+
+        Raises:
+            NoAnswerError: SOLVER_FAILED.
+        """
+        if limit.multipliers is not None and self.allows(limit.multipliers):
+            return limit
+        gauge, centres = self.resting.gauge(load), self._centres
+        if limit.multipliers is None or gauge.value <= WEAKER * limit.value + NEVER:
+            return gauge
+        normal_forces = limit.multipliers[1::3]
+        for _ in range(MOVES):
+            if gauge.multipliers is None or self._fits(centres, gauge.multipliers):
+                break
+            centres = self._pressed_at(normal_forces, self._centres)
+            if self._moving is None:
+                self._moving = GaugeProgram(self._matrix, self._right, self._cones, len(load), TOLERANCE)
+            self._moving.set_matrix(self._entries(centres))
+            gauge = self._moving.gauge(load)
+            if gauge.multipliers is not None:
+                normal_forces = gauge.multipliers[1 : 1 + len(normal_forces)]
+        return gauge
+
+    def allows(self, multipliers: Array) -> bool:
+        """Whether the contact forces found by limit analysis turn no patch more than uniform pressure could.
+
+        A sufficient test: friction force over its limit, plus moment about the centre of pressure over its limit, is
+        at most 1 (convexity of the limit surface).
+        """
+        geometry, count = self._geometry, len(self._centres)
+        which, mu = geometry.interface, geometry.friction
+        normal = multipliers[1::3]
+        along, across = multipliers[2::3] * mu, multipliers[3::3] * mu
+        total = np.bincount(which, normal, count)
+        pressed = np.maximum(total, PRESSED)
+        u, v = self._plane
+        fu, fv = np.bincount(which, along, count), np.bincount(which, across, count)
+        turn = np.bincount(which, u * across - v * along, count)
+        lever = np.bincount(which, normal * u, count) * fv - np.bincount(which, normal * v, count) * fu
+        demand = np.sqrt(fu * fu + fv * fv) * self._reach + np.abs(turn - lever / pressed)
+        return bool(np.all(demand <= self._mu * self._reach * total * (1 + 1e-4) + PRESSED))
+
+    @cached_property
+    def _plane(self) -> tuple[Array, Array]:
+        """Coordinates (K,), (K,) of the corners along the tangents of their interface."""
+        tangents = self._geometry.frames[:, 1:]
+        u, v = np.einsum("ikj,ij->ki", tangents, self._geometry.points)
+        return u, v
+
+    def _fits(self, centres: Array, multipliers: Array) -> bool:
+        """Whether friction, taken about these centres (I, 3), is about those that the forces found have."""
+        corners, cells, count = len(self._geometry.points), self._cells, len(centres)
+        normal = multipliers[1 : 1 + corners]
+        slides = multipliers[1 + corners :].reshape(-1, 4)[:, 1:3]
+        force = np.einsum("ij,ijk->ik", slides, cells.axes)
+        total = np.stack([np.bincount(cells.interface, x, count) for x in force.T], axis=1)
+        shift = self._pressed_at(normal, centres) - centres
+        resists = np.bincount(cells.interface, cells.share * cells.reach, count)
+        resists *= np.bincount(self._geometry.interface, normal, count)
+        # Shift and friction lie in the plane: the length of their product is the moment about the normal.
+        return bool(np.all(np.linalg.norm(np.cross(shift, total), axis=1) <= SETTLED * resists + PRESSED))
+
+    def _pressed_at(self, normal_forces: Array, otherwise: Array) -> Array:
+        """(I, 3) centre of pressure of each interface; where it is not pressed, (I, 3) otherwise."""
+        which, count = self._geometry.interface, len(otherwise)
+        totals = np.bincount(which, normal_forces, count)
+        moments = np.stack([np.bincount(which, normal_forces * x, count) for x in self._geometry.points.T], axis=1)
+        pressed = totals > PRESSED
+        return np.where(pressed[:, None], moments / np.where(pressed, totals, 1.0)[:, None], otherwise)
+
+    def _rows(self, centres: Array) -> csc_array:
+        """Rows of the program: gravity, the corners, the cells. Unknowns: twists, and a bound on each cell's speed."""
+        geometry, cells = self._geometry, self._cells
+        count = len(cells.share)
+        points = centres[cells.interface] + cells.places
+        wrenches = np.zeros((count, 4, 6))
+        wrenches[:, 1:3, :3] = cells.axes
+        wrenches[:, 1:3, 3:] = np.cross(points[:, None], cells.axes)
+        wrenches[:, 3, 3:] = cells.turning
+        bodies = geometry.supports[cells.interface]
+        sliding = -assembled(wrenches, bodies, geometry.count).T
+        at = np.arange(count)
+        bounds = coo_array((-np.ones(count), (4 * at, at)), shape=(4 * count, count))
+        costs = (geometry.interface[:, None] == cells.interface) * cells.share
+        gravity, opening = -csc_array(geometry.gravity.reshape(1, -1)), -geometry.grasp[:, ::3].T
+        rows = [[gravity, None], [opening, csc_array(costs)], [sliding, bounds]]
+        return block_array(rows, format="csc")
+
+    @cached_property
+    def _affine(self) -> tuple[Array, Array, Indices]:
+        """Stored entries of `_rows` at 0, their slopes (nnz, 3), and the interface whose centre each depends on."""
+        zero = np.zeros_like(self._centres)
+        base = self._rows(zero)
+        slopes = [self._rows(zero + unit).data - base.data for unit in np.eye(3)]
+        cell = np.maximum(base.indices - 1 - len(self._geometry.points), 0) // 4
+        return base.data, np.stack(slopes, axis=1), self._cells.interface[cell]
+
+    def _entries(self, centres: Array) -> Array:
+        """The stored entries of `_rows(centres)`, which are affine in the centres."""
+        data, slopes, owner = self._affine
+        return np.asarray(data + np.einsum("ij,ij->i", slopes, centres[owner]))
+
+
+def _cells(geometry: BlockGeometry, interfaces: Sequence[Interface]) -> tuple[_Cells, Array]:
+    """The cells of all interfaces, and the centroids (I, 3) of these, in the block's units."""
+    units = geometry.units
+    frictions = [patch_friction(interface) for interface in interfaces]
+    sizes = [friction.size / units.length for friction in frictions]
+    coarse = COMPACT if len(interfaces) > MANY else 0.0
+    parts = [friction.surface.cells(coarse) for friction in frictions]
+    number = np.repeat(np.arange(len(parts)), [len(part.weights) for part in parts])
+    mu = np.array([interface.friction for interface in interfaces])
+    normals = np.array([interface.normal for interface in interfaces])
+    spins = np.concatenate([part.spins * size for part, size in zip(parts, sizes, strict=True)])
+    places = [part.places @ friction.axes * size for part, friction, size in zip(parts, frictions, sizes, strict=True)]
+    centroids = np.array([friction.centroid for friction in frictions])
+    cells = _Cells(
+        interface=number,
+        share=mu[number] * np.concatenate([part.weights for part in parts]),
+        places=np.concatenate(places),
+        axes=np.array([friction.axes for friction in frictions])[number],
+        turning=normals[number] * spins[:, None],
+        reach=np.array([friction.surface.radius * size for friction, size in zip(frictions, sizes, strict=True)])[
+            number
+        ],
+    )
+    return cells, (centroids - units.origin) / units.length

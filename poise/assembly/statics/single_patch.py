@@ -1,0 +1,189 @@
+"""Model `patch` for one body on one interface: its wrench is known, so collapse is a root, for all loads at once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.assembly.contact import Interface
+from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
+from poise.assembly.statics.gauge import NEVER
+from poise.geometry import move_wrench
+from poise.types import Array, Mask
+
+# Steps in which the way to collapse is looked through for the first violation, and then closed in on.
+COARSE, FINE = 8, 9
+
+
+@dataclass(frozen=True, eq=False)
+class PatchCollapse:
+    """When one body on one interface gives way.
+
+    Args:
+        factor: (Q,) of each load; inf where it never does.
+        slips: (Q,) whether friction gives way, not the balance about an edge.
+    """
+
+    factor: Array
+    slips: Mask
+
+
+class SinglePatch:
+    """One body on one interface: its wrench follows from balance, so the factor is the root of a scalar function.
+
+    The centre of pressure p must stay in the convex hull of the patch, and the friction force with the moment about
+    p inside the limit surface of uniform pressure (thesis eq. 4.35 with the yaw branch mu N |v|, for all axes at
+    once). Taken about p, because that is where friction acts when the whole patch slides one way.
+    """
+
+    def __init__(self, interface: Interface, faces_body: bool, resting: Array) -> None:
+        """Take an interface whose normal points into the body (or not), and (6,) the body's load at rest, N, N m."""
+        self._friction: PatchFriction = patch_friction(interface)
+        self._mu = interface.friction
+        self._normal = interface.normal if faces_body else -interface.normal
+        self._axes = self._friction.axes
+        # 1 when (u, v, normal into the body) is right-handed.
+        self._handed = 1.0 if faces_body else -1.0
+        self._edges = hull_edges((interface.points - self._friction.centroid) @ self._axes.T)
+        self._rest = self._demand(resting)
+        self._weight = float(np.linalg.norm(resting)) or 1.0
+
+    def _demand(self, wrench: Array) -> Array:
+        """(..., 6) what the interface must supply against a wrench about the world's origin.
+
+        Normal force N; N times the centre of pressure (2); friction (2); moment about the normal, at the centroid.
+        """
+        about = -move_wrench(wrench, self._friction.centroid)
+        force, moment = about[..., :3], about[..., 3:]
+        # A force N n at x has the moment x x N n, so n x moment = N x.
+        pressure = np.cross(self._normal, moment) @ self._axes.T
+        normal = (force @ self._normal)[..., None]
+        return np.concatenate([normal, pressure, force @ self._axes.T, (moment @ self._normal)[..., None]], axis=-1)
+
+    def collapse(self, loads: Array) -> PatchCollapse:
+        """Factors of loads (Q, 6), N and N m about the world's origin, on top of the load at rest."""
+        demand = self._demand(loads)
+        size = np.linalg.norm(demand, axis=1)
+        demand = demand * (self._weight / np.where(size > 0, size, 1.0))[:, None]
+        # Along rest (1 - t) + demand t the factor runs from 0 at t = 0 to infinity at t = 1.
+        top = self._topple(demand)
+        end = self._first_slip(demand, top)
+        slips = end < top
+        with np.errstate(divide="ignore"):
+            factor = end / (1 - end) * np.where(size > 0, self._weight / size, np.inf)
+        factor[size == 0] = np.inf
+        return PatchCollapse(factor, slips)
+
+    def allowed_by_limit(self, loads: Array, factor: Array) -> Mask:
+        """(Q,) whether limit analysis surely holds loads (Q, 6) at these factors (Q,); a sufficient test.
+
+        Two distributions that limit analysis may choose from, both with the given centre of pressure: uniform pressure
+        on the patch shrunk towards that centre until it is its centroid, and two points on a line along the nearest
+        edge, at equal distances from it.
+        """
+        large = np.where(np.isfinite(factor), factor, 1e9) * (1 - 1e-9)
+        supply = self._rest + large[:, None] * self._demand(loads)
+        normal = np.maximum(supply[:, 0], 1e-12 * self._weight)
+        centre = supply[:, 1:3] / normal[:, None]
+        inward, offset = self._edges
+        slack = centre @ inward.T - offset
+        moment = self._moment(supply, normal)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shrunk = np.nanmin(slack / -offset, axis=1)
+            across = inward[slack.argmin(axis=1)]
+            along = np.stack([-across[:, 1], across[:, 0]], axis=1)
+            rates = np.abs(along @ inward.T)
+            reach = np.where(rates > 1e-9, slack / rates, np.inf).min(axis=1)
+            couple = np.where(moment == 0, 0.0, np.abs(moment) * self._friction.size / reach)
+        spread = self._friction.surface.gauge(supply[:, 3:5], moment / np.maximum(shrunk, 1e-9))
+        force = supply[:, 3:5]
+        paired = np.hypot((force * along).sum(axis=1), np.abs((force * across).sum(axis=1)) + couple)
+        most = self._mu * normal * (1 + 1e-6)
+        return np.asarray((shrunk >= 0) & ((spread <= most) | (paired <= most)))
+
+    def _moment(self, supply: Array, normal: Array) -> Array:
+        """(...) moment about the centre of pressure that friction must supply, per size of the patch."""
+        lever = self._handed * (supply[..., 1] * supply[..., 4] - supply[..., 2] * supply[..., 3]) / normal
+        return self._handed * (supply[..., 5] - lever) / self._friction.size
+
+    def _topple(self, demand: Array) -> Array:
+        """(Q,) t at which the centre of pressure reaches the edge; 1 where it never does."""
+        inward, offset = self._edges
+        start = np.maximum(self._rest[1:3] @ inward.T - self._rest[0] * offset, 1e-15 * self._weight)
+        # How fast each edge is neared, per how far off it is at rest: the fastest is reached first.
+        rates = np.vstack([-offset, inward.T]) / -start
+        fastest = (demand[:, :3] @ rates).max(axis=1)
+        return np.where(fastest > NEVER, 1 / (1 + np.maximum(fastest, 0.0)), 1.0)
+
+    def _excess(self, demand: Array, t: Array) -> Array:
+        """(...) normal force wanting for friction, in weights, at rest (1 - t) + demand t."""
+        supply = self._rest * (1 - t[..., None]) + demand * t[..., None]
+        normal = np.maximum(supply[..., 0], 1e-12 * self._weight)
+        needed = self._friction.surface.gauge(supply[..., 3:5], self._moment(supply, normal))
+        return np.asarray((needed - self._mu * normal) / self._weight)
+
+    def _first_slip(self, demand: Array, top: Array) -> Array:
+        """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none."""
+        steps = top[:, None] * np.linspace(0, 1, COARSE + 1)[1:]
+        # Just inside the edge: at the edge the normal force may be 0.
+        steps[:, -1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
+        excess = self._excess(demand[:, None], steps)
+        over = excess > 1e-9
+        hit = over.any(axis=1)
+        first = over.argmax(axis=1)
+        rows = np.flatnonzero(hit)
+        if not len(rows):
+            return top
+        high, f_high = steps[rows, first[rows]], excess[rows, first[rows]]
+        low = np.where(first[rows] > 0, steps[rows, np.maximum(first[rows] - 1, 0)], 0.0)
+        f_low = self._excess(demand[rows], low)
+        for _ in range(FINE):  # Illinois regula falsi
+            middle = low - f_low * (high - low) / np.where(f_high > f_low, f_high - f_low, 1.0)
+            middle = np.clip(middle, low, high)
+            f_middle = self._excess(demand[rows], middle)
+            above = f_middle > 0
+            f_low = np.where(above, f_low / 2, f_middle)
+            f_high = np.where(above, f_middle, f_high / 2)
+            low, high = np.where(above, low, middle), np.where(above, middle, high)
+        end = top.copy()
+        end[rows] = low
+        return end
+
+    def mechanism(self, load: Array, factor: float, slips: bool) -> Array:
+        """(6,) velocity at the world's origin and angular velocity of the body as it gives way to one load (6,)."""
+        supply = self._rest + factor * self._demand(load)
+        pressure = supply[1:3] / max(supply[0], 1e-12 * self._weight)
+        if slips:
+            turn = supply[5] - self._handed * (pressure[0] * supply[4] - pressure[1] * supply[3])
+            motion = self._friction.surface.motion(supply[3:5], self._handed * turn / self._friction.size)
+            velocity = -motion[:2] @ self._axes
+            angular = -self._handed * motion[2] / self._friction.size * self._normal
+            pivot = self._friction.centroid + pressure @ self._axes
+        else:
+            inward, offset = self._edges
+            edge = int((pressure @ inward.T - offset).argmin())
+            # Turning about the edge lifts what is inside of it.
+            angular = np.cross(inward[edge] @ self._axes, self._normal)
+            velocity = np.zeros(3)
+            pivot = self._friction.centroid + offset[edge] * inward[edge] @ self._axes
+        return np.concatenate([velocity - np.cross(angular, pivot), angular])
+
+
+def hull_edges(points: Array) -> tuple[Array, Array]:
+    """Inward normals (E, 2) and offsets (E,), n . x >= offset inside, of a polygon, a line or a point (P, 2)."""
+    if len(points) == 1:
+        inward = np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1]])
+        return inward, inward @ points[0]
+    if len(points) == 2:
+        along = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+        across = np.array([-along[1], along[0]])
+        inward = np.stack([along, -along, across, -across])
+        return inward, np.array(
+            [inward[0] @ points[0], inward[1] @ points[1], inward[2] @ points[0], inward[3] @ points[0]]
+        )
+    runs = np.roll(points, -1, axis=0) - points
+    keep = np.linalg.norm(runs, axis=1) > 1e-12
+    runs, points = runs[keep], points[keep]
+    inward = np.stack([-runs[:, 1], runs[:, 0]], axis=1) / np.linalg.norm(runs, axis=1)[:, None]
+    if np.mean((points.mean(axis=0) - points) * inward) < 0:
+        inward = -inward
+    return inward, np.einsum("ij,ij->i", inward, points)

@@ -1,0 +1,21 @@
+"""What the placement planners to compare with share.
+
+- `engine`, `pieces`: an assembly in MuJoCo, its solids cut into convex pieces. `dropping`: objects that come to rest.
+- `trials`: whole poses tried one by one.
+"""
+
+from poise.baselines.placement.dropping import from_above, from_anywhere
+from poise.baselines.placement.engine import Engine, holds
+from poise.baselines.placement.trials import at_random, first_that_stays, guided_by, radius, surroundings
+
+__all__ = [
+    "Engine",
+    "at_random",
+    "first_that_stays",
+    "from_above",
+    "from_anywhere",
+    "guided_by",
+    "holds",
+    "radius",
+    "surroundings",
+]

@@ -1,0 +1,129 @@
+"""Planner `hm`: heightmap minimisation (Wang and Hauser 2021, "Dense robotic packing of irregular 3D objects").
+
+Orientations in which the object stands on a plane (Goldberg et al. 1999: the faces of its hull, the likely ones first)
+are turned about the vertical; each is let down on every cell of the scene's heightmap; the poses that raise the map
+least are tried first. When none of the best stays, orientations leaning about both horizontal axes are added.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from poise.assembly import Analysis, RigidObject
+from poise.assembly.scene import Polyhedron
+from poise.baselines.placement import first_that_stays, radius, surroundings
+from poise.geometry import Pose, plane_axes, rotation_about, rotation_between, unit
+from poise.placement import Features, PlacementPlanner
+from poise.types import Array
+
+CELL = 0.004
+"""m, of the heightmap."""
+STABLE, YAWS = 4, 8
+"""Orientations on a plane, and turns of each."""
+LEANING = np.radians([-15.0, 0.0, 15.0])
+BEST = 100
+"""Candidates whose stability is looked at, of each round."""
+SPREAD = 1.0
+"""Weight of x + y beside the sum of heights (their c)."""
+EMPTY = np.inf
+
+
+def lowest_first(analysis: Analysis, item: RigidObject, rng: np.random.Generator) -> Iterator[Pose]:
+    """Poses by their score: first upright ones, then leaning ones."""
+    up = -unit(analysis.assembly.gravity)
+    frame = np.vstack([plane_axes(up), up])
+    low, high = surroundings(analysis, radius(item))
+    corners = np.array(list(product(*zip(low, high, strict=True)))) @ frame.T
+    origin = corners.min(axis=0)[:2]
+    count = np.ceil((np.ptp(corners, axis=0)[:2]) / CELL).astype(int)
+    scene = np.full(count, (analysis.assembly.objects[0].vertices @ up).min())
+    for other in analysis.assembly.objects:
+        heights = raster(other.shape.polyhedron, other.vertices @ frame.T, origin, count)
+        scene = np.where(np.isfinite(heights), np.maximum(scene, heights), scene)
+    upright = _upright(item, up, rng)
+    yield from _by_score(scene, origin, frame, item, upright)
+    leaning = [
+        rotation_about(frame[0], roll) @ rotation_about(frame[1], pitch) @ rotation
+        for rotation in upright
+        for roll, pitch in product(LEANING, LEANING)
+        if roll or pitch
+    ]
+    yield from _by_score(scene, origin, frame, item, leaning)
+
+
+def _upright(item: RigidObject, up: Array, rng: np.random.Generator) -> list[Array]:
+    """Rotations on the steady faces, the large ones first, each turned evenly from a random start."""
+    faces = [face for face in Features.of(item.shape, item.com).faces if face.steady][:STABLE]
+    start = rng.uniform(0, 2 * np.pi / YAWS)
+    return [
+        rotation_about(up, start + 2 * np.pi * k / YAWS) @ rotation_between(face.normal, -up)
+        for face in faces
+        for k in range(YAWS)
+    ]
+
+
+def _by_score(scene: Array, origin: Array, frame: Array, item: RigidObject, rotations: list[Array]) -> Iterator[Pose]:
+    found = []
+    polyhedron = item.shape.polyhedron
+    for rotation in rotations:
+        corners = polyhedron.vertices @ rotation.T @ frame.T
+        start = corners.min(axis=0)[:2]
+        count = np.ceil(np.ptp(corners, axis=0)[:2] / CELL).astype(int)
+        top = raster(polyhedron, corners, start, count)
+        bottom = -raster(polyhedron, corners * [1, 1, -1], start, count)
+        if np.any(count > scene.shape):
+            continue
+        height, score = _let_down(scene, top, bottom)
+        for index in np.argsort(score, axis=None)[:BEST]:
+            i, j = np.unravel_index(index, score.shape)
+            place = np.append(origin + CELL * np.array([i, j]) - start, height[i, j])
+            found.append((float(score[i, j]), Pose(rotation, frame.T @ place)))
+    found.sort(key=lambda pair: pair[0])
+    yield from (pose for _, pose in found[:BEST])
+
+
+def _let_down(scene: Array, top: Array, bottom: Array) -> tuple[Array, Array]:
+    """Height of the object's origin when it touches, and the score, at every cell of its corner."""
+    places = tuple(np.array(scene.shape) - top.shape + 1)
+    filled = np.argwhere(np.isfinite(top))
+    height = np.full(places, -np.inf)
+    for i, j in filled:
+        np.maximum(height, scene[i : i + places[0], j : j + places[1]] - bottom[i, j], out=height)
+    raised = np.zeros(places)
+    for i, j in filled:
+        raised += height + top[i, j] - scene[i : i + places[0], j : j + places[1]]
+    x, y = np.indices(places)
+    return height, raised + SPREAD * (x + y) * CELL
+
+
+def raster(polyhedron: Polyhedron, corners: Array, origin: Array, count: Array) -> Array:
+    """(nx, ny) greatest height of a surface over the middle of each cell; -inf (empty) where there is none.
+
+    Args:
+        polyhedron: whose triangles.
+        corners: (V, 3) its vertices, height last.
+        origin: (2,) m, corner of the first cell.
+        count: (2,) cells.
+    """
+    heights = np.full(count, -EMPTY)
+    for a, b, c in corners[polyhedron.triangles]:
+        first = np.maximum(np.floor((np.min([a, b, c], axis=0)[:2] - origin) / CELL - 0.5), 0).astype(int)
+        last = np.minimum(np.ceil((np.max([a, b, c], axis=0)[:2] - origin) / CELL + 0.5), count).astype(int)
+        if np.any(last <= first):
+            continue
+        x, y = np.meshgrid(*(origin[k] + CELL * (np.arange(first[k], last[k]) + 0.5) for k in (0, 1)), indexing="ij")
+        twice = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
+        if abs(twice) < 1e-14:
+            continue
+        u = ((b[0] - x) * (c[1] - y) - (c[0] - x) * (b[1] - y)) / twice
+        v = ((c[0] - x) * (a[1] - y) - (a[0] - x) * (c[1] - y)) / twice
+        w = 1 - u - v
+        inside = (u >= -1e-9) & (v >= -1e-9) & (w >= -1e-9)
+        part = heights[first[0] : last[0], first[1] : last[1]]
+        part[inside] = np.maximum(part, u * a[2] + v * b[2] + w * c[2])[inside]
+    return heights
+
+
+entry = PlacementPlanner("hm", "heightmap minimisation (Wang and Hauser 2021)", partial(first_that_stays, lowest_first))

@@ -1,0 +1,48 @@
+"""The registry of force-torque sensors: one file or folder a sensor, found by looking through this folder.
+
+- `base`: `Sensor` and `SensorSetting`: what an entry is.
+- everything else: a sensor, with its protocol, its link, its fake and its parameters. See docs/add_a_sensor.md.
+"""
+
+from functools import cache
+
+from poise.errors import ErrorCode, InputError
+from poise.force_torque.sensors.base import Sensor, SensorSetting, SensorValues, limit_of, rated, reports_of
+from poise.registry import entries_of
+
+__all__ = [
+    "Sensor",
+    "SensorSetting",
+    "SensorValues",
+    "all_sensors",
+    "limit_of",
+    "rated",
+    "reports_of",
+    "sensor_named",
+    "sensor_settings",
+]
+
+
+@cache
+def all_sensors() -> tuple[Sensor, ...]:
+    """Every sensor of the registry, by name."""
+    found: tuple[Sensor, ...] = entries_of(__name__, __path__, Sensor)  # type: ignore[type-abstract]
+    return tuple(sorted(found, key=lambda sensor: sensor.name))
+
+
+def sensor_named(name: str) -> Sensor:
+    """The sensor of a name.
+
+    Raises:
+        InputError: BAD_INPUT, with the names there are.
+    """
+    for sensor in all_sensors():
+        if sensor.name == name:
+            return sensor
+    names = ", ".join(sensor.name for sensor in all_sensors())
+    raise InputError(ErrorCode.BAD_INPUT, f"no sensor is named {name!r}; use one of {names}")
+
+
+def sensor_settings() -> tuple[SensorSetting, ...]:
+    """The parameters of all sensors, each name once."""
+    return tuple({setting.name: setting for sensor in all_sensors() for setting in sensor.settings}.values())

@@ -1,0 +1,27 @@
+"""What a sensor's entry is built from: samples and units, frames, the serial line, and the fakes' side of them.
+
+- `link`: what the acquisition asks of a device. `samples`, `units`: counts and units to N and N m.
+- `framing`, `serial_line`: a stream of frames on a serial port.
+- `fakes`: devices in software.
+"""
+
+from poise.force_torque.wire.fakes import FakeSensor, FakeSerialSensor, WrenchSource
+from poise.force_torque.wire.framing import FrameParser, reflected_crc16
+from poise.force_torque.wire.link import Link
+from poise.force_torque.wire.samples import Calibration, Reports, SensorSamples, no_samples
+from poise.force_torque.wire.serial_line import SerialLine, unreachable_port
+
+__all__ = [
+    "Calibration",
+    "FakeSensor",
+    "FakeSerialSensor",
+    "FrameParser",
+    "Link",
+    "Reports",
+    "SensorSamples",
+    "SerialLine",
+    "WrenchSource",
+    "no_samples",
+    "reflected_crc16",
+    "unreachable_port",
+]

@@ -1,0 +1,289 @@
+"""A transfer played by a robot: what arm and fingers are told when, and whether they do it; or else the arm is stopped.
+
+Knows nothing of ROS: joint states and the time go in, commands come out. Nothing in it waits: `tick` returns at once.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
+from poise.excitation.brake import stop_along
+from poise.excitation.joint_watch import Jointed, JointWatch
+from poise.excitation.session import HELD_UP, LAG, LEAD, MOVED, PATIENCE, STALE, STOP_LEAD
+from poise.manipulation.carrying import Transfer
+from poise.manipulation.gripper import FingerWatch, Gripper
+from poise.simulation import WaypointTrajectory
+from poise.types import Array
+
+STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "return": "placing"}
+"""Of the phases of a transfer; those before are picking."""
+STOP_TIME = 0.4
+"""s in which the arm stops; longer when what it holds would slip."""
+
+
+class Step(NamedTuple):
+    """One thing to do, then to wait for.
+
+    Args:
+        name: of the phase.
+        motion: of the arm, from rest to rest; None: the fingers move.
+        opening: m, of the fingers.
+        holding: the object is in the hand.
+        stop_time: s that a stop may take at the least.
+    """
+
+    name: str
+    motion: WaypointTrajectory | None
+    opening: float
+    holding: bool
+    stop_time: float = STOP_TIME
+
+    @property
+    def stage(self) -> str:
+        """As it is told to people."""
+        return STAGES.get(self.name, "picking")
+
+
+def steps_of(transfer: Transfer, speed: float) -> tuple[Step, ...]:
+    """What a transfer takes: the fingers move before the phases that want them elsewhere, each phase is one motion.
+
+    Args:
+        transfer: the plan.
+        speed: m/s of the tool, at the most; a stop from it must not shake off what is held.
+    """
+    steps: list[Step] = []
+    for phase in transfer.phases:
+        if not steps or (phase.opening, phase.holding) != (steps[-1].opening, steps[-1].holding):
+            steps.append(Step(phase.name, None, phase.opening, phase.holding))
+        if phase.motions:
+            # Time slows down as 1 - 3 u^2 + 2 u^3, at 1.5 / stop_time at the most.
+            gently = max(STOP_TIME, 1.5 * speed / transfer.ends.hold) if phase.holding else STOP_TIME
+            steps.append(Step(phase.name, joined(phase.motions), phase.opening, phase.holding, gently))
+    return tuple(steps)
+
+
+def joined(motions: Sequence[WaypointTrajectory]) -> WaypointTrajectory:
+    """Motions from rest to rest, one after another, as one."""
+    begins = np.cumsum([0.0, *(motion.duration for motion in motions[:-1])])
+    times = [begin + motion.times[1:] for begin, motion in zip(begins, motions, strict=True)]
+    rows = [
+        np.concatenate([getattr(motions[0], name)[:1], *(getattr(motion, name)[1:] for motion in motions)])
+        for name in ("position", "velocity", "acceleration")
+    ]
+    return WaypointTrajectory(np.concatenate([[0.0], *times]), *rows)
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """How well a robot has to follow.
+
+    Args:
+        arrival: rad or m that a joint may be off the end of a motion.
+        path: rad or m that it may be off its path, besides what it covers in 0.15 s.
+        slack: s that arm and fingers may take longer than they should.
+    """
+
+    arrival: float = 0.003
+    path: float = 0.05
+    slack: float = 2.0
+
+
+class RobotPort:
+    """What joint states tell of an arm and its fingers, and the two things that it can be told.
+
+    Args:
+        arm: whose joints.
+        gripper: its hand's.
+        move: takes a motion of the arm and its begin, ns of the joint states' clock.
+        grip: takes a position of the gripper's joint.
+    """
+
+    def __init__(
+        self,
+        arm: Jointed,
+        gripper: Gripper,
+        move: Callable[[WaypointTrajectory, int], None],
+        grip: Callable[[float], None],
+    ) -> None:
+        self.joint_names, self.gripper, self.move, self.grip = arm.joint_names, gripper, move, grip
+        self.joints, self.fingers = JointWatch(arm), FingerWatch(gripper)
+
+    def add_joint_state(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
+        """Take a joint state; arm and gripper may have their own."""
+        self.fingers.add(names, position, now)
+        self.joints.add(stamp, names, position, now)
+
+    def rests_at(self, now: float, since: float) -> Array | None:
+        """(J,) where the arm rests; None while that is not known, for a short while after `since`, s.
+
+        Raises:
+            PoiseError: TOPIC_MISSING, JOINT_MISSING, SENSOR_STALE; BUSY when it moves.
+        """
+        problem = self.joints.problem(now)
+        if problem is None and not self.joints.at_rest():
+            problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
+        if problem is None:
+            return self.joints.position.copy()
+        if now - since > PATIENCE:
+            raise problem
+        return None
+
+
+class TransferExecution:
+    """One transfer. Call `tick` some fifty times a second until `done`; then there is an `error`, or all went well.
+
+    Args:
+        name: of the object.
+        steps: what to do.
+        robot: which is told, and hears joint states.
+        tolerances: how well it has to follow.
+        now: s of a clock that never goes back, the one of all calls.
+    """
+
+    def __init__(self, name: str, steps: Sequence[Step], robot: RobotPort, tolerances: Tolerances, now: float) -> None:
+        self._name, self._left, self._robot, self._tolerances = name, list(steps), robot, tolerances
+        self._start = next(step.motion.position[0] for step in steps if step.motion is not None)
+        self._step: Step | None = None
+        self._since = self._ticked = self._trusting_until = now
+        self._begin = self._sent = 0  # ns on the joint states' clock: of the motion, and when it was sent
+        self._gripped: float | None = None  # where the fingers were when they were told to move
+        self._felt = robot.fingers.position is not None
+        self.stage, self.done = "picking", False
+        self.error: PoiseError | None = None
+
+    def tick(self, now: float) -> None:
+        """Go on; never blocks, never raises."""
+        if self.done:
+            return
+        if now - self._ticked > HELD_UP:  # messages wait that would prove the joints alive
+            self._trusting_until = now + STALE
+        self._ticked = now
+        try:
+            if now >= self._trusting_until and (problem := self._robot.joints.problem(now)) is not None:
+                raise problem
+            if self._step is None:
+                self._require_start()
+                self._next(now)
+            elif self._arrived(self._step, now):
+                self._next(now)
+        except PoiseError as error:
+            self._fail(error, now)
+        except Exception as error:  # of ours; the arm has to stop all the same
+            self._fail(PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {error!r}; please report it"), now)
+
+    def cancel(self, now: float) -> None:
+        """Tell the arm to stop; be done."""
+        if not self.done:
+            self._conclude(ErrorCode.CANCELLED, f"the arm stopped while {self.stage} {self._name}; {self._hand}")
+            self._stop(now, on_path=True)
+
+    # -- step by step ------------------------------------------------------------------------------------------
+
+    def _require_start(self) -> None:
+        away = np.abs(self._robot.joints.position - self._start)
+        if away.max() > MOVED:
+            name = self._robot.joint_names[int(away.argmax())]
+            raise PoiseError(
+                ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the way was planned: stop what moves it"
+            )
+
+    def _next(self, now: float) -> None:
+        if not self._left:
+            self.done = True
+            return
+        self._step = step = self._left.pop(0)
+        self.stage, self._since = step.stage, now
+        if step.motion is None:
+            self._gripped = self._robot.fingers.position
+            self._robot.grip(self._target(step))
+        else:
+            self._sent = self._robot.joints.stamp
+            self._begin = self._robot.joints.clock(now) + round(LEAD * 1e9)
+            self._robot.move(step.motion, self._begin)
+
+    def _target(self, step: Step) -> float:
+        return self._robot.gripper.position(step.opening, step.holding)
+
+    def _arrived(self, step: Step, now: float) -> bool:
+        if step.motion is None:
+            return self._fingers_arrived(step, now)
+        return self._arm_arrived(step.name, step.motion)
+
+    def _arm_arrived(self, name: str, motion: WaypointTrajectory) -> bool:
+        joints, tolerances = self._robot.joints, self._tolerances
+        if joints.stamp < self._sent:
+            raise SensorError(
+                ErrorCode.SENSOR_STALE, f"the clock of joint_states was set back during {name}: mend it, and ask again"
+            )
+        seconds = (joints.stamp - self._begin) * 1e-9
+        there = motion.at(np.array([seconds]))
+        off = np.abs(joints.position - there.position[0])
+        on_the_way = seconds < motion.duration
+        if not on_the_way and off.max() <= tolerances.arrival:
+            return True
+        allowed = tolerances.path + LAG * np.abs(there.velocity[0])
+        late = seconds > motion.duration + tolerances.slack
+        if late or (on_the_way and (off > allowed).any()):
+            index = int(np.argmax(off if late else off - allowed))
+            where = f"the end of {name}" if late else f"its path {max(seconds, 0.0):.2f} s into {name}"
+            raise NoAnswerError(
+                ErrorCode.NOT_FOLLOWING,
+                f"{self._robot.joint_names[index]} is {off[index]:.3f} off {where}: is its controller active, and does"
+                " it listen to joint_trajectory",
+            )
+        return False
+
+    def _fingers_arrived(self, step: Step, now: float) -> bool:
+        fingers, gripper, waited = self._robot.fingers, self._robot.gripper, now - self._since
+        if not self._felt:
+            return waited > gripper.seconds
+        if now >= self._trusting_until and now - fingers.heard > STALE:
+            raise SensorError(
+                ErrorCode.SENSOR_STALE, f"{gripper.joint} has gone from joint_states: the gripper's driver has stopped"
+            )
+        there = fingers.near(self._target(step))
+        # What is grasped stops the fingers on their way.
+        grasped = step.holding and waited > gripper.seconds and fingers.moved(self._gripped)
+        if fingers.stopped(now) and (there or grasped):
+            return True
+        if waited > gripper.seconds + self._tolerances.slack:
+            raise NoAnswerError(
+                ErrorCode.NOT_FOLLOWING,
+                f"{gripper.joint} is at {fingers.position:.3f} and was told {self._target(step):.3f}: is the gripper's"
+                " controller active, and does it listen to gripper_trajectory",
+            )
+        return False
+
+    # -- what can go wrong ---------------------------------------------------------------------------------------
+
+    @property
+    def _hand(self) -> str:
+        step = self._step
+        if step is not None and step.motion is None:
+            return f"its fingers were {'closing' if step.holding else 'opening'}"
+        return "it still holds it" if step is not None and step.holding else "its hand is empty"
+
+    def _fail(self, error: PoiseError, now: float) -> None:
+        told = "rests" if self._step is None or self._step.motion is None else "was told to stop"
+        self._conclude(error.code, f"{error.message}; the arm {told} while {self.stage} {self._name}, and {self._hand}")
+        self._stop(now, on_path=error.code is not ErrorCode.NOT_FOLLOWING)
+
+    def _conclude(self, code: ErrorCode, message: str) -> None:
+        self.error, self.done = PoiseError(code, message), True
+
+    def _stop(self, now: float, on_path: bool) -> None:
+        """Along its path, which is free; where it is, when it is not on its path. An arm at rest is told nothing."""
+        step = self._step
+        if step is None or step.motion is None:
+            return
+        joints = self._robot.joints
+        stamp = joints.clock(now) + round(STOP_LEAD * 1e9)
+        if on_path:
+            stop = stop_along(step.motion, (stamp - self._begin) * 1e-9, step.stop_time)
+        else:
+            stop = WaypointTrajectory(np.array([0.0, STOP_TIME]), np.stack([joints.position] * 2))
+        self._robot.move(stop, stamp)

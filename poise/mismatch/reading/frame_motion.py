@@ -1,0 +1,78 @@
+"""From tf, and an accelerometer where there is one, to a `RecordedMotion`: no joints are known."""
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
+from poise.mismatch.reading.joint_motion import seconds_since
+from poise.mismatch.recorded import RecordedMotion, at_times, load_wrench
+from poise.recording import Recording, WrenchStream
+from poise.robot import find_imu, find_kinematics
+from poise.types import Array
+
+_ACCELEROMETER_GAP = 0.1
+"""s by which an accelerometer may begin later than the wrench, or end earlier."""
+
+
+def recorded_from_frames(
+    recording: Recording, frame: str, wrench: WrenchStream, phi: Array, gravity: float
+) -> tuple[RecordedMotion, list[str]]:
+    """A world from the sensor's poses alone: no joints, and accelerations as far as poses or an accelerometer tell."""
+    kinematics = find_kinematics(recording, frame)
+    kinematics.feed(None, None)
+    newest = kinematics.source.newest
+    motion = kinematics.source.motion(0, newest if newest is not None else 0)
+    start = int(wrench.stamps[0])
+    sampled, seconds = seconds_since(motion.stamps, start), seconds_since(wrench.stamps, start)
+    known = (seconds >= sampled[0]) & (seconds <= sampled[-1])
+    if known.sum() < 100:
+        raise InputError(ErrorCode.EMPTY, f"{recording.path}: wrench and tf overlap in {int(known.sum())} samples only")
+    seconds = seconds[known]
+
+    def carried(values: Array) -> Array:
+        return at_times(sampled, values.reshape(len(values), -1), seconds)
+
+    left, _, right = np.linalg.svd(carried(motion.rotation_world_sensor).reshape(-1, 3, 3))
+    rotation = left @ right
+    down = np.array([0.0, 0.0, -gravity]) @ rotation
+    linear = carried(motion.linear_acceleration_in_sensor)
+    omega, alpha = carried(motion.angular_velocity_in_sensor), carried(motion.angular_acceleration_in_sensor)
+    felt, notes = _measured_acceleration(recording, frame, start, seconds, down), []
+    if felt is not None and not kinematics.has_positions:
+        linear = slow_part(seconds, felt)
+        notes.append(
+            f"tf has no positions: the part of the imu below {SLOWEST_VIBRATION:.0f} Hz is taken for the motion"
+        )
+    poses = kinematics.source.poses(int(motion.stamps[0]), int(motion.stamps[-1]))
+    place = at_times(seconds_since(poses.stamps, start), poses.translation, seconds)
+    recorded = RecordedMotion(
+        start=start,
+        seconds=seconds,
+        wrench=wrench.wrench_in_sensor[known],
+        phi=phi,
+        prediction=load_wrench(phi, down - linear, omega, alpha),
+        gravity=down,
+        linear_acceleration=linear,
+        angular_velocity=omega,
+        angular_acceleration=alpha,
+        rotation_world_sensor=rotation,
+        position_in_world=place,
+        velocity_in_world=np.gradient(place, seconds, axis=0),
+        accelerometer=felt,
+    )
+    return recorded, notes
+
+
+def _measured_acceleration(recording: Recording, frame: str, start: int, seconds: Array, down: Array) -> Array | None:
+    """(N, 3) acceleration of the sensor by an accelerometer that rides on it, without its offset; None without one."""
+    imu = find_imu(recording, frame)
+    if imu is None:
+        return None
+    stamps = seconds_since(imu.stamps, start)
+    if len(stamps) < 10 or stamps[0] > seconds[0] + _ACCELEROMETER_GAP or stamps[-1] < seconds[-1] - _ACCELEROMETER_GAP:
+        return None
+    # A wrench sample is an average over about its period: so is what it is held against.
+    period = float(np.median(np.diff(seconds)))
+    parts = [at_times(stamps, imu.specific, seconds + shift * period) for shift in (-1 / 3, 0.0, 1 / 3)]
+    felt = down - np.mean(parts, axis=0)
+    return np.asarray(felt - felt.mean(axis=0))

@@ -1,0 +1,42 @@
+"""Which wrench samples are compared: finite ones, averaged down to a rate that the motion can follow."""
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.recording import WrenchStream
+
+MAX_WRENCH_RATE = 250.0
+"""Hz; a faster wrench is averaged down to about this rate."""
+MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE = 15_000, 25.0
+"""Samples of a recording that are compared at most. A longer one is averaged further, down to this rate in Hz."""
+
+
+def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
+    """Without NaN and repeated stamps, at no more than MAX_RATE, and no longer than MOST_SAMPLES last."""
+    notes = []
+    finite = np.isfinite(wrench.wrench_in_sensor).all(axis=1)
+    if not finite.all():
+        notes.append(f"{int((~finite).sum())} wrench samples are not finite and were left out")
+    fresh = np.concatenate([[True], np.diff(wrench.stamps) > 0])
+    wrench = wrench.select(finite & fresh)
+    if len(wrench) < 100:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"{len(wrench)} usable wrench samples are too few to compare: record ten seconds or more at 50 Hz or more",
+        )
+    longest = MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE
+    inside = wrench.stamps - wrench.stamps[0] <= longest * 1e9
+    if not inside.all():
+        notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
+        wrench = wrench.select(inside)
+    period = float(np.median(np.diff(wrench.stamps))) * 1e-9
+    rate = min(MAX_WRENCH_SAMPLES / (len(wrench) * period), MAX_WRENCH_RATE)
+    together = int(np.ceil(1.0 / period / rate - 0.05))
+    if together > 1:
+        count = len(wrench) // together * together
+        stamps = wrench.stamps[:count].reshape(-1, together)
+        mean = (stamps - stamps[:, :1]).mean(axis=1).round().astype(np.int64) + stamps[:, 0]
+        values = wrench.wrench_in_sensor[:count].reshape(-1, together, 6).mean(axis=1)
+        wrench = WrenchStream(mean, values, wrench.frame_id)
+        notes.append(f"the wrench came at {1 / period:.0f} Hz; {together} samples each were averaged")
+    return wrench, notes

@@ -1,0 +1,200 @@
+"""The contract of exporters: what each writes is read back by other means and equals the estimate."""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.exporting import UNITS, Exporter, all_exporters, export, exporter_of
+from poise.geometry import Pose
+from poise.inertia import InertialEstimate, InertialParameters
+
+TURN = Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_matrix()
+PAYLOAD = InertialParameters(1.6, np.array([0.01, -0.02, 0.19]), TURN @ np.diag([0.009, 0.006, 0.004]) @ TURN.T)
+MOUNT = Pose(Rotation.from_euler("xyz", [0.1, 0.2, -0.4]).as_matrix(), np.array([0.001, 0.002, 0.04]))
+
+Values = tuple[float, np.ndarray, np.ndarray | None]
+"""Mass, centre of mass and the inertia about it, where the format has one."""
+
+
+def estimate_of(parameters: InertialParameters, frame_id: str = "ft_sensor") -> InertialEstimate:
+    return InertialEstimate(
+        stamp=0,
+        frame_id=frame_id,
+        parameters=parameters,
+        phi=parameters.phi,
+        covariance=1e-6 * np.eye(10),
+        bias=np.zeros(6),
+        bias_covariance=1e-6 * np.eye(6),
+        delay=np.nan,
+        delay_std=np.nan,
+        method="poise",
+        consistent=parameters.is_consistent,
+        unidentified=(),
+        condition_number=1.0,
+        n_samples=1000,
+        rejected=(),
+        residual_force=0.1,
+        residual_torque=0.01,
+    )
+
+
+def symmetric(xx: float, xy: float, xz: float, yy: float, yz: float, zz: float) -> np.ndarray:
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def by_pinocchio(text: str) -> Values:
+    model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    inertia = model.inertias[1]
+    return inertia.mass, inertia.lever, inertia.inertia
+
+
+def by_mujoco(text: str) -> Values:
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(text)
+    body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "payload")
+    rotation = Rotation.from_quat(np.roll(model.body_iquat[body], -1)).as_matrix()
+    inertia = rotation @ np.diag(model.body_inertia[body]) @ rotation.T
+    return model.body_mass[body], model.body_ipos[body], inertia
+
+
+def by_sdf(text: str) -> Values:
+    inertial = ElementTree.fromstring(text).find(".//inertial")
+    assert inertial is not None
+    pose = np.array(inertial.findtext("pose", "").split(), dtype=float)
+    np.testing.assert_array_equal(pose[3:], 0.0)
+    six = [float(inertial.findtext(f"inertia/{name}", "nan")) for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    return float(inertial.findtext("mass", "nan")), pose[:3], symmetric(*six)
+
+
+def by_urscript(text: str) -> Values:
+    line = text.splitlines()[-1]
+    mass, com, (xx, yy, zz, xy, xz, yz) = json.loads(f"[{line.removeprefix('set_target_payload(').removesuffix(')')}]")
+    return mass, np.array(com), symmetric(xx, xy, xz, yy, yz, zz)
+
+
+def by_set_load(text: str) -> Values:
+    request = json.loads(text)
+    inertia = np.array(request["load_inertia"]).reshape(3, 3).T
+    return request["mass"], np.array(request["center_of_mass"]), inertia
+
+
+def by_xarm_call(text: str) -> Values:
+    mass, com = json.loads("[" + text.splitlines()[-1].removeprefix("arm.set_tcp_load(").removesuffix(")") + "]")
+    return mass, np.array(com) * 1e-3, None
+
+
+def by_krl(text: str) -> Values:
+    number = r"(-?\d+\.\d+)"
+    mass, x, y, z, a, b, c, *moments = (float(found) for found in re.findall(number, text[text.index("$LOAD") :]))
+    axes = [Rotation.from_rotvec(np.deg2rad(angle) * np.eye(3)[axis]) for angle, axis in ((a, 2), (b, 1), (c, 0))]
+    rotation = (axes[0] * axes[1] * axes[2]).as_matrix()  # each about the axes that the one before has turned
+    return mass, np.array([x, y, z]) * 1e-3, rotation @ np.diag(moments) @ rotation.T
+
+
+def by_attached_object(text: str) -> Values:
+    message = yaml.safe_load(text)
+    edges = np.array(message["object"]["primitives"][0]["dimensions"])
+    pose = message["object"]["primitive_poses"][0]
+    rotation = Rotation.from_quat([pose["orientation"][name] for name in "xyzw"]).as_matrix()
+    moments = (
+        message["weight"]
+        / 12
+        * np.array([edges[1] ** 2 + edges[2] ** 2, edges[0] ** 2 + edges[2] ** 2, edges[0] ** 2 + edges[1] ** 2])
+    )
+    com = np.array([pose["position"][name] for name in "xyz"])
+    return message["weight"], com, rotation @ np.diag(moments) @ rotation.T
+
+
+def by_json(text: str) -> Values:
+    content = json.loads(text)
+    return content["mass"], np.array(content["com"]), symmetric(*content["inertia"])
+
+
+READERS: dict[str, Callable[[str], Values]] = {
+    "urdf": by_pinocchio,
+    "mjcf": by_mujoco,
+    "sdf": by_sdf,
+    "ur": by_urscript,
+    "franka": by_set_load,
+    "xarm": by_xarm_call,
+    "kuka": by_krl,
+    "moveit": by_attached_object,
+    "json": by_json,
+}
+
+each = pytest.mark.parametrize("exporter", all_exporters(), ids=lambda exporter: exporter.kind)
+
+
+def same(found: Values, truth: InertialParameters) -> None:
+    mass, com, inertia = found
+    assert mass == pytest.approx(truth.mass, rel=1e-8)
+    np.testing.assert_allclose(com, truth.com, atol=2e-9)
+    if inertia is not None:
+        np.testing.assert_allclose(inertia, truth.inertia, atol=2e-9)
+
+
+@each
+def test_what_is_written_is_read_back_as_the_estimate(exporter: Exporter) -> None:
+    assert exporter_of(exporter.kind) is exporter
+    assert exporter.summary
+    found = READERS[exporter.kind](export(estimate_of(PAYLOAD), exporter.kind))
+    same(found, PAYLOAD)
+    assert (found[2] is None) <= ("inertia" in exporter.omits)
+    assert set(exporter.needs) | set(exporter.omits) <= set(UNITS)
+
+
+@each
+def test_controllers_take_the_values_in_the_flange_frame_and_others_in_the_sensor_frame(exporter: Exporter) -> None:
+    text = export(estimate_of(PAYLOAD), exporter.kind, MOUNT)
+    truth = PAYLOAD
+    if exporter.flange:
+        inertia = MOUNT.rotation @ PAYLOAD.inertia @ MOUNT.rotation.T
+        truth = InertialParameters(PAYLOAD.mass, MOUNT.rotation @ PAYLOAD.com + MOUNT.translation, inertia)
+    same(READERS[exporter.kind](text), truth)
+
+
+@each
+def test_a_body_that_cannot_exist_is_refused_where_the_target_would_fail(exporter: Exporter) -> None:
+    for impossible in (replace(PAYLOAD, inertia=np.diag([0.1, 0.01, 0.01])), replace(PAYLOAD, mass=-0.1)):
+        if exporter.physical:
+            with pytest.raises(NoAnswerError) as caught:
+                export(estimate_of(impossible), exporter.kind)
+            assert caught.value.code == ErrorCode.NOT_CONSISTENT
+            assert exporter.kind in caught.value.message
+        else:
+            same(READERS[exporter.kind](export(estimate_of(impossible), exporter.kind)), impossible)
+
+
+@each
+def test_an_inertia_that_is_not_known_is_refused_or_left_out(exporter: Exporter) -> None:
+    partial = estimate_of(replace(PAYLOAD, inertia=np.full((3, 3), np.nan)))
+    if "inertia" in exporter.needs:
+        with pytest.raises(NoAnswerError, match="needs inertia") as caught:
+            export(partial, exporter.kind)
+        assert caught.value.code == ErrorCode.NOT_IDENTIFIABLE
+    else:
+        text = export(partial, exporter.kind)
+        assert "nan" not in text.lower()
+        assert "1.6" in text
+
+
+@each
+def test_a_hostile_frame_name_stays_a_name(exporter: Exporter) -> None:
+    hostile = "--><evil a='1'/>\"\n$X=1"
+    text = export(estimate_of(PAYLOAD, hostile), exporter.kind)
+    same(READERS[exporter.kind](text), PAYLOAD)
+    assert "\n$X" not in text
+
+
+def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
+    with pytest.raises(InputError, match="use one of franka, json, kuka"):
+        export(estimate_of(PAYLOAD), "abb")
