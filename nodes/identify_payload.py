@@ -38,8 +38,8 @@ from poise_msgs.action import IdentifyPayload as Action
 TICK = 0.02
 """s between looks at a running session."""
 FEEDBACK_TICKS = 10
-NOBODY_ZEROED = NoiseLevels(force_bias=5.0, torque_bias=0.25)
-"""A motion is planned to show the sensor's bias too, whether or not somebody has zeroed it."""
+_PLANNED_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05, force_bias=5.0, torque_bias=0.25)
+"""Motions are planned for these levels where none are given. They show the sensor's bias, even of a zeroed sensor."""
 
 PARAMETERS = (
     Parameter("speed_limit", COLLABORATIVE_SPEED, "m/s that no point of hand and object exceeds", (1e-3, 5.0)),
@@ -57,8 +57,8 @@ PARAMETERS = (
 )
 
 
-class LiveScale:
-    """The node's live estimator, with a window of its own for one goal.
+class PayloadEstimatorPort:
+    """The node's live estimator, with a separate window for one goal.
 
     Args:
         live: the estimator.
@@ -163,7 +163,7 @@ class IdentifyPayload:
                 )
             task = Task(self._planner(model, request, guard, limits, parts), guard, limits)
         accuracy = accuracy_of(request.object[0]) if request.object else None
-        scale = LiveScale(self._live, request.method, parts, accuracy)
+        scale = PayloadEstimatorPort(self._live, request.method, parts, accuracy)
         return Session(model, task, scale, self._send, time.monotonic())
 
     def _model(self) -> RobotModel:
@@ -201,7 +201,7 @@ class IdentifyPayload:
     def _planner(
         self, model: RobotModel, request: Action.Goal, guard: Guard, limits: MotionLimits, parts: Parts | None
     ) -> Any:
-        noise = self._live.options.noise
+        noise = self._live.options.noise.filled(_PLANNED_NOISE)
         options = ExcitationOptions(
             duration=request.duration or self._values["excitation_duration"],
             poses=self._values["stop_and_go_poses"],
@@ -209,8 +209,8 @@ class IdentifyPayload:
             mass=self._values["expected_mass"],
             noise=replace(
                 noise,
-                force_bias=max(noise.force_bias, NOBODY_ZEROED.force_bias),
-                torque_bias=max(noise.torque_bias, NOBODY_ZEROED.torque_bias),
+                force_bias=max(noise.force_bias, _PLANNED_NOISE.force_bias),
+                torque_bias=max(noise.torque_bias, _PLANNED_NOISE.torque_bias),
             ),
             seed=self._values["excitation_seed"],
         )

@@ -27,7 +27,7 @@ TYPES = {
 }
 
 
-class LiveScale:
+class PayloadEstimatorPort:
     """As in the node."""
 
     def __init__(self, live: LiveEstimator) -> None:
@@ -95,7 +95,7 @@ class Rehearsal:
             IdealRobot(self.model, self.payload), find_urdf(self.robot).read_text(), self.moving, options
         )
         self.live = LiveEstimator(LiveOptions(method="poise", noise=self.noise))
-        self.scale = LiveScale(self.live) if self.weighs else DeafScale()
+        self.scale = PayloadEstimatorPort(self.live) if self.weighs else DeafScale()
         self.commands: list[Command] = []
         self.phases: list[tuple[float, Phase]] = []
         self.stamps: list[int] = []
