@@ -166,7 +166,6 @@ setup(
         "test": [
             "pytest>=8",
             "pytest-timeout",
-            "pytest-rerunfailures",
             "pytest-xdist",
             "hypothesis",
             "ruff==0.17.5",  # another release formats differently

@@ -103,7 +103,7 @@ def measure_rates(folder: Path, samples: int, repeats: int, progress: Progress) 
 
 
 def cut_bags(folder: Path, cuts: int, progress: Progress) -> list[dict[str, Any]]:
-    """Cut bags anywhere and count the cuts after which an intact message is missing or a loss is not told."""
+    """Cut bags anywhere and count the cuts after which an intact message is missing or a loss is not reported."""
     rows = []
     task = progress.add_task("truncation", total=len(COMPRESSIONS) * cuts)
     for compression in COMPRESSIONS:

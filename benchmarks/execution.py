@@ -26,7 +26,7 @@ from poise.errors import NoAnswerError, PoiseError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.files import write_whole
 from poise.geometry import Pose
-from poise.manipulation import Arm, Grasp, Phase, Reach, Transfer, plan_transfer
+from poise.manipulation import Arm, Grasp, Reach, Transfer, TransferPhase, plan_transfer
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.cell import Cell
 from poise.placement import KeptFree, Options, Uncertainty, plan_placement
@@ -103,8 +103,8 @@ def plan(
         return step, error.message, found.item, None, found.analysis
 
 
-def played(phase: Phase, arm: Arm, rng: np.random.Generator) -> np.ndarray:
-    """(N, J) joint positions of the fake arm while it does one phase, as its messages tell them, and its own error."""
+def played(phase: TransferPhase, arm: Arm, rng: np.random.Generator) -> np.ndarray:
+    """(N, J) joint positions of the fake arm while it does one phase, from its messages, and its own error."""
     model = RobotModel.from_file("fr3", "tcp")
     rows = []
     for motion in phase.motions:

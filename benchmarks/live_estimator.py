@@ -1,4 +1,4 @@
-"""The estimator on a running robot: time of a recursive update, its share of a core, changes of payload told in time.
+"""The estimator on a running robot: time and CPU share of a recursive update, and payload changes reported in time.
 
     python benchmarks/live_estimator.py           # what docs/estimator.md claims, some minutes
     python benchmarks/live_estimator.py --quick   # a slice of it
@@ -55,12 +55,12 @@ def update_times(samples: int) -> np.ndarray:
 
 
 def live(measured: Work) -> tuple[list[float], float]:
-    """When (s) the node's core told of changes, and its share of a core."""
+    """When (s) the node's core reported changes, and its share of a core."""
     joints, wrench = measured.joints, measured.wrench
     online = OnlineEstimator(
         JointSource(measured.model), frame_id="ft_sensor", method="poise", noise=NOISE, continuous=True
     )
-    told: list[float] = []
+    reported: list[float] = []
     seconds = (wrench.stamps[-1] - START) * 1e-9
     began = time.process_time()
     for begin in np.arange(0, seconds, PERIOD):
@@ -70,8 +70,8 @@ def live(measured: Work) -> tuple[list[float], float]:
         some = slice(*np.searchsorted(wrench.stamps, span))
         online.add_wrench(wrench.stamps[some], wrench.wrench_in_sensor[some])
         online.update()
-        told += [float(begin + PERIOD)] * (len(online.changes) - len(told))
-    return told, (time.process_time() - began) / seconds
+        reported += [float(begin + PERIOD)] * (len(online.changes) - len(reported))
+    return reported, (time.process_time() - began) / seconds
 
 
 def node_share(seconds: float) -> float:
@@ -103,9 +103,9 @@ def cpu_seconds(pid: int) -> float:
     return (int(times[11]) + int(times[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def judged(told: list[float], changes: np.ndarray) -> tuple[list[float], int]:
-    """Seconds from each change until it was told (infinite: never), and how often one was told that was none."""
-    left = list(told)
+def judged(reported: list[float], changes: np.ndarray) -> tuple[list[float], int]:
+    """Seconds from each change until it was reported (infinite: never), and the number of false reports."""
+    left = list(reported)
     delays = []
     for change in changes:
         hit = next((when for when in left if change < when < change + 1.5), None)
@@ -121,8 +121,8 @@ def study(name: str, seeds: int, seconds: float, **options: Any) -> dict[str, An
     false, shares = 0, []
     for seed in track(range(seeds), name):
         measured = work(np.random.default_rng([seed, 99]), seconds, wrench_rate=1000.0, **options)
-        told, share = live(measured)
-        found, wrong = judged(told, measured.changes)
+        reported, share = live(measured)
+        found, wrong = judged(reported, measured.changes)
         delays += found
         false += wrong
         shares.append(share)
@@ -166,7 +166,7 @@ def main() -> int:
         in_time = int(np.sum(delays <= TOLD_GOAL))
         table.add_row(
             f"{found['name']}, {found['minutes']:.1f} min",
-            f"{in_time} of {found['changes']} told in time (median {np.median(delays):.2f} s), {found['false']} false,"
+            f"{in_time} of {found['changes']} in time (median {np.median(delays):.2f} s), {found['false']} false,"
             f" {found['share']:.0%} of a core",
             f"all in {TOLD_GOAL} s, none, {SHARE_GOAL:.0%}",
         )

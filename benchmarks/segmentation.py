@@ -140,7 +140,7 @@ def _tools(source: Path, repeats: int, seeds: int) -> tuple[list[Record], dict[s
     floors = {tool.name: references[tool.name].floor(tool.points) for tool in tools}
     records: list[Record] = []
     kept: dict[str, Segmentation] = {}
-    segment(tools[0].points, tools[0].colours)  # nobody's first call pays for loading libraries
+    segment(tools[0].points, tools[0].colours)  # loads the libraries before the first timed call
     for variant in VARIANTS:
         here = []
         for tool in track(tools, variant, console=console, transient=True):
@@ -177,7 +177,7 @@ def main() -> None:
     parser.add_argument("--random", type=int, default=24, help="how many random objects")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     arguments = parser.parse_args()
-    from poise.viewing.parts_picture import draw_parts
+    from poise.viewing import draw_parts
 
     records, kept = _tools(arguments.tools, arguments.repeats, arguments.seeds)
     if arguments.random:

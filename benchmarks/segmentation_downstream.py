@@ -49,8 +49,8 @@ def by_poise(problem: IdentificationProblem, parts: Parts, accuracy: float) -> I
 
 
 def by_hps(problem: IdentificationProblem, parts: Parts, _: float) -> InertialParameters:
-    told = replace(problem, unit_parts=parts.unit_phi, part_volumes=parts.volumes)
-    return InertialParameters.from_phi(hps(told).phi)
+    known = replace(problem, unit_parts=parts.unit_phi, part_volumes=parts.volumes)
+    return InertialParameters.from_phi(hps(known).phi)
 
 
 METHODS: dict[str, Solve] = {"poise": by_poise, "hps": by_hps}

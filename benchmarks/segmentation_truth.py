@@ -14,9 +14,9 @@ from poise.shape.solid import FACES, Solid
 from poise.types import Array, Indices, Mask
 
 SHIPPED = Path(__file__).resolve().parent / "data" / "workshop_clouds.npz"
-NOISE = 3e-4  # m, of the clouds that are sampled anew
+NOISE = 3e-4  # m, of the resampled clouds
 SAMPLES, SEEN = 100_000, 20_000
-PROBES = 12  # per tetrahedron, to tell whether it is inside
+PROBES = 12  # per tetrahedron, to test whether it is inside
 
 
 class Subject(Protocol):

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.gripper import SimulatedGripper
 from poise.fake_robots.stream import Message, TopicInfo, in_order
-from poise.recording.encoding import encode_stream, encode_text, typestore
-from poise.recording.streams import JointStream, WrenchStream
+from poise.recording import JointStream, WrenchStream, encode_stream, encode_text, typestore
 from poise.simulation import (
     IdealRobot,
     JointMotion,
@@ -29,10 +28,10 @@ from poise.simulation import (
 )
 from poise.types import Array
 
-BLOCK = 0.02  # s simulated at a time: also how late a command can be heeded
-STOP_TIME = 0.5  # s to stop in when a command says so
-FARTHEST = 60.0  # s ahead that a command may lie
-BASE_JOINTS = ("base_x", "base_y", "base_yaw")
+_BLOCK = 0.02  # s simulated at a time, and the longest delay of a command
+_STOP_TIME = 0.5  # s to stop in when a command says so
+_FARTHEST = 60.0  # s ahead that a command may lie
+_BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 
 
 @dataclass(frozen=True)
@@ -98,7 +97,7 @@ class SimulatedArm:
             "joint_states": TopicInfo("sensor_msgs/msg/JointState"),
             "wrench": TopicInfo("geometry_msgs/msg/WrenchStamped"),
         }
-        self._drives = set(BASE_JOINTS) <= set(self.model.joint_names)
+        self._drives = set(_BASE_JOINTS) <= set(self.model.joint_names)
         if self._drives:
             self.topics["odom"] = TopicInfo("nav_msgs/msg/Odometry")
 
@@ -128,7 +127,7 @@ class SimulatedArm:
         with self._lock:
             wanted = (waypoints.stamp - self._start) * 1e-9 if waypoints.stamp else self._frontier
             begin = max(wanted, self._frontier)
-            if begin > self._frontier + FARTHEST:
+            if begin > self._frontier + _FARTHEST:
                 raise InputError(
                     ErrorCode.BAD_INPUT,
                     f"joint trajectory: it would begin in {begin - self._frontier:.0f} s; check clocks",
@@ -175,7 +174,7 @@ class SimulatedArm:
         self, rate: float, say: Callable[[NDArray[np.int64], JointMotion], Iterator[Message]]
     ) -> Iterator[Message]:
         """Samples at `rate`, a block at a time, until the end."""
-        size = max(round(BLOCK * rate), 1)
+        size = max(round(_BLOCK * rate), 1)
         first, last = 0, None if self._options.end is None else int(np.floor(self._options.end * rate)) + 1
         while last is None or first < last:
             count = np.arange(first, first + size if last is None else min(first + size, last))
@@ -201,11 +200,11 @@ class SimulatedArm:
     def _halt(self, begin: float) -> WaypointTrajectory:
         """Slow down along the path that the arm is on, and stay."""
         u = np.linspace(0.0, 1.0, 26)
-        rate, change = (1 - 3 * u**2 + 2 * u**3)[:, None], ((-6 * u + 6 * u**2) / STOP_TIME)[:, None]
-        path = self._motion(begin + STOP_TIME * (u - u**3 + u**4 / 2))
+        rate, change = (1 - 3 * u**2 + 2 * u**3)[:, None], ((-6 * u + 6 * u**2) / _STOP_TIME)[:, None]
+        path = self._motion(begin + _STOP_TIME * (u - u**3 + u**4 / 2))
         velocity = path.velocity * rate
         return WaypointTrajectory(
-            u * STOP_TIME, path.position, velocity, path.acceleration * rate**2 + path.velocity * change
+            u * _STOP_TIME, path.position, velocity, path.acceleration * rate**2 + path.velocity * change
         )
 
     def _say_joints(self, reports: NoisyJoints, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
@@ -218,7 +217,7 @@ class SimulatedArm:
             fingers = self._gripper.at(taken * np.float64(1e-9))
             said = tuple(np.column_stack(pair) for pair in zip(said, fingers, strict=True))
         stream = JointStream(stamps, names, said[0], said[1], said[2])
-        base = [self.model.joint_names.index(name) for name in BASE_JOINTS] if self._drives else []
+        base = [self.model.joint_names.index(name) for name in _BASE_JOINTS] if self._drives else []
         for i, (stamp, data) in enumerate(encode_stream("joint_states", stream)):
             yield Message(stamp, "joint_states", data)
             if self._drives:

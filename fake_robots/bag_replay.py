@@ -9,8 +9,7 @@ import yaml
 
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.stream import Message, TopicInfo
-from poise.recording import open_recording
-from poise.recording.encoding import LATCHED
+from poise.recording import LATCHED_TOPICS, open_recording
 
 
 class BagSource:
@@ -19,7 +18,7 @@ class BagSource:
     Args:
         path: the bag.
         topics: those to replay, as in the bag; empty: all.
-        refuse_unknown: raise for a topic whose type is not installed; otherwise it is left out and told in `remarks`.
+        refuse_unknown: raise for a topic whose type is not installed; otherwise it is left out and named in `remarks`.
 
     Raises:
         InputError: as `open_recording`; TOPIC_MISSING when the bag lacks a topic; UNSUPPORTED when a type is not
@@ -83,7 +82,7 @@ def _why_not(type_name: str, encoding: str) -> str:
 
 def _is_latched(relative: str, metadata: dict[str, str]) -> bool:
     """By its name, or by the QoS that it was recorded with."""
-    if relative.rpartition("/")[2] in LATCHED:
+    if relative.rpartition("/")[2] in LATCHED_TOPICS:
         return True
     try:
         profiles = yaml.safe_load(metadata.get("offered_qos_profiles", ""))

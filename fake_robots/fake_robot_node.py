@@ -29,24 +29,24 @@ from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 
-ACKNOWLEDGED = Duration(seconds=2)
+_ACKNOWLEDGED = Duration(seconds=2)
 """How long the end waits for subscribers to confirm the last messages."""
 
-MUTUAL = 0.5
+_MUTUAL = 0.5
 """s for which subscribers have been seen before the first message: they may see their publisher later than it them."""
 
 
 class FakeRobot(Node):
-    """Hardware that is not there.
+    """A replayed bag or a simulated arm in place of hardware.
 
     Publishes what the source says (a bag: its topics; an arm: robot_description, joint_states, wrench, odom), `/clock`
     when asked, and `replay_done` (std_msgs/Empty, latched) at the end. Service `play` (std_srvs/SetBool) resumes and
-    pauses. An arm heeds `joint_trajectory` (trajectory_msgs/JointTrajectory), its gripper `gripper_trajectory`.
+    pauses. An arm follows `joint_trajectory` (trajectory_msgs/JointTrajectory), its gripper `gripper_trajectory`.
 
     Args:
-        failed: told what went wrong when the node has to end because of it.
+        failed: called with the error when the node has to end because of it.
     """
 
     def __init__(self, failed: Callable[[PoiseError], None]) -> None:
@@ -101,7 +101,7 @@ class FakeRobot(Node):
             self._heard_since = math.inf
             return False
         self._heard_since = min(self._heard_since, now)
-        return not awaited or now - self._heard_since >= MUTUAL
+        return not awaited or now - self._heard_since >= _MUTUAL
 
     def _messages(self) -> Any:
         messages = self._source.messages()
@@ -120,7 +120,7 @@ class FakeRobot(Node):
         try:
             self._end.publish(Empty())
             for outlet in (*self._outlets.values(), self._end):
-                outlet.wait_for_all_acked(ACKNOWLEDGED)
+                outlet.wait_for_all_acked(_ACKNOWLEDGED)
         except RCLError:
             if rclpy.ok():
                 raise

@@ -12,9 +12,9 @@ import yaml
 
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.stream import CLOCK, Message
-from poise.recording.encoding import typestore
+from poise.recording import typestore
 
-NANO = 1_000_000_000
+_NANO = 1_000_000_000
 Types = Mapping[str, str]
 
 
@@ -41,7 +41,7 @@ class Fault:
         first: int | None = None
         for message in messages:
             first = message.time if first is None else first
-            seconds = (message.time - first) / NANO
+            seconds = (message.time - first) / _NANO
             here = (message.topic == self.topic or not self.topic) and self.start <= seconds < self.end
             yield message, here and (self.share >= 1.0 or rng.random() < self.share)
 
@@ -71,7 +71,7 @@ class Delay(Fault):
         """The messages by their time of arrival."""
         waiting: list[tuple[int, int, Message]] = []
         for count, (message, hit) in enumerate(self._struck(messages, rng)):
-            late = round((self.seconds + self.jitter * rng.random()) * NANO) if hit else 0
+            late = round((self.seconds + self.jitter * rng.random()) * _NANO) if hit else 0
             heapq.heappush(waiting, (message.time + late, count, message._replace(time=message.time + late)))
             while waiting and waiting[0][0] <= message.time:
                 yield heapq.heappop(waiting)[2]
@@ -170,13 +170,13 @@ class TimeJump(Edit):
 
     def edit(self, content: Any) -> Any:
         """With other stamps."""
-        return _shifted(content, round(self.seconds * NANO))
+        return _shifted(content, round(self.seconds * _NANO))
 
     def _concerns(self, message: Message, type_name: str) -> bool:
         return type_name in typestore().types
 
 
-FAULTS: dict[str, type[Fault]] = {
+_FAULTS: dict[str, type[Fault]] = {
     "drop": Drop,
     "delay": Delay,
     "nan": NotANumber,
@@ -209,11 +209,11 @@ def _parse(line: str) -> Fault:
     except yaml.YAMLError as error:
         raise _bad(line, f"it is not YAML ({' '.join(str(error).split())})") from error
     content = {content: {}} if isinstance(content, str) else content
-    if not isinstance(content, dict) or len(content) != 1 or next(iter(content)) not in FAULTS:
-        raise _bad(line, f"expected one of {', '.join(FAULTS)}")
+    if not isinstance(content, dict) or len(content) != 1 or next(iter(content)) not in _FAULTS:
+        raise _bad(line, f"expected one of {', '.join(_FAULTS)}")
     kind, options = next(iter(content.items()))
     options = {} if options is None else options
-    known = {entry.name: entry.type for entry in dataclasses.fields(FAULTS[kind])}
+    known = {entry.name: entry.type for entry in dataclasses.fields(_FAULTS[kind])}
     if not isinstance(options, dict) or not set(options) <= set(known):
         raise _bad(line, f"{kind} takes {', '.join(known)}")
     values: dict[str, Any] = {}
@@ -226,7 +226,7 @@ def _parse(line: str) -> Fault:
             raise _bad(line, f"{name} must not be negative")
         else:
             values[name] = int(value) if name == "depth" else float(value)
-    return FAULTS[kind](**values)
+    return _FAULTS[kind](**values)
 
 
 def _bad(line: str, reason: str) -> InputError:
@@ -256,7 +256,7 @@ def _shifted(content: Any, nanoseconds: int) -> Any:
         return content
     parts = _parts(content)
     if _type_of(content) == "builtin_interfaces/msg/Time":
-        seconds, rest = divmod(max(parts["sec"] * NANO + parts["nanosec"] + nanoseconds, 0), NANO)
+        seconds, rest = divmod(max(parts["sec"] * _NANO + parts["nanosec"] + nanoseconds, 0), _NANO)
         return dataclasses.replace(content, sec=seconds, nanosec=rest)
     return dataclasses.replace(content, **{name: _shifted(part, nanoseconds) for name, part in parts.items()})
 

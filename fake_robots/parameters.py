@@ -15,12 +15,12 @@ from poise.nodes.parameters import WORDS, Parameter
 from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import FourierTrajectory, IdealRobot, JointNoise, check_limits, read_trajectory, wrench_noise
 
-MODES = ("replay", "arm")
+_MODES = ("replay", "arm")
 PAYLOAD = ("payload.mass", "payload.com", "payload.inertia")
 
 
 PARAMETERS = (
-    Parameter("mode", "replay", "replay a bag, or simulate an arm", MODES),
+    Parameter("mode", "replay", "replay a bag, or simulate an arm", _MODES),
     Parameter("rate", 1.0, "how many times faster than the recording, or than reality", (1e-3, 1e3)),
     Parameter("loop", False, "begin again at the end"),
     Parameter("playing", True, "start at once; false: when the service `play` says so"),
@@ -28,7 +28,7 @@ PARAMETERS = (
     Parameter("publish_clock", False, "publish /clock in the time of the messages"),
     Parameter("clock_rate", 100.0, "Hz of /clock", (1.0, 1e4)),
     Parameter("wait_for_subscribers", WORDS, "topics that must have a subscriber before the first message"),
-    Parameter("wait_timeout", 30.0, "s that this may take; 0: for ever", (0.0, 1e6)),
+    Parameter("wait_timeout", 30.0, "s that this may take; 0: no limit", (0.0, 1e6)),
     Parameter("faults", WORDS, "faults to put in, one a line, as `drop: {topic: wrench, share: 0.1}`"),
     Parameter("seed", 0, "of noise, faults and the trajectory `fourier`", (0, 2**31 - 1)),
     Parameter("bag", "", "replay: path of the bag"),

@@ -1,4 +1,4 @@
-"""Plays a stream of messages in real time: an absolute schedule on a monotonic clock, in a thread of its own."""
+"""Plays a stream of messages in real time: an absolute schedule on a monotonic clock, in a separate thread."""
 
 import threading
 import time
@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from poise.errors import ErrorCode, PoiseError, SensorError
 from poise.fake_robots.stream import Message
 
-LONGEST_WAIT = 0.5  # s
-LEAST_PASS = 0.01  # s, so that a loop over one message does not take a whole core
+_LONGEST_WAIT = 0.5  # s
+_LEAST_PASS = 0.01  # s, so that a loop over one message does not take a whole core
 
 
 class Player:
@@ -20,7 +20,7 @@ class Player:
         publish: called in the player's thread.
         rate: how many times faster than the stream's own clock.
         loop: begin again at the end.
-        playing: whether to start at once, or when told to `play`.
+        playing: whether to start at once, or when `play` is called.
         ready: the first message waits until this is true.
         ready_timeout: s after which that counts as a failure; 0: never.
         finished: called in the player's thread each time the stream has ended.
@@ -112,7 +112,7 @@ class Player:
     def _await_play(self) -> bool:
         with self._condition:
             while not (self._playing or self._stopped):
-                self._condition.wait(LONGEST_WAIT)
+                self._condition.wait(_LONGEST_WAIT)
             return not self._stopped
 
     def _play_once(self) -> bool:
@@ -126,18 +126,18 @@ class Player:
             if not self._wait_until(begun + (message.time - first) * 1e-9 / self._rate):
                 return False
             self._publish(message)
-        return begun is not None and self._wait_until(begun + LEAST_PASS)
+        return begun is not None and self._wait_until(begun + _LEAST_PASS)
 
     def _wait_until(self, due: float) -> bool:
         with self._condition:
             while not self._stopped:
                 now = time.monotonic()
                 if not self._playing:
-                    self._condition.wait(LONGEST_WAIT)
+                    self._condition.wait(_LONGEST_WAIT)
                     self._shift += time.monotonic() - now
                     continue
                 left = due + self._shift - now
                 if left <= 0:
                     return True
-                self._condition.wait(min(left, LONGEST_WAIT))
+                self._condition.wait(min(left, _LONGEST_WAIT))
         return False

@@ -5,15 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.scanning.camera import Camera
+from poise.scanning import Camera
 from poise.types import Array, Indices
 
-NEAR = 0.02
+_NEAR = 0.02
 """m: what comes closer to the camera is cut away."""
 NOTHING, TABLE = -1, -2
 """What a pixel shows when it is no triangle."""
-SUN = np.array([0.35, -0.25, 0.9]) / np.linalg.norm([0.35, -0.25, 0.9])
-AMBIENT = 0.45
+_SUN = np.array([0.35, -0.25, 0.9]) / np.linalg.norm([0.35, -0.25, 0.9])
+_AMBIENT = 0.45
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def render(scene: Scene, camera: Camera, rotation: Array, translation: Array) ->
     # The table and nothing at all come after the triangles.
     in_world = np.concatenate([normals @ rotation.T, np.tile([0.0, 0.0, 1.0], (2, 1))])
     paint = np.concatenate([colours, [scene.table_colour, (0.1, 0.1, 0.12)]])
-    light = AMBIENT + (1 - AMBIENT) * np.clip(in_world @ SUN, 0, 1)
+    light = _AMBIENT + (1 - _AMBIENT) * np.clip(in_world @ _SUN, 0, 1)
     painted = np.clip(np.round(255 * paint * light[:, None]), 0, 255).astype(np.uint8)
     seen = closeness > 0
     row = np.where(shown == TABLE, len(triangles), np.where(shown == NOTHING, len(triangles) + 1, shown))
@@ -97,7 +97,7 @@ def _draw(corners: Array, camera: Camera, rays: Array, closeness: Array, shown: 
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     offset = np.einsum("ti,ti->t", normals, corners[:, 0])
-    drawn = np.flatnonzero((corners[..., 2].min(axis=1) > NEAR) & (offset < -1e-9))  # those that face the camera
+    drawn = np.flatnonzero((corners[..., 2].min(axis=1) > _NEAR) & (offset < -1e-9))  # those that face the camera
     u, v = camera.project(corners[drawn])
     for start in range(0, len(drawn), 20_000):
         part = slice(start, start + 20_000)

@@ -11,30 +11,26 @@ from scipy.spatial import ConvexHull
 
 from poise.fake_robots.depth_noise import D435, StereoNoise, measured
 from poise.fake_robots.rasteriser import Scene, render
-from poise.recording import JointStream, PoseStream, RecordingWriter
-from poise.recording.encoding import encode_stream, encode_text, typestore
-from poise.robot import RobotModel, find_urdf, frame_poses
-from poise.scanning.camera import Camera
-from poise.scanning.frames import Frame, View, depth_in_metres
-from poise.scanning.poses import Transform
-from poise.scanning.sweep import Ring, plan_sweep
+from poise.recording import JointStream, PoseStream, RecordingWriter, encode_stream, encode_text, typestore
+from poise.robot import Mounting, RobotModel, find_urdf, frame_poses
+from poise.scanning import Camera, Frame, Ring, View, depth_in_metres, plan_sweep
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-OPTICAL = "camera_color_optical_frame"
-HAND_EYE = Transform(
-    "link_eef", OPTICAL, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.075, 0.0, 0.02])
+_OPTICAL = "camera_color_optical_frame"
+_HAND_EYE = Mounting(
+    "link_eef", _OPTICAL, np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([0.075, 0.0, 0.02])
 )
 """On the xArm7's flange, beside the gripper and looking along it."""
 VGA = Camera(640, 480, 615.0, 615.0, 319.5, 239.5)
 """A D435's colour camera; depth is aligned to it."""
-TOPICS = {
+_TOPICS = {
     "depth": "camera/aligned_depth_to_color/image_raw",
     "info": "camera/aligned_depth_to_color/camera_info",
     "colour": "camera/color/image_raw",
 }
-JOINT_RATE = 50.0
-FRAME_PERIOD = 0.24
+_JOINT_RATE = 50.0
+_FRAME_PERIOD = 0.24
 """s; the thesis took 127 images in about 30 s."""
 
 
@@ -83,7 +79,7 @@ def fake_views(sweep: FakeSweep, rotation: Array, translation: Array) -> Iterato
         seen = render(sweep.scene, sweep.camera, turn, place)
         steps = measured(seen, sweep.camera.fx, sweep.noise, rng)
         depth = depth_in_metres(steps, "16UC1", unit=sweep.noise.step)
-        frame = Frame(round(number * FRAME_PERIOD * 1e9), OPTICAL, sweep.camera, depth, seen.colours)
+        frame = Frame(round(number * _FRAME_PERIOD * 1e9), _OPTICAL, sweep.camera, depth, seen.colours)
         yield View(frame, turn, place), steps
 
 
@@ -93,36 +89,38 @@ def arm_sweep(
     """The camera's true poses at the frames, (V, 3, 3) and (V, 3) m, and what the encoders say all the way."""
     point = np.array(sweep.point)
     start = np.array([0.0, -0.3, 0.0, 1.0, 0.0, 1.3, 0.0])
-    hand_eye = HAND_EYE.rotation, HAND_EYE.translation
-    path = plan_sweep(model, HAND_EYE.parent, hand_eye, point, sweep.ring.places(point, sweep.frames), start)
-    times = FRAME_PERIOD * np.arange(sweep.frames)
+    hand_eye = _HAND_EYE.rotation, _HAND_EYE.translation
+    path = plan_sweep(model, _HAND_EYE.parent, hand_eye, point, sweep.ring.places(point, sweep.frames), start)
+    times = _FRAME_PERIOD * np.arange(sweep.frames)
     moving = WaypointTrajectory(times, path, np.gradient(path, times, axis=0))
-    rotation, translation = frame_poses(model, path, HAND_EYE.parent)
-    seconds = np.arange(0.0, times[-1] + 1.5 / JOINT_RATE, 1 / JOINT_RATE)
+    rotation, translation = frame_poses(model, path, _HAND_EYE.parent)
+    seconds = np.arange(0.0, times[-1] + 1.5 / _JOINT_RATE, 1 / _JOINT_RATE)
     position = moving.at(seconds).position
     position = position + rng.normal(scale=joint_noise, size=position.shape)
     unknown = np.full_like(position, np.nan)
     states = JointStream(np.round(seconds * 1e9).astype(np.int64), model.joint_names, position, unknown, unknown)
-    return rotation @ HAND_EYE.rotation, rotation @ HAND_EYE.translation + translation, states
+    return rotation @ _HAND_EYE.rotation, rotation @ _HAND_EYE.translation + translation, states
 
 
 def write_sweep(path: Path, sweep: FakeSweep, metadata: dict[str, dict[str, str]], joint_noise: float = 2e-5) -> None:
     """Sweep with an xArm7 and write the bag: images, camera info, joint states, robot description, tf_static."""
-    model = RobotModel.from_file("xarm7", HAND_EYE.parent)
+    model = RobotModel.from_file("xarm7", _HAND_EYE.parent)
     description = find_urdf("xarm7").read_text(encoding="utf-8")
     rotation, translation, states = arm_sweep(sweep, model, joint_noise, np.random.default_rng([sweep.seed, 1]))
-    mounted = PoseStream(np.array([0]), HAND_EYE.rotation[None], HAND_EYE.translation[None], HAND_EYE.parent, OPTICAL)
+    mounted = PoseStream(
+        np.array([0]), _HAND_EYE.rotation[None], _HAND_EYE.translation[None], _HAND_EYE.parent, _OPTICAL
+    )
     messages = [(0, "robot_description", encode_text(description))]
     messages += [(stamp, "tf_static", data) for stamp, data in encode_stream("tf_static", mounted)]
     messages += [(stamp, "joint_states", data) for stamp, data in encode_stream("joint_states", states)]
     for view, steps in fake_views(sweep, rotation, translation):
         stamp = view.frame.stamp
-        messages.append((stamp, TOPICS["info"], _info(stamp, sweep.camera)))
-        messages.append((stamp, TOPICS["depth"], _image(stamp, steps, "16UC1")))
-        messages.append((stamp, TOPICS["colour"], _image(stamp, view.frame.colours, "rgb8")))
+        messages.append((stamp, _TOPICS["info"], _info(stamp, sweep.camera)))
+        messages.append((stamp, _TOPICS["depth"], _image(stamp, steps, "16UC1")))
+        messages.append((stamp, _TOPICS["colour"], _image(stamp, view.frame.colours, "rgb8")))
     kinds = {"robot_description": "std_msgs/msg/String", "tf_static": "tf2_msgs/msg/TFMessage"}
-    kinds |= {"joint_states": "sensor_msgs/msg/JointState", TOPICS["info"]: "sensor_msgs/msg/CameraInfo"}
-    kinds |= {TOPICS[name]: "sensor_msgs/msg/Image" for name in ("depth", "colour")}
+    kinds |= {"joint_states": "sensor_msgs/msg/JointState", _TOPICS["info"]: "sensor_msgs/msg/CameraInfo"}
+    kinds |= {_TOPICS[name]: "sensor_msgs/msg/Image" for name in ("depth", "colour")}
     with RecordingWriter(path, metadata=metadata) as writer:
         for topic, kind in kinds.items():
             writer.add_topic(topic, kind)
@@ -133,7 +131,7 @@ def write_sweep(path: Path, sweep: FakeSweep, metadata: dict[str, dict[str, str]
 def _header(stamp: int) -> Any:
     make: Any = typestore().types
     seconds, rest = divmod(stamp, 10**9)
-    return make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), OPTICAL)
+    return make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), _OPTICAL)
 
 
 def _image(stamp: int, pixels: NDArray[Any], encoding: str) -> bytes:

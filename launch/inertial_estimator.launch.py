@@ -1,31 +1,9 @@
 """Weigh what a robot holds: `ros2 launch poise inertial_estimator.launch.py wrench:=/arm/wrench`."""
 
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
-
 from launch import LaunchDescription
-
-TOPICS = ("wrench", "joint_states", "robot_description", "tf", "tf_static")
+from poise.nodes.launching import describe_launch
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One node; arguments: params_file, namespace, and a name for every topic it reads."""
-    defaults = PathJoinSubstitution([FindPackageShare("poise"), "config", "inertial_estimator.yaml"])
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("namespace", default_value="", description="of the node and its topics"),
-            DeclareLaunchArgument("params_file", default_value=defaults, description="parameters of the node"),
-            *(DeclareLaunchArgument(name, default_value=name, description="topic to read it from") for name in TOPICS),
-            Node(
-                package="poise",
-                executable="inertial_estimator",
-                name="inertial_estimator",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[LaunchConfiguration("params_file")],
-                remappings=[(name, LaunchConfiguration(name)) for name in TOPICS],
-                output="screen",
-            ),
-        ]
-    )
+    """One node; arguments: params_file, namespace, and a name for every topic."""
+    return describe_launch("inertial_estimator", ("wrench", "joint_states", "robot_description", "tf", "tf_static"))

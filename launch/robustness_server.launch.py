@@ -1,32 +1,9 @@
 """Answer how hard a stack may be pushed: `ros2 launch poise robustness_server.launch.py scene:=/path/scene.yaml`."""
 
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
-from launch_ros.actions import Node
-from launch_ros.substitutions import FindPackageShare
-
 from launch import LaunchDescription
-
-TOPICS = ("assembly", "tf", "tf_static")
+from poise.nodes.launching import describe_launch
 
 
 def generate_launch_description() -> LaunchDescription:
-    """One node; arguments: params_file, namespace, and a name for every topic it reads."""
-    defaults = PathJoinSubstitution([FindPackageShare("poise"), "config", "robustness_server.yaml"])
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("namespace", default_value="", description="of the node and its topics"),
-            DeclareLaunchArgument("params_file", default_value=defaults, description="parameters of the node"),
-            DeclareLaunchArgument("scene", default_value="", description="scene file to begin with"),
-            *(DeclareLaunchArgument(name, default_value=name, description="topic to read it from") for name in TOPICS),
-            Node(
-                package="poise",
-                executable="robustness_server",
-                name="robustness_server",
-                namespace=LaunchConfiguration("namespace"),
-                parameters=[LaunchConfiguration("params_file"), {"scene": LaunchConfiguration("scene")}],
-                remappings=[(name, LaunchConfiguration(name)) for name in TOPICS],
-                output="screen",
-            ),
-        ]
-    )
+    """One node; arguments: params_file, namespace, and a name for every topic."""
+    return describe_launch("robustness_server", ("assembly", "tf", "tf_static"), {"scene": "scene file to begin with"})

@@ -19,15 +19,15 @@ from poise.nodes.assembly_message import assembly_of
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import weighed
 from poise.nodes.runtime import LATCHED, guarded, run, to_message
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise_msgs.msg import AccelerationLimits as AccelerationLimitsMessage
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import InertialEstimate
 
-TURN_STEP, TILT_STEP = 0.01, 0.002
+_TURN_STEP, _TILT_STEP = 0.01, 0.002
 """Changes of rad/s or rad/s2, and of rad, below which nothing is published anew."""
 
-PARAMETERS = (
+ACCELERATION_LIMITS_PARAMETERS = (
     Parameter("azimuths", 72, "directions in the horizontal plane, counter-clockwise from x", (3, 10_000)),
     Parameter("rate", 10.0, "Hz at which changes are looked for", (0.1, 100.0)),
     Parameter("longest", 1.0, "s that the limits may take; what is certified by then is published", (0.01, 60.0)),
@@ -49,7 +49,7 @@ class AccelerationLimitsNode(Node):
 
     def __init__(self) -> None:
         super().__init__("acceleration_limits")
-        self._values = values = declare_parameters(self, PARAMETERS)
+        self._values = values = declare_parameters(self, ACCELERATION_LIMITS_PARAMETERS)
         for name, count in (("axis", 2), ("tilt", 2), ("payload_pose", 7)):
             if len(values[name]) != count or not np.isfinite(values[name]).all():
                 raise InputError(ErrorCode.BAD_INPUT, f"parameter {name}: expected {count} numbers")
@@ -95,9 +95,9 @@ class AccelerationLimitsNode(Node):
         base, told = self._base, self._told
         if self._structure is None:
             return
-        changed = told is None or base.tilt_from(told) > TILT_STEP
+        changed = told is None or base.tilt_from(told) > _TILT_STEP
         turned = (
-            told is None or max(abs(base.speed - told.speed), abs(base.acceleration - told.acceleration)) > TURN_STEP
+            told is None or max(abs(base.speed - told.speed), abs(base.acceleration - told.acceleration)) > _TURN_STEP
         )
         if not changed and not turned:
             return

@@ -1,4 +1,4 @@
-"""Answers of services sent from a thread of their own, slowly enough for clients that are still busy calling."""
+"""Sends answers of services from a separate thread, slowly enough for clients that are still sending calls."""
 
 import queue
 import threading
@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import rclpy
 from rclpy.node import Node
 
-KEPT = 8
+_KEPT = 8
 """Answers sent at once: a client of rclpy keeps ten, and loses older ones while it does not spin."""
-SPACING = 0.002
+_SPACING = 0.002
 """s between further ones, when many calls are in flight."""
 QUIET, LONGEST = 0.02, 0.25
 """s without a new call after which clients are taken to listen again; s for which answers wait for that."""
@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
 
 class Answers:
-    """Sends answers in the order in which they are ready.
+    """Sends answers in the order in which they become ready.
 
     Args:
         node: whose services are answered; an answer that cannot be sent is logged there.
@@ -52,17 +52,17 @@ class Answers:
         self._ready.put(Answer(send, response, header, crowded, time.monotonic()))
 
     def close(self) -> None:
-        """Send what is ready, and end."""
+        """Send the answers that are ready, and end the thread."""
         self._ready.put(None)
         self._thread.join(1.0)
 
     def _run(self) -> None:
-        sent: deque[float] = deque(maxlen=KEPT)
+        sent: deque[float] = deque(maxlen=_KEPT)
         while (answer := self._ready.get()) is not None:
-            if answer.crowded and len(sent) == KEPT:
-                time.sleep(max(0.0, sent[0] + KEPT * SPACING - time.monotonic()))
+            if answer.crowded and len(sent) == _KEPT:
+                time.sleep(max(0.0, sent[0] + _KEPT * _SPACING - time.monotonic()))
                 while time.monotonic() < min(self._called + QUIET, answer.ready + LONGEST):
-                    time.sleep(SPACING)
+                    time.sleep(_SPACING)
             try:
                 answer.send(answer.response, answer.header)
             except Exception as error:  # one answer that cannot be sent must not keep back the others

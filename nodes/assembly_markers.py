@@ -12,13 +12,13 @@ from poise.assembly import Analysis, Box, Cylinder, RigidObject
 from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.nodes.assembly_message import pose_message
 
-FIXED, MOVABLE = (0.45, 0.47, 0.5, 0.9), (0.65, 0.75, 0.9, 0.55)
-GRAPH, MECHANISM, ENDLESS = (0.1, 0.1, 0.1, 1.0), (0.85, 0.1, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
+_FIXED, _MOVABLE = (0.45, 0.47, 0.5, 0.9), (0.65, 0.75, 0.9, 0.55)
+_GRAPH, _MECHANISM, _ENDLESS = (0.1, 0.1, 0.1, 1.0), (0.85, 0.1, 0.1, 1.0), (0.6, 0.6, 0.6, 1.0)
 # Weak to strong, on a logarithmic scale: the same colours as in the pictures (RdYlBu).
-SCALE = np.array([(165, 0, 38), (244, 109, 67), (254, 224, 144), (171, 217, 233), (69, 117, 180), (49, 54, 149)]) / 255
+_SCALE = np.array([(165, 0, 38), (244, 109, 67), (254, 224, 144), (171, 217, 233), (69, 117, 180), (49, 54, 149)]) / 255
 MOST_DRAWN = 20_000
 """Points of a map that are drawn; of a larger one, evenly spread ones."""
-ARROW = 0.15
+_ARROW = 0.15
 """m, of the fastest object of a mechanism."""
 
 
@@ -34,8 +34,8 @@ def scene_markers(analysis: Analysis, frame_id: str) -> list[Marker]:
     objects = analysis.assembly.objects
     markers = [_body(item, number, frame_id) for number, item in enumerate(objects)]
     markers += [_label(item, number, frame_id) for number, item in enumerate(objects)]
-    lines = _marker("graph", 0, Marker.LINE_LIST, frame_id, GRAPH, (0.004, 0.0, 0.0))
-    outlines = _marker("contacts", 0, Marker.LINE_LIST, frame_id, GRAPH, (0.003, 0.0, 0.0))
+    lines = _marker("graph", 0, Marker.LINE_LIST, frame_id, _GRAPH, (0.004, 0.0, 0.0))
+    outlines = _marker("contacts", 0, Marker.LINE_LIST, frame_id, _GRAPH, (0.003, 0.0, 0.0))
     for interface in analysis.structure.interfaces:
         middle = interface.points.mean(axis=0)
         for place in (interface.first, interface.second):
@@ -48,17 +48,17 @@ def scene_markers(analysis: Analysis, frame_id: str) -> list[Marker]:
 
 def map_markers(found: RobustnessMap, frame_id: str) -> list[Marker]:
     """Points of the surface, coloured from weak (red) to strong (blue); grey where nothing ever moves."""
-    marker = _marker("map", 0, Marker.POINTS, frame_id, ENDLESS, (0.008, 0.008, 0.0))
+    marker = _marker("map", 0, Marker.POINTS, frame_id, _ENDLESS, (0.008, 0.008, 0.0))
     drawn = slice(None, None, -(-len(found.upper) // MOST_DRAWN) or 1)
     marker.points = [_point(point) for point in found.surface.points[drawn]]
     upper = found.upper[drawn]
     finite = np.isfinite(upper)
-    colours = np.tile(ENDLESS, (len(upper), 1))
+    colours = np.tile(_ENDLESS, (len(upper), 1))
     if finite.any():
         level = np.log(np.maximum(upper[finite], 1e-9))
         span = max(float(np.quantile(level, 0.97) - level.min()), 1e-9)
-        share = (level - level.min()) / span * (len(SCALE) - 1)
-        colours[finite, :3] = np.stack([np.interp(share, range(len(SCALE)), SCALE[:, c]) for c in range(3)], axis=1)
+        share = (level - level.min()) / span * (len(_SCALE) - 1)
+        colours[finite, :3] = np.stack([np.interp(share, range(len(_SCALE)), _SCALE[:, c]) for c in range(3)], axis=1)
     marker.colors = [_colour(colour) for colour in colours.tolist()]
     return [marker]
 
@@ -70,14 +70,14 @@ def mechanism_markers(analysis: Analysis, results: Sequence[Robustness], frame_i
     markers = []
     for number, (name, velocity) in enumerate(zip(weakest.moves, weakest.mechanism, strict=True)):
         start = analysis.assembly.objects[analysis.assembly.index[name]].com_in_world
-        arrow = _marker("mechanism", number, Marker.ARROW, frame_id, MECHANISM, (0.012, 0.024, 0.0))
-        arrow.points = [_point(start), _point(start + velocity[:3] * ARROW / fastest)]
+        arrow = _marker("mechanism", number, Marker.ARROW, frame_id, _MECHANISM, (0.012, 0.024, 0.0))
+        arrow.points = [_point(start), _point(start + velocity[:3] * _ARROW / fastest)]
         markers.append(arrow)
     return markers
 
 
 def _body(item: RigidObject, number: int, frame_id: str) -> Marker:
-    colour, shape = FIXED if item.fixed else MOVABLE, item.shape
+    colour, shape = _FIXED if item.fixed else _MOVABLE, item.shape
     if isinstance(shape, Box):
         marker = _marker("objects", number, Marker.CUBE, frame_id, colour, shape.size)
     elif isinstance(shape, Cylinder):

@@ -17,7 +17,7 @@ from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.assembly.scene import read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.shape.meshes import check_mesh
+from poise.shape import check_mesh
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject
 from poise_msgs.msg import FrictionPair as FrictionPairMessage
@@ -25,9 +25,9 @@ from poise_msgs.msg import Push as PushMessage
 from poise_msgs.msg import Robustness as RobustnessMessage
 from poise_msgs.msg import RobustnessMap as RobustnessMapMessage
 
-MAX_OBJECTS = 2000
+_MAX_OBJECTS = 2000
 """Of an assembly in a message: finding what touches takes time with its square."""
-MODES = {
+_MODES = {
     "none": RobustnessMessage.MODE_NONE,
     "slip": RobustnessMessage.MODE_SLIP,
     "topple": RobustnessMessage.MODE_TOPPLE,
@@ -46,8 +46,8 @@ def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assem
         InputError: as `poise.assembly.read_scene`, naming the object.
     """
     gravity = message.gravity
-    if len(message.objects) > MAX_OBJECTS:
-        raise InputError(ErrorCode.BAD_INPUT, f"{len(message.objects)} objects; an assembly has {MAX_OBJECTS} at most")
+    if len(message.objects) > _MAX_OBJECTS:
+        raise InputError(ErrorCode.BAD_INPUT, f"{len(message.objects)} objects; an assembly has {_MAX_OBJECTS} at most")
     return Assembly(
         objects_of(message, folders),
         np.array([gravity.x, gravity.y, gravity.z]),
@@ -211,7 +211,7 @@ def robustness_message(result: Robustness) -> RobustnessMessage:
         robustness=float(result.robustness),
         lower=float(result.lower),
         upper=float(result.upper),
-        mode=MODES[result.mode],
+        mode=_MODES[result.mode],
         checked=bool(result.checked),
         moves=list(result.moves),
     )

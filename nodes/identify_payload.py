@@ -20,7 +20,7 @@ from poise.excitation import (
     plan_stop_and_go,
     tool_centre,
 )
-from poise.excitation.session import Command, Phase, Plan, Session, Task
+from poise.excitation.execution import IdentificationTask, Plan, Session, SessionPhase, TimedMotion
 from poise.inertia import InertialEstimate
 from poise.inertia.estimators import check_method
 from poise.inertia.model import NoiseLevels, Parts
@@ -30,7 +30,7 @@ from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.payload_shape import accuracy_of
 from poise.nodes.runtime import end_goal, guarded, to_message
 from poise.nodes.trajectory_message import trajectory_message
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise.robot import RobotModel
 from poise.types import Array
 from poise_msgs.action import IdentifyPayload as Action
@@ -57,8 +57,8 @@ PARAMETERS = (
 )
 
 
-class PayloadEstimatorPort:
-    """The node's live estimator, with a separate window for one goal.
+class LivePayloadEstimator:
+    """The node's live estimator, with a window of its own for one goal.
 
     Args:
         live: the estimator.
@@ -101,7 +101,7 @@ class IdentifyPayload:
         self._goal: ServerGoalHandle | None = None
         self._session: Session | None = None
         self._ticks = 0
-        self._told: Phase | None = None
+        self._told: SessionPhase | None = None
         self._joints: Any = None
         self._timer: Any = None
         self._server = ActionServer(
@@ -154,16 +154,16 @@ class IdentifyPayload:
         guard, limits = self._guard(model, request, parts), self._limits(request)
         duration = request.duration or self._values["listen_duration"]
         if request.motion == Action.Goal.MOTION_NONE:
-            task = Task(None, guard, limits, duration)
+            task = IdentificationTask(None, guard, limits, duration)
         else:
             if not self._arm.get_subscription_count():
                 raise InputError(
                     ErrorCode.TOPIC_MISSING,
                     "no controller listens on joint_trajectory: remap it to the arm's, or start it",
                 )
-            task = Task(self._planner(model, request, guard, limits, parts), guard, limits)
+            task = IdentificationTask(self._planner(model, request, guard, limits, parts), guard, limits)
         accuracy = accuracy_of(request.object[0]) if request.object else None
-        scale = PayloadEstimatorPort(self._live, request.method, parts, accuracy)
+        scale = LivePayloadEstimator(self._live, request.method, parts, accuracy)
         return Session(model, task, scale, self._send, time.monotonic())
 
     def _model(self) -> RobotModel:
@@ -238,7 +238,7 @@ class IdentifyPayload:
             session.cancel(now)
         session.tick(now)
         self._ticks += 1
-        if session.phase is Phase.DONE:
+        if session.phase is SessionPhase.DONE:
             self._end()
         elif session.phase is not self._told or self._ticks % FEEDBACK_TICKS == 0:
             self._told = session.phase
@@ -252,7 +252,7 @@ class IdentifyPayload:
             feedback.estimate = no_estimate_message(error, self._live.sensor_frame)
         return feedback
 
-    def _send(self, command: Command) -> None:
+    def _send(self, command: TimedMotion) -> None:
         """Hand a motion to the arm's controller."""
         names = self._live.joints.model.joint_names
         self._arm.publish(trajectory_message(names, command.motion, command.stamp))

@@ -21,7 +21,7 @@ from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
 UPDATE_PERIOD = 0.05
@@ -104,7 +104,8 @@ class InertialEstimator(Node):
         Raises:
             InputError: OBJECT_INVALID for a shape that cannot be, FRAME_UNKNOWN when tf does not tell where it is.
         """
-        return parts_of_message(message).in_frame(*self.live.hand.pose(message.header.frame_id, self.live.sensor_frame))
+        pose = self.live.pose_in_sensor(message.header.frame_id)
+        return parts_of_message(message).in_frame(pose.rotation, pose.translation)
 
     def _on_shape(self, message: SegmentedObject) -> None:
         self.live.hold(self.parts_of(message), accuracy_of(message))

@@ -1,4 +1,4 @@
-"""Service calls that take their time: done one by one beside the executor, answered when done, or refused."""
+"""Long service calls: processed one at a time in a worker thread, answered when done, or refused."""
 
 import contextlib
 import os
@@ -19,25 +19,25 @@ from poise.errors import ErrorCode, PoiseError
 from poise.nodes.answers import Answers
 from poise.nodes.runtime import coded, run
 
-SERVICE_QOS = QoSProfile(depth=1000)
+_SERVICE_QOS = QoSProfile(depth=1000)
 """Calls that wait in the middleware: the usual 10 would be overwritten by a burst."""
-GRACE = 0.25
+ANSWER_GRACE = 0.25
 """s after its deadline in which a call may still bring what is certified."""
-STEP = 0.05
+_STEP = 0.05
 """s between looks for answers that are overdue."""
-CROWD = 4
+_CROWD = 4
 """Calls in flight beyond which answers are spaced."""
-THREAD = "poise jobs"
+_THREAD = "poise jobs"
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One call that waits or is worked on.
+    """One call that waits or is processed.
 
     Args:
         work: fills a response; an error it raises becomes the response's code.
         kind: of the service.
-        due: when the caller is answered DEADLINE, whatever the work does; on the monotonic clock, s.
+        due: when the caller is answered DEADLINE, done or not; on the monotonic clock, s.
         answer: of the caller.
     """
 
@@ -47,19 +47,19 @@ class Job:
     answer: "Future[Any]" = field(default_factory=Future)
 
     def finish(self, response: Any) -> None:
-        """Answer, unless that has been done."""
+        """Answer, unless it was answered before."""
         with contextlib.suppress(InvalidStateError):
             self.answer.set_result(response)
 
     def refuse(self, code: ErrorCode, message: str) -> None:
-        """Answer with an error alone."""
+        """Answer with an error."""
         response = self.kind.Response()
         response.error.code, response.error.message = int(code), message
         self.finish(response)
 
 
 class Jobs:
-    """A thread that does one job after another, so that what they share needs no locks.
+    """A worker thread that runs one job at a time, so that shared data needs no locks.
 
     Every call gets exactly one answer: the work's, BUSY when too many wait, DEADLINE when it is still not done a while
     after that (one long solve cannot be interrupted), CANCELLED when the node goes.
@@ -73,9 +73,9 @@ class Jobs:
         self._node = node
         self._waiting: queue.Queue[Job | None] = queue.Queue(most)
         self._open: set[Job] = set()
-        self._answers = Answers(node, THREAD)
-        node.create_timer(STEP, self._answer_overdue)
-        self._thread = threading.Thread(target=self._run, name=THREAD, daemon=True)
+        self._answers = Answers(node, _THREAD)
+        node.create_timer(_STEP, self._answer_overdue)
+        self._thread = threading.Thread(target=self._run, name=_THREAD, daemon=True)
         self._thread.start()
 
     def serve(
@@ -88,12 +88,12 @@ class Jobs:
             name: of the service.
             work: `work(request, response, deadline)` fills the response, in the thread, by a moment of the monotonic
                 clock; what it raises becomes the response's error.
-            seconds: that a request leaves for it.
+            seconds: that a request allows for it.
         """
 
         def receive(request: Any, _: Any) -> "Future[Any]":
             deadline = time.monotonic() + seconds(request)
-            job = Job(lambda response: work(request, response, deadline), kind, deadline + GRACE)
+            job = Job(lambda response: work(request, response, deadline), kind, deadline + ANSWER_GRACE)
             job.answer.add_done_callback(lambda _: self._open.discard(job))
             self._open.add(job)
             self._answers.note_call()
@@ -103,7 +103,7 @@ class Jobs:
                 job.refuse(ErrorCode.BUSY, f"{self._waiting.maxsize} calls wait already; call again later")
             return job.answer
 
-        service = self._node.create_service(kind, name, receive, qos_profile=SERVICE_QOS)
+        service = self._node.create_service(kind, name, receive, qos_profile=_SERVICE_QOS)
         send = service.send_response
 
         def send_when_done(answer: "Future[Any]", header: Any) -> None:
@@ -114,10 +114,10 @@ class Jobs:
 
     @property
     def _crowded(self) -> bool:
-        return len(self._open) >= CROWD
+        return len(self._open) >= _CROWD
 
     def do(self, work: Callable[[], None]) -> bool:
-        """Do something between the calls; False when too many wait."""
+        """Run `work` between the calls; False when too many calls wait."""
         try:
             self._waiting.put_nowait(Job(lambda _: work(), None, float("inf")))
         except queue.Full:
@@ -125,7 +125,7 @@ class Jobs:
         return True
 
     def close(self) -> None:
-        """Answer CANCELLED to all that wait and end the thread; what it is at ends by itself or with the process."""
+        """Answer CANCELLED to waiting calls and end the thread; a running job ends by itself or with the process."""
         for job in list(self._open):
             job.refuse(ErrorCode.CANCELLED, "the node shuts down; call again when it is back")
         with contextlib.suppress(queue.Empty):
@@ -147,14 +147,14 @@ class Jobs:
                 job.finish(response)
 
     def _done(self, job: Job, response: Any) -> PoiseError | None:
-        """Do the work; what came of it."""
+        """Run the work; return its error, None for success."""
         try:
             job.work(response)
         except PoiseError as error:
             return error
         except Exception as error:
             if rclpy.ok():
-                self._node.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=1.0)
+                self._node.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=1.0)
             return coded(error)
         return None
 
@@ -175,7 +175,7 @@ def run_with_jobs(make_node: Callable[[], Node], args: list[str] | None = None) 
 
 def _leave(status: Any) -> None:
     """End the process: with a thread inside a solver, Python's own way out would abort in it."""
-    if any(thread.name == THREAD for thread in threading.enumerate()):
+    if any(thread.name == _THREAD for thread in threading.enumerate()):
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(status if isinstance(status, int) else 1)

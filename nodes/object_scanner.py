@@ -1,4 +1,4 @@
-"""Node: looks at an object from all sides with a camera on the hand, and tells its shape and parts."""
+"""Node: looks at an object from all sides with a camera on the hand, and publishes its shape and parts."""
 
 import threading
 import time
@@ -17,21 +17,17 @@ from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.excitation.brake import stop_along
+from poise.excitation.execution import stop_along
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.object_scanner_parameters import PARAMETERS, near_of, scan_options, session_options, sweep_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
 from poise.nodes.trajectory_message import trajectory_message
-from poise.recording.images import image_of
-from poise.recording.streams import stamp_of
+from poise.recording import image_of, stamp_of
 from poise.robot import RobotModel
-from poise.scanning.cloud_frames import frame_of_cloud
-from poise.scanning.reading import camera_of, transform_of
-from poise.scanning.session import RobotLog, ScanSession, scan_session
-from poise.shape.independent import independent_parts
-from poise.shape.segmentation import segment
+from poise.scanning import RobotLog, ScanSession, camera_of, frame_of_cloud, scan_session, transform_of
+from poise.shape import independent_parts, segment
 from poise.simulation import WaypointTrajectory, read_trajectory
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject
@@ -67,7 +63,7 @@ class ObjectScanner(Node):
     def __init__(self) -> None:
         super().__init__("object_scanner")
         self._values = declare_parameters(self, PARAMETERS)
-        sweep_options(self._values)  # what is wrong with parameters is told at the start
+        sweep_options(self._values)  # bad parameters are reported at the start
         near_of(self._values)
         self._robot = RobotLog()
         self._goal: ServerGoalHandle | None = None
@@ -162,7 +158,7 @@ class ObjectScanner(Node):
             self._arm.publish(trajectory_message(command.names, command.motion))
 
     def _sweep_command(self) -> Sweep | None:
-        """The motion of the parameter `sweep`; None when somebody else moves the arm.
+        """The motion of the parameter `sweep`; None when another program moves the arm.
 
         Raises:
             InputError: TOPIC_MISSING, ROBOT_DESCRIPTION_MISSING, NOT_FOLLOWING when the arm is not where it begins.
@@ -270,7 +266,7 @@ class ObjectScanner(Node):
         except PoiseError as error:
             self._answer = error, None
         except Exception as error:
-            self.get_logger().error(f"a fault of ours: {error!r}")
+            self.get_logger().error(f"internal error: {error!r}")
             self._answer = coded(error), None
 
     def _reach(self, share: float) -> None:

@@ -32,14 +32,14 @@ from poise.manipulation import (
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
-from poise.placement import Options, Placement, PlacementPlanner, Progress
-from poise.recording.streams import stamp_of
+from poise.placement import Options, Placement, PlacementPlanner, PlacementProgress
+from poise.recording import stamp_of
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-ARM_TOPIC, GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
+_ARM_TOPIC, _GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
 
-PARAMETERS = (
+PLACE_EXECUTION_PARAMETERS = (
     Parameter("tcp_frame", "tcp", "execute: frame of robot_description between the finger tips, z out of the hand"),
     Parameter("base", [0.0] * 4, "execute: where the robot stands in the assembly's frame, x y z m and yaw rad"),
     Parameter("speed", 0.5, "execute: m/s of the tool at the most", (0.01, 2.0)),
@@ -95,7 +95,7 @@ class Carrying:
         options: Options,
         seed: int,
         due: float,
-        report: Callable[[Progress], bool],
+        report: Callable[[PlacementProgress], bool],
     ) -> Placement:
         """Where the object stays, and how it gets there; in the thread of the jobs.
 
@@ -139,7 +139,7 @@ class PlaceExecution:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._values = values = declare_parameters(node, PARAMETERS)
+        self._values = values = declare_parameters(node, PLACE_EXECUTION_PARAMETERS)
         if len(values["base"]) != 4 or not np.isfinite(values["base"]).all():
             raise InputError(ErrorCode.BAD_INPUT, "parameter base must be four finite numbers: x y z yaw")
         self._base = standing_at(values["base"])
@@ -156,7 +156,9 @@ class PlaceExecution:
             ErrorCode.ROBOT_DESCRIPTION_MISSING, "execute needs a robot, and there is no robot_description: publish it"
         )
         self._listening: Any = None
-        self._outlets = {name: node.create_publisher(JointTrajectory, name, 10) for name in (ARM_TOPIC, GRIPPER_TOPIC)}
+        self._outlets = {
+            name: node.create_publisher(JointTrajectory, name, 10) for name in (_ARM_TOPIC, _GRIPPER_TOPIC)
+        }
         node.create_subscription(String, "robot_description", guarded(node, self._on_description), LATCHED)
 
     def open(self) -> Carrying:
@@ -192,11 +194,11 @@ class PlaceExecution:
             self._problem = coded(failure)
 
     def _move(self, names: tuple[str, ...], motion: WaypointTrajectory, stamp: int) -> None:
-        self._outlets[ARM_TOPIC].publish(trajectory_message(names, motion, stamp))
+        self._outlets[_ARM_TOPIC].publish(trajectory_message(names, motion, stamp))
 
     def _grip(self, position: float) -> None:
         there = WaypointTrajectory(np.array([self._gripper.seconds]), np.array([[position]]))
-        self._outlets[GRIPPER_TOPIC].publish(trajectory_message([self._gripper.joint], there))
+        self._outlets[_GRIPPER_TOPIC].publish(trajectory_message([self._gripper.joint], there))
 
 
 def _hear(robot: RobotPort, message: JointState) -> None:

@@ -16,20 +16,29 @@ from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import TransferExecution
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
-from poise.nodes.jobs import GRACE, Jobs, run_with_jobs
+from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
-from poise.placement import CRITERIA, DEFAULT_PLANNER, ON, PLACEMENT_PLANNERS, Options, Placement, Progress, Uncertainty
+from poise.placement import (
+    CRITERIA,
+    DEFAULT_PLANNER,
+    PLACEMENT_PLANNERS,
+    SUPPORT_KINDS,
+    Options,
+    Placement,
+    PlacementProgress,
+    Uncertainty,
+)
 from poise_msgs.action import PlaceObject as Action
 from poise_msgs.msg import Assembly as AssemblyMessage
 
-TICK = 0.02
+_TICK = 0.02
 """s between looks at a running goal: what a cancel may wait for an answer."""
-FEEDBACK_PERIOD = 0.1
+_FEEDBACK_PERIOD = 0.1
 """s between two feedbacks."""
 
-PARAMETERS = (
+PLACEMENT_PLANNER_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with; empty: what comes on the topic assembly"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
     Parameter("planner", DEFAULT_PLANNER, "how a placement is found", PLACEMENT_PLANNERS.names()),
@@ -37,7 +46,7 @@ PARAMETERS = (
     Parameter("attempts", 500, "poses to test at the most", (1, 1_000_000)),
     Parameter("candidates", 10, "placements to find before the best is taken", (1, 10_000)),
     Parameter("criterion", "least", "what is best", CRITERIA),
-    Parameter("support", "any", "what may carry the object", ON),
+    Parameter("support", "any", "what may carry the object", SUPPORT_KINDS),
     Parameter("robust", False, "it has to stay in spite of 2 mm, 2 degrees, 20 % of friction and 10 % of its mass"),
     Parameter("refine", False, "then move it as long as it gets better"),
     Parameter(
@@ -46,7 +55,7 @@ PARAMETERS = (
 )
 
 
-class Task:
+class PlacementTask:
     """One goal: what the thread that plans and the executor tell each other.
 
     Args:
@@ -62,11 +71,11 @@ class Task:
         self.goal, self.assembly, self.due, self.carrying = goal, assembly, due, carrying
         self.accepted = time.monotonic()
         self.seconds: float | None = None
-        self.progress = Progress(0, None, None)
+        self.progress = PlacementProgress(0, None, None)
         self.abandoned = self.begun = self.done = False
         self.error: PoiseError | None = None
 
-    def report(self, progress: Progress) -> bool:
+    def report(self, progress: PlacementProgress) -> bool:
         """Called by the planner; False ends it."""
         self.progress = progress
         return not self.abandoned
@@ -84,13 +93,13 @@ class Task:
 
     def best(self) -> tuple[PoseStamped, float]:
         """The best pose so far, without a frame when there is none, and its robustness, N; NaN while unknown."""
-        message, best, merit = PoseStamped(), self.progress.best, self.progress.merit
+        message, best, score = PoseStamped(), self.progress.best, self.progress.score
         if best is not None:
             message.pose, message.header.frame_id = pose_message(best.pose), self.assembly.header.frame_id
-        return message, math.nan if merit is None else float(merit.least)
+        return message, math.nan if score is None else float(score.least)
 
 
-class PlacementPlanner(Node):
+class PlacementPlannerNode(Node):
     """Serves `place_object` (poise_msgs/PlaceObject), one goal at a time; subscribes to assembly (latched).
 
     Planning belongs to the thread of the jobs; a timer answers the caller, in time also when the thread is not done,
@@ -100,7 +109,7 @@ class PlacementPlanner(Node):
 
     def __init__(self) -> None:
         super().__init__("placement_planner")
-        self._values = values = declare_parameters(self, PARAMETERS)
+        self._values = values = declare_parameters(self, PLACEMENT_PLANNER_PARAMETERS)
         self._options = Options(
             values["attempts"],
             candidates=values["candidates"],
@@ -115,12 +124,12 @@ class PlacementPlanner(Node):
         if values["scene"]:
             self._heard = assembly_message(load_scene(values["scene"]), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
-        self._task: Task | None = None
+        self._task: PlacementTask | None = None
         self._told, self._told_stage = 0.0, ""
         self._execution = PlaceExecution(self)
         self._jobs = Jobs(self, 1)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
-        self.create_timer(TICK, guarded(self, self._tick))
+        self.create_timer(_TICK, guarded(self, self._tick))
         self._server = ActionServer(
             self,
             Action,
@@ -159,7 +168,7 @@ class PlacementPlanner(Node):
     def _begin_to_plan(self) -> None:
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
 
-    def _begin(self, goal: ServerGoalHandle) -> Task:
+    def _begin(self, goal: ServerGoalHandle) -> PlacementTask:
         """What the goal asks for.
 
         Raises:
@@ -175,7 +184,7 @@ class PlacementPlanner(Node):
                 ErrorCode.EMPTY, "no assembly has come on the topic assembly; publish it, or send it along"
             )
         carrying = self._execution.open() if request.execute else None
-        return Task(goal, message, time.monotonic() + seconds, carrying)
+        return PlacementTask(goal, message, time.monotonic() + seconds, carrying)
 
     def _tick(self) -> None:
         """Answer the goal when there is something to say, or go on with it and let it know how far it is."""
@@ -191,18 +200,18 @@ class PlacementPlanner(Node):
         except Exception as failure:  # whatever it is, neither the caller must wait for ever nor the arm go on
             self._stop_arm()
             self._end(task, coded(failure))
-        if self._task is not None and (now > self._told + FEEDBACK_PERIOD or task.stage != self._told_stage):
+        if self._task is not None and (now > self._told + _FEEDBACK_PERIOD or task.stage != self._told_stage):
             self._told, self._told_stage = now, task.stage
             task.goal.publish_feedback(_feedback(task))
 
-    def _play(self, task: Task, playing: TransferExecution, now: float) -> None:
+    def _play(self, task: PlacementTask, playing: TransferExecution, now: float) -> None:
         if task.goal.is_cancel_requested:
             playing.cancel(now)
         playing.tick(now)
         if playing.done:
             self._end(task, playing.error)
 
-    def _await_plan(self, task: Task, now: float) -> None:
+    def _await_plan(self, task: PlacementTask, now: float) -> None:
         if task.done and (task.error is not None or task.carrying is None):
             self._end(task, task.error)
         elif task.goal.is_cancel_requested:
@@ -210,7 +219,7 @@ class PlacementPlanner(Node):
             self._end(task, PoiseError(ErrorCode.CANCELLED, f"placing {name} was cancelled; nothing was changed"))
         elif task.done and task.carrying is not None:
             task.carrying.play(task.goal.request.object.id, now)
-        elif now > task.due + GRACE:
+        elif now > task.due + ANSWER_GRACE:
             best = "the best so far comes along" if task.progress.best is not None else "nothing was found by then"
             self._end(task, NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed, and {best}; allow more time"))
         elif not task.ready and task.carrying is not None and task.carrying.found_start(now):
@@ -220,7 +229,7 @@ class PlacementPlanner(Node):
         if self._task is not None and self._task.carrying is not None:
             self._task.carrying.stop()
 
-    def _end(self, task: Task, error: PoiseError | None) -> None:
+    def _end(self, task: PlacementTask, error: PoiseError | None) -> None:
         task.abandoned = True
         self._task = None
         self._execution.close()
@@ -240,13 +249,13 @@ class PlacementPlanner(Node):
         task.begun = True
         try:
             found = self._placement(task)
-            task.progress = Progress(found.iterations, found.item, found.merit)
+            task.progress = PlacementProgress(found.iterations, found.item, found.score)
         except Exception as failure:
             task.error = coded(failure)
         task.seconds = time.monotonic() - task.accepted
         task.done = True
 
-    def _placement(self, task: Task) -> Placement:
+    def _placement(self, task: PlacementTask) -> Placement:
         request = task.goal.request
         if task.carrying is None:
             request.object.pose = PoseMessage()  # ignored
@@ -268,14 +277,14 @@ class PlacementPlanner(Node):
         return self._known[1]
 
 
-def _feedback(task: Task) -> Action.Feedback:
+def _feedback(task: PlacementTask) -> Action.Feedback:
     pose, robustness = task.best()
     return Action.Feedback(
         stage=task.stage, iteration=task.progress.iteration, best_pose=pose, best_robustness=robustness
     )
 
 
-def _result(goal: ServerGoalHandle, error: PoiseError | None, task: Task | None = None) -> Action.Result:
+def _result(goal: ServerGoalHandle, error: PoiseError | None, task: PlacementTask | None = None) -> Action.Result:
     """What a goal gets in the end; sets its status, too."""
     result = Action.Result(robustness=math.nan)
     if task is not None:
@@ -289,7 +298,7 @@ def _result(goal: ServerGoalHandle, error: PoiseError | None, task: Task | None 
 
 def main(args: list[str] | None = None) -> None:
     """Run the node."""
-    run_with_jobs(PlacementPlanner, args)
+    run_with_jobs(PlacementPlannerNode, args)
 
 
 if __name__ == "__main__":

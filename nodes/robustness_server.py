@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,19 +33,20 @@ from poise.nodes.assembly_message import (
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
-from poise.nodes.transforms import Frames
+from poise.nodes.transforms import add_transforms
+from poise.robot import FrameTree
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
 
-MARKER_PERIOD = 0.5
+_MARKER_PERIOD = 0.5
 """s between looks for markers that have changed."""
-MARKER_SECONDS = 2.0
+_MARKER_SECONDS = 2.0
 """s that the map of the markers may take."""
-MAP_TOLERANCE = 0.03
-MAX_PUSHES = 10_000
+_MAP_TOLERANCE = 0.03
+_MAX_PUSHES = 10_000
 """Pushes in one call."""
 
-PARAMETERS = (
+ROBUSTNESS_SERVER_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with; empty: none"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
     Parameter("waiting", 200, "calls that may wait; more are refused with BUSY", (1, 10_000)),
@@ -68,7 +70,7 @@ class RobustnessServer(Node):
 
     def __init__(self) -> None:
         super().__init__("robustness_server")
-        values = declare_parameters(self, PARAMETERS)
+        values = declare_parameters(self, ROBUSTNESS_SERVER_PARAMETERS)
         self._longest: float = values["longest"]
         self._marker_map_points: int = values["marker_map_points"]
         self._most_map_points: int = values["most_map_points"]
@@ -89,7 +91,7 @@ class RobustnessServer(Node):
         self._jobs.serve(PlanDisassembly, "plan_disassembly", self._plan, self._seconds)
         self._jobs.serve(SetAssembly, "set_assembly", self._set, lambda _: self._longest)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
-        self.create_timer(MARKER_PERIOD, guarded(self, self._draw_soon))
+        self.create_timer(_MARKER_PERIOD, guarded(self, self._draw_soon))
         if values["poses_from_tf"]:
             self._follow_tf(values["tf_rate"], values["tf_tolerance"])
 
@@ -107,7 +109,7 @@ class RobustnessServer(Node):
 
     def _assess(self, request: AssessRobustness.Request, response: AssessRobustness.Response, deadline: float) -> None:
         for name, count, most in (
-            ("pushes", len(request.pushes), MAX_PUSHES),
+            ("pushes", len(request.pushes), _MAX_PUSHES),
             ("map_points", request.map_points, self._most_map_points),
         ):
             if count > most:
@@ -118,7 +120,7 @@ class RobustnessServer(Node):
         found = assess(analysis, pushes, request.model, max(deadline - time.monotonic(), 0.0))
         complete, mapped = found.complete, None
         if request.map_points and found.stable:
-            tolerance = request.map_tolerance or MAP_TOLERANCE
+            tolerance = request.map_tolerance or _MAP_TOLERANCE
             left = max(deadline - time.monotonic(), 0.0)
             mapped = robustness_map(analysis, request.map_points, tolerance, request.model, left)
             complete &= mapped.complete
@@ -207,7 +209,7 @@ class RobustnessServer(Node):
             results, mapped = self._answered
             if mapped is None and self._marker_map_points:
                 with contextlib.suppress(PoiseError):  # an assembly that does not stand has no map
-                    mapped = robustness_map(self._analysis, self._marker_map_points, deadline=MARKER_SECONDS)
+                    mapped = robustness_map(self._analysis, self._marker_map_points, deadline=_MARKER_SECONDS)
                 self._answered = results, mapped
             markers += scene_markers(self._analysis, self._frame_id)
             markers += mechanism_markers(self._analysis, results, self._frame_id) if results else []
@@ -264,9 +266,10 @@ class RobustnessServer(Node):
             self._drawn = self._jobs.do(self._draw)
 
     def _follow_tf(self, rate: float, tolerance: float) -> None:
-        frames = Frames()
-        self.create_subscription(TFMessage, "tf", guarded(self, frames.add), QoSProfile(depth=1000))
-        self.create_subscription(TFMessage, "tf_static", guarded(self, frames.add), TF_STATIC)
+        frames = FrameTree(one_parent=False, keep=False)
+        take = partial(add_transforms, frames)
+        self.create_subscription(TFMessage, "tf", guarded(self, take), QoSProfile(depth=1000))
+        self.create_subscription(TFMessage, "tf_static", guarded(self, partial(take, fixed=True)), TF_STATIC)
 
         def look() -> None:
             analysis, reference = self._analysis, self._frame_id

@@ -1,4 +1,4 @@
-"""What every node needs: a clean start and stop, guarded callbacks, errors as numbered codes."""
+"""Shared by all nodes: clean start and stop, guarded callbacks, errors as numbered codes."""
 
 import functools
 import signal
@@ -25,7 +25,7 @@ TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For subscribers: every broadcaster has one latched message."""
 
 # EventsExecutor.spin() holds a core and ignores signals (rclpy 7.1.6): step it instead.
-SPIN_STEP = 0.5
+_SPIN_STEP = 0.5
 
 
 def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
@@ -33,7 +33,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
 
     Exits with the error's status and one line when the node cannot start (a bad parameter, for one).
     """
-    # Before init: rclpy's own handler, in C, does the shutdown; Python's would raise a second time in its midst.
+    # Before init: rclpy's own handler, in C, does the shutdown; Python's handler would raise during that shutdown.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
     executor = EventsExecutor()
@@ -43,7 +43,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
         node = make_node()
         executor.add_node(node)
         while rclpy.ok():
-            executor.spin_once(timeout_sec=SPIN_STEP)
+            executor.spin_once(timeout_sec=_SPIN_STEP)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     except PoiseError as error:
@@ -61,7 +61,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
 
 
 def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Keep an exception inside a callback from ending the node: log it, once a second at the most."""
+    """Log an exception of a callback, at most once a second, so that it does not end the node."""
 
     @functools.wraps(callback)
     def call(*arguments: Any) -> Any:
@@ -79,10 +79,10 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def coded(failure: Exception) -> PoiseError:
-    """What a caller is told of a failure: its own code, or INTERNAL when it has none."""
+    """The error that a caller gets for a failure: a PoiseError as it is, INTERNAL for any other exception."""
     if isinstance(failure, PoiseError):
         return failure
-    return PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {failure!r}; please report it")
+    return PoiseError(ErrorCode.INTERNAL, f"internal error: {failure!r}; please report it")
 
 
 def end_goal(goal: Any, succeeded: bool) -> None:

@@ -1,52 +1,34 @@
-"""Where frames are to each other, from tf messages: the newest transform of each frame to its parent."""
+"""From tf messages to a tree of frames."""
 
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import Pose
+from poise.geometry import rotation_of_quaternion
+from poise.recording import stamp_of
+from poise.robot import FrameTree
 
 
-class Frames:
-    """The tree of frames that tf tells of."""
+def add_transforms(tree: FrameTree, message: TFMessage, fixed: bool = False) -> None:
+    """Add the transforms of a message; one that is not finite, or without a unit quaternion, is left out.
 
-    def __init__(self) -> None:
-        self._parent: dict[str, tuple[str, Pose]] = {}
+    Args:
+        tree: takes them.
+        message: from tf or tf_static.
+        fixed: it comes from tf_static.
 
-    def add(self, message: TFMessage) -> None:
-        """Take in transforms; one that is not finite, or whose quaternion is no rotation, is left out.
-
-        Raises:
-            InputError: NOT_FINITE, naming the last frame left out.
-        """
-        wrong = None
-        for stamped in message.transforms:
-            shift, turn = stamped.transform.translation, stamped.transform.rotation
-            length = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
-            if not (abs(length - 1) < 1e-2 and abs(shift.x + shift.y + shift.z) < float("inf")):
-                wrong = stamped.child_frame_id
-                continue
-            pose = Pose.from_vector([shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w])
-            self._parent[stamped.child_frame_id] = stamped.header.frame_id, pose
-        if wrong is not None:
-            raise InputError(ErrorCode.NOT_FINITE, f"tf: the transform of {wrong} is not one; it was left out")
-
-    def pose(self, frame: str, reference: str) -> Pose | None:
-        """Where a frame is in another; None when tf does not connect them."""
-        of_frame, of_reference = self._chain(frame), self._chain(reference)
-        for ancestor, in_frame in of_reference.items():
-            if ancestor in of_frame:
-                there = of_frame[ancestor]
-                return Pose(in_frame.rotation.T @ there.rotation, in_frame.undo(there.translation))
-        return None
-
-    def _chain(self, frame: str) -> dict[str, Pose]:
-        """Where a frame is, in itself and in each of its ancestors."""
-        pose = Pose.from_vector([0, 0, 0, 0, 0, 0, 1])
-        chain = {frame: pose}
-        while frame in self._parent:
-            frame, step = self._parent[frame]
-            if frame in chain:  # a circle
-                break
-            pose = Pose(step.rotation @ pose.rotation, step.apply(pose.translation))
-            chain[frame] = pose
-        return chain
+    Raises:
+        InputError: NOT_FINITE, naming the last frame left out; FRAME_UNKNOWN as `FrameTree.add`.
+    """
+    wrong = None
+    for stamped in message.transforms:
+        shift, turn = stamped.transform.translation, stamped.transform.rotation
+        length = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
+        if not (abs(length - 1) < 1e-2 and abs(shift.x + shift.y + shift.z) < float("inf")):
+            wrong = stamped.child_frame_id
+            continue
+        rotation = rotation_of_quaternion([[turn.x, turn.y, turn.z, turn.w]])
+        place = [[shift.x, shift.y, shift.z]]
+        stamp = [stamp_of(stamped)]
+        tree.add(stamp, stamped.header.frame_id, stamped.child_frame_id, rotation, place, fixed=fixed)
+    if wrong is not None:
+        raise InputError(ErrorCode.NOT_FINITE, f"tf: the transform of {wrong} is not valid; it was left out")

@@ -1,4 +1,4 @@
-"""The one family of errors: a numbered code, a sentence that names what, where and the mend, and data."""
+"""The one family of errors: a numbered code, a sentence that names what, where and the fix, and data."""
 
 from enum import IntEnum
 from typing import Any
@@ -58,12 +58,12 @@ class ErrorCode(IntEnum):
 
 
 class PoiseError(Exception):
-    """Root of everything Poise raises on purpose.
+    """Base class of all errors that Poise raises.
 
     Args:
         code: what kind of failure, for machines.
-        message: one sentence for people: what, where, how to mend it.
-        **data: whatever a program may want to read back, by name.
+        message: one sentence for people: what, where, how to fix it.
+        **data: values for programs, by name.
     """
 
     exit_status = 1
@@ -76,7 +76,7 @@ class PoiseError(Exception):
 
 
 class InputError(PoiseError):
-    """What came in at a door (file, message, parameter, command line) cannot be used."""
+    """An input (file, message, parameter, command line) cannot be used."""
 
     exit_status = 2
 
@@ -88,6 +88,6 @@ class NoAnswerError(PoiseError):
 
 
 class SensorError(PoiseError):
-    """A device or its stream misbehaves."""
+    """A device or its stream fails."""
 
     exit_status = 2

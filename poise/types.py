@@ -1,5 +1,7 @@
 """The array types that every room uses."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,3 +19,9 @@ Stamps = NDArray[np.int64]
 
 Mask = NDArray[np.bool_]
 """One truth value for each row."""
+
+Progress = Callable[[float], None]
+"""Called with the share of a job that is done, 0 to 1."""
+
+Cancelled = Callable[[], bool]
+"""Asked now and then by a long job: whether to give up."""

@@ -59,7 +59,7 @@ def geometry(name: str) -> dict[str, object]:
 
 
 def verdict(name: str, fixed: tuple[int, ...], axis: str, degrees: float, friction: float) -> bool | None:
-    """Whether CRA finds a solution; None when its solver gave up without telling."""
+    """Whether CRA finds a solution; None when its solver gave up without a verdict."""
     assembly = compas.json_load(str(SAMPLES / f"{name}.json")).copy(cls=CRA_Assembly)
     assembly.set_boundary_conditions(list(fixed))
     assembly_interfaces_numpy(assembly, nmax=10, amin=1e-4, tmax=1e-3)

@@ -108,7 +108,7 @@ def voxelise(triangles: Array) -> tuple[Array, Array]:
 
 
 def without_cracks(crossings: Array) -> Array:
-    """Leave out the lines that do not leave the object as often as they enter it: they met an edge."""
+    """Leave out the lines whose entries into and exits from the object differ in number: they met an edge."""
     line = np.unique(crossings[:, :2], axis=0, return_inverse=True)[1]
     closed = np.bincount(line, crossings[:, 3]) == 0
     if np.mean(closed) < 0.99:
@@ -174,7 +174,7 @@ def phi_of_mesh(triangles: Array) -> Array:
 
 
 def volume_of(triangles: Array) -> float:
-    """m3, overlapping shells counted as often as they overlap."""
+    """m3, overlapping shells counted once per shell."""
     return float(np.sum(np.linalg.det(triangles)) / 6)
 
 

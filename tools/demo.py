@@ -1,4 +1,4 @@
-"""The main job on a real recording: replayed through live nodes, its payload weighed, the answer shown."""
+"""Weighs the payload of two real recordings by live nodes and from the files, and shows that both agree."""
 
 import os
 import random
@@ -18,8 +18,7 @@ from rich.table import Table
 from poise.errors import PoiseError
 from poise.inertia.pipeline import identify
 from poise.recording import open_recording
-from poise.viewing.report import write_identification_report
-from poise.viewing.rerun_scene import write_identification_recording
+from poise.viewing import write_identification_recording, write_identification_report
 from poise_msgs.msg import InertialEstimate
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -32,11 +31,10 @@ PATIENCE = 60.0  # s
 
 @dataclass(frozen=True)
 class Act:
-    """One recording to replay, and how; the name is its namespace on the graph."""
+    """One recording to replay; the name is its namespace on the graph, the rate a multiple of real time."""
 
     name: str
     title: str
-    method: str
     rate: float
 
     @property
@@ -45,13 +43,13 @@ class Act:
 
 
 ACTS = (
-    Act("static_poses", "24 static poses", "static", rate=8.0),
-    Act("free_motion", "6 s of free motion", "ols", rate=1.0),
+    Act("static_poses", "24 static poses", rate=8.0),
+    Act("free_motion", "6 s of free motion", rate=1.0),
 )
 
 
 class Replay:
-    """fake_robot -> inertial_estimator on one recording, in a namespace of its own, and what came out so far."""
+    """fake_robot -> inertial_estimator on one recording, in a separate namespace, and the estimates so far."""
 
     def __init__(self, act: Act, listener: Node) -> None:
         self.act = act
@@ -60,7 +58,7 @@ class Replay:
         self.estimates: list[InertialEstimate] = []
         listener.create_subscription(InertialEstimate, f"{act.name}/inertial_estimate", self._take, 10)
         self.news = time.monotonic()
-        self.estimator = self._start("inertial_estimator", method=act.method, gravity=self.gravity, publish_rate=20.0)
+        self.estimator = self._start("inertial_estimator", gravity=self.gravity, publish_rate=20.0)
         self.robot = self._start("fake_robot", bag=act.bag, rate=act.rate, wait_for_subscribers="[wrench, tf]")
 
     def _start(self, executable: str, **parameters: object) -> subprocess.Popen[bytes]:
@@ -75,7 +73,7 @@ class Replay:
 
     @property
     def is_over(self) -> bool:
-        """The player has left, and the estimator has said its last word."""
+        """The player has ended, and the estimator has published its last estimate."""
         if self.estimator.poll() is not None or self.robot.poll() not in (None, 0):
             raise RuntimeError(f"a node of {self.act.title} ended early; its own message is above")
         return self.robot.poll() == 0 and bool(self.estimates) and time.monotonic() - self.news > QUIET
@@ -108,35 +106,35 @@ def table_of(replays: list[Replay], title: str) -> Table:
 
 
 def watch(replays: list[Replay], listener: Node) -> None:
-    """Show the estimates as they close in, until every recording is over."""
+    """Show the estimates as they converge, until every recording has ended."""
     deadline = time.monotonic() + PATIENCE
     with Live(console=console, refresh_per_second=5, transient=True) as live:
         while not all(replay.is_over for replay in replays):
             if time.monotonic() > deadline:
                 raise RuntimeError(f"no answer within {PATIENCE:.0f} s")
             rclpy.spin_once(listener, timeout_sec=0.1)
-            live.update(table_of(replays, "weighing, live"))
-    console.print(table_of(replays, "What the live nodes say"))
+            live.update(table_of(replays, "The live nodes, so far"))
+    console.print(table_of(replays, "The live nodes"))
 
 
 def report(replay: Replay) -> tuple[float, Path]:
-    """Weigh the same recording offline; write the report and the Rerun recording; return the mass and the page."""
+    """Weigh the recording from its file; write the report and the Rerun recording; return the mass and the page."""
     act = replay.act
-    offline = identify(replay.recording, method=act.method, gravity=replay.gravity)
+    from_file = identify(replay.recording, gravity=replay.gravity)
     folder = OUT / act.name
-    page = write_identification_report(folder, offline, title=f"KUKA LBR Med: {act.title}", source=str(act.bag))
-    write_identification_recording(folder / "identification.rrd", offline)
-    return offline.estimate.parameters.mass, page.relative_to(ROOT)
+    page = write_identification_report(folder, from_file, title=f"KUKA LBR Med: {act.title}", source=str(act.bag))
+    write_identification_recording(folder / "identification.rrd", from_file)
+    return from_file.estimate.parameters.mass, page.relative_to(ROOT)
 
 
 def main() -> None:
-    # An own corner of the network, so that a robot on the desk is not disturbed.
+    # A separate ROS domain, so that a robot on the network is not disturbed.
     os.environ.setdefault("ROS_DOMAIN_ID", str(random.randrange(60, 100)))
-    # The nodes find each other in tenths of a second; with the defaults it can take three.
+    # The nodes discover one another in tenths of a second; with the default settings it can take three seconds.
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(ROOT / "config" / "quick_discovery.xml"))
     console.print(
         "[bold]Poise[/bold]: a KUKA LBR Med 14 with an ATI Gamma sensor, recorded by A. Skrede (CC BY 4.0).\n"
-        "Nobody weighed its payload. Bag → fake_robot → wrench, tf → inertial_estimator → the answer.\n"
+        "The mass of its payload is unknown. Bag → fake_robot → wrench, tf → inertial_estimator → estimate.\n"
     )
     rclpy.init()
     replays: list[Replay] = []
@@ -153,8 +151,14 @@ def main() -> None:
         rclpy.try_shutdown()
     for replay, written in zip(replays, reports, strict=True):
         mass, page = written.result()
-        apart = abs(replay.estimates[-1].inertia.m - mass)
-        console.print(f"{replay.act.title}: `poise identify` says {mass:.4f} kg, {apart:.0e} kg apart.", soft_wrap=True)
+        estimate = replay.estimates[-1]
+        apart = abs(estimate.inertia.m - mass)
+        share = apart / estimate.covariance[0] ** 0.5
+        console.print(
+            f"{replay.act.title}: live {estimate.inertia.m:.4f} kg, `poise identify` {mass:.4f} kg; "
+            f"they differ by {apart:.0e} kg, {share:.0e} of one sigma.",
+            soft_wrap=True,
+        )
         console.print(f"  report: {page}", soft_wrap=True)
     console.print(f"The motion in 3-D: .venv/bin/rerun {OUT.relative_to(ROOT)}/*/identification.rrd", soft_wrap=True)
 

@@ -17,10 +17,8 @@ from poise.inertia.pipeline import Identification, identify
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import home
-from poise.viewing import assembly_figures, figures
-from poise.viewing.canvas import STYLE, Panel, sheet
-from poise.viewing.excitation_figures import excitation_panels
-from poise.viewing.report import write_identification_report
+from poise.viewing import assembly_figures, excitation_panels, figures, write_identification_report
+from poise.viewing.canvas import STYLE, Panel, sheet, write_picture
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
@@ -81,7 +79,7 @@ def save_assembly() -> None:
         ("mechanism", assembly_figures.mechanism_panel(analysis, pushes[weakest], results[weakest])),
         ("acceleration_limits", assembly_figures.limits_panel(acceleration_limits(analysis))),
     ):
-        path = assembly_figures.write_picture(panel, PICTURES / f"{name}.png")
+        path = write_picture([panel], PICTURES / f"{name}.png")
         print(f"{path.relative_to(ROOT)}: {path.stat().st_size // 1024} KiB")
 
 

@@ -12,7 +12,6 @@ from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis, diagnose
 from poise.mismatch.reading import (
     ModelEffect,
-    Motion,
     NominalModel,
     parse_model,
     read_recording,
@@ -23,7 +22,7 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
-from poise.viewing.mismatch_report import write_mismatch_report
+from poise.viewing import write_mismatch_report
 
 NOISE = np.repeat([0.1, 0.005], 3)
 CONTACT = {"start": 12.3, "length": 1.8, "x": 0.0, "y": 0.0, "z": 0.17} | {
@@ -55,7 +54,7 @@ def diagnosed(effects: Effects, chained: bool) -> Diagnosis:
     seconds = np.arange(0.0, 30.0, 0.01)
     motion = FourierTrajectory.random(robot, np.random.default_rng(4), duration=30.0, speed=0.35)
     phi = InertialParameters(2.1, np.array([0.01, 0.0, 0.1]), np.diag([0.02, 0.02, 0.01])).phi
-    recorded = recorded_from_motion(robot, seconds, Motion(*motion.at(seconds)), phi)
+    recorded = recorded_from_motion(robot, seconds, motion.at(seconds), phi)
     components = [ModelEffect(name, values, np.zeros((len(values), len(values)))) for name, values in effects]
     said = with_model_effects(recorded, components, events=True).prediction + (chain(recorded) if chained else 0.0)
     wrench = said + np.random.default_rng(5).normal(size=said.shape) * NOISE
@@ -63,7 +62,7 @@ def diagnosed(effects: Effects, chained: bool) -> Diagnosis:
 
 
 def shaken() -> Diagnosis:
-    """The committed recording of a KUKA arm that somebody knocks at; its load as the static poses weigh it."""
+    """The committed recording of a KUKA arm that a person knocks; its load as identified from the static poses."""
     model = parse_model({"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}})
     reading = read_recording(open_recording(SHAKEN), model)
     return diagnose(reading.recorded, reading.model)

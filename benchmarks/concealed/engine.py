@@ -1,4 +1,4 @@
-"""MuJoCo moves the robot as it is told, integrates what moves freely, and measures the wrench on the sensor."""
+"""MuJoCo moves the robot along the command, integrates what moves freely, and measures the wrench on the sensor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,12 +82,12 @@ class Engine:
         log = _empty_log(seconds, (position[:, 6:], velocity[:, 6:], acceleration[:, 6:]))
         links = [model.body(name).id for name in ARM_LINKS]
         at, rate, force = data.qpos[:DRIVEN], data.qvel[:DRIVEN], data.qfrc_applied[:DRIVEN]
-        told, sensors = acceleration * ARMATURE, data.sensordata
+        drive, sensors = acceleration * ARMATURE, data.sensordata
         axes, inner = data.cdof[6:DRIVEN], data.cfrc_int
         pushing = [change for change in self.changes if type(change).push is not Change.push]
         rotations = log.rotation_world_sensor.reshape(-1, 9)
         for k, t in enumerate(seconds.tolist()):
-            at[:], rate[:], force[:] = position[k], velocity[k], told[k]
+            at[:], rate[:], force[:] = position[k], velocity[k], drive[k]
             if pushing:
                 data.xfrc_applied[self.load] = 0.0
                 _update_places(model, data)
@@ -143,7 +143,7 @@ class Engine:
         return inertia
 
     def _driven(self, seconds: Array) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration (K, DRIVEN) that the robot is told, unreported motion included."""
+        """Position, velocity, acceleration (K, DRIVEN) of the command, unreported motion included."""
         arm, base = self.motion.arm(seconds), self.motion.base(seconds)
         driven = []
         for order in range(3):

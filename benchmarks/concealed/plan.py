@@ -11,7 +11,7 @@ from benchmarks.concealed.twins import TWINS
 
 SEEDS = {"development": 4_021, "calibration": 60_313, "final": 91_177}
 """First number of every chance. The tool is worked on with `development`, its probabilities come from `calibration`;
-nothing is tuned on `final`, and nobody looks at it before a release."""
+nothing is tuned on `final`, and it is not looked at before a release."""
 
 Item = TypeVar("Item")
 
@@ -52,7 +52,7 @@ PAIRS = (
 
 
 def draw_plans(seeds: str, cases: int) -> list[Plan]:
-    """All cases in the order of their numbers, which tells nothing.
+    """All cases in the order of their numbers, which carries no information.
 
     Args:
         seeds: development or final.
@@ -90,6 +90,6 @@ def _of_kind(kind: str, count: int, rng: np.random.Generator) -> list[tuple[str,
 
 
 def _turns(items: Sequence[Item], count: int, rng: np.random.Generator) -> list[Item]:
-    """`count` items, each as often as any other but for one."""
+    """`count` items; the counts of any two differ by one at most."""
     rounds = [rng.permutation(len(items)) for _ in range(count // len(items) + 1)]
     return [items[index] for index in np.concatenate(rounds)[:count].tolist()]

@@ -1,4 +1,4 @@
-"""The picture of docs/concealed.md: what six effects do to one and the same motion, beside the noise."""
+"""The picture of docs/concealed.md: the wrenches of six effects on one motion, with the noise for comparison."""
 
 import sys
 from pathlib import Path

@@ -56,7 +56,7 @@ class Recorded:
         return float(np.interp(time, self.taken, self.clock) - self.clock[0])
 
     def write(self, path: Path) -> None:
-        """The bag; nothing in it tells one case from another."""
+        """The bag; nothing in it identifies the case."""
         write_recording(path, self.streams, robot_description=description())
 
 

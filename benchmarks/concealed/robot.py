@@ -29,7 +29,7 @@ DRIVEN = len(BASE_AXES) + len(ARM_JOINTS)
 SPEED_LIMITS = np.array([2.09, 2.09, 3.14, 3.14, 3.14, 3.14])  # rad/s, of the URDF
 
 ARMATURE = 1e12
-"""kg m2 (or kg) added to every driven joint: it follows the acceleration that it is told to 1e-9, whatever pulls.
+"""kg m2 (or kg) added to every driven joint: it follows the commanded acceleration to 1e-9 under any load.
 
 The force sensor does not see it: MuJoCo leaves armature out of the forces between bodies.
 """

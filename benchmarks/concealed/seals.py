@@ -27,7 +27,7 @@ class Sealed:
 
 
 def sealed(label: dict[str, Any]) -> Sealed:
-    """A label with a salt that nobody can guess."""
+    """A label with a random salt."""
     return Sealed(secrets.token_hex(32), json.loads(json.dumps(label, allow_nan=False)))
 
 

@@ -62,7 +62,7 @@ class Verdict:
         first: the first name, or the verdict where there is none.
         right: the kind's own question is answered right (see `judge`).
         extra: a name that is not true.
-        says_so: of twins: the other one is listed as not to be told apart.
+        says_so: of twins: the other one is listed as indistinguishable.
         dependency: of what is outside the library: a state on which it does depend is named.
         overlap: of `contact`: intersection over union of the windows.
         time_error: s, of `mass_step`.

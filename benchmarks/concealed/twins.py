@@ -14,7 +14,7 @@ from benchmarks.concealed.scene import Scene
 from poise.types import Array
 
 Twin = tuple[list[Change], list[str], Motion]
-"""The changes, the names that are as right as theirs, and the motion that cannot tell them apart."""
+"""The changes, the names that are as right as theirs, and the motion that does not distinguish them."""
 
 
 def upright_load(scene: Scene, strength: float, rng: np.random.Generator) -> Twin:

@@ -18,7 +18,7 @@ def bounds(trial: Trial) -> dict[str, Array]:
     """(3,) the least mean e_m, e_c, e_I in % that an estimator without systematic error can have, for each of `BOUNDS`.
 
     The third has a prior: an estimator that believes in the same parts may fall below the first two; where the parts
-    are wrong (rubber over a metal shaft) nobody reaches it.
+    are wrong (rubber over a metal shaft) no estimator reaches it.
     """
     truth, box = trial.subject.truth, trial.subject.bounding_box
     noisy = fisher_information(trial, exact_motion=False)
@@ -32,7 +32,7 @@ def bounds(trial: Trial) -> dict[str, Array]:
 
 
 def fisher_information(trial: Trial, *, exact_motion: bool) -> Array:
-    """(10, 10) what the samples tell about phi, an unknown bias eliminated.
+    """(10, 10) the information of the samples on phi, an unknown bias eliminated.
 
     With accelerations as unknowns of their own, measured once with their noise, what is left for phi is the
     information in the wrench with the noise that they bring: A^T (S_w + J S_a J^T)^-1 A, J the derivative of the

@@ -120,7 +120,7 @@ def run(experiment: Experiment, seeds: Iterable[int], advance: Callable[[], None
 
 
 def warm_up(experiment: Experiment) -> None:
-    """Nobody's first call pays for loading libraries."""
+    """Load the libraries before the first timed call."""
     trial = make_trial(experiment.subjects[0], experiment.scenarios[0], 0)
     for method in experiment.methods.values():
         try:

@@ -20,7 +20,7 @@ DURATION = 35.0  # s, of the thesis' motion; shorter ones are pieces of it
 TURNS = Rotation.from_euler("x", [[90], [-90], [0]], degrees=True).as_matrix()
 OFFSETS = np.array([[0.0, 0.0, 0.163941], [0.0, 0.0, 0.1157], [0.0, 0.0, 0.0922]])
 SENSOR_ON_FLANGE = np.array([0.0, 0.0, 0.0375])  # m, the height of a Robotiq FT-300
-# The axis of joint 4 lies level, as it does on this robot whatever the first three joints do.
+# The axis of joint 4 lies level, as it does on this robot for all positions of the first three joints.
 ROTATION_WORLD_WRIST = Rotation.from_euler("x", 90, degrees=True).as_matrix()
 
 

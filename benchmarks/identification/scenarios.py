@@ -15,14 +15,14 @@ from poise.inertia.model.spread_points import spread
 from poise.robot import SensorMotion
 from poise.types import Array
 
-# Thesis tables 3.2 and 3.7 (one and the same). Its code has 0.2 N and 0.01 N m for `high`; the print is followed.
+# Thesis tables 3.2 and 3.7 (which are equal). Its code has 0.2 N and 0.01 N m for `high`; the print is followed.
 NOISE = {
     "no": NoiseLevels(force=0.0, torque=0.0, linear_acceleration=0.0, angular_acceleration=0.0),
     "low": NoiseLevels(force=0.05, torque=0.0025, linear_acceleration=0.025, angular_acceleration=0.25),
     "moderate": NoiseLevels(force=0.1, torque=0.005, linear_acceleration=0.05, angular_acceleration=0.5),
     "high": NoiseLevels(force=0.33, torque=0.0067, linear_acceleration=0.1, angular_acceleration=1.0),
 }
-# Methods are told the noise; where there is none they get what rounding and drift leave in any sensor.
+# Methods know the noise; without noise they get what rounding and drift leave in any sensor.
 TOLD_WITHOUT_NOISE = NoiseLevels(force=5e-4, torque=2.5e-5, linear_acceleration=2.5e-4, angular_acceleration=2.5e-3)
 FORCE_BIAS, TORQUE_BIAS = 0.5, 0.02  # N, N m: one standard deviation per axis, where a scenario has a bias
 
@@ -32,7 +32,7 @@ POINT_DENSITY = 0.04e6  # point masses per m3 (thesis section 3.1.4)
 # Small tools would get no point at all at that density; they get as many as the thesis' object had.
 MIN_POINTS = 56
 
-# Seeds that methods may be tuned on, and those that the final figures come from and nobody has looked at before.
+# Seeds that methods may be tuned on, and fresh ones for the final figures.
 DEVELOPMENT_SEEDS = range(0, 8)
 FINAL_SEEDS = range(7_100, 7_108)
 
@@ -45,7 +45,7 @@ class Scenario:
         name: for tables.
         speed: mean angular speed of a 1.5 s wrist motion, rad/s; None for the tool's own stop-and-go motion.
         noise: a key of `NOISE`.
-        bias: the sensor reads something with nothing on it, unknown, drawn anew each time.
+        bias: the sensor reads something with nothing on it, unknown, drawn for each trial.
         delay: of the wrench against the kinematics, s: wrench stamps are late by this much.
     """
 
@@ -81,11 +81,11 @@ def make_trial(subject: BenchmarkObject, scenario: Scenario, seed: int) -> Trial
     """
     rng = np.random.default_rng([seed, *subject.name.encode()])
     motion, wrench_at = _truth(subject, scenario, rng)
-    told, level = _told(scenario), NOISE[scenario.noise]
+    given, level = _given(scenario), NOISE[scenario.noise]
     clean = IdentificationProblem.from_motion(
         motion,
         wrench_at(motion.seconds),
-        noise=told,
+        noise=given,
         unit_parts=subject.unit_parts,
         part_volumes=subject.part_volumes,
         shape_points=point_masses(subject),
@@ -106,7 +106,7 @@ def point_masses(subject: BenchmarkObject) -> Array:
     return spread(subject.points, max(MIN_POINTS, round(POINT_DENSITY * subject.volume)))
 
 
-def _told(scenario: Scenario) -> NoiseLevels:
+def _given(scenario: Scenario) -> NoiseLevels:
     level = TOLD_WITHOUT_NOISE if scenario.noise == "no" else NOISE[scenario.noise]
     return replace(level, force_bias=FORCE_BIAS, torque_bias=TORQUE_BIAS) if scenario.bias else level
 

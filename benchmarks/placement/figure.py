@@ -1,4 +1,4 @@
-"""The pictures of docs/placement.md: `python -m benchmarks.placement.figure`, from scenes placed anew and the results.
+"""The pictures of docs/placement.md: `python -m benchmarks.placement.figure`, from new placements and the results.
 
 - placement.png: the nine scenes, each with the cube where it was put.
 - placement_growth.png: time against vertices and objects, from out/benchmarks/placement_growth.json.
@@ -35,7 +35,7 @@ def scene_panel(name: str) -> Panel:
 
     def draw(figure: FigureBase) -> None:
         stage(figure, assembly, (0, 0, 1, 0.9), colours={assembly.index[found.item.id]: PLACED})
-        figure.text(0.04, 0.92, f"{name}, {found.merit.least:.2f} N", fontsize=10.5, color=PALETTE["ink"])
+        figure.text(0.04, 0.92, f"{name}, {found.score.least:.2f} N", fontsize=10.5, color=PALETTE["ink"])
 
     return Panel(name, f"{name}: the cube where it was put.", draw, SIZE)
 

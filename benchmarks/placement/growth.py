@@ -20,7 +20,7 @@ from poise.baselines.placement.engine import holds
 from poise.errors import NoAnswerError
 from poise.files import write_whole
 from poise.placement import Options, plan_placement, plan_sequence
-from poise.placement.planner import PLACES
+from poise.placement.planner import SUPPORT_PLACES
 from poise.placement.supports import find_supports
 
 VERTICES = (500, 1000, 2000, 5000, 10_000, 20_000, 40_000)
@@ -51,7 +51,7 @@ def timed(assembly: Assembly, item: RigidObject, seed: int) -> Row:
     analysis = Analysis.of(assembly)
     analysis.require_stable()
     ready = time.process_time()
-    find_supports(analysis, "objects", "limit", PLACES, 0.2, np.random.default_rng(seed))
+    find_supports(analysis, "objects", "limit", SUPPORT_PLACES, 0.2, np.random.default_rng(seed))
     mapped = time.process_time()
     try:
         plan_placement(analysis, item, Options(on="objects"), seed)

@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
 from poise.assembly.models.limit import limit
-from poise.assembly.statics.deadline import NEVER_LATE
+from poise.assembly.statics.deadline import NO_DEADLINE
 from poise.assembly.statics.pushes import Loads
 from poise.baselines.placement.engine import Engine, holds
 from poise.errors import PoiseError
@@ -74,8 +74,8 @@ def run(scene: str, assembly: Assembly, item: RigidObject, planner: str, seed: i
         found.seconds * share,
         found.iterations,
         weakest_wrench(found.analysis),
-        found.merit.least,
-        found.merit.volume,
+        found.score.least,
+        found.score.volume,
         holds(there),
         shaken(found, seed) if robust else NAN,
     )
@@ -93,7 +93,7 @@ def weakest_wrench(analysis: Analysis) -> float:
             places += [place, place]
     count = len(places)
     return float(
-        limit(analysis, Loads(np.arange(count), np.array(places), np.array(questions), count), NEVER_LATE).lower.min()
+        limit(analysis, Loads(np.arange(count), np.array(places), np.array(questions), count), NO_DEADLINE).lower.min()
     )
 
 

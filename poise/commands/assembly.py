@@ -12,26 +12,21 @@ from rich.table import Table
 from poise.assembly import Analysis, acceleration_limits, assess, plan_disassembly, robustness_map
 from poise.assembly.robustness import ROBUSTNESS_MODELS, AccelerationLimits, Assessment, RobustnessMap
 from poise.commands.assembly_pictures import (
-    PictureOption,
     RerunOption,
+    ScenePictureOption,
     draw_limits,
     draw_map,
     draw_pushes,
     refuse_folders,
 )
 from poise.commands.loads import LoadModelOption, LoadOption, LoadPoseOption, least_limits, loaded
-from poise.commands.output import console, number_for_json, refuse_folder, warn, write_json
+from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, warn, write_json
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
-from poise.commands.scenes import open_scene
+from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.types import Array
 
-SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
-QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow together."
+_QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow together."
 DeadlineOption = Annotated[
     float | None,
     typer.Option("--deadline", help="s; what is certified by then is returned.", show_default=False, min=0.0),
@@ -42,7 +37,7 @@ def robustness(
     scene: SceneArgument,
     queries: Annotated[
         Path | None,
-        typer.Option("--queries", metavar="FILE", help=QUERIES_HELP, show_default=False),
+        typer.Option("--queries", metavar="FILE", help=_QUERIES_HELP, show_default=False),
     ] = None,
     surface: Annotated[bool, typer.Option("--map", help="Pushes inward all over the surface instead.")] = False,
     points: Annotated[int, typer.Option("--points", help="Of the map.", min=1, max=1_000_000)] = 10_000,
@@ -52,7 +47,7 @@ def robustness(
     ] = None,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
-    picture: PictureOption = None,
+    picture: ScenePictureOption = None,
     rerun: RerunOption = None,
 ) -> None:
     """Compute the force that each object of a scene withstands before something moves.
@@ -96,7 +91,7 @@ def msa(
     load_pose: LoadPoseOption = None,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
-    picture: PictureOption = None,
+    picture: ScenePictureOption = None,
     rerun: RerunOption = None,
 ) -> None:
     """Compute the maximum safe acceleration of a base in each direction.

@@ -10,7 +10,7 @@ from poise.assembly import Analysis, Push
 from poise.assembly.robustness import AccelerationLimits, Assessment, RobustnessMap
 from poise.commands.output import console, refuse_folder
 
-PictureOption = Annotated[
+ScenePictureOption = Annotated[
     Path | None,
     typer.Option("--picture", metavar="FILE", help="Draw the answer: a PNG, SVG or PDF.", show_default=False),
 ]
@@ -39,16 +39,16 @@ def draw_pushes(
     """The collapse mechanism of the weakest push; without pushes, the contact interface graph."""
     results = found.results if found.stable else ()
     if picture is not None:
-        from poise.viewing.assembly_figures import graph_panel, mechanism_panel, write_picture
+        from poise.viewing import graph_panel, mechanism_panel, write_picture
 
         if results:
             weakest = min(range(len(results)), key=lambda row: results[row].robustness)
             panel = mechanism_panel(analysis, pushes[weakest], results[weakest])
         else:
             panel = graph_panel(analysis)
-        _say(write_picture(panel, picture), json_target)
+        _say(write_picture([panel], picture), json_target)
     if rerun is not None:
-        from poise.viewing.assembly_recording import write_assembly_recording
+        from poise.viewing import write_assembly_recording
 
         shown = pushes if results else ()
         _say(write_assembly_recording(rerun, analysis, shown, results), json_target)
@@ -57,11 +57,11 @@ def draw_pushes(
 def draw_map(found: RobustnessMap, picture: Path | None, rerun: Path | None, json_target: str | None) -> None:
     """The coloured surface."""
     if picture is not None:
-        from poise.viewing.assembly_figures import map_panel, write_picture
+        from poise.viewing import map_panel, write_picture
 
-        _say(write_picture(map_panel(found), picture), json_target)
+        _say(write_picture([map_panel(found)], picture), json_target)
     if rerun is not None:
-        from poise.viewing.assembly_recording import write_assembly_recording
+        from poise.viewing import write_assembly_recording
 
         _say(write_assembly_recording(rerun, found.analysis, found_map=found), json_target)
 
@@ -75,11 +75,11 @@ def draw_limits(
 ) -> None:
     """The polar plot of the acceleration limits."""
     if picture is not None:
-        from poise.viewing.assembly_figures import limits_panel, write_picture
+        from poise.viewing import limits_panel, write_picture
 
-        _say(write_picture(limits_panel(found), picture), json_target)
+        _say(write_picture([limits_panel(found)], picture), json_target)
     if rerun is not None:
-        from poise.viewing.assembly_recording import write_assembly_recording
+        from poise.viewing import write_assembly_recording
 
         _say(write_assembly_recording(rerun, analysis, limits=found), json_target)
 

@@ -6,18 +6,16 @@ from typing import Annotated, Any
 import typer
 
 from poise.assembly import RigidObject, write_scene
-from poise.commands.assembly_pictures import PictureOption, refuse_folders
-from poise.commands.output import console, number_for_json, write_json
+from poise.commands.assembly_pictures import ScenePictureOption, refuse_folders
+from poise.commands.output import JsonOption, console, number_for_json, write_json
 from poise.commands.place import (
     AttemptsOption,
     CandidatesOption,
-    JsonOption,
     KeepFreeOption,
     OnOption,
     OutputOption,
+    PlacementSeedOption,
     RobustOption,
-    SceneArgument,
-    SeedOption,
     content_of,
     failure_of,
     looks_of,
@@ -25,7 +23,7 @@ from poise.commands.place import (
     say,
     watching,
 )
-from poise.commands.scenes import open_scene
+from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import NoAnswerError
 from poise.manipulation import Arm, Limits, Reach, Transfer, plan_transfer, pose_of, require_room, standing_at
 from poise.placement import Options, Uncertainty, plan_placement
@@ -44,8 +42,8 @@ BaseOption = Annotated[
     tuple[float, float, float, float],
     typer.Option("--base", metavar="X Y Z YAW", help="Where the robot stands in the scene, m and rad."),
 ]
-TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the URDF between the finger tips, z out of the hand.")]
-SpeedOption = Annotated[float, typer.Option("--speed", help="m/s of the tool at the most.", min=0.01, max=2.0)]
+_TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the URDF between the finger tips, z out of the hand.")]
+_SpeedOption = Annotated[float, typer.Option("--speed", help="m/s of the tool at the most.", min=0.01, max=2.0)]
 WaysOption = Annotated[float, typer.Option("--seconds", help="s for looking for ways of the arm.", min=0.1)]
 
 
@@ -54,17 +52,17 @@ def carry(
     spec: SpecOption,
     robot: RobotOption = "fr3",
     base: BaseOption = (0.0, 0.0, 0.0, 0.0),
-    tcp: TcpOption = "tcp",
-    seed: SeedOption = 0,
+    tcp: _TcpOption = "tcp",
+    seed: PlacementSeedOption = 0,
     attempts: AttemptsOption = 500,
     candidates: CandidatesOption = 1,
     on: OnOption = "any",
     robust: RobustOption = False,
-    speed: SpeedOption = 0.5,
+    speed: _SpeedOption = 0.5,
     seconds: WaysOption = 10.0,
     keep_free: KeepFreeOption = None,
     output: OutputOption = None,
-    picture: PictureOption = None,
+    picture: ScenePictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Plan the arm motion that picks up an object and places it where it stays.
@@ -102,10 +100,9 @@ def carry(
 
 
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:
-    from poise.viewing.assembly_figures import write_picture
-    from poise.viewing.carrying_figures import transfer_panel
+    from poise.viewing import transfer_panel, write_picture
 
-    return write_picture(transfer_panel(reach, transfer, placed), picture)
+    return write_picture([transfer_panel(reach, transfer, placed)], picture)
 
 
 def _content(reach: Reach, transfer: Transfer) -> dict[str, Any]:

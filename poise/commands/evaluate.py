@@ -10,7 +10,6 @@ from rich.table import Table
 
 from poise.commands.identify import (
     GravityOption,
-    JsonOption,
     MaxForceOption,
     MaxTorqueOption,
     MethodOption,
@@ -20,14 +19,15 @@ from poise.commands.identify import (
     as_json,
     weigh,
 )
-from poise.commands.output import console, refuse_folder, write_json
-from poise.errors import ErrorCode, InputError, PoiseError
+from poise.commands.output import JsonOption, console, refuse_folder, write_json
+from poise.errors import PoiseError
 from poise.inertia.estimators import DEFAULT_METHOD
-from poise.viewing.wording import readable, rounded
+from poise.recording import find_recordings
+from poise.viewing import readable, rounded
 
 
 def evaluate(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds .mcap recordings.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds recordings.", show_default=False)],
     method: MethodOption = DEFAULT_METHOD,
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,
@@ -44,7 +44,7 @@ def evaluate(
     Example:  poise evaluate bags --json payloads.json
     """
     refuse_folder(json_target, "--json")
-    bags = find_bags(folder)
+    bags = find_recordings(folder)
     status = 0
     results: list[dict[str, Any]] = []
     for bag in bags:
@@ -58,23 +58,6 @@ def evaluate(
     write_json(json_target, {"recordings": results})
     console(json_target).print(_table(results))
     return status
-
-
-def find_bags(folder: Path) -> list[Path]:
-    """The .mcap files of a folder, by name.
-
-    Raises:
-        InputError: FILE_UNREADABLE when it is no folder or may not be read, EMPTY when it holds none.
-    """
-    try:
-        bags = sorted(path for path in folder.iterdir() if path.suffix == ".mcap")
-    except OSError as error:
-        raise InputError(
-            ErrorCode.FILE_UNREADABLE, f"cannot look into {folder}: {error.strerror}; give a folder with .mcap files"
-        ) from error
-    if not bags:
-        raise InputError(ErrorCode.EMPTY, f"{folder} holds no .mcap file: give the folder with the recordings")
-    return bags
 
 
 def _table(results: list[dict[str, Any]]) -> Table:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from poise.assembly.scene import load_mesh
-from poise.commands.output import console, refuse_folder, write_json
+from poise.commands.output import JsonOption, console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
 from poise.excitation import (
     COLLABORATIVE_SPEED,
@@ -21,8 +21,8 @@ from poise.excitation import (
     plan_excitation,
     plan_stop_and_go,
     tool_centre,
+    write_plan,
 )
-from poise.excitation.plan_file import write_plan
 from poise.inertia.model import Parts, about_com_jacobian
 from poise.robot import RobotModel
 from poise.simulation import home
@@ -60,10 +60,6 @@ OutOption = Annotated[
 ]
 PictureOption = Annotated[
     Path | None, typer.Option("--picture", metavar="FILE", help="Draw it (PNG or SVG).", show_default=False)
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write what is known of it; - for stdout.", show_default=False),
 ]
 
 
@@ -105,12 +101,15 @@ def excite(
     begin = home(model) if start is None else _numbers(start)
     planner = plan_stop_and_go if stop_and_go else plan_excitation
     with Progress(console=people, transient=True) as bar:
-        tell = partial(bar.update, bar.add_task("planning", total=1.0))
-        plan = planner(model, begin, guard, limits, options, parts=parts, progress=lambda share: tell(completed=share))
+        show = partial(bar.update, bar.add_task("planning", total=1.0))
+        plan = planner(model, begin, guard, limits, options, parts=parts, progress=lambda done: show(completed=done))
     kind = "stop_and_go" if stop_and_go else "excitation"
     remark = f"{kind} of {robot}: poise excite, seed {seed}, at most {speed:g} m/s"
     written = [] if out is None else [write_plan(out, plan, remark)]
-    written += [] if picture is None else [draw(picture, model, plan, guard, speed)]
+    if picture is not None:
+        from poise.viewing import excitation_panels, write_picture  # drawing libraries load slowly
+
+        written.append(write_picture(excitation_panels(model, plan, guard, speed), picture, columns=2))
     write_json(json_target, {"robot": robot, "kind": kind, "speed_limit": speed, **as_json(plan)})
     _say(people, plan, speed, written)
 
@@ -150,30 +149,6 @@ def sentences(plan: ExcitationPlan, limit: float) -> list[str]:
         f"{plan.information:.0f} nats; of a payload of {plan.belief.phi[0]:g} kg it would leave unknown, one sigma:"
         f" {plan.mass_std * 1e3:.2g} g, {1e3 * float(np.max(about_com[:3])):.2g} mm, {1e6 * diagonal:.2g} kg mm²",
     ]
-
-
-def draw(path: Path, model: RobotModel, plan: ExcitationPlan, guard: Guard, limit: float) -> Path:
-    """Write the picture.
-
-    Raises:
-        InputError: UNSUPPORTED for another kind of file, FILE_UNWRITABLE.
-    """
-    # Drawing libraries load slowly: only now.
-    import io
-
-    import matplotlib as mpl
-
-    from poise.files import write_whole
-    from poise.viewing.canvas import STYLE, sheet
-    from poise.viewing.excitation_figures import excitation_panels
-
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in ("png", "svg"):
-        raise InputError(ErrorCode.UNSUPPORTED, f"--picture {path}: give a name that ends in .png or .svg")
-    content = io.BytesIO()
-    with mpl.rc_context(STYLE):
-        sheet(excitation_panels(model, plan, guard, limit), 2).savefig(content, dpi=108, format=kind)
-    return write_whole(path, content.getvalue())
 
 
 def _guard(tcp: Array, radius: float, mesh: Path | None) -> tuple[Guard, Parts | None]:

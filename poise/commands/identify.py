@@ -11,7 +11,16 @@ from rich.table import Table
 
 from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
 from poise.commands.identify_model import say, told, without_effects
-from poise.commands.output import add_scene, console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import (
+    BAG_HELP,
+    JsonOption,
+    add_scene,
+    console,
+    progress_bar,
+    refuse_folder,
+    warn,
+    write_json,
+)
 from poise.errors import ErrorCode, InputError
 from poise.inertia.estimators import AUTO, DEFAULT_METHOD, all_estimators
 from poise.inertia.model import ObjectShape, load_object
@@ -19,8 +28,7 @@ from poise.inertia.pipeline import Identification
 from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
-from poise.viewing.summary import parameter_rows
-from poise.viewing.wording import readable, rounded
+from poise.viewing import parameter_rows, readable, rounded
 
 MethodOption = Annotated[
     str,
@@ -83,10 +91,6 @@ MaxForceOption = Annotated[
     typer.Option("--max-force", help="Range of the sensor, N: what reaches it is not used.", show_default=False),
 ]
 MaxTorqueOption = Annotated[float, typer.Option("--max-torque", help="The same, N m.", show_default=False)]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
 
 
 ReportOption = Annotated[
@@ -106,8 +110,11 @@ ModelOption = Annotated[
 ]
 
 
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP, show_default=False)]
+
+
 def identify(
-    bag: Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file, or a rosbag2 folder.", show_default=False)],
+    bag: BagArgument,
     object_file: ObjectOption = None,
     method: MethodOption = DEFAULT_METHOD,
     object_pose: ObjectPoseOption = None,
@@ -261,8 +268,7 @@ def write_report(folder: Path, bag: Path, answer: Identification) -> list[Path]:
         InputError: FILE_UNWRITABLE.
     """
     # Drawing libraries load slowly: only now.
-    from poise.viewing.report import write_identification_report
-    from poise.viewing.rerun_scene import write_identification_recording
+    from poise.viewing import write_identification_recording, write_identification_report
 
     written = [write_identification_report(folder, answer, title=f"Payload of {bag.name}", source=str(bag))]
     return add_scene(written, lambda: write_identification_recording(folder / "identification.rrd", answer))

@@ -1,4 +1,4 @@
-"""What commands hand over: strict JSON, written whole or not at all, and tables for people."""
+"""Output of commands: strict JSON, written whole or not at all, and tables for people."""
 
 import json
 import math
@@ -6,9 +6,10 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
@@ -17,6 +18,11 @@ from poise.files import write_whole
 
 STDOUT = "-"
 PAGE_WIDTH = 120
+JsonOption = Annotated[
+    str | None,
+    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
+]
+BAG_HELP = "A recording: .mcap, .db3, rosbag2 folder, ROS 1 .bag, or a table with columns.yaml."
 
 
 def console(json_target: str | None) -> Console:
@@ -28,13 +34,13 @@ def console(json_target: str | None) -> Console:
 
 
 def warn(message: str) -> None:
-    """Say on stderr, in one line, what the answer has to be read with."""
+    """Print one line on stderr that qualifies the answer."""
     print(f"poise: warning: {message}", file=sys.stderr)
 
 
 @contextmanager
 def progress_bar(words: str) -> Iterator[Callable[[float], None]]:
-    """A bar on stderr while a job runs, on a terminal; is told the share that is done."""
+    """A progress bar on stderr while a job runs on a terminal; call it with the completed share, 0 to 1."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     screen = Console(stderr=True)
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
@@ -81,7 +87,7 @@ def write_json(target: str | None, content: dict[str, Any]) -> None:
 
 
 def refuse_folder(target: str | None, option: str) -> None:
-    """Say early, before anything is computed, that a file cannot be written where a folder is.
+    """Refuse a folder as the target of a file before anything is computed.
 
     Raises:
         InputError: FILE_UNWRITABLE.
@@ -96,7 +102,7 @@ def number_for_json(value: float) -> float | str:
 
 
 def add_scene(written: list[Path], write: Callable[[], Path]) -> list[Path]:
-    """What was written, with a Rerun scene where rerun is installed; otherwise a warning says that it is not.
+    """The written files, with a Rerun scene if rerun is installed; otherwise warn that it is missing.
 
     Raises:
         InputError: FILE_UNWRITABLE.

@@ -15,27 +15,26 @@ from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from poise.assembly import RigidObject, write_scene
 from poise.assembly.scene import read_object
-from poise.commands.output import console, number_for_json, refuse_folder, write_json
-from poise.commands.scenes import open_scene
+from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, write_json
+from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.placement import (
     CRITERIA,
     DEFAULT_PLANNER,
     PLACEMENT_PLANNERS,
     KeptFree,
-    Look,
     Options,
     Placement,
+    PlacementProgress,
     PlacementSequence,
-    Progress,
+    PoseTest,
     Uncertainty,
     plan_sequence,
 )
 
-MOST_BYTES = 1_000_000
+_MOST_BYTES = 1_000_000
 
 
-SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
 SpecsOption = Annotated[
     list[str],
     typer.Option(
@@ -46,9 +45,9 @@ SpecsOption = Annotated[
         show_default=False,
     ),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)]
+PlacementSeedOption = Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)]
 AttemptsOption = Annotated[int, typer.Option("--attempts", help="Poses to test at the most.", min=1)]
-DeadlineOption = Annotated[
+_DeadlineOption = Annotated[
     float | None, typer.Option("--deadline", help="s; the best found by then is taken.", show_default=False)
 ]
 CandidatesOption = Annotated[
@@ -75,18 +74,14 @@ OutputOption = Annotated[
     Path | None,
     typer.Option("--save", metavar="FILE", help="Write the scene with the object in it.", show_default=False),
 ]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
-]
 
 
 def place(
     scene: SceneArgument,
     specs: SpecsOption,
-    seed: SeedOption = 0,
+    seed: PlacementSeedOption = 0,
     attempts: AttemptsOption = 500,
-    deadline: DeadlineOption = None,
+    deadline: _DeadlineOption = None,
     candidates: CandidatesOption = 3,
     criterion: CriterionOption = "least",
     on: OnOption = "any",
@@ -132,7 +127,7 @@ def place(
     say(people, found)
 
 
-def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, Look], ...]:
+def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, PoseTest], ...]:
     """For `Options.looks`: the room that the option names stays free."""
     if keep_free is None:
         return ()
@@ -140,12 +135,12 @@ def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, Look], ...
 
 
 @contextmanager
-def watching(people: Console, attempts: int) -> Iterator[Callable[[Progress], bool]]:
+def watching(people: Console, attempts: int) -> Iterator[Callable[[PlacementProgress], bool]]:
     """A line that says how far the search is."""
     with Bar(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=people) as bar:
         task = bar.add_task("looking", total=None)
 
-        def tell(progress: Progress) -> bool:
+        def tell(progress: PlacementProgress) -> bool:
             found = "" if progress.best is None else ", one that stays is found"
             bar.update(task, description=f"pose {progress.iteration} of up to {attempts}{found}")
             return True
@@ -161,7 +156,7 @@ def say(people: Console, found: Placement | PlacementSequence) -> None:
         turn = f"{number + 1}. " if len(placements) > 1 else ""
         where = f"x {x:.4f} y {y:.4f} z {z:.4f} m, quaternion {np.round(quaternion, 4).tolist()}"
         people.print(f"{turn}{placement.item.id} stays at {where}")
-    people.print(f"least robustness of the assembly then: {found.merit.least:.3g} N")
+    people.print(f"least robustness of the assembly then: {found.score.least:.3g} N")
     counts = sum((Counter(placement.rejected) for placement in placements), Counter[str]())
     rejected = ", ".join(f"{count} {why}" for why, count in counts.most_common())
     tested = sum(placement.iterations for placement in placements)
@@ -175,15 +170,15 @@ def failure_of(error: NoAnswerError) -> dict[str, Any]:
 
 def content_of(found: Placement) -> dict[str, Any]:
     """The answer for programs."""
-    return _one(found) | {"robustness": number_for_json(found.merit.least), "volume": found.merit.volume}
+    return _one(found) | {"robustness": number_for_json(found.score.least), "volume": found.score.volume}
 
 
 def _sequence_content(found: PlacementSequence) -> dict[str, Any]:
     return {
         "order": list(found.order),
         "placements": [{"id": one.item.id} | _one(one) for one in found.placements],
-        "robustness": number_for_json(found.merit.least),
-        "volume": found.merit.volume,
+        "robustness": number_for_json(found.score.least),
+        "volume": found.score.volume,
         "iterations": sum(one.iterations for one in found.placements),
         "seconds": found.seconds,
     }
@@ -209,7 +204,7 @@ def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObje
     if "{" not in spec and ":" not in spec:
         folder = path.parent
         try:
-            if path.stat().st_size > MOST_BYTES:
+            if path.stat().st_size > _MOST_BYTES:
                 raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: too large for one object entry")
             text = path.read_text(encoding="utf-8")
         except OSError as error:

@@ -7,20 +7,17 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from poise.commands.output import console, progress_bar, refuse_folder, warn, write_json
+from poise.commands.output import BAG_HELP, JsonOption, console, progress_bar, refuse_folder, warn, write_json
 from poise.commands.segment import write_picture
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.recording import open_recording
-from poise.robot import find_urdf, read_urdf
-from poise.scanning import Scan, ScanOptions, Sweep, SweepOptions, Transform, read_sweep
+from poise.robot import Mounting, find_urdf, read_urdf
+from poise.scanning import MOST_FRAMES, Scan, ScanOptions, Sweep, SweepOptions, read_sweep, scan_ply
 from poise.scanning import scan as scan_views
-from poise.scanning.cloud_files import scan_ply
-from poise.scanning.reading import MOST_FRAMES
-from poise.shape.segmentation import Segmentation, segment
-from poise.shape.surface_files import labelled_ply, surface_ply
+from poise.shape import Segmentation, labelled_ply, segment, surface_ply
 
-BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="An .mcap file or a rosbag2 folder.")]
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP)]
 CloudOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="PLY", help="Write the cloud: colours, normals, what was seen.", show_default=False),
@@ -66,10 +63,6 @@ UnitOption = Annotated[float, typer.Option("--depth-unit", min=1e-6, max=1.0, he
 DelayOption = Annotated[float, typer.Option("--delay", help="s that the images' stamps are late.")]
 TopicOption = Annotated[
     str, typer.Option("--depth-topic", help="Depth image or PointCloud2. Without: found.", show_default=False)
-]
-JsonOption = Annotated[
-    str | None,
-    typer.Option("--json", metavar="FILE", help="Write the answer as JSON; - for stdout.", show_default=False),
 ]
 
 
@@ -161,11 +154,11 @@ def as_json(path: Path, sweep: Sweep, found: Scan, cut: Segmentation, seconds: t
     }
 
 
-def _hand_eye(text: str | None) -> Transform | None:
+def _hand_eye(text: str | None) -> Mounting | None:
     if text is None:
         return None
     link, _, rest = text.strip().partition(" ")
-    return Transform.from_pose(link, "camera", _numbers(rest, 7, "--hand-eye"))
+    return Mounting.of_vector(link, "camera", _numbers(rest, 7, "--hand-eye"))
 
 
 def _numbers(text: str, count: int, option: str) -> Any:

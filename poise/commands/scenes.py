@@ -1,9 +1,14 @@
 """How commands open a scene file: made ready for questions, what was mended in its meshes told."""
 
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from poise.assembly import Analysis, load_scene
 from poise.commands.output import warn
+
+SceneArgument = Annotated[Path, typer.Argument(metavar="SCENE", help="A scene file (YAML).", show_default=False)]
 
 
 def open_scene(path: Path) -> Analysis:

@@ -12,10 +12,10 @@ from rich.progress import Progress
 from poise.assembly import Push, motion_probability
 from poise.assembly import sensitivity as sensitivity_of
 from poise.assembly.robustness import MotionProbability, Sensitivity
-from poise.commands.assembly import DeadlineOption, JsonOption, SceneArgument
-from poise.commands.output import console, number_for_json, refuse_folder, write_json
+from poise.commands.assembly import DeadlineOption
+from poise.commands.output import JsonOption, console, number_for_json, refuse_folder, write_json
 from poise.commands.questions import read_pushes
-from poise.commands.scenes import open_scene
+from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import ErrorCode, InputError
 
 

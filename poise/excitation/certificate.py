@@ -1,4 +1,4 @@
-"""Proof that a motion keeps to its limits at every instant, not only where somebody looked."""
+"""Bounds that prove that a motion keeps its limits at every instant, also between samples."""
 
 import functools
 from dataclasses import dataclass
@@ -8,16 +8,17 @@ from scipy.special import comb
 
 from poise.excitation.hand import HandMotion, hand_motion
 from poise.excitation.limits import Guard, MotionLimits, position_range
+from poise.geometry import cross_matrix
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-STEP = 1e-3
+_STEP = 1e-3
 """s between the instants whose neighbourhoods cover a motion."""
-MOST_STEPS = 60_000
-ENTRIES = 1 << 20
+_MOST_STEPS = 60_000
+_ENTRIES = 1 << 20
 """Speeds that are worked out at a time, which bounds the memory."""
-SPLITS = 4
+_SPLITS = 4
 """Pieces that each stretch between waypoints is cut into, for tighter bounds of its polynomials."""
 
 
@@ -65,7 +66,7 @@ def certify(model: RobotModel, motion: WaypointTrajectory, guard: Guard) -> Cert
     bounds = _polynomial_bounds(motion)
     low, high = bounds[0]
     rate, change, third = (np.maximum(np.abs(least), np.abs(greatest)) for least, greatest in bounds[1:])
-    step = max(STEP, motion.duration / MOST_STEPS)
+    step = max(_STEP, motion.duration / _MOST_STEPS)
     count = max(int(np.ceil(motion.duration / step)), 1)
     step = motion.duration / count
     hand = hand_motion(model, *motion.at(np.asarray((np.arange(count) + 0.5) * step, dtype=np.float64)))
@@ -103,9 +104,9 @@ def _fastest(hand: HandMotion, points: Array, half: float) -> Array:
     """
     x, y, z = points.T
     monomials = np.array([np.ones_like(x), x, y, z, x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z])
-    spin, change = _cross_matrices(hand.omega), _cross_matrices(hand.alpha)
+    spin, change = cross_matrix(hand.omega), cross_matrix(hand.alpha)
     change = change + spin @ spin
-    rows = max(ENTRIES // len(points), 1)
+    rows = max(_ENTRIES // len(points), 1)
     largest = np.zeros(len(spin))
     for sign in (half, -half):
         constant = hand.velocity + sign * hand.acceleration
@@ -122,14 +123,6 @@ def _fastest(hand: HandMotion, points: Array, half: float) -> Array:
             part = slice(at, at + rows)
             largest[part] = np.maximum(largest[part], (form[part] @ monomials).max(axis=1))
     return np.asarray(np.sqrt(largest))
-
-
-def _cross_matrices(vector: Array) -> Array:
-    """(N, 3, 3) the matrices whose product with p is vector x p."""
-    matrix = np.zeros((len(vector), 3, 3))
-    matrix[:, [2, 0, 1], [1, 2, 0]] = vector
-    matrix[:, [1, 2, 0], [2, 0, 1]] = -vector
-    return matrix
 
 
 def _largest(vector: Array, slope: Array, half: float) -> Array:
@@ -149,8 +142,8 @@ def _polynomial_bounds(motion: WaypointTrajectory) -> list[tuple[Array, Array]]:
     out = []
     for order in range(4):
         least, greatest = np.full(powers.shape[2], np.inf), np.full(powers.shape[2], -np.inf)
-        for piece in range(SPLITS):
-            points = np.einsum("bk,ksj->bsj", _bernstein(len(powers) - 1, piece / SPLITS, 1 / SPLITS), powers)
+        for piece in range(_SPLITS):
+            points = np.einsum("bk,ksj->bsj", _bernstein(len(powers) - 1, piece / _SPLITS, 1 / _SPLITS), powers)
             points = points / span**order
             least = np.minimum(least, points.min(axis=(0, 1)))
             greatest = np.maximum(greatest, points.max(axis=(0, 1)))

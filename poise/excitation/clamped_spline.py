@@ -8,8 +8,8 @@ from scipy.interpolate import BSpline
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-DEGREE = 5
-KNOT_SPACING = 0.125
+_DEGREE = 5
+_KNOT_SPACING = 0.125
 """s between knots: motions up to about 4 Hz, as much as arms follow."""
 FEWEST, MOST = 6, 48
 """Intervals between knots."""
@@ -24,7 +24,7 @@ class ClampedSpline:
         knots: (K + 1,) s.
         values: three (N, F) matrices of the displacement and its first two derivatives at N evenly spaced times.
         polygons: control points (., F) of the displacement, velocity and acceleration; each curve stays between the
-            least and the greatest of its own.
+            least and its greatest.
     """
 
     duration: float
@@ -35,7 +35,7 @@ class ClampedSpline:
     @classmethod
     def make(cls, duration: float, samples: int) -> "ClampedSpline":
         """A spline with evenly spaced knots, sampled at the middles of `samples` equal stretches."""
-        intervals = int(np.clip(round(duration / KNOT_SPACING), FEWEST, MOST))
+        intervals = int(np.clip(round(duration / _KNOT_SPACING), FEWEST, MOST))
         knots = np.linspace(0.0, duration, intervals + 1)
         middles = (np.arange(samples) + 0.5) * duration / samples
         values = tuple(_basis(knots, middles, order) for order in range(3))
@@ -55,20 +55,20 @@ class ClampedSpline:
 
 
 def _full(knots: Array) -> Array:
-    return np.concatenate([[knots[0]] * DEGREE, knots, [knots[-1]] * DEGREE])
+    return np.concatenate([[knots[0]] * _DEGREE, knots, [knots[-1]] * _DEGREE])
 
 
 def _basis(knots: Array, seconds: Array, derivative: int) -> Array:
     """(N, F) of the coefficients that are not held at zero: three at either end are, for rest in place."""
-    spline = BSpline(_full(knots), np.eye(len(knots) + DEGREE - 1), DEGREE)
+    spline = BSpline(_full(knots), np.eye(len(knots) + _DEGREE - 1), _DEGREE)
     return np.asarray(spline(seconds, derivative))[:, 3:-3]
 
 
 def _polygons(knots: Array) -> tuple[Array, Array, Array]:
     """Control points of a spline and its derivatives (de Boor 1978, chapter X)."""
-    full, points = _full(knots), np.eye(len(knots) + DEGREE - 1)
+    full, points = _full(knots), np.eye(len(knots) + _DEGREE - 1)
     out = [points[:, 3:-3]]
-    for degree in (DEGREE, DEGREE - 1):
+    for degree in (_DEGREE, _DEGREE - 1):
         span = full[degree + 1 : -1] - full[1 : -degree - 1]
         points = degree * np.diff(points, axis=0) / span[: len(points) - 1, None]
         full = full[1:-1]

@@ -1,4 +1,4 @@
-"""What a motion will tell about a payload before it is made: the information its wrenches hold, as one number."""
+"""The information of a motion about a payload, as one number, before the motion is executed."""
 
 from dataclasses import dataclass
 
@@ -8,9 +8,9 @@ from poise.inertia.model import ENTRIES, InertialParameters, NoiseLevels, Parts,
 from poise.types import Array
 
 SENSOR = NoiseLevels(force_bias=5.0, torque_bias=0.25)
-"""The noise of thesis table 3.2, moderate, on a sensor that nobody has zeroed."""
+"""The noise of thesis table 3.2, moderate, on a sensor that was not zeroed."""
 
-SLACK = 0.2
+_SLACK = 0.2
 """Share of the mass whose place a known shape leaves open: parts are not of one density."""
 
 
@@ -44,7 +44,7 @@ class PayloadBelief:
         phi = columns.sum(axis=1)
         centre = phi[1:4] / phi[0]
         radius = float(np.linalg.norm(parts.points - centre, axis=1).max()) if len(parts.points) else 0.1
-        return cls(phi, columns @ columns.T + SLACK**2 * cls.ball(centre, radius, mass).covariance)
+        return cls(phi, columns @ columns.T + _SLACK**2 * cls.ball(centre, radius, mass).covariance)
 
 
 class Information:

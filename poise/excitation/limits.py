@@ -12,13 +12,13 @@ from poise.types import Array
 COLLABORATIVE_SPEED = 0.25
 """m/s: the reduced speed of ISO 10218-1, which ISO/TS 15066 takes over for work beside people."""
 
-ACCELERATION = 10.0
-"""rad/s2 or m/s2 of a joint, where nobody says more: what the maker of the FR3 allows each of its joints."""
+_ACCELERATION = 10.0
+"""rad/s2 or m/s2 of a joint, by default: what the maker of the FR3 allows each of its joints."""
 
-MARGIN = 0.05
+_MARGIN = 0.05
 """rad or m kept from the ends of a joint's range."""
 
-BASE_JOINTS = ("base_x", "base_y", "base_yaw")
+_BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 """Joints of a driving base, by their names in the contract: it stands still while the arm moves."""
 
 
@@ -38,7 +38,7 @@ class MotionLimits:
 
     speed: float = COLLABORATIVE_SPEED
     joint_speed: float = 0.8
-    acceleration: float = ACCELERATION
+    acceleration: float = _ACCELERATION
     room: float = 0.15
 
     def __post_init__(self) -> None:
@@ -128,7 +128,7 @@ def check_start(model: RobotModel, start: ArrayLike) -> Array:
 
 def position_range(model: RobotModel, start: Array) -> tuple[Array, Array]:
     """(J,) twice: where joints may go; a margin inside their ranges, unless they start nearer to the end than that."""
-    return np.minimum(model.lower + MARGIN, start), np.maximum(model.upper - MARGIN, start)
+    return np.minimum(model.lower + _MARGIN, start), np.maximum(model.upper - _MARGIN, start)
 
 
 def moving_joints(model: RobotModel, names: "tuple[str, ...]" = ()) -> Array:
@@ -144,7 +144,7 @@ def moving_joints(model: RobotModel, names: "tuple[str, ...]" = ()) -> Array:
             f"the robot has no joint {', '.join(unknown)}; it has {', '.join(model.joint_names)}",
             missing=unknown,
         )
-    wanted = names or [name for name in model.joint_names if name not in BASE_JOINTS]
+    wanted = names or [name for name in model.joint_names if name not in _BASE_JOINTS]
     return np.array([float(name in wanted) for name in model.joint_names])
 
 

@@ -11,16 +11,22 @@ from poise.excitation.clamped_spline import ClampedSpline
 from poise.excitation.hand import hand_motion
 from poise.excitation.information import SENSOR, Information, PayloadBelief
 from poise.excitation.limits import Guard, MotionLimits, check_start, moving_joints
-from poise.excitation.search import MOST_SAMPLES, SAMPLES_A_SECOND, Cancelled, Effort, Objective, Progress, search
+from poise.excitation.search import (
+    MOST_SAMPLES,
+    SAMPLES_A_SECOND,
+    ExcitationObjective,
+    SearchEffort,
+    search,
+)
 from poise.excitation.stop_and_go import stop_and_go
 from poise.inertia.model import NoiseLevels, Parts, motion_signals
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
-from poise.types import Array
+from poise.types import Array, Cancelled, Progress
 
 SHORTEST, LONGEST = 0.5, 60.0
 """s of a motion."""
-WORTHWHILE = 0.1
+_WORTHWHILE = 0.1
 """A motion that would leave the mass less certain than this share of it is not made."""
 
 
@@ -48,7 +54,7 @@ class ExcitationOptions:
     rate: float = 100.0
     joints: tuple[str, ...] = ()
     seed: int = 0
-    effort: Effort = field(default_factory=Effort)
+    effort: SearchEffort = field(default_factory=SearchEffort)
 
     def __post_init__(self) -> None:
         if not SHORTEST <= self.duration <= LONGEST:
@@ -109,7 +115,7 @@ def plan_excitation(
     progress: Progress = lambda _: None,
     cancelled: Cancelled = lambda: False,
 ) -> ExcitationPlan:
-    """The motion that tells most about a payload in a given time: D-optimal B-splines in joint space.
+    """The most informative motion about a payload in a given time: D-optimal B-splines in joint space.
 
     Args:
         model: the robot.
@@ -130,7 +136,7 @@ def plan_excitation(
     begin, active = check_start(model, start), moving_joints(model, options.joints)
     information = Information(believe(guard, parts, options.mass), options.noise, options.rate)
     spline = ClampedSpline.make(options.duration, min(round(options.duration * SAMPLES_A_SECOND), MOST_SAMPLES))
-    objective = Objective(model, begin, active, spline, guard, limits, information)
+    objective = ExcitationObjective(model, begin, active, spline, guard, limits, information)
     found = search(objective, options.effort, np.random.default_rng(options.seed), progress, cancelled)
     return finish(model, spline.trajectory(begin, found), guard, limits, options, parts)
 
@@ -191,10 +197,10 @@ def finish(
         information.covariance(signals, each),
         belief,
     )
-    if plan.mass_std > WORTHWHILE * options.mass:
+    if plan.mass_std > _WORTHWHILE * options.mass:
         raise NoAnswerError(
             ErrorCode.NOT_IDENTIFIABLE,
-            f"no motion of {options.duration:g} s under {limits.speed:g} m/s tells the mass of an object that reaches"
+            f"no motion of {options.duration:g} s under {limits.speed:g} m/s shows the mass of an object that reaches"
             f" {guard.reach:.2f} m from the sensor better than to {plan.mass_std / options.mass:.0%}: take more time,"
             " or stop-and-go",
         )

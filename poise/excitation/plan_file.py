@@ -12,7 +12,7 @@ from poise.files import write_whole
 from poise.simulation import JointMotion
 from poise.types import Array
 
-DIGITS = 9
+_DIGITS = 9
 
 
 def write_plan(path: Path, plan: ExcitationPlan, remark: str = "") -> Path:
@@ -48,11 +48,11 @@ def write_waypoints(
     """
 
     def row(values: Array) -> list[float]:
-        return [float(value) for value in np.round(values, DIGITS) + 0.0]
+        return [float(value) for value in np.round(values, _DIGITS) + 0.0]
 
     columns = zip(times, *motion, strict=True)
     waypoints = [
-        {"time": round(float(t), DIGITS), "position": row(q), "velocity": row(v), "acceleration": row(a)}
+        {"time": round(float(t), _DIGITS), "position": row(q), "velocity": row(v), "acceleration": row(a)}
         for t, q, v, a in columns
     ]
     content: dict[str, Any] = {"joints": list(joint_names), "waypoints": waypoints}

@@ -1,7 +1,6 @@
-"""Finds the joint motion that tells most about a payload within its limits: barriers and quasi-Newton steps."""
+"""Search for the most informative joint motion within its limits: barriers and quasi-Newton steps."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,23 +12,20 @@ from poise.excitation.information import Information
 from poise.excitation.limits import Guard, MotionLimits, position_range
 from poise.inertia.model import motion_signals
 from poise.robot import RobotModel
-from poise.types import Array
+from poise.types import Array, Cancelled, Progress
 
 SAMPLES_A_SECOND = 50
 MOST_SAMPLES = 400
-BARRIERS = (0.3, 0.03, 0.003)
+_BARRIERS = (0.3, 0.03, 0.003)
 """Nats that a constraint is feared by, from the first round to the last."""
-SMOOTH = 1e-3
+_SMOOTH = 1e-3
 """m/s and rad/s: rounds off the absolute value of a velocity at zero."""
-SPARE = 0.985
+_SPARE = 0.985
 """Share of the speed limit that is searched in; the rest is for what happens between samples."""
-
-Progress = Callable[[float], None]
-Cancelled = Callable[[], bool]
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchEffort:
     """How hard to search. The same effort gives the same motion.
 
     Args:
@@ -44,7 +40,7 @@ class Effort:
     time_limit: float = 20.0
 
 
-class Objective:
+class ExcitationObjective:
     """Barrier function of a motion: minus its information, plus what it fears of every bound.
 
     Unknowns are spline coefficients (F, A) of the A joints that may move, in units of `scale`.
@@ -95,8 +91,8 @@ class Objective:
         by_hand, felt = self._hand_barrier(hand, slopes)
         if not np.isfinite(by_hand):
             return np.inf, gradient.ravel()
-        nats, told = self._told(hand, slopes)
-        parts = [fear * f - t for f, t in zip(felt, told, strict=True)]
+        nats, gained = self._gained(hand, slopes)
+        parts = [fear * f - t for f, t in zip(felt, gained, strict=True)]
         slope = sum(basis.T @ part[:, self._columns] for basis, part in zip(self._spline.values, parts, strict=True))
         return fear * (barrier + by_hand) - nats, ((fear * gradient + slope) * self.scale).ravel()
 
@@ -117,9 +113,9 @@ class Objective:
         """Of the speed of every guarded point, and of how far the tool goes."""
         points, radius = self._guard.points, self._guard.radius
         velocity = hand.velocity[:, None] + np.cross(hand.omega[:, None], points)
-        speed = np.sqrt((velocity**2).sum(axis=2) + SMOOTH**2)
-        turning = np.sqrt((hand.omega**2).sum(axis=1) + SMOOTH**2)
-        limit = SPARE * self._limits.speed
+        speed = np.sqrt((velocity**2).sum(axis=2) + _SMOOTH**2)
+        turning = np.sqrt((hand.omega**2).sum(axis=1) + _SMOOTH**2)
+        limit = _SPARE * self._limits.speed
         room = limit - speed - radius * turning[:, None]
         tool = hand.position + hand.rotation @ self._guard.tcp
         away = tool - self._first_tool(tool)
@@ -144,7 +140,7 @@ class Objective:
             self._tool: Array = hand.position[0] + hand.rotation[0] @ self._guard.tcp
         return self._tool
 
-    def _told(self, hand: HandMotion, slopes: HandSlopes) -> tuple[float, list[Array]]:
+    def _gained(self, hand: HandMotion, slopes: HandSlopes) -> tuple[float, list[Array]]:
         """Information, and its derivative by joint positions, velocities and accelerations (N, J)."""
         signals = motion_signals(hand.specific, hand.omega, hand.alpha)
         nats, by_signal = self._information.slope(signals, self._spline.duration / len(signals))
@@ -163,7 +159,11 @@ def _pull(weights: Array, slopes: Array) -> Array:
 
 
 def search(
-    objective: Objective, effort: Effort, rng: np.random.Generator, progress: Progress, cancelled: Cancelled
+    objective: ExcitationObjective,
+    effort: SearchEffort,
+    rng: np.random.Generator,
+    progress: Progress,
+    cancelled: Cancelled,
 ) -> Array:
     """(F, J) coefficients of the best motion found.
 
@@ -176,7 +176,7 @@ def search(
     for _ in range(effort.starts):
         unknowns = _feasible(objective, rng.normal(size=objective.shape).ravel())
         if unknowns is not None:
-            found.append(_descend(objective, unknowns, BARRIERS[0], effort.first, clock))
+            found.append(_descend(objective, unknowns, _BARRIERS[0], effort.first, clock))
     if not found:
         raise NoAnswerError(
             ErrorCode.UNREACHABLE,
@@ -184,13 +184,13 @@ def search(
             " is too low for an object of this size; move the arm, or use stop-and-go",
         )
     best = min(found, key=lambda one: one[0])[1]
-    for fear in BARRIERS:
+    for fear in _BARRIERS:
         best = _descend(objective, best, fear, effort.steps, clock)[1]
     return objective.displacement(best)
 
 
 def check(cancelled: Cancelled) -> None:
-    """Raise PoiseError CANCELLED when somebody has said so."""
+    """Raise PoiseError CANCELLED when the caller asks for it."""
     if cancelled():
         raise PoiseError(ErrorCode.CANCELLED, "the planning of the motion was cancelled")
 
@@ -198,8 +198,8 @@ def check(cancelled: Cancelled) -> None:
 class _Clock:
     """Counts steps; says how far the search is, and when to stop."""
 
-    def __init__(self, effort: Effort, progress: Progress, cancelled: Cancelled) -> None:
-        self._total = effort.starts * effort.first + len(BARRIERS) * effort.steps
+    def __init__(self, effort: SearchEffort, progress: Progress, cancelled: Cancelled) -> None:
+        self._total = effort.starts * effort.first + len(_BARRIERS) * effort.steps
         self._deadline = time.monotonic() + effort.time_limit
         self._done, self._progress, self._cancelled = 0, progress, cancelled
 
@@ -211,16 +211,18 @@ class _Clock:
         return time.monotonic() > self._deadline
 
 
-def _feasible(objective: Objective, unknowns: Array) -> Array | None:
+def _feasible(objective: ExcitationObjective, unknowns: Array) -> Array | None:
     """A random motion made so small that it keeps to the limits."""
     for _ in range(30):
-        if np.isfinite(objective(unknowns, BARRIERS[0])[0]):
+        if np.isfinite(objective(unknowns, _BARRIERS[0])[0]):
             return np.asarray(unknowns / 2)
         unknowns = unknowns / 2
     return None
 
 
-def _descend(objective: Objective, unknowns: Array, fear: float, steps: int, clock: _Clock) -> tuple[float, Array]:
+def _descend(
+    objective: ExcitationObjective, unknowns: Array, fear: float, steps: int, clock: _Clock
+) -> tuple[float, Array]:
     """BFGS with backtracking (Nocedal and Wright 2006, algorithm 6.1), which a barrier's infinity cannot upset."""
     value, gradient = objective(unknowns, fear)
     inverse = np.eye(len(unknowns)) * 0.1 / max(float(np.linalg.norm(gradient)), 1e-12)

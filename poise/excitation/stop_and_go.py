@@ -1,4 +1,4 @@
-"""Few poses to rest in: gravity from directions that tell most about mass, centre of mass and bias, by short ways."""
+"""Few poses to rest in: gravity from the most informative directions for mass, centre of mass and bias; short moves."""
 
 import itertools
 
@@ -9,23 +9,23 @@ from poise.excitation.certificate import certify
 from poise.excitation.hand import HandMotion, hand_motion, hand_slopes
 from poise.excitation.information import Information
 from poise.excitation.limits import Guard, MotionLimits, position_range
-from poise.excitation.search import Cancelled, Progress, check
+from poise.excitation.search import check
 from poise.inertia.model import motion_signals
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
-from poise.types import Array
+from poise.types import Array, Cancelled, Progress
 
-TILT = np.deg2rad(60.0)
-AZIMUTHS = 8
-ROUNDS = 30
-DAMPING = 0.05
+_TILT = np.deg2rad(60.0)
+_AZIMUTHS = 8
+_ROUNDS = 30
+_DAMPING = 0.05
 """Of inverse kinematics: how much, in m or gravity's share, a rad of joint motion is worth avoiding."""
-QUICKEST = 0.3
+_QUICKEST = 0.3
 """s that a move takes at the least."""
 
 
 def tilted(
-    model: RobotModel, start: Array, active: Array, guard: Guard, limits: MotionLimits, tilt: float = TILT
+    model: RobotModel, start: Array, active: Array, guard: Guard, limits: MotionLimits, tilt: float = _TILT
 ) -> Array:
     """(C, J) poses near the start that tilt the hand about its tool centre point to all sides, as far as joints allow.
 
@@ -37,12 +37,12 @@ def tilted(
     down = _down(first)[0]
     tool = (first.position + first.rotation @ guard.tcp)[0]
     side = np.linalg.svd(down[None])[2][1:]
-    angles = np.arange(AZIMUTHS) * 2 * np.pi / AZIMUTHS
+    angles = np.arange(_AZIMUTHS) * 2 * np.pi / _AZIMUTHS
     around = np.cos(angles)[:, None] * side[0] + np.sin(angles)[:, None] * side[1]
     targets = np.vstack([np.cos(t) * down + np.sin(t) * around for t in (tilt, tilt / 2)])
     lower, upper = position_range(model, start)
     poses = np.tile(start, (len(targets), 1))
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         zeros = np.zeros_like(poses)
         hand, slopes = hand_slopes(model, poses, zeros, zeros)
         arm = slopes.moving_a - np.cross(guard.tcp[None, :, None], slopes.turning_a, axis=1)
@@ -51,7 +51,7 @@ def tilted(
             * active
         )
         away = np.concatenate([tool - hand.position - hand.rotation @ guard.tcp, targets - _down(hand)], axis=1)
-        normal = by_joint.swapaxes(1, 2) @ by_joint + DAMPING**2 * np.eye(len(start))
+        normal = by_joint.swapaxes(1, 2) @ by_joint + _DAMPING**2 * np.eye(len(start))
         step = np.linalg.solve(normal, (by_joint.swapaxes(1, 2) @ away[:, :, None]))[:, :, 0]
         poses = np.clip(poses + np.clip(step, -0.3, 0.3), lower, upper)
     zeros = np.zeros_like(poses)
@@ -61,7 +61,7 @@ def tilted(
 
 
 def choose(model: RobotModel, poses: Array, count: int, information: Information, dwell: float) -> list[int]:
-    """Which poses, the first among them, tell most together: greedily, then by exchange (Fedorov 1972)."""
+    """The most informative set of poses, the first among them: greedily, then by exchange (Fedorov 1972)."""
     zeros = np.zeros_like(poses)
     hand = hand_motion(model, poses, zeros, zeros)
     signals = motion_signals(hand.specific, hand.omega, hand.alpha)
@@ -145,7 +145,7 @@ def _travel_time(
     away = np.linalg.norm(tools - first.position - first.rotation @ guard.tcp, axis=1).max()
     if away > limits.room:
         return float(np.inf)
-    return max(found.slow_down(limits) * (1 + 1e-6), QUICKEST)
+    return max(found.slow_down(limits) * (1 + 1e-6), _QUICKEST)
 
 
 def _down(hand: HandMotion) -> Array:

@@ -6,12 +6,12 @@
 from functools import cache
 
 from poise.errors import ErrorCode, InputError
-from poise.exporting.base import UNITS, ExportedPayload, Exporter
+from poise.exporting.base import EXPORTED_VALUES, ExportedPayload, Exporter
 from poise.geometry import Pose
 from poise.inertia import InertialEstimate
 from poise.registry import entries_of
 
-__all__ = ["UNITS", "ExportedPayload", "Exporter", "all_exporters", "export", "exporter_of"]
+__all__ = ["EXPORTED_VALUES", "ExportedPayload", "Exporter", "all_exporters", "export", "exporter_of"]
 
 
 @cache

@@ -11,7 +11,7 @@ from poise.geometry import Pose
 from poise.inertia import InertialEstimate, InertialParameters
 from poise.types import Array
 
-UNITS = {"mass": "kg", "com": "m", "inertia": "kg m2"}
+EXPORTED_VALUES = {"mass": "kg", "com": "m", "inertia": "kg m2"}
 """What can be exported, and its unit."""
 
 
@@ -75,7 +75,7 @@ class Exporter(ABC):
 
     kind: ClassVar[str]
     summary: ClassVar[str]
-    needs: ClassVar[tuple[str, ...]] = tuple(UNITS)
+    needs: ClassVar[tuple[str, ...]] = tuple(EXPORTED_VALUES)
     omits: ClassVar[tuple[str, ...]] = ()
     physical: ClassVar[bool] = True
     flange: ClassVar[bool] = False
@@ -91,7 +91,7 @@ class Exporter(ABC):
             NoAnswerError: NOT_IDENTIFIABLE for a value that it needs and that is not known; NOT_CONSISTENT for a mass
                 that is not positive, or an inertia that no body has.
         """
-        values = {name: getattr(payload.parameters, name) for name in UNITS}
+        values = {name: getattr(payload.parameters, name) for name in EXPORTED_VALUES}
         missing = [name for name in self.needs if not np.isfinite(values[name]).all()]
         if missing:
             raise NoAnswerError(

@@ -8,7 +8,7 @@ import numpy as np
 from poise.errors import ErrorCode, NoAnswerError, SensorError
 from poise.types import Array
 
-PARTS = 10
+_PARTS = 10
 """Rest is judged by the means of this many consecutive parts: noise averages out of them, motion does not."""
 MAX_DRIFT = np.repeat([0.5, 0.02], 3)
 """N and N m between the largest and the smallest part."""
@@ -42,9 +42,11 @@ def estimate_bias(wrench_in_sensor: Array, max_drift: Array = MAX_DRIFT) -> Bias
         NoAnswerError: TOO_FEW_SAMPLES; or NOT_IDENTIFIABLE, when the load moves.
     """
     count = len(wrench_in_sensor)
-    if count < PARTS:
-        raise NoAnswerError(ErrorCode.TOO_FEW_SAMPLES, f"{count} samples are too few for a bias; take at least {PARTS}")
-    means = np.array([part.mean(axis=0) for part in np.array_split(wrench_in_sensor, PARTS)])
+    if count < _PARTS:
+        raise NoAnswerError(
+            ErrorCode.TOO_FEW_SAMPLES, f"{count} samples are too few for a bias; take at least {_PARTS}"
+        )
+    means = np.array([part.mean(axis=0) for part in np.array_split(wrench_in_sensor, _PARTS)])
     drift = np.ptp(means, axis=0)
     if np.any(drift > max_drift):
         axis = int(np.argmax(drift / max_drift))

@@ -12,14 +12,14 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-BUCKET = 100_000_000
+_BUCKET = 100_000_000
 """ns; the least delayed pair of every bucket is kept."""
-BUCKETS = 100
+_BUCKETS = 100
 """How many buckets the line is fitted to: 10 s."""
-LEAST_BUCKETS = 5
+_LEAST_BUCKETS = 5
 """Below this the nominal period is used."""
-JUMP = 50_000_000
-"""ns; a host clock that was set is told from a delay by this."""
+_JUMP = 50_000_000
+"""ns; a larger step means that the host clock was set."""
 
 
 class SampleClock:
@@ -31,19 +31,19 @@ class SampleClock:
 
     def __init__(self, period: float) -> None:
         self.period = period
-        self._pairs: deque[tuple[int, int]] = deque(maxlen=BUCKETS)
+        self._pairs: deque[tuple[int, int]] = deque(maxlen=_BUCKETS)
         self._bucket: tuple[int, int] | None = None
         self._bucket_end = 0
         self._anchor = (0, 0)
         self._last_stamp = 0
 
     def observe(self, position: int, arrival: int) -> None:
-        """Note that sample `position` was in hand at `arrival` (ns)."""
+        """Take the arrival time of a sample: its `position` in the count, `arrival` ns."""
         if self._bucket is None:
             self._restart(position, arrival)
             return
         delay = arrival - self._time(position)
-        if delay < -JUMP:  # the host clock was set back
+        if delay < -_JUMP:  # the host clock was set back
             self._restart(position, arrival)
             return
         if delay < 0:  # nothing arrives before it is measured
@@ -54,7 +54,7 @@ class SampleClock:
             return
         self._pairs.append(self._bucket)
         self._bucket = (position, arrival)
-        self._bucket_end = arrival + BUCKET
+        self._bucket_end = arrival + _BUCKET
         self._fit()
 
     def stamps(self, positions: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -68,13 +68,13 @@ class SampleClock:
         return stamps
 
     def restart(self) -> None:
-        """Forget the relation of count and time, but not the period (the device counts anew)."""
+        """Forget the relation of count and time, but not the period (the device restarted its count)."""
         self._bucket = None
 
     def _restart(self, position: int, arrival: int) -> None:
         self._pairs.clear()
         self._bucket = (position, arrival)
-        self._bucket_end = arrival + BUCKET
+        self._bucket_end = arrival + _BUCKET
         self._anchor = (position, arrival)
         self._last_stamp = min(self._last_stamp, arrival)
 
@@ -85,11 +85,11 @@ class SampleClock:
         return pair[1] - self._time(pair[0])
 
     def _fit(self) -> None:
-        recent = list(self._pairs)[-LEAST_BUCKETS:]
-        if len(recent) < LEAST_BUCKETS:
+        recent = list(self._pairs)[-_LEAST_BUCKETS:]
+        if len(recent) < _LEAST_BUCKETS:
             return
-        if len(self._pairs) > LEAST_BUCKETS and all(self._delay(pair) > JUMP for pair in recent):
-            self._pairs = deque(recent, maxlen=BUCKETS)  # the host clock was set forward
+        if len(self._pairs) > _LEAST_BUCKETS and all(self._delay(pair) > _JUMP for pair in recent):
+            self._pairs = deque(recent, maxlen=_BUCKETS)  # the host clock was set forward
         (x0, y0), (x1, y1) = lower_support(list(self._pairs))
         if x1 > x0:
             self.period = (y1 - y0) / (x1 - x0)

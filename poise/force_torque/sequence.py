@@ -1,18 +1,18 @@
-"""Which samples of a numbered stream are new, late, doubled or lost."""
+"""Which samples of a numbered stream are new, late, duplicate or lost."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-WINDOW = 4096
-"""How far back, in samples, a late one is told from a doubled one."""
+REORDER_WINDOW = 4096
+"""How far back, in samples, a late sample is distinguished from a duplicate."""
 MAX_GAP = 1 << 24
-"""A longer step forward (40 min at 7 kHz) is a device that started anew."""
+"""A longer step forward (40 min at 7 kHz) is a restart of the device."""
 
 
 class SequenceCounter:
     """Accounts for every number of a 32-bit wrapping sequence.
 
-    While the device does not start anew, received + lost is what it has sent since the first sample that arrived,
+    As long as the device does not restart, received + lost is what it has sent since the first sample that arrived,
     up to the newest one.
 
     Attributes:
@@ -20,7 +20,7 @@ class SequenceCounter:
         lost: numbers that were skipped and have not come since.
         out_of_order: samples that came after a later one (a part of `received`).
         duplicates: copies of samples that had come already (no part of `received`).
-        restarts: how often the numbers began anew.
+        restarts: how often the numbers restarted.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class SequenceCounter:
         self._restart_expected = False
 
     def expect_restart(self) -> None:
-        """The device was asked to start its stream: the next number that is not larger than the last begins anew."""
+        """The device was asked to start its stream: the next number that is not larger than the last is a restart."""
         self._restart_expected = True
 
     def account(self, sequence: NDArray[np.uint32]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
@@ -46,7 +46,7 @@ class SequenceCounter:
 
         Returns:
             index: (M,) which of them to use, in the order of measurement: new, and none older than what earlier
-                calls returned (a sample that comes later than that is counted, but of no use to a running stream).
+                calls returned (a later one is counted, but cannot be inserted into a running stream).
             position: (M,) their places in a count that neither wraps nor restarts; gaps are kept.
         """
         count = len(sequence)
@@ -68,7 +68,7 @@ class SequenceCounter:
             if position > before:
                 news.append((position, index))
         news.sort()
-        self._missing = {place for place in self._missing if place > self._position - WINDOW}
+        self._missing = {place for place in self._missing if place > self._position - REORDER_WINDOW}
         return (
             np.array([index for _, index in news], dtype=np.intp),
             np.array([position for position, _ in news], dtype=np.int64),
@@ -81,7 +81,7 @@ class SequenceCounter:
             self._restart_expected = False
         else:
             step = (number - self._last + (1 << 31)) % (1 << 32) - (1 << 31)  # signed distance round the wrap
-            if step > MAX_GAP or step <= -WINDOW or (step <= 0 and self._restart_expected):
+            if step > MAX_GAP or step <= -REORDER_WINDOW or (step <= 0 and self._restart_expected):
                 self.restarts += 1
                 self._restart_expected = False
                 self._missing.clear()
@@ -89,7 +89,7 @@ class SequenceCounter:
         position = self._position + step
         if step > 0:
             self.lost += step - 1
-            self._missing.update(range(max(self._position + 1, position - WINDOW), position))
+            self._missing.update(range(max(self._position + 1, position - REORDER_WINDOW), position))
             self._position = position
             self._last = number
         elif position in self._missing:

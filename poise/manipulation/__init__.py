@@ -8,7 +8,7 @@
 
 from poise.manipulation.arm import Arm, standing_at
 from poise.manipulation.bodies import pose_of
-from poise.manipulation.carrying import Phase, Transfer, plan_transfer
+from poise.manipulation.carrying import Transfer, TransferPhase, plan_transfer
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, steps_of
 from poise.manipulation.gripper import Gripper
 from poise.manipulation.hand import Grasp, Hand
@@ -22,12 +22,12 @@ __all__ = [
     "Gripper",
     "Hand",
     "Limits",
-    "Phase",
     "Reach",
     "RobotPort",
     "Tolerances",
     "Transfer",
     "TransferExecution",
+    "TransferPhase",
     "plan_transfer",
     "pose_of",
     "require_room",

@@ -9,13 +9,13 @@ from poise.geometry import Pose, plane_axes, rotation_about, unit
 from poise.manipulation.bodies import geometry_of
 from poise.types import Array
 
-NEAR = 0.02
+_NEAR = 0.02
 """m from an object that moves within which another one may be touched by mistake."""
-ASIDE = 0.003
+_ASIDE = 0.003
 """m above its place, where the object touches nothing yet."""
-TILTS = np.radians([20.0, 40.0])
-AZIMUTHS = 8
-ENOUGH = 50.0
+_TILTS = np.radians([20.0, 40.0])
+_AZIMUTHS = 8
+_ENOUGH = 50.0
 """N that no careful arm exceeds: ways on which more is borne are equally good."""
 
 
@@ -39,13 +39,13 @@ def approach_directions(before: Analysis, after: Analysis, item: RigidObject) ->
     directions = [direction for direction in _candidates(up) if np.all(away @ -direction > -1e-3)]
     found = zip(directions, _least(before, item, directions), strict=True)
     # Equally good ones stay in the order of the candidates: straight down first.
-    return sorted(found, key=lambda one: -min(one[1], ENOUGH))
+    return sorted(found, key=lambda one: -min(one[1], _ENOUGH))
 
 
 def _candidates(up: Array) -> list[Array]:
     side = plane_axes(up)[0]
-    turned = [rotation_about(up, 2 * np.pi * k / AZIMUTHS) @ side for k in range(AZIMUTHS)]
-    return [-up, *(-np.cos(tilt) * up + np.sin(tilt) * across for tilt in TILTS for across in turned)]
+    turned = [rotation_about(up, 2 * np.pi * k / _AZIMUTHS) @ side for k in range(_AZIMUTHS)]
+    return [-up, *(-np.cos(tilt) * up + np.sin(tilt) * across for tilt in _TILTS for across in turned)]
 
 
 def _normals_from_supports(analysis: Analysis, item: RigidObject) -> Array:
@@ -62,7 +62,7 @@ def _normals_from_supports(analysis: Analysis, item: RigidObject) -> Array:
 def _least(before: Analysis, item: RigidObject, directions: list[Array]) -> list[float]:
     """N, for each direction: the least robustness of what is near; infinite when nothing movable is."""
     corners = item.vertices
-    low, high = corners.min(axis=0) - NEAR - ASIDE, corners.max(axis=0) + NEAR + ASIDE
+    low, high = corners.min(axis=0) - _NEAR - _ASIDE, corners.max(axis=0) + _NEAR + _ASIDE
     near = [
         other
         for other in before.assembly.objects
@@ -70,7 +70,7 @@ def _least(before: Analysis, item: RigidObject, directions: list[Array]) -> list
     ]
     pushes, of = [], []
     for number, direction in enumerate(directions):
-        aside = Pose(item.pose.rotation, item.pose.translation - ASIDE * direction)
+        aside = Pose(item.pose.rotation, item.pose.translation - _ASIDE * direction)
         for other in near:
             if (point := _nearest(item, aside, other)) is not None:
                 pushes.append(Push(other.id, point, direction))
@@ -96,4 +96,4 @@ def _nearest(item: RigidObject, pose: Pose, other: RigidObject) -> Array | None:
     second = coal.Transform3s(other.pose.rotation, other.pose.translation)
     shapes = geometry_of(item.shape), geometry_of(other.shape)
     distance = coal.distance(shapes[0], first, shapes[1], second, request, result)
-    return np.array(result.getNearestPoint2()) if 0 < distance < NEAR else None
+    return np.array(result.getNearestPoint2()) if 0 < distance < _NEAR else None

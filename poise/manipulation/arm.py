@@ -16,10 +16,10 @@ from poise.manipulation.hand import Hand
 from poise.robot import find_urdf, parse_urdf, read_urdf
 from poise.types import Array
 
-BASE_JOINTS = ("base_x", "base_y", "base_yaw")
+_BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 """A mobile base stands still while its arm works."""
-SAMPLES = 200
-ALWAYS = 0.5
+_SAMPLES = 200
+_ALWAYS = 0.5
 """Pairs of links that touch in this share of all configurations do so because their shapes are coarse."""
 
 
@@ -98,7 +98,7 @@ class Arm:
         if not model.existFrame(tcp_frame, pin.FrameType.BODY):
             raise InputError(ErrorCode.FRAME_UNKNOWN, f"{source}: there is no frame {tcp_frame!r} to grasp with")
         moving = set(model.supports[model.frames[model.getFrameId(tcp_frame, pin.FrameType.BODY)].parentJoint])
-        still = [i for i in range(1, model.njoints) if i not in moving or model.names[i] in BASE_JOINTS]
+        still = [i for i in range(1, model.njoints) if i not in moving or model.names[i] in _BASE_JOINTS]
         reference = np.clip(pin.neutral(model), model.lowerPositionLimit, model.upperPositionLimit)
         model, (geometry,) = pin.buildReducedModel(model, [geometry], still, reference)
         if model.nq != model.nv or not model.nv:
@@ -191,7 +191,7 @@ class Arm:
                     pairs.append((i, j))
         data, rng = asked.createData(), np.random.default_rng(0)
         often = np.zeros(len(pairs))
-        for q in rng.uniform(self.lower, self.upper, (SAMPLES, self.model.nq)):
+        for q in rng.uniform(self.lower, self.upper, (_SAMPLES, self.model.nq)):
             pin.computeCollisions(self.model, self.data, asked, data, q, False)
             often += [result.isCollision() for result in data.collisionResults]
-        return [pair for pair, count in zip(pairs, often, strict=True) if count < ALWAYS * SAMPLES]
+        return [pair for pair, count in zip(pairs, often, strict=True) if count < _ALWAYS * _SAMPLES]

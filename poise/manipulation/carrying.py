@@ -8,7 +8,7 @@ import numpy as np
 
 from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, NoAnswerError
-from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
+from poise.manipulation.cell import HELD_CLEARANCE, ROBOT_CLEARANCE, Cell
 from poise.manipulation.hand import Grasp
 from poise.manipulation.reach import NARROW, Ends, Margins, Reach
 from poise.manipulation.rrt import find_way, shortened
@@ -16,21 +16,21 @@ from poise.manipulation.timing import Limits, timed
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-GENTLY = 0.1
+_GENTLY = 0.1
 """m/s of the tool on the straight ways."""
-HOLD_SHARE = 0.8
+_HOLD_SHARE = 0.8
 """Of the acceleration that the grip bears."""
-WIDE = (0.01, 0.01)
+_WIDE = (0.01, 0.01)
 """m that the robot and what it holds keep from everything on long ways, where there is room."""
 ROOMY: Margins = (0.006, 0.0075)
 """m on the straight ways, where there is room: neighbours stand 2 mm and 1 degree from where they are believed, and so
 does what is held. What moves away askew, 40 degrees from upright, has risen by 7.6 mm when it is asked about first."""
-GRASPS = 3
+_GRASPS = 3
 """Grasps for which a way is looked for before it is given up."""
 
 
 @dataclass(frozen=True, eq=False)
-class Phase:
+class TransferPhase:
     """One part of a transfer.
 
     Args:
@@ -62,7 +62,7 @@ class Transfer:
     """
 
     ends: Ends
-    phases: tuple[Phase, ...]
+    phases: tuple[TransferPhase, ...]
     seconds: float
 
     @property
@@ -100,7 +100,7 @@ def plan_transfer(
         phases = _phases(reach, ends, placed, limits, begun + seconds, seed)
         if phases is not None:
             return Transfer(ends, phases, time.monotonic() - begun)
-        if number == GRASPS or time.monotonic() > begun + seconds:
+        if number == _GRASPS or time.monotonic() > begun + seconds:
             break
     step = "motion" if number else "grasping"
     why = f"no free way was found for {number} grasps" if number else "no grasp serves where it lies and where it goes"
@@ -109,7 +109,7 @@ def plan_transfer(
 
 def _phases(
     reach: Reach, ends: Ends, placed: RigidObject, limits: Limits, deadline: float, seed: int
-) -> tuple[Phase, ...] | None:
+) -> tuple[TransferPhase, ...] | None:
     rng = np.random.default_rng(seed)
     pick, place, grasp = ends.pick, ends.place, ends.grasp
     at_pick, at_place = reach.open_cell(grasp, reach.item), reach.open_cell(grasp, placed)
@@ -121,7 +121,7 @@ def _phases(
     back = _way(reach, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
     if to_it is None or across is None or back is None:
         return None
-    held = replace(limits, acceleration=min(limits.acceleration, HOLD_SHARE * ends.hold))
+    held = replace(limits, acceleration=min(limits.acceleration, _HOLD_SHARE * ends.hold))
     com = grasp.object_tcp.inverse().act(reach.item.pose.undo(reach.item.com_in_world))
     ways = (
         ("reach", *to_it, 0.0, False),
@@ -136,9 +136,9 @@ def _phases(
     for name, way, cell, wide, holding in ways:
         slow = held if holding else limits
         if name in ("approach", "lift", "lower", "retreat"):
-            slow = replace(slow, speed=min(slow.speed, GENTLY))
+            slow = replace(slow, speed=min(slow.speed, _GENTLY))
         motions = timed(reach.arm, way, cell, com if holding else np.zeros(3), slow)
-        phases.append(Phase(name, tuple(motions), wide, holding))
+        phases.append(TransferPhase(name, tuple(motions), wide, holding))
     return tuple(phases)
 
 
@@ -159,11 +159,11 @@ def _way(
         rng, deadline: see `find_way`.
     """
     bounds = reach.arm.lower, reach.arm.upper
-    for margins in (WIDE, (MARGIN, HELD_MARGIN)):
+    for margins in (_WIDE, (ROBOT_CLEARANCE, HELD_CLEARANCE)):
         cell = Cell(reach.arm, *among, margins)
         if cell.free(start) and cell.free(goal):
             # The wide way may take half of the time that is left.
-            until = (time.monotonic() + deadline) / 2 if margins is WIDE else deadline
+            until = (time.monotonic() + deadline) / 2 if margins is _WIDE else deadline
             way = find_way(start, goal, cell.free_between, bounds, rng, until)
             if way is not None:
                 return shortened(way, cell.free_between, rng, deadline), cell

@@ -11,11 +11,11 @@ from poise.manipulation.bodies import geometry_of, se3_of
 from poise.manipulation.hand import Grasp
 from poise.types import Array
 
-MARGIN = 0.003
+ROBOT_CLEARANCE = 0.003
 """m between the robot and anything else."""
-HELD_MARGIN = 0.005
+HELD_CLEARANCE = 0.005
 """m between what is held and anything else."""
-STEP = 0.025
+CHECK_STEP = 0.025
 """rad between configurations that are looked at on a way: 1 cm to either side, at 0.8 m from the joint."""
 
 
@@ -36,7 +36,7 @@ class Cell:
         obstacles: Sequence[RigidObject],
         opening: float,
         held: tuple[RigidObject, Grasp] | None = None,
-        margins: tuple[float, float] = (MARGIN, HELD_MARGIN),
+        margins: tuple[float, float] = (ROBOT_CLEARANCE, HELD_CLEARANCE),
     ) -> None:
         self._arm = arm
         self._geometry = arm.geometry.copy()
@@ -82,7 +82,7 @@ class Cell:
 
     def free_between(self, start: Array, end: Array) -> bool:
         """Whether nothing touches anything on the straight way between configurations, the end included."""
-        count = int(np.ceil(np.abs(end - start).max() / STEP))
+        count = int(np.ceil(np.abs(end - start).max() / CHECK_STEP))
         # The end and every other one first: what is not free is then known in half of the time.
         order = (*range(count, 0, -2), *range(count - 1, 0, -2))
         return all(self.free(start + (end - start) * k / count) for k in order)

@@ -11,21 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
-from poise.excitation.brake import stop_along
-from poise.excitation.joint_watch import Jointed, JointWatch
-from poise.excitation.session import HELD_UP, LAG, LEAD, MOVED, PATIENCE, STALE, STOP_LEAD
+from poise.excitation.execution import ExecutionOptions, Jointed, JointWatch, stop_along
 from poise.manipulation.carrying import Transfer
 from poise.manipulation.gripper import FingerWatch, Gripper
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "return": "placing"}
+_OPTIONS = ExecutionOptions()
+_STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "return": "placing"}
 """Of the phases of a transfer; those before are picking."""
-STOP_TIME = 0.4
+_STOP_TIME = 0.4
 """s in which the arm stops; longer when what it holds would slip."""
 
 
-class Step(NamedTuple):
+class TransferStep(NamedTuple):
     """One thing to do, then to wait for.
 
     Args:
@@ -40,29 +39,29 @@ class Step(NamedTuple):
     motion: WaypointTrajectory | None
     opening: float
     holding: bool
-    stop_time: float = STOP_TIME
+    stop_time: float = _STOP_TIME
 
     @property
     def stage(self) -> str:
         """As it is told to people."""
-        return STAGES.get(self.name, "picking")
+        return _STAGES.get(self.name, "picking")
 
 
-def steps_of(transfer: Transfer, speed: float) -> tuple[Step, ...]:
+def steps_of(transfer: Transfer, speed: float) -> tuple[TransferStep, ...]:
     """What a transfer takes: the fingers move before the phases that want them elsewhere, each phase is one motion.
 
     Args:
         transfer: the plan.
         speed: m/s of the tool, at the most; a stop from it must not shake off what is held.
     """
-    steps: list[Step] = []
+    steps: list[TransferStep] = []
     for phase in transfer.phases:
         if not steps or (phase.opening, phase.holding) != (steps[-1].opening, steps[-1].holding):
-            steps.append(Step(phase.name, None, phase.opening, phase.holding))
+            steps.append(TransferStep(phase.name, None, phase.opening, phase.holding))
         if phase.motions:
             # Time slows down as 1 - 3 u^2 + 2 u^3, at 1.5 / stop_time at the most.
-            gently = max(STOP_TIME, 1.5 * speed / transfer.ends.hold) if phase.holding else STOP_TIME
-            steps.append(Step(phase.name, joined(phase.motions), phase.opening, phase.holding, gently))
+            gently = max(_STOP_TIME, 1.5 * speed / transfer.ends.hold) if phase.holding else _STOP_TIME
+            steps.append(TransferStep(phase.name, joined(phase.motions), phase.opening, phase.holding, gently))
     return tuple(steps)
 
 
@@ -128,7 +127,7 @@ class RobotPort:
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
         if problem is None:
             return self.joints.position.copy()
-        if now - since > PATIENCE:
+        if now - since > _OPTIONS.patience:
             raise problem
         return None
 
@@ -144,10 +143,12 @@ class TransferExecution:
         now: s of a clock that never goes back, the one of all calls.
     """
 
-    def __init__(self, name: str, steps: Sequence[Step], robot: RobotPort, tolerances: Tolerances, now: float) -> None:
+    def __init__(
+        self, name: str, steps: Sequence[TransferStep], robot: RobotPort, tolerances: Tolerances, now: float
+    ) -> None:
         self._name, self._left, self._robot, self._tolerances = name, list(steps), robot, tolerances
         self._start = next(step.motion.position[0] for step in steps if step.motion is not None)
-        self._step: Step | None = None
+        self._step: TransferStep | None = None
         self._since = self._ticked = self._trusting_until = now
         self._begin = self._sent = 0  # ns on the joint states' clock: of the motion, and when it was sent
         self._gripped: float | None = None  # where the fingers were when they were told to move
@@ -159,8 +160,8 @@ class TransferExecution:
         """Go on; never blocks, never raises."""
         if self.done:
             return
-        if now - self._ticked > HELD_UP:  # messages wait that would prove the joints alive
-            self._trusting_until = now + STALE
+        if now - self._ticked > _OPTIONS.held_up:  # messages wait that would prove the joints alive
+            self._trusting_until = now + _OPTIONS.stale
         self._ticked = now
         try:
             if now >= self._trusting_until and (problem := self._robot.joints.problem(now)) is not None:
@@ -185,7 +186,7 @@ class TransferExecution:
 
     def _require_start(self) -> None:
         away = np.abs(self._robot.joints.position - self._start)
-        if away.max() > MOVED:
+        if away.max() > _OPTIONS.moved:
             name = self._robot.joint_names[int(away.argmax())]
             raise PoiseError(
                 ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the way was planned: stop what moves it"
@@ -202,13 +203,13 @@ class TransferExecution:
             self._robot.grip(self._target(step))
         else:
             self._sent = self._robot.joints.stamp
-            self._begin = self._robot.joints.clock(now) + round(LEAD * 1e9)
+            self._begin = self._robot.joints.clock(now) + round(_OPTIONS.lead * 1e9)
             self._robot.move(step.motion, self._begin)
 
-    def _target(self, step: Step) -> float:
+    def _target(self, step: TransferStep) -> float:
         return self._robot.gripper.position(step.opening, step.holding)
 
-    def _arrived(self, step: Step, now: float) -> bool:
+    def _arrived(self, step: TransferStep, now: float) -> bool:
         if step.motion is None:
             return self._fingers_arrived(step, now)
         return self._arm_arrived(step.name, step.motion)
@@ -225,7 +226,7 @@ class TransferExecution:
         on_the_way = seconds < motion.duration
         if not on_the_way and off.max() <= tolerances.arrival:
             return True
-        allowed = tolerances.path + LAG * np.abs(there.velocity[0])
+        allowed = tolerances.path + _OPTIONS.lag * np.abs(there.velocity[0])
         late = seconds > motion.duration + tolerances.slack
         if late or (on_the_way and (off > allowed).any()):
             index = int(np.argmax(off if late else off - allowed))
@@ -237,11 +238,11 @@ class TransferExecution:
             )
         return False
 
-    def _fingers_arrived(self, step: Step, now: float) -> bool:
+    def _fingers_arrived(self, step: TransferStep, now: float) -> bool:
         fingers, gripper, waited = self._robot.fingers, self._robot.gripper, now - self._since
         if not self._felt:
             return waited > gripper.seconds
-        if now >= self._trusting_until and now - fingers.heard > STALE:
+        if now >= self._trusting_until and now - fingers.heard > _OPTIONS.stale:
             raise SensorError(
                 ErrorCode.SENSOR_STALE, f"{gripper.joint} has gone from joint_states: the gripper's driver has stopped"
             )
@@ -281,9 +282,9 @@ class TransferExecution:
         if step is None or step.motion is None:
             return
         joints = self._robot.joints
-        stamp = joints.clock(now) + round(STOP_LEAD * 1e9)
+        stamp = joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
         if on_path:
             stop = stop_along(step.motion, (stamp - self._begin) * 1e-9, step.stop_time)
         else:
-            stop = WaypointTrajectory(np.array([0.0, STOP_TIME]), np.stack([joints.position] * 2))
+            stop = WaypointTrajectory(np.array([0.0, _STOP_TIME]), np.stack([joints.position] * 2))
         self._robot.move(stop, stamp)

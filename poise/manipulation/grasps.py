@@ -11,24 +11,24 @@ from poise.geometry import plane_axes
 from poise.manipulation.hand import Grasp, Hand
 from poise.types import Array
 
-FACETS = 64
+_FACETS = 64
 """The largest facets are looked at."""
-OPPOSITE = np.cos(np.radians(4.0))
-PLACES, SPACING, RIM = 6, 0.012, 0.004
+_OPPOSITE = np.cos(np.radians(4.0))
+_PLACES, _SPACING, _RIM = 6, 0.012, 0.004
 """Places tried on each pair of faces, at least so far apart and from the rim, m."""
-LEAST_AREA = 2e-5
+_LEAST_AREA = 2e-5
 """m2 that have to lie opposite each other."""
-SIDES = 8
+APPROACH_SIDES = 8
 """Directions from which each place is approached."""
-BEYOND = 0.004
+_BEYOND = 0.004
 """m that the finger tips reach beyond the place that is grasped."""
 
 
-def antipodal_grasps(shape: Shape, hand: Hand, sides: int = SIDES) -> tuple[Grasp, ...]:
+def antipodal_grasps(shape: Shape, hand: Hand, sides: int = APPROACH_SIDES) -> tuple[Grasp, ...]:
     """All grasps of a shape by flat opposite faces, from so many sides; room for the hand is not asked for."""
     polyhedron = shape.polyhedron
     areas = [shapely.area(_outline(polyhedron, facet, facet)) for facet in range(len(polyhedron.normals))]
-    largest = np.argsort(areas, kind="stable")[::-1][:FACETS]
+    largest = np.argsort(areas, kind="stable")[::-1][:_FACETS]
     grasps: list[Grasp] = []
     for number, i in enumerate(largest.tolist()):
         for j in largest[number + 1 :].tolist():
@@ -44,7 +44,7 @@ def _outline(polyhedron: Polyhedron, facet: int, plane: int) -> shapely.Geometry
 
 def _grasps_of_pair(polyhedron: Polyhedron, i: int, j: int, hand: Hand, sides: int) -> Iterator[Grasp]:
     normal = polyhedron.normals[i]
-    if normal @ polyhedron.normals[j] > -OPPOSITE:
+    if normal @ polyhedron.normals[j] > -_OPPOSITE:
         return
     origin, other = (polyhedron.vertices[polyhedron.facet_vertices[k][0]] for k in (i, j))
     width = float((origin - other) @ normal)
@@ -57,17 +57,17 @@ def _grasps_of_pair(polyhedron: Polyhedron, i: int, j: int, hand: Hand, sides: i
         for angle in 2 * np.pi * np.arange(sides) / sides:
             approach = np.cos(angle) * axes[0] + np.sin(angle) * axes[1]
             rotation = np.stack([np.cross(normal, approach), normal, approach], axis=1)
-            yield Grasp(pin.SE3(rotation, middle + BEYOND * approach), width)
+            yield Grasp(pin.SE3(rotation, middle + _BEYOND * approach), width)
 
 
 def _spots(region: shapely.Geometry) -> Array:
     """(N, 2) places in a region: a grid away from its rim, or a row where it is narrow."""
-    if region.area < LEAST_AREA:
+    if region.area < _LEAST_AREA:
         return np.zeros((0, 2))
-    inner = region.buffer(-RIM)
+    inner = region.buffer(-_RIM)
     if not inner.is_empty:
         low, high = np.reshape(inner.bounds, (2, 2))
-        step = max(SPACING, float(np.sqrt(inner.area / PLACES)))
+        step = max(_SPACING, float(np.sqrt(inner.area / _PLACES)))
         lines = [np.arange(a, b + 1e-9, step) + (b - a) % step / 2 for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
         grid = grid[shapely.contains_xy(inner, grid[:, 0], grid[:, 1])]
@@ -77,6 +77,6 @@ def _spots(region: shapely.Geometry) -> Array:
     sides = np.roll(corners, -1, axis=0) - corners
     long = int(np.linalg.norm(sides[:2], axis=1).argmax())
     middle = corners.mean(axis=0)
-    rim = min(RIM / max(float(np.linalg.norm(sides[long])), 1e-12), 0.5)
-    row = middle + np.linspace(rim - 0.5, 0.5 - rim, PLACES)[:, None] * sides[long]
+    rim = min(_RIM / max(float(np.linalg.norm(sides[long])), 1e-12), 0.5)
+    row = middle + np.linspace(rim - 0.5, 0.5 - rim, _PLACES)[:, None] * sides[long]
     return np.asarray(row[shapely.contains_xy(region, row[:, 0], row[:, 1])])

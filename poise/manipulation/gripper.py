@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-NEAR = 0.05
+_NEAR = 0.05
 """Of the whole way: nearer than that, the fingers are where they were told to be."""
-STILL = 0.01
+_STILL = 0.01
 """Of the whole way: within it a resting joint stays,"""
-REST = 0.2
+_REST = 0.2
 """s for which it has to, to count as resting."""
 
 
@@ -65,20 +65,20 @@ class FingerWatch:
         value = dict(zip(names, np.asarray(position, dtype=np.float64).tolist(), strict=False)).get(self._gripper.joint)
         if value is None or not np.isfinite(value):
             return
-        if abs(value - self._rests_at) > STILL * self._gripper.travel:
+        if abs(value - self._rests_at) > _STILL * self._gripper.travel:
             self._rests_at, self._since = value, now
         self.position, self.heard = value, now
 
     def stopped(self, now: float) -> bool:
         """They have not moved for a while."""
-        return now - self._since > REST
+        return now - self._since > _REST
 
     def near(self, target: float) -> bool:
         """They are where they were told to be."""
-        return self.position is not None and abs(self.position - target) <= NEAR * self._gripper.travel
+        return self.position is not None and abs(self.position - target) <= _NEAR * self._gripper.travel
 
     def moved(self, before: float | None) -> bool:
         """They are not where they were before."""
         if self.position is None or before is None:
             return False
-        return abs(self.position - before) > STILL * self._gripper.travel
+        return abs(self.position - before) > _STILL * self._gripper.travel

@@ -10,7 +10,7 @@ from poise.assembly import RigidObject
 from poise.geometry import unit
 from poise.types import Array
 
-HALF_TURN = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+_HALF_TURN = pin.SE3(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Grasp:
     @property
     def turned(self) -> "Grasp":
         """The same grasp with the fingers in each other's place."""
-        return Grasp(self.object_tcp * HALF_TURN, self.width)
+        return Grasp(self.object_tcp * _HALF_TURN, self.width)
 
     @property
     def approach(self) -> Array:

@@ -10,20 +10,20 @@ from scipy.linalg.lapack import dposv
 from poise.manipulation.arm import Arm
 from poise.types import Array
 
-ITERATIONS = 60
-DAMPING = 0.03
+_ITERATIONS = 60
+_DAMPING = 0.03
 """Of the Gauss-Newton steps, far from the goal; it shrinks with the error (Levenberg)."""
-LONGEST_STEP = 0.5
+_LONGEST_STEP = 0.5
 """rad in one iteration."""
-ACCURATE = 1e-6
+_ACCURATE = 1e-6
 """m and rad."""
-LOOK = 5
+_LOOK = 5
 """Iterations in which the error has to halve: of what takes longer little arrives, and another start is cheaper."""
-NEAR = 0.4
+LARGEST_JOINT_STEP = 0.4
 """rad that a joint may turn between neighbouring poses of a straight way."""
 
 
-def descend(arm: Arm, target: pin.SE3, start: Array, iterations: int = ITERATIONS) -> Array | None:
+def descend(arm: Arm, target: pin.SE3, start: Array, iterations: int = _ITERATIONS) -> Array | None:
     """The configuration (J,) that damped Gauss-Newton reaches from a start; None when it does not reach the pose.
 
     Minimises |log6(tool^-1 target)| within the joint limits; the Jacobian is the one of the logarithm.
@@ -39,18 +39,18 @@ def descend(arm: Arm, target: pin.SE3, start: Array, iterations: int = ITERATION
         offset = data.oMf[tcp].actInv(goal)
         error = pin.log6(offset).vector
         size = math.sqrt(error @ error)
-        if size < ACCURATE:
+        if size < _ACCURATE:
             return q
-        if number % LOOK == 0:
+        if number % _LOOK == 0:
             if size > before / 2:
                 return None  # it rests against joint limits, or in a local minimum
             before = size
-        slope = pin.Jlog6(offset.inverse()) @ pin.getFrameJacobian(model, data, tcp, pin.LOCAL)
+        slope = pin.Jlog6(offset.inverse()) @ np.reshape(pin.getFrameJacobian(model, data, tcp, pin.LOCAL), (6, -1))
         square = slope @ slope.T
-        square.flat[::7] += min(DAMPING, size) * DAMPING  # its diagonal
+        square.flat[::7] += min(_DAMPING, size) * _DAMPING  # its diagonal
         # LAPACK by itself: numpy's checks take longer than six equations do, and this is asked thousands of times.
         step = slope.T @ dposv(square, error)[1]
-        step *= min(1.0, LONGEST_STEP / max(float(step.max()), -float(step.min()), 1e-12))
+        step *= min(1.0, _LONGEST_STEP / max(float(step.max()), -float(step.min()), 1e-12))
         q = np.minimum(np.maximum(q + step, lower), upper)
     return None
 
@@ -71,7 +71,7 @@ def follow(arm: Arm, start: Array, targets: Sequence[pin.SE3]) -> Array | None:
     way = [start]
     for target in targets:
         found = descend(arm, target, way[-1], iterations=20)
-        if found is None or np.abs(found - way[-1]).max() > NEAR:
+        if found is None or np.abs(found - way[-1]).max() > LARGEST_JOINT_STEP:
             return None
         way.append(found)
     return np.array(way)

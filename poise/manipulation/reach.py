@@ -15,33 +15,33 @@ from poise.geometry import unit
 from poise.manipulation.approach import approach_directions
 from poise.manipulation.arm import Arm
 from poise.manipulation.bodies import geometry_of, overlap, se3_of
-from poise.manipulation.cell import HELD_MARGIN, MARGIN, Cell
-from poise.manipulation.grasps import SIDES, antipodal_grasps
+from poise.manipulation.cell import HELD_CLEARANCE, ROBOT_CLEARANCE, Cell
+from poise.manipulation.grasps import APPROACH_SIDES, antipodal_grasps
 from poise.manipulation.hand import Grasp
 from poise.manipulation.inverse import follow, solutions
-from poise.placement import Look, Test, require_new
+from poise.placement import PlacementTest, PoseTest, require_new
 from poise.types import Array
 
-STRAIGHT_STEP = 0.01
+_STRAIGHT_STEP = 0.01
 TOUCHING = 0.01
 """m from its support over which what is held is not asked whether it touches: it does."""
-FAR = 0.04
+_FAR = 0.04
 """m from all contacts: far enough."""
-FIRM = 20.0
+_FIRM = 20.0
 """m/s2 that a grip bears: firm enough."""
-LEAST_HOLD = 1.0
+_LEAST_HOLD = 1.0
 """m/s2 that a grip has to bear besides gravity."""
-MOST_GRASPS = 16
+_MOST_GRASPS = 16
 """Grasps that the arm is asked about for one place, of those with room for the hand."""
-DIRECTIONS = 4
+_DIRECTIONS = 4
 """Directions of approach that are tried, the most forgiving first."""
 
 Margins = tuple[float, float]
 """m, of the robot and of what it holds from everything else, on the straight ways."""
-NARROW: Margins = (MARGIN, HELD_MARGIN)
+NARROW: Margins = (ROBOT_CLEARANCE, HELD_CLEARANCE)
 
 
-class Effort(NamedTuple):
+class GraspSearch(NamedTuple):
     """How hard it is tried to pick something up.
 
     Args:
@@ -55,8 +55,8 @@ class Effort(NamedTuple):
     straight: float
 
 
-USUAL = Effort(SIDES, 8, 0.08)
-UTMOST = Effort(24, 24, 0.05)
+_USUAL = GraspSearch(APPROACH_SIDES, 8, 0.08)
+UTMOST = GraspSearch(24, 24, 0.05)
 """When nothing else picks it up. The way is longer than the fingers still."""
 
 
@@ -121,14 +121,14 @@ class Reach:
         self._up = -unit(np.asarray(before.assembly.gravity))
         self._known: dict[bytes, Ends | None] = {}
         self._fits: dict[bytes, bool] = {}
-        for self._effort in (USUAL, UTMOST):
+        for self._effort in (_USUAL, UTMOST):
             self._firm = self._firm_grasps(self._effort.sides)
             self._picks: dict[tuple[int, Margins], End | None] = {}
             if self.can_pick():
                 break
 
     @property
-    def looks(self) -> tuple[tuple[str, Look], ...]:
+    def looks(self) -> tuple[tuple[str, PoseTest], ...]:
         """For `Options.looks`: what is known before contacts are."""
         return (("leaves no room for the hand", self.fits_hand),)
 
@@ -146,7 +146,7 @@ class Reach:
             )
 
     @property
-    def tests(self) -> tuple[tuple[str, Test], ...]:
+    def tests(self) -> tuple[tuple[str, PlacementTest], ...]:
         """For `Options.tests`: the cheap one first."""
         return (("leaves no room for the hand", self.has_room), ("out of the arm's reach", self.is_reachable))
 
@@ -155,7 +155,7 @@ class Reach:
         return any(self._pick(number, NARROW) is not None for number in range(2 * len(self._firm)))
 
     def require_pick(self) -> None:
-        """Look whether the object can be picked up: when it cannot, there is no need to look for a place.
+        """PoseTest whether the object can be picked up: when it cannot, there is no need to look for a place.
 
         Raises:
             NoAnswerError: UNREACHABLE, with data `step`: grasping.
@@ -197,14 +197,14 @@ class Reach:
 
         @cache
         def directions() -> list[tuple[Array, float]]:
-            return approach_directions(self.before, after, placed)[:DIRECTIONS]
+            return approach_directions(self.before, after, placed)[:_DIRECTIONS]
 
         def aways() -> list[Array]:
             return [-way for way, _ in directions()]
 
         serving = self._serving(placed, _contacts(after, placed), margins)
         for number, (grasp, hold, pick) in enumerate(serving):
-            if number >= 2 * MOST_GRASPS:
+            if number >= 2 * _MOST_GRASPS:
                 return
             found = next(self._end(grasp, placed, aways, pick.object_away[-1], margins), None)
             if found is not None:
@@ -216,7 +216,7 @@ class Reach:
         hand, item = self.arm.hand, self.item
         grasps = antipodal_grasps(item.shape, hand, sides)
         holds = [(grasp, hand.acceleration_limit(item, grasp.object_tcp, gravity)) for grasp in grasps]
-        return [(grasp, hold) for grasp, hold in holds if hold > LEAST_HOLD and self._hand_is_clear(grasp, item)]
+        return [(grasp, hold) for grasp, hold in holds if hold > _LEAST_HOLD and self._hand_is_clear(grasp, item)]
 
     def _serving(self, placed: RigidObject, contacts: Array, margins: Margins) -> Iterator[tuple[Grasp, float, End]]:
         """Grasps that it can be picked up with and with room for the hand at the place, in order, and the pick."""
@@ -224,8 +224,8 @@ class Reach:
         def score(entry: tuple[Grasp, float]) -> float:
             grasp, hold = entry
             spot = placed.pose.apply(np.array(grasp.object_tcp.translation))
-            nearest = np.linalg.norm(contacts - spot, axis=1).min(initial=FAR)
-            return float(nearest / FAR + 0.5 * min(hold, FIRM) / FIRM)
+            nearest = np.linalg.norm(contacts - spot, axis=1).min(initial=_FAR)
+            return float(nearest / _FAR + 0.5 * min(hold, _FIRM) / _FIRM)
 
         scores = np.array([score(entry) for entry in self._firm])
         for index in np.argsort(-scores, kind="stable").tolist():
@@ -243,7 +243,7 @@ class Reach:
         tool = se3_of(item.pose) * grasp.object_tcp
         parts = [*self.arm.palm, *hand.fingers(hand.opening(grasp.width))]
         return not any(
-            overlap(shape, tool * place, geometry_of(other.shape), se3_of(other.pose), MARGIN)
+            overlap(shape, tool * place, geometry_of(other.shape), se3_of(other.pose), ROBOT_CLEARANCE)
             for other in (item, *self.around)
             for shape, place in parts
         )
@@ -293,7 +293,7 @@ class Reach:
     def _straight(self, tool: pin.SE3, direction: Array) -> list[pin.SE3]:
         """Poses of the tool along a straight way."""
         length = self._effort.straight
-        offsets = np.append(np.arange(TOUCHING, length - 1e-9, STRAIGHT_STEP), length)
+        offsets = np.append(np.arange(TOUCHING, length - 1e-9, _STRAIGHT_STEP), length)
         return [pin.SE3(tool.rotation, tool.translation + offset * direction) for offset in offsets]
 
     def open_cell(self, grasp: Grasp, item: RigidObject, margins: Margins = NARROW) -> Cell:

@@ -7,10 +7,10 @@ import numpy as np
 
 from poise.types import Array
 
-REACH = 0.4
+_REACH = 0.4
 """rad of one extension."""
-NODES = 4000
-SHORT_CUTS = 60
+_NODES = 4000
+_SHORT_CUTS = 60
 
 Free = Callable[[Array, Array], bool]
 """Whether the straight way from one configuration to another is free, its end included."""
@@ -53,8 +53,8 @@ class _Tree:
         near = self.nearest(q)
         run = q - self.node(near)
         length = float(np.abs(run).max())
-        there = length <= REACH
-        new = q if there else self.node(near) + run * (REACH / length)
+        there = length <= _REACH
+        new = q if there else self.node(near) + run * (_REACH / length)
         return (self.add(new, near), there) if free(self.node(near), new) else (-1, False)
 
     def connect(self, q: Array, free: Free) -> tuple[int, bool]:
@@ -72,7 +72,7 @@ def find_way(
     bounds: tuple[Array, Array],
     rng: np.random.Generator,
     deadline: float,
-    nodes: int = NODES,
+    nodes: int = _NODES,
 ) -> Array | None:
     """(N, J) configurations from start to goal, straight between each other; None when none was found in time.
 
@@ -101,7 +101,7 @@ def find_way(
 def shortened(way: Array, free: Free, rng: np.random.Generator, deadline: float) -> Array:
     """(N, J) the same way with random short cuts between points of it (Geraerts and Overmars 2007)."""
     points = list(way)
-    for _ in range(SHORT_CUTS):
+    for _ in range(_SHORT_CUTS):
         if len(points) < 3 or time.monotonic() > deadline:
             break
         lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])

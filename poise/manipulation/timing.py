@@ -7,17 +7,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from poise.manipulation.arm import Arm
-from poise.manipulation.cell import STEP, Cell
+from poise.manipulation.cell import CHECK_STEP, Cell
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-SAMPLES = 400
+_SAMPLES = 400
 """Places in time at which limits are looked at."""
-SLACK = 1.02
+_SLACK = 1.02
 """A peak may lie between two of them."""
-WITHOUT_STOPS = 1.25
+_WITHOUT_STOPS = 1.25
 """Times as long as with a stop at every corner, a motion without stops may take."""
-PERIOD = 0.05
+_PERIOD = 0.05
 """s between waypoints of a motion."""
 
 
@@ -58,17 +58,17 @@ def timed(arm: Arm, way: Array, cell: Cell, point_in_tcp: Array, limits: Limits)
     rounded = _spline(way)
     if len(straight) > 1 and _is_free(rounded, cell):
         at_once = _step(arm, rounded, point_in_tcp, limits)
-        if at_once.duration < WITHOUT_STOPS * sum(motion.duration for motion in straight):
+        if at_once.duration < _WITHOUT_STOPS * sum(motion.duration for motion in straight):
             return [at_once]
     return straight
 
 
 def _spline(way: Array) -> CubicSpline:
-    """Through points at most `STEP` apart on the way, over 0..1 in proportion to length."""
+    """Through points at most `CHECK_STEP` apart on the way, over 0..1 in proportion to length."""
     keep = np.concatenate([[True], np.abs(np.diff(way, axis=0)).max(axis=1) > 1e-9])
     way = way[keep]
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
-    counts = np.maximum(np.ceil(np.diff(lengths) / (2 * STEP)).astype(int), 1)
+    counts = np.maximum(np.ceil(np.diff(lengths) / (2 * CHECK_STEP)).astype(int), 1)
     spans = zip(lengths[:-1], lengths[1:], counts, strict=True)
     at = np.concatenate([*(np.linspace(a, b, n, endpoint=False) for a, b, n in spans), lengths[-1:]])
     points = np.stack([np.interp(at, lengths, column) for column in way.T], axis=1)
@@ -77,12 +77,12 @@ def _spline(way: Array) -> CubicSpline:
 
 def _is_free(path: CubicSpline, cell: Cell) -> bool:
     length = np.abs(path(path.x[1:]) - path(path.x[:-1])).max(axis=1).sum()
-    places = path(np.linspace(0.0, 1.0, max(int(np.ceil(length / STEP)) + 1, 3)))
+    places = path(np.linspace(0.0, 1.0, max(int(np.ceil(length / CHECK_STEP)) + 1, 3)))
     return all(cell.free(q) for q in places)
 
 
 def _step(arm: Arm, path: CubicSpline, point_in_tcp: Array, limits: Limits) -> WaypointTrajectory:
-    at = np.linspace(0.0, 1.0, SAMPLES)
+    at = np.linspace(0.0, 1.0, _SAMPLES)
     position, velocity, acceleration = _motion(path, at)
     points = np.array([arm.tool(q).act(point_in_tcp) for q in position])
     speed = np.gradient(points, at, axis=0, edge_order=2)
@@ -92,10 +92,10 @@ def _step(arm: Arm, path: CubicSpline, point_in_tcp: Array, limits: Limits) -> W
         float(np.sqrt(np.abs(acceleration).max() / limits.joint_acceleration)),
         float(np.linalg.norm(speed, axis=1).max() / limits.speed),
         float(np.sqrt(np.linalg.norm(change, axis=1).max() / limits.acceleration)),
-        2 * PERIOD,
+        2 * _PERIOD,
     )
-    duration *= SLACK
-    times = np.linspace(0.0, duration, int(np.ceil(duration / PERIOD)) + 1)
+    duration *= _SLACK
+    times = np.linspace(0.0, duration, int(np.ceil(duration / _PERIOD)) + 1)
     position, velocity, acceleration = _motion(path, times / duration)
     return WaypointTrajectory(times, position, velocity / duration, acceleration / duration**2)
 

@@ -4,36 +4,44 @@
 - `plan_sequence`: several objects, in an order that it finds.
 - `PLACEMENT_PLANNERS`: planners by name (docs/add_a_planner.md).
 - `KeptFree`: a region that stays empty. `Uncertainty`: placements that survive errors of pose, mass and friction.
-- `Validator`, `Features`: what planners share: tests of a pose, and what an object can rest on.
+- `Validator`, `ContactFeatures`: what planners share: tests of a pose, and what an object can rest on.
 """
 
-from poise.placement.features import Features
-from poise.placement.judging import CRITERIA, Merit, judge
-from poise.placement.planner import ON, CancelledError, Options, Placement, Progress, no_placement, plan_placement
+from poise.placement.features import ContactFeatures
+from poise.placement.planner import (
+    SUPPORT_KINDS,
+    CancelledError,
+    Options,
+    Placement,
+    PlacementProgress,
+    no_placement,
+    plan_placement,
+)
 from poise.placement.registry import DEFAULT_PLANNER, PLACEMENT_PLANNERS, PlacementPlanner
+from poise.placement.scoring import CRITERIA, PlacementScore, evaluate
 from poise.placement.sequence import PlacementSequence, plan_sequence
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import KeptFree, Look, Test, Validator, require_new
+from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, require_new
 
 __all__ = [
     "CRITERIA",
     "DEFAULT_PLANNER",
-    "ON",
     "PLACEMENT_PLANNERS",
+    "SUPPORT_KINDS",
     "CancelledError",
-    "Features",
+    "ContactFeatures",
     "KeptFree",
-    "Look",
-    "Merit",
     "Options",
     "Placement",
     "PlacementPlanner",
+    "PlacementProgress",
+    "PlacementScore",
     "PlacementSequence",
-    "Progress",
-    "Test",
+    "PlacementTest",
+    "PoseTest",
     "Uncertainty",
     "Validator",
-    "judge",
+    "evaluate",
     "no_placement",
     "plan_placement",
     "plan_sequence",

@@ -7,18 +7,18 @@ from scipy.optimize import nnls
 
 from poise.assembly import Analysis, RigidObject
 from poise.geometry import Pose, plane_axes
-from poise.placement.matching import Contact
+from poise.placement.matching import SupportPoint
 from poise.types import Array
 
-BALANCED = 1e-6
+BALANCE_ROUNDING = 1e-6
 """Of the object's weight: what is left over by less is rounding."""
-ON_PLANE = 1e-4
+_ON_PLANE = 1e-4
 """m."""
-ON_LINE = 1e-3
+_ON_LINE = 1e-3
 """Relative to the object's size: on points this near to a line it may roll."""
 
 
-def left_over(points: Array, normals: Array, friction: Array, gravity: Array, size: float) -> float:
+def unbalanced_share(points: Array, normals: Array, friction: Array, gravity: Array, size: float) -> float:
     """How much of a unit weight, force and moment, presses at some points cannot balance at the least.
 
     Thesis section 5.5.4 asks the forces of a QR (eq. 5.6-5.8) first; these may pull where others need not. Here the
@@ -38,8 +38,8 @@ def left_over(points: Array, normals: Array, friction: Array, gravity: Array, si
     return float(nnls(columns.T, np.append(-gravity, np.zeros(3)))[1])
 
 
-def unbalanced(analysis: Analysis, item: RigidObject) -> float:
-    """How much of an object's weight its contacts in an assembly cannot balance; see `left_over`."""
+def unbalanced_weight(analysis: Analysis, item: RigidObject) -> float:
+    """How much of an object's weight its contacts in an assembly cannot balance; see `unbalanced_share`."""
     place = analysis.assembly.index[item.id]
     touching = [i for i in analysis.structure.interfaces if place in (i.first, i.second)]
     if not touching:
@@ -47,7 +47,7 @@ def unbalanced(analysis: Analysis, item: RigidObject) -> float:
     counts = [len(i.points) for i in touching]
     normals = np.array([i.normal if place == i.second else -i.normal for i in touching])
     gravity = np.asarray(analysis.assembly.gravity)
-    return left_over(
+    return unbalanced_share(
         np.concatenate([i.points for i in touching]) - item.com_in_world,
         np.repeat(normals, counts, axis=0),
         np.repeat([i.friction for i in touching], counts),
@@ -57,7 +57,7 @@ def unbalanced(analysis: Analysis, item: RigidObject) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class SupportCheck:
     """Whether an object at a pose lies on planes of the scene, as if these had no end, and they could carry it.
 
     Args:
@@ -74,20 +74,20 @@ class Fit:
     friction: float
     gravity: Array
 
-    def allows(self, pose: Pose, contacts: tuple[Contact, ...]) -> bool:
+    def allows(self, pose: Pose, contacts: tuple[SupportPoint, ...]) -> bool:
         """Planes by a point and the normal; asked for each before a pose is tested in earnest."""
         corners, com = pose.apply(self.vertices), pose.apply(self.com)
         points, normals = [], []
         for contact in contacts:
             heights = (corners - contact.point) @ contact.normal
-            if self.convex and heights.min() < -ON_PLANE:
+            if self.convex and heights.min() < -_ON_PLANE:
                 return False
-            on = corners[np.abs(heights) < ON_PLANE]
+            on = corners[np.abs(heights) < _ON_PLANE]
             points.append(on - com)
             normals.append(np.broadcast_to(contact.normal, on.shape))
         found = np.concatenate(points)
         size = float(np.linalg.norm(np.ptp(corners, axis=0)))
-        if len(found) < 3 or np.linalg.svd(found - found.mean(axis=0), compute_uv=False)[1] < ON_LINE * size:
+        if len(found) < 3 or np.linalg.svd(found - found.mean(axis=0), compute_uv=False)[1] < _ON_LINE * size:
             return False
         friction = np.full(len(found), self.friction)
-        return left_over(found, np.concatenate(normals), friction, self.gravity, size) < BALANCED
+        return unbalanced_share(found, np.concatenate(normals), friction, self.gravity, size) < BALANCE_ROUNDING

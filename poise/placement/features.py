@@ -56,19 +56,19 @@ class Edge:
         where the plane's opposed normal has to lie between the normals of the two faces.
         """
         outwards = -normal
-        if abs(outwards @ self.direction) > PARALLEL:
+        if abs(outwards @ self.direction) > PARALLEL_SINE:
             return False
         first, second = self.normals
         turn = np.cross(first, second)
         return bool(np.cross(first, outwards) @ turn > 0 and np.cross(outwards, second) @ turn > 0)
 
 
-PARALLEL = 2e-3
+PARALLEL_SINE = 2e-3
 """Sine under which a direction counts as lying in a plane."""
 
 
 @dataclass(frozen=True, eq=False)
-class Features:
+class ContactFeatures:
     """Faces and edges of one object that can touch others."""
 
     faces: tuple[Face, ...]
@@ -88,7 +88,7 @@ class Features:
         return np.asarray(weights / weights.sum())
 
     @classmethod
-    def of(cls, shape: Shape, com: Array | None) -> "Features":
+    def of(cls, shape: Shape, com: Array | None) -> "ContactFeatures":
         """Faces of the object and of its hull (feet, rims), the steady and large ones first, and its convex edges.
 
         Args:

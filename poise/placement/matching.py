@@ -12,22 +12,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.geometry import Pose, rotation_about, rotation_between, unit
-from poise.placement.features import Face, Features
+from poise.placement.features import ContactFeatures, Face
 from poise.types import Array
 
-ANGLE = np.radians(1.0)
+_ANGLE = np.radians(1.0)
 """Two pairs of normals match when the angles between them differ by less."""
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
+class SupportPoint:
     """A place on the scene: a point (3,) m and the outward unit normal (3,) there, in the world."""
 
     point: Array
     normal: Array
 
 
-def poses_on_one(contact: Contact, face: Face, com: Array, yaws: Array) -> Iterator[Pose]:
+def poses_on_one(contact: SupportPoint, face: Face, com: Array, yaws: Array) -> Iterator[Pose]:
     """Poses with a face flat on the plane of one place, the centre of mass over it, turned by each yaw, rad."""
     down = rotation_between(face.normal, -contact.normal)
     for yaw in yaws:
@@ -35,7 +35,9 @@ def poses_on_one(contact: Contact, face: Face, com: Array, yaws: Array) -> Itera
         yield _on_planes(rotation, [(contact, face.point)], contact.point, com)
 
 
-def poses_on_two(a: Contact, b: Contact, features: Features, rng: np.random.Generator, tries: int) -> Iterator[Pose]:
+def poses_on_two(
+    a: SupportPoint, b: SupportPoint, features: ContactFeatures, rng: np.random.Generator, tries: int
+) -> Iterator[Pose]:
     """Poses that touch both places, with `tries` random pairs of features that can.
 
     Faces on one plane (case A.1), faces that intersect (A.2), a face and an edge (B), and two edges (C).
@@ -69,10 +71,12 @@ def poses_on_two(a: Contact, b: Contact, features: Features, rng: np.random.Gene
             yield from _edge_edge(a, b, features, rng, middle)
 
 
-def _face_face(a: Contact, b: Contact, features: Features, rng: np.random.Generator, middle: Array) -> Iterator[Pose]:
+def _face_face(
+    a: SupportPoint, b: SupportPoint, features: ContactFeatures, rng: np.random.Generator, middle: Array
+) -> Iterator[Pose]:
     angle = np.arccos(np.clip(a.normal @ b.normal, -1, 1))
-    pairs = np.argwhere(np.abs(features.angles - angle) < ANGLE)
-    if not len(pairs) or angle < ANGLE or angle > np.pi - ANGLE:
+    pairs = np.argwhere(np.abs(features.angles - angle) < _ANGLE)
+    if not len(pairs) or angle < _ANGLE or angle > np.pi - _ANGLE:
         return
     i, j = pairs[rng.integers(len(pairs))]
     first, second = features.faces[i], features.faces[j]
@@ -80,7 +84,9 @@ def _face_face(a: Contact, b: Contact, features: Features, rng: np.random.Genera
     yield _on_planes(rotation, [(a, first.point), (b, second.point)], middle, features.com)
 
 
-def _face_edge(a: Contact, b: Contact, features: Features, rng: np.random.Generator, middle: Array) -> Iterator[Pose]:
+def _face_edge(
+    a: SupportPoint, b: SupportPoint, features: ContactFeatures, rng: np.random.Generator, middle: Array
+) -> Iterator[Pose]:
     """The face on the place a; the edge on b. The turn about a's normal that lays the edge into b's plane."""
     face = _pick_face(features, rng)
     edge = features.edges[rng.integers(len(features.edges))]
@@ -91,7 +97,9 @@ def _face_edge(a: Contact, b: Contact, features: Features, rng: np.random.Genera
             yield _on_planes(rotation, [(a, face.point), (b, edge.start)], middle, features.com)
 
 
-def _edge_edge(a: Contact, b: Contact, features: Features, rng: np.random.Generator, middle: Array) -> Iterator[Pose]:
+def _edge_edge(
+    a: SupportPoint, b: SupportPoint, features: ContactFeatures, rng: np.random.Generator, middle: Array
+) -> Iterator[Pose]:
     """Each edge in its plane; how far the first leans between its faces is free, and chosen at random."""
     first, second = (features.edges[k] for k in rng.integers(len(features.edges), size=2))
     share = rng.uniform(0.1, 0.9)
@@ -103,18 +111,18 @@ def _edge_edge(a: Contact, b: Contact, features: Features, rng: np.random.Genera
             yield _on_planes(rotation, [(a, first.start), (b, second.start)], middle, features.com)
 
 
-def _pick_face(features: Features, rng: np.random.Generator) -> Face:
+def _pick_face(features: ContactFeatures, rng: np.random.Generator) -> Face:
     return features.faces[int(rng.choice(len(features.faces), p=features.odds))]
 
 
-def same_plane(a: Contact, b: Contact) -> bool:
+def same_plane(a: SupportPoint, b: SupportPoint) -> bool:
     """Whether both places lie on one plane and face the same way."""
     run = b.point - a.point
     length = float(np.linalg.norm(run))
-    return bool(a.normal @ b.normal > np.cos(ANGLE) and length > 0 and abs(run @ a.normal) <= 2e-4 + 1e-3 * length)
+    return bool(a.normal @ b.normal > np.cos(_ANGLE) and length > 0 and abs(run @ a.normal) <= 2e-4 + 1e-3 * length)
 
 
-def over_three(a: Contact, b: Contact, c: Contact, up: Array) -> Contact | None:
+def over_three(a: SupportPoint, b: SupportPoint, c: SupportPoint, up: Array) -> SupportPoint | None:
     """The plane over three places, above their middle: what a face needs to lie on three peaks, or on one surface.
 
     None when the places are in line, or when the plane would run into a surface at one of them.
@@ -125,14 +133,14 @@ def over_three(a: Contact, b: Contact, c: Contact, up: Array) -> Contact | None:
         return None
     normal = across / size * np.sign(across @ up)
     slopes = np.array([contact.normal @ normal for contact in (a, b, c)])
-    flat = np.all(slopes > np.cos(ANGLE))
+    flat = np.all(slopes > np.cos(_ANGLE))
     peaks = np.array([contact.normal @ up for contact in (a, b, c)]) > 1 - 1e-9
     if not (flat or np.all(peaks)) or normal @ up <= 0:
         return None
-    return Contact((a.point + b.point + c.point) / 3, normal)
+    return SupportPoint((a.point + b.point + c.point) / 3, normal)
 
 
-def _on_planes(rotation: Array, pairs: list[tuple[Contact, Array]], middle: Array, com: Array) -> Pose:
+def _on_planes(rotation: Array, pairs: list[tuple[SupportPoint, Array]], middle: Array, com: Array) -> Pose:
     """The translation that puts points of the object (3,) on the planes, its com over `middle` as far as is free."""
     normals = np.array([contact.normal for contact, _ in pairs])
     distances = np.array([contact.normal @ (contact.point - rotation @ point) for contact, point in pairs])

@@ -12,18 +12,18 @@ import numpy as np
 from poise.assembly import Analysis, Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose, unit
-from poise.placement.balance import Fit
-from poise.placement.features import Features
-from poise.placement.judging import Merit, check_criterion, estimate, judge
-from poise.placement.matching import Contact, over_three, poses_on_one, poses_on_two, same_plane
+from poise.placement.balance import SupportCheck
+from poise.placement.features import ContactFeatures
+from poise.placement.matching import SupportPoint, over_three, poses_on_one, poses_on_two, same_plane
 from poise.placement.refinement import refine
+from poise.placement.scoring import PlacementScore, check_criterion, estimate_score, evaluate
 from poise.placement.supports import Supports, find_supports
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import Look, Test, Validator, require_new
+from poise.placement.validation import PlacementTest, PoseTest, Validator, require_new
 
-ON = ("any", "objects", "fixed")
-PLACES = 400
-TRIES, TESTED = 24, 3
+SUPPORT_KINDS = ("any", "objects", "fixed")
+SUPPORT_PLACES = 400
+_TRIES, _TESTED = 24, 3
 """Pairs of features tried on each pair of places, and poses of each draw that are tested in earnest."""
 
 
@@ -41,7 +41,7 @@ class Options:
         uncertainty: what the placement has to survive.
         tests: further conditions by name.
         looks: further conditions by name on the object at its pose alone (`KeptFree`); the cheap ones.
-        refining: move a placement that was found as long as its merit grows.
+        refining: move a placement that was found as long as its score grows.
     """
 
     attempts: int = 500
@@ -51,14 +51,14 @@ class Options:
     on: str = "any"
     guide: str = "limit"
     uncertainty: Uncertainty | None = None
-    tests: Sequence[tuple[str, Test]] = ()
+    tests: Sequence[tuple[str, PlacementTest]] = ()
     refining: bool = False
-    looks: Sequence[tuple[str, Look]] = ()
+    looks: Sequence[tuple[str, PoseTest]] = ()
 
     def __post_init__(self) -> None:
         check_criterion(self.criterion)
-        if self.on not in ON:
-            raise InputError(ErrorCode.BAD_INPUT, f"on {self.on!r}: choose one of {', '.join(ON)}")
+        if self.on not in SUPPORT_KINDS:
+            raise InputError(ErrorCode.BAD_INPUT, f"on {self.on!r}: choose one of {', '.join(SUPPORT_KINDS)}")
         if self.attempts < 1 or self.candidates < 1:
             raise InputError(ErrorCode.BAD_INPUT, "attempts and candidates start at 1")
         if self.deadline is not None and not (np.isfinite(self.deadline) and self.deadline > 0):
@@ -88,13 +88,13 @@ class Placement:
         return f"Placement({self.item.id} at [{pose}], {self.iterations} poses tested in {self.seconds:.2f} s)"
 
     @cached_property
-    def merit(self) -> Merit:
+    def score(self) -> PlacementScore:
         """Of the assembly with the object, certified; worked out when asked for.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
-        return judge(self.analysis)
+        return evaluate(self.analysis)
 
     @property
     def pose(self) -> Pose:
@@ -103,12 +103,12 @@ class Placement:
 
 
 @dataclass(frozen=True, eq=False)
-class Progress:
+class PlacementProgress:
     """Told after every pose: how many were tested, and the best placement so far."""
 
     iteration: int
     best: RigidObject | None
-    merit: Merit | None
+    score: PlacementScore | None
 
 
 class CancelledError(PoiseError):
@@ -120,7 +120,7 @@ def plan_placement(
     item: RigidObject,
     options: Options = Options(),
     seed: int = 0,
-    progress: Callable[[Progress], bool] | None = None,
+    progress: Callable[[PlacementProgress], bool] | None = None,
 ) -> Placement:
     """Find a pose of an object that keeps the assembly, with it, standing.
 
@@ -142,9 +142,9 @@ def plan_placement(
     analysis = Analysis.of(assembly)
     analysis.require_stable()
     rng = np.random.default_rng(seed)
-    features = Features.of(item.shape, item.com)
+    features = ContactFeatures.of(item.shape, item.com)
     size = float(np.linalg.norm(np.ptp(item.shape.polyhedron.vertices, axis=0)))
-    supports = find_supports(analysis, options.on, options.guide, PLACES, size, rng)
+    supports = find_supports(analysis, options.on, options.guide, SUPPORT_PLACES, size, rng)
     validator = Validator(analysis, item, options.tests, options.looks, options.uncertainty)
     search = _Search(supports, features, validator, options, size, start, progress)
     found = search.run(rng)
@@ -162,12 +162,12 @@ class _Search:
     def __init__(
         self,
         supports: Supports,
-        features: Features,
+        features: ContactFeatures,
         validator: Validator,
         options: Options,
         size: float,
         start: float,
-        progress: Callable[[Progress], bool] | None,
+        progress: Callable[[PlacementProgress], bool] | None,
     ) -> None:
         self._supports, self._features, self._validator = supports, features, validator
         self._options, self._size, self._start, self._progress = options, size, start, progress
@@ -175,16 +175,16 @@ class _Search:
         assembly, shape = validator.analysis.assembly, validator.item.shape.polyhedron
         self._up = -unit(assembly.gravity)
         friction = max([assembly.friction, *(pair.coefficient for pair in assembly.friction_pairs)])
-        self._fit = Fit(shape.vertices, features.com, shape.convex, friction, -self._up)
+        self._fit = SupportCheck(shape.vertices, features.com, shape.convex, friction, -self._up)
 
     @property
     def late(self) -> bool:
         limit = self._options.deadline
         return limit is not None and time.monotonic() - self._start >= limit
 
-    def run(self, rng: np.random.Generator) -> tuple[Analysis, RigidObject, Merit | None] | None:
+    def run(self, rng: np.random.Generator) -> tuple[Analysis, RigidObject, PlacementScore | None] | None:
         """The best of the first `candidates` placements found; None when there is none."""
-        best: tuple[Analysis, RigidObject, Merit | None] | None = None
+        best: tuple[Analysis, RigidObject, PlacementScore | None] | None = None
         found = 0
         while self.iteration < self._options.attempts and not self.late:
             for pose in self._poses(rng):
@@ -205,20 +205,20 @@ class _Search:
         return best
 
     def _better(
-        self, best: tuple[Analysis, RigidObject, Merit | None] | None, analysis: Analysis, item: RigidObject
-    ) -> tuple[Analysis, RigidObject, Merit | None]:
+        self, best: tuple[Analysis, RigidObject, PlacementScore | None] | None, analysis: Analysis, item: RigidObject
+    ) -> tuple[Analysis, RigidObject, PlacementScore | None]:
         if self._options.candidates == 1:
             return analysis, item, None
-        merit = estimate(analysis, self._options.criterion == "median")
-        if best is None or best[2] is None or merit.better_than(best[2], self._options.criterion):
-            return analysis, item, merit
+        score = estimate_score(analysis, self._options.criterion == "median")
+        if best is None or best[2] is None or score.better_than(best[2], self._options.criterion):
+            return analysis, item, score
         return best
 
-    def _tell(self, best: tuple[Analysis, RigidObject, Merit | None] | None) -> None:
+    def _tell(self, best: tuple[Analysis, RigidObject, PlacementScore | None] | None) -> None:
         if self._progress is None:
             return
-        item, merit = (None, None) if best is None else best[1:]
-        if not self._progress(Progress(self.iteration, item, merit)):
+        item, score = (None, None) if best is None else best[1:]
+        if not self._progress(PlacementProgress(self.iteration, item, score)):
             raise CancelledError(
                 ErrorCode.CANCELLED, f"placing {self._validator.item.id} was cancelled; nothing was changed"
             )
@@ -229,9 +229,9 @@ class _Search:
         first = next(fitting, None)
         yield first
         if first is not None:
-            yield from islice(fitting, TESTED - 1)
+            yield from islice(fitting, _TESTED - 1)
 
-    def _drawn(self, rng: np.random.Generator) -> Iterator[tuple[Pose, tuple[Contact, ...]]]:
+    def _drawn(self, rng: np.random.Generator) -> Iterator[tuple[Pose, tuple[SupportPoint, ...]]]:
         """Poses for one draw of places: over three of them, on two, and on one alone, each with its planes."""
         numbers = self._supports.draw(rng)
         a, *others = (self._supports.contact(number) for number in numbers)
@@ -251,7 +251,7 @@ class _Search:
         if top is None and others:
             pair = a, others[0]
             flat = same_plane(*pair)
-            found = poses_on_two(*pair, self._features, rng, 1 if flat else TRIES)
+            found = poses_on_two(*pair, self._features, rng, 1 if flat else _TRIES)
             yield from ((pose, pair[:1] if flat else pair) for pose in found)
         yield from ((pose, (a,)) for pose in poses_on_one(a, face, self._features.com, self._yaw(rng)))
 

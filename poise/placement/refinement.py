@@ -7,33 +7,33 @@ import numpy as np
 from poise.assembly import Analysis, RigidObject
 from poise.errors import NoAnswerError
 from poise.geometry import Pose, plane_axes, rotation_about, unit
-from poise.placement.judging import Merit, estimate
+from poise.placement.scoring import PlacementScore, estimate_score
 from poise.placement.validation import Validator
 from poise.types import Array
 
-FIRST_STEP = 0.15
+_FIRST_STEP = 0.15
 """Of the object's size; and in radians for turns."""
-SMALLEST_STEP = 0.01
+_SMALLEST_STEP = 0.01
 
 
 def refine(
     validator: Validator, analysis: Analysis, item: RigidObject, criterion: str, late: Callable[[], bool]
 ) -> tuple[Analysis, RigidObject]:
-    """Slide and turn the object on its support while its merit grows; a pattern search with shrinking steps.
+    """Slide and turn the object on its support while its score grows; a pattern search with shrinking steps.
 
     Args:
         validator: of the assembly without the object.
         analysis: of the assembly with it.
         item: at the placement found.
-        criterion: see `Merit.better_than`.
+        criterion: see `PlacementScore.better_than`.
         late: whether time is up.
     """
     size = float(np.linalg.norm(np.ptp(item.vertices, axis=0)))
     up = -unit(analysis.assembly.gravity)
     moves = [sign * axis for axis in plane_axes(up) for sign in (1.0, -1.0)]
-    best = estimate(analysis, criterion == "median")
-    step = FIRST_STEP
-    while step >= SMALLEST_STEP and not late():
+    best = estimate_score(analysis, criterion == "median")
+    step = _FIRST_STEP
+    while step >= _SMALLEST_STEP and not late():
         better = None
         for move in (*moves, None):
             candidate = _try(validator, item, move, step, size, up, criterion)
@@ -51,7 +51,7 @@ def refine(
 
 def _try(
     validator: Validator, item: RigidObject, move: Array | None, step: float, size: float, up: Array, criterion: str
-) -> tuple[Analysis, RigidObject, Merit] | None:
+) -> tuple[Analysis, RigidObject, PlacementScore] | None:
     """The object moved, or (None) turned about the vertical through its centre of mass."""
     com = item.com_in_world
     if move is None:
@@ -63,6 +63,6 @@ def _try(
     if accepted is None:
         return None
     try:
-        return (*accepted, estimate(accepted[0], criterion == "median"))
+        return (*accepted, estimate_score(accepted[0], criterion == "median"))
     except NoAnswerError:
         return None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from poise.assembly import Analysis, Assembly, RigidObject
-from poise.placement.planner import Options, Placement, Progress
+from poise.placement.planner import Options, Placement, PlacementProgress
 from poise.registry import Registry
 
 
@@ -18,7 +18,7 @@ class PlanOne(Protocol):
         item: RigidObject,
         options: Options,
         seed: int,
-        progress: Callable[[Progress], bool] | None,
+        progress: Callable[[PlacementProgress], bool] | None,
     ) -> Placement: ...
 
 

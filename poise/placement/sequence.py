@@ -9,14 +9,14 @@ import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.placement.judging import Merit, estimate, judge
-from poise.placement.planner import Options, Placement, Progress, plan_placement
+from poise.placement.planner import Options, Placement, PlacementProgress, plan_placement
+from poise.placement.scoring import PlacementScore, estimate_score, evaluate
 
-TRIED_PER_OBJECT = 8
+_TRIED_PER_OBJECT = 8
 """Plans for single objects in one order, per object, before it is given up."""
 
 
-PLAIN = Options()
+_PLAIN = Options()
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,22 +42,22 @@ class PlacementSequence:
         return self.placements[-1].analysis
 
     @cached_property
-    def merit(self) -> Merit:
+    def score(self) -> PlacementScore:
         """Of that assembly, certified; worked out when asked for.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
-        return judge(self.analysis)
+        return evaluate(self.analysis)
 
 
 def plan_sequence(
     assembly: Assembly | Analysis,
     items: Sequence[RigidObject],
-    options: Options = PLAIN,
+    options: Options = _PLAIN,
     seed: int = 0,
     orders: int = 1,
-    progress: Callable[[Progress], bool] | None = None,
+    progress: Callable[[PlacementProgress], bool] | None = None,
 ) -> PlacementSequence:
     """Find an order of objects and a place for each.
 
@@ -85,18 +85,18 @@ def plan_sequence(
     analysis = Analysis.of(assembly)
     analysis.require_stable()
     rng = np.random.default_rng(seed)
-    best: tuple[list[Placement], Merit] | None = None
+    best: tuple[list[Placement], PlacementScore] | None = None
     most: list[Placement] = []
     for number in range(max(orders, 1)):
         if best is not None and options.deadline is not None and time.monotonic() - start > options.deadline:
             break
-        search = _Order(options, start, rng, progress, shuffled=number > 0, budget=TRIED_PER_OBJECT * len(items))
+        search = _Order(options, start, rng, progress, shuffled=number > 0, budget=_TRIED_PER_OBJECT * len(items))
         found = search.place(analysis, list(items))
         most = max(most, search.most, key=len)
         if found is not None:
-            merit = estimate(found[-1].analysis, options.criterion == "median")
-            if best is None or merit.better_than(best[1], options.criterion):
-                best = found, merit
+            score = estimate_score(found[-1].analysis, options.criterion == "median")
+            if best is None or score.better_than(best[1], options.criterion):
+                best = found, score
     if best is None:
         raise _no_order(ids, [placement.item.id for placement in most])
     return PlacementSequence(tuple(best[0]), time.monotonic() - start)
@@ -121,7 +121,7 @@ class _Order:
         options: Options,
         start: float,
         rng: np.random.Generator,
-        progress: Callable[[Progress], bool] | None,
+        progress: Callable[[PlacementProgress], bool] | None,
         shuffled: bool,
         budget: int,
     ) -> None:

@@ -10,10 +10,10 @@ from poise.errors import InputError
 from poise.geometry import Pose, rotation_about
 from poise.types import Array
 
-MOST_STEPS = 25
-FIRST_STEP = 0.05
+_MOST_STEPS = 25
+_FIRST_STEP = 0.05
 """Largest motion of a step, in sizes of the object."""
-SMALLEST_STEP = 1e-4
+_SMALLEST_STEP = 1e-4
 
 
 def settle(analysis: Analysis, item: RigidObject, size: float) -> tuple[Analysis, RigidObject] | None:
@@ -27,13 +27,13 @@ def settle(analysis: Analysis, item: RigidObject, size: float) -> tuple[Analysis
         item: the object, as it is in there.
         size: m, of the object.
     """
-    step = FIRST_STEP
-    for _ in range(MOST_STEPS):
+    step = _FIRST_STEP
+    for _ in range(_MOST_STEPS):
         twist = _falling(analysis, item)
         if twist is None:
             return None
         moved = None
-        while moved is None and step >= SMALLEST_STEP:
+        while moved is None and step >= _SMALLEST_STEP:
             moved = _moved(analysis, item, twist, step * size)
             step *= 0.5 if moved is None else 1.0
         if moved is None:

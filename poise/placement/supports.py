@@ -10,29 +10,29 @@ from poise.assembly import Analysis, Push, RigidObject, assess, robustness_map
 from poise.assembly.contact import SurfacePoints
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import unit
-from poise.placement.features import PARALLEL, is_convex
-from poise.placement.matching import Contact
+from poise.placement.features import PARALLEL_SINE, is_convex
+from poise.placement.matching import SupportPoint
 from poise.types import Array, Mask
 
-FACES_UP = 0.02
+_FACES_UP = 0.02
 """Least cosine between a carrying surface's normal and up."""
-TOLERANCE = 0.3
+_TOLERANCE = 0.3
 """Relative; of the robustness map that only guides."""
-GUIDES = ("limit", "approx", "thesis", "uniform")
-GUIDE_SECONDS = 5.0
+_GUIDES = ("limit", "approx", "thesis", "uniform")
+_GUIDE_SECONDS = 5.0
 """s for guides that ask every place by itself; what they have not reached by then is held for weak."""
-FIRST_SHARE = 0.1
+_FIRST_SHARE = 0.1
 """Probability of the set of strongest points at the first draw (thesis section 5.6.1)."""
-DECAY = 0.99
-FAILED = 0.6
+_DECAY = 0.99
+_FAILED = 0.6
 """What is left of a place's weight after a pose on it has failed."""
-SHARP_SHARE = 0.4
+_SHARP_SHARE = 0.4
 """Of the draws, at least, where there are ridges or peaks: they are few, but reach highest."""
-STEEP = 0.1
+_STEEP = 0.1
 """Weight of slopes on which nothing would stay without another support."""
-REACH = 1.5
+_REACH = 1.5
 """Sizes of the object within which the places of one draw lie."""
-ABOVE = 2e-3
+_ABOVE = 2e-3
 """m over a place, where nothing else may be."""
 
 
@@ -65,16 +65,16 @@ class Supports:
         top = float(finite.max(initial=1.0))
         # The cap at which the strongest finite set of points has its share of the probability, before it decays.
         rest = float(np.minimum(self.robustness, top).sum()) or 1.0
-        self._cap = top * max(1.0, FIRST_SHARE * rest / top)
+        self._cap = top * max(1.0, _FIRST_SHARE * rest / top)
 
     @property
     def weights(self) -> Array:
         """(N,) probability of each place at the next draw (eq. 5.10, with the cap decayed, and 5.13)."""
-        cap = max(self._cap * DECAY**self.draws, 1e-9)
-        weights = np.minimum(self.robustness, cap) * self.nearness ** (DECAY**self.draws) * self.trust
+        cap = max(self._cap * _DECAY**self.draws, 1e-9)
+        weights = np.minimum(self.robustness, cap) * self.nearness ** (_DECAY**self.draws) * self.trust
         share = weights[self.sharp].sum() / (weights.sum() or 1.0)
-        if 0 < share < SHARP_SHARE:
-            weights[self.sharp] *= SHARP_SHARE * (1 - share) / (share * (1 - SHARP_SHARE))
+        if 0 < share < _SHARP_SHARE:
+            weights[self.sharp] *= _SHARP_SHARE * (1 - share) / (share * (1 - _SHARP_SHARE))
         total = weights.sum()
         return weights / total if total > 0 else np.full(len(weights), 1 / len(weights))
 
@@ -92,13 +92,13 @@ class Supports:
         share = weights[others] / weights[others].sum()
         return [first, *rng.choice(others, size=2, replace=False, p=share).tolist()]
 
-    def contact(self, number: int) -> Contact:
-        return Contact(self.points[number], self.normals[number])
+    def contact(self, number: int) -> SupportPoint:
+        return SupportPoint(self.points[number], self.normals[number])
 
     def distrust(self, point: Array, reach: float) -> None:
         """Try places near a failure less often (the mend that thesis section 5.8.2 proposes)."""
         near = np.linalg.norm(self.points - point, axis=1) < reach
-        self.trust[near] = np.maximum(self.trust[near] * FAILED, 0.02)
+        self.trust[near] = np.maximum(self.trust[near] * _FAILED, 0.02)
 
 
 def find_supports(
@@ -118,8 +118,8 @@ def find_supports(
     Raises:
         InputError: BAD_INPUT for an unknown guide; OBJECT_INVALID when nothing of the kind could carry anything.
     """
-    if guide not in GUIDES:
-        raise InputError(ErrorCode.BAD_INPUT, f"guide {guide!r}: choose one of {', '.join(GUIDES)}")
+    if guide not in _GUIDES:
+        raise InputError(ErrorCode.BAD_INPUT, f"guide {guide!r}: choose one of {', '.join(_GUIDES)}")
     objects = analysis.assembly.objects
     up = -unit(analysis.assembly.gravity)
     chosen = [i for i, item in enumerate(objects) if on == "any" or item.fixed == (on == "fixed")]
@@ -135,14 +135,14 @@ def find_supports(
     robustness = np.ones(len(points)) if guide == "uniform" else _guide(analysis, guide, places, points, normals)
     middle, reach = _extent(analysis, points, scale)
     nearness = np.exp(-np.sum((points - middle) ** 2, axis=1) / reach**2)
-    supports = Supports(places, points, normals, robustness, nearness, sharp, REACH * scale)
-    supports.trust[normals @ up < 1 / np.hypot(1, analysis.assembly.friction)] = STEEP
+    supports = Supports(places, points, normals, robustness, nearness, sharp, _REACH * scale)
+    supports.trust[normals @ up < 1 / np.hypot(1, analysis.assembly.friction)] = _STEEP
     return supports
 
 
 def _uncovered(objects: Sequence[RigidObject], places: NDArray[np.int64], points: Array, normals: Array) -> Mask:
     """(N,) whether a place is open: not inside a convex body that lies on it."""
-    over = points + ABOVE * normals
+    over = points + _ABOVE * normals
     free = np.ones(len(points), dtype=bool)
     for place, item in enumerate(objects):
         near = (places != place) & np.all(over > item.vertices.min(axis=0), axis=1)
@@ -161,7 +161,7 @@ def _places(item: RigidObject, up: Array, count: int, rng: np.random.Generator) 
     polyhedron = item.shape.polyhedron
     normals = polyhedron.normals @ item.pose.rotation.T
     vertices = item.vertices
-    triangles = np.flatnonzero((normals @ up > FACES_UP)[polyhedron.facet_of_triangle])
+    triangles = np.flatnonzero((normals @ up > _FACES_UP)[polyhedron.facet_of_triangle])
     points, directions = [np.zeros((0, 3))], [np.zeros((0, 3))]
     if len(triangles):
         corners = vertices[polyhedron.triangles[triangles]]
@@ -185,11 +185,11 @@ def _sharp(item: RigidObject, up: Array) -> Array:
     heights = vertices @ up
     ends, beside = polyhedron.edges, (polyhedron.normals @ item.pose.rotation.T)[polyhedron.edge_facets]
     run = vertices[ends[:, 1]] - vertices[ends[:, 0]]
-    level = np.abs(run @ up) < PARALLEL * np.linalg.norm(run, axis=1)
+    level = np.abs(run @ up) < PARALLEL_SINE * np.linalg.norm(run, axis=1)
     # The faces beside a level ridge fall away on different hands; so they do beside a valley.
     hands = np.einsum("esk,ek->es", beside, np.cross(run, up))
     apart = hands.prod(axis=1) < -1e-12 * np.einsum("ij,ij->i", run, run)
-    edges = np.flatnonzero(level & apart & np.all(beside @ up > -PARALLEL, axis=1))
+    edges = np.flatnonzero(level & apart & np.all(beside @ up > -PARALLEL_SINE, axis=1))
     ridge = [edge for edge in edges.tolist() if is_convex(polyhedron, edge)]
     shares = np.linspace(0, 1, 5)[:, None, None]
     along = (vertices[ends[ridge, 0]] + shares * run[ridge]).reshape(-1, 3)
@@ -208,7 +208,7 @@ def _guide(analysis: Analysis, guide: str, places: NDArray[np.int64], points: Ar
         surface = SurfacePoints(places[movable], points[movable], -normals[movable])
         try:
             if guide == "limit":
-                robustness[movable] = robustness_map(analysis, surface, TOLERANCE, "limit").lower
+                robustness[movable] = robustness_map(analysis, surface, _TOLERANCE, "limit").lower
             else:
                 robustness[movable] = _asked(analysis, guide, surface)
         except PoiseError:
@@ -220,7 +220,7 @@ def _asked(analysis: Analysis, model: str, surface: SurfacePoints) -> list[float
     """N, by a model that gives no map."""
     rows = zip(surface.place, surface.points, surface.directions, strict=True)
     pushes = [Push(analysis.assembly.objects[place].id, point, direction) for place, point, direction in rows]
-    return [found.lower for found in assess(analysis, pushes, model, GUIDE_SECONDS).results]
+    return [found.lower for found in assess(analysis, pushes, model, _GUIDE_SECONDS).results]
 
 
 def _extent(analysis: Analysis, points: Array, scale: float) -> tuple[Array, float]:

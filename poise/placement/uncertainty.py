@@ -8,7 +8,7 @@ from poise.assembly import Analysis, RigidObject
 from poise.geometry import plane_axes, rotation_about, unit
 from poise.types import Array
 
-DIRECTIONS = 8
+_DIRECTIONS = 8
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Uncertainty:
     mass: float = 0.1
 
 
-def stands_anyway(analysis: Analysis, item: RigidObject, uncertainty: Uncertainty) -> bool:
+def stands_disturbed(analysis: Analysis, item: RigidObject, uncertainty: Uncertainty) -> bool:
     """Whether the assembly stands in the worst of a ring of errors.
 
     The contacts stay where they are planned, and the centre of mass moves instead of the object: for what rests on
@@ -37,8 +37,8 @@ def stands_anyway(analysis: Analysis, item: RigidObject, uncertainty: Uncertaint
     """
     up = -unit(analysis.assembly.gravity)
     first = plane_axes(up)[0]
-    for number in range(DIRECTIONS):
-        away = rotation_about(up, 2 * np.pi * number / DIRECTIONS) @ first
+    for number in range(_DIRECTIONS):
+        away = rotation_about(up, 2 * np.pi * number / _DIRECTIONS) @ first
         mass = item.mass * (1 + uncertainty.mass * (1 if number % 2 else -1))
         if _disturbed(analysis, item, uncertainty, away, mass).stability().margin <= 0:
             return False

@@ -9,22 +9,22 @@ import numpy as np
 from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
-from poise.placement.balance import BALANCED, unbalanced
+from poise.placement.balance import BALANCE_ROUNDING, unbalanced_weight
 from poise.placement.settling import settle
-from poise.placement.uncertainty import Uncertainty, stands_anyway
+from poise.placement.uncertainty import Uncertainty, stands_disturbed
 from poise.types import Array
 
-Test = Callable[[Analysis, RigidObject], bool]
+PlacementTest = Callable[[Analysis, RigidObject], bool]
 """A condition on a placement, asked when the assembly with the object in it is known to stand."""
-Look = Callable[[RigidObject], bool]
+PoseTest = Callable[[RigidObject], bool]
 """A condition on the object at its pose alone, asked before contacts are looked for."""
 
-LOOSE = 3e-4
+_LOOSE = 3e-4
 """m: wider gaps, which the tolerance of scans would let pass as contact, carry no placement that is planned."""
-LEAST_MARGIN = 1e-3
+_LEAST_MARGIN = 1e-3
 """Of the object's weight: a placement on the verge of moving is none."""
-ALMOST = 0.15
-"""Of the object's weight unbalanced: what is more is too far off to sink to where it stands."""
+_ALMOST = 0.15
+"""Of the object's weight unbalanced_weight: what is more is too far off to sink to where it stands."""
 
 
 def require_new(objects: Iterable[RigidObject], item: RigidObject) -> None:
@@ -78,8 +78,8 @@ class Validator:
 
     analysis: Analysis
     item: RigidObject
-    tests: Sequence[tuple[str, Test]] = ()
-    looks: Sequence[tuple[str, Look]] = ()
+    tests: Sequence[tuple[str, PlacementTest]] = ()
+    looks: Sequence[tuple[str, PoseTest]] = ()
     uncertainty: Uncertainty | None = None
     settling: bool = True
     rejected: Counter[str] = field(default_factory=Counter)
@@ -104,7 +104,7 @@ class Validator:
                 return self._reject("does not stand")
             if standing[1] is not there and (why := self._looks_wrong(standing[1])) is not None:
                 return self._reject(why)
-            if self.uncertainty is not None and not stands_anyway(*standing, self.uncertainty):
+            if self.uncertainty is not None and not stands_disturbed(*standing, self.uncertainty):
                 return self._reject("stands, but not robustly")
         except NoAnswerError:
             return self._reject("could not be decided")
@@ -122,10 +122,10 @@ class Validator:
 
     def _standing(self, analysis: Analysis, item: RigidObject) -> tuple[Analysis, RigidObject] | None:
         """As it is where it stands, or settled; None when neither stands safely."""
-        left = unbalanced(analysis, item)
-        if left < BALANCED and self._is_safe(analysis, item):
+        left = unbalanced_weight(analysis, item)
+        if left < BALANCE_ROUNDING and self._is_safe(analysis, item):
             return analysis, item
-        if not self.settling or left > ALMOST:
+        if not self.settling or left > _ALMOST:
             return None
         settled = settle(analysis, item, self._size)
         if settled is None:
@@ -135,7 +135,7 @@ class Validator:
 
     def _is_safe(self, analysis: Analysis, item: RigidObject) -> bool:
         """It stands with something to spare, and nothing may roll or swivel freely. The cheap questions come first."""
-        least, place = LEAST_MARGIN * self._weight, analysis.assembly.index[item.id]
+        least, place = _LEAST_MARGIN * self._weight, analysis.assembly.index[item.id]
         blocks = sorted(analysis.blocks, key=lambda block: place not in block.body_of)
         if any(block.solvers.balance.margin * block.geometry.units.weight < least for block in blocks):
             return False
@@ -148,5 +148,5 @@ class Validator:
 def _without_gaps(analysis: Analysis, item: RigidObject) -> Analysis:
     """The analysis without what only nearly touches an object: it would sink by the gap, and perhaps go on."""
     structure, place = analysis.structure, analysis.assembly.index[item.id]
-    kept = tuple(i for i in structure.interfaces if place not in (i.first, i.second) or i.gap <= LOOSE)
+    kept = tuple(i for i in structure.interfaces if place not in (i.first, i.second) or i.gap <= _LOOSE)
     return analysis if len(kept) == len(structure.interfaces) else Analysis(replace(structure, interfaces=kept))

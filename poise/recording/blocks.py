@@ -25,12 +25,12 @@ MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # record head, channel, sequence, log t
 MESSAGE = np.dtype([("channel", "u2"), ("log_time", "u8"), ("start", "i8"), ("size", "i8")])
 
 # Bounds of decompression. Measured bags unpack to 2 to 9 times their size; one uncompressed 4K image has 25 MB.
-ALWAYS_ALLOWED = 64 << 20
+_ALWAYS_ALLOWED = 64 << 20
 """Bytes that a chunk, and all chunks of a file together, may unpack to, however small they are in the file."""
-MAX_CHUNK_RATIO = 32
-"""Above ALWAYS_ALLOWED: bytes that a chunk may unpack to for each byte in the file."""
-MAX_FILE_RATIO = 128
-"""Above ALWAYS_ALLOWED: bytes that all chunks of a file may unpack to for each byte of the file."""
+_MAX_CHUNK_RATIO = 32
+"""Above _ALWAYS_ALLOWED: bytes that a chunk may unpack to for each byte in the file."""
+_MAX_FILE_RATIO = 128
+"""Above _ALWAYS_ALLOWED: bytes that all chunks of a file may unpack to for each byte of the file."""
 PIECE = 1 << 20
 
 CHUNK_COMPRESSIONS = ("", "lz4", "zstd")
@@ -72,7 +72,7 @@ class Loss:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class MessageBlock:
     """A chunk, or a run of messages outside of chunks.
 
     Args:
@@ -117,16 +117,16 @@ class Block:
 
 def longest_chunk(size: int) -> int:
     """Bytes that a chunk of `size` bytes in the file may unpack to."""
-    return max(ALWAYS_ALLOWED, MAX_CHUNK_RATIO * size)
+    return max(_ALWAYS_ALLOWED, _MAX_CHUNK_RATIO * size)
 
 
 def longest_file(size: int) -> int:
     """Bytes that the chunks of a file of `size` bytes may unpack to together."""
-    return max(ALWAYS_ALLOWED, MAX_FILE_RATIO * size)
+    return max(_ALWAYS_ALLOWED, _MAX_FILE_RATIO * size)
 
 
 def decompress(payload: bytes, compression: str, length: int) -> bytes:
-    """Decompress as far as possible, and never beyond `length` (one byte more tells that there is more).
+    """Decompress as far as possible, and never beyond `length` (one byte more shows that there is more).
 
     A payload that is cut gives what its last whole block holds, a damaged one little or nothing: compare the checksum.
     """

@@ -21,7 +21,7 @@ Kind = str | int  # a number: so many float64
 Spec = tuple[tuple[str, Kind], ...]
 _HEADER: Spec = (("stamp", STAMP), ("frame_id", STRING))
 _POSE: Spec = (("translation", 3), ("rotation", 4))
-SPECS: dict[str, Spec] = {
+_SPECS: dict[str, Spec] = {
     "geometry_msgs/msg/WrenchStamped": (*_HEADER, ("wrench", 6)),
     "sensor_msgs/msg/JointState": (
         *_HEADER,
@@ -50,11 +50,11 @@ SPECS: dict[str, Spec] = {
     "tf2_msgs/msg/TFMessage": (*_HEADER, ("child_frame_id", STRING), *_POSE),
     "std_msgs/msg/String": (("data", STRING),),
 }
-LISTS = {"tf2_msgs/msg/TFMessage"}  # a sequence of what the table says
+_LISTS = {"tf2_msgs/msg/TFMessage"}  # a sequence of what the table says
 
-ENCAPSULATION = 4  # bytes in front, not counted by the alignment
-PADDING = 16  # bytes behind the content: rclpy.serialization adds up to 12, its estimate for empty sequences
-MOST_LAYOUTS = 32  # after so many layouts of a topic, go message by message
+_ENCAPSULATION = 4  # bytes in front, not counted by the alignment
+_PADDING = 16  # bytes behind the content: rclpy.serialization adds up to 12, its estimate for empty sequences
+_MOST_LAYOUTS = 32  # after so many layouts of a topic, go message by message
 
 
 class UndecodableError(ValueError):
@@ -84,7 +84,7 @@ class Batch:
 
 
 @dataclass
-class _Layout:
+class MessageLayout:
     """Where everything is in a message, as found by walking it."""
 
     order: str
@@ -97,7 +97,7 @@ def decode(message_type: str, data: bytes, starts: Indices, sizes: Indices) -> I
     """Decode the messages of this type that lie at these places.
 
     Args:
-        message_type: one of SPECS.
+        message_type: one of _SPECS.
         data: bytes that hold them.
         starts: (M,) offset of each message, at its encapsulation header.
         sizes: (M,) bytes of each.
@@ -106,7 +106,7 @@ def decode(message_type: str, data: bytes, starts: Indices, sizes: Indices) -> I
         UndecodableError: a message does not have this type.
     """
     pending = np.arange(len(starts))
-    for _ in range(MOST_LAYOUTS):
+    for _ in range(_MOST_LAYOUTS):
         if not len(pending):
             return
         alike = sizes[pending] == sizes[pending[0]]
@@ -124,7 +124,7 @@ def _decode_first(
     first = int(candidates[0])
     start, size = int(starts[first]), int(sizes[first])
     try:
-        layout = _walk(message_type, data[start : start + size])
+        layout = layout_of(message_type, data[start : start + size])
     except (struct.error, UnicodeDecodeError, ValueError) as error:
         raise UndecodableError(first, str(error)) from error
     rows = np.frombuffer(data, dtype=np.uint8)[starts[candidates, None] + np.arange(size)]
@@ -132,7 +132,7 @@ def _decode_first(
     return Batch(candidates[same], _columns(layout, rows[same]))
 
 
-def _columns(layout: _Layout, rows: npt.NDArray[np.uint8]) -> list[dict[str, Any]]:
+def _columns(layout: MessageLayout, rows: npt.NDArray[np.uint8]) -> list[dict[str, Any]]:
     """Read the columns of a layout from (K, size) bytes."""
     elements = []
     for numbers, texts in zip(layout.numbers, layout.texts, strict=True):
@@ -151,16 +151,16 @@ def _column(rows: npt.NDArray[np.uint8], offset: int, size: int, dtype: str) -> 
     return np.ascontiguousarray(rows[:, offset : offset + size]).view(dtype)
 
 
-def _walk(message_type: str, sample: bytes) -> _Layout:
+def layout_of(message_type: str, sample: bytes) -> MessageLayout:
     """Find the layout of one message."""
-    if len(sample) < ENCAPSULATION or sample[0] != 0 or sample[1] not in (0, 1):
+    if len(sample) < _ENCAPSULATION or sample[0] != 0 or sample[1] not in (0, 1):
         raise ValueError(f"its encapsulation {sample[:2].hex()} is not plain CDR")
-    layout = _Layout("<" if sample[1] else ">", fixed=[0, 1])
+    layout = MessageLayout("<" if sample[1] else ">", fixed=[0, 1])
     walker = _Walker(sample, layout)
-    count = walker.length() if message_type in LISTS else 1
+    count = walker.length() if message_type in _LISTS else 1
     for _ in range(count):
-        walker.element(SPECS[message_type])
-    if not 0 <= len(sample) - walker.position <= PADDING:
+        walker.element(_SPECS[message_type])
+    if not 0 <= len(sample) - walker.position <= _PADDING:
         raise ValueError(f"it has {len(sample)} bytes, its content {walker.position}")
     return layout
 
@@ -168,8 +168,8 @@ def _walk(message_type: str, sample: bytes) -> _Layout:
 class _Walker:
     """A walk through one message, from field to field."""
 
-    def __init__(self, sample: bytes, layout: _Layout) -> None:
-        self.sample, self.layout, self.position = sample, layout, ENCAPSULATION
+    def __init__(self, sample: bytes, layout: MessageLayout) -> None:
+        self.sample, self.layout, self.position = sample, layout, _ENCAPSULATION
 
     def element(self, spec: Spec) -> None:
         numbers: dict[str, tuple[str, int, int]] = {}
@@ -190,7 +190,7 @@ class _Walker:
 
     def skip(self, alignment: int, size: int) -> int:
         """Pass over a field and return where it starts."""
-        start = self.position + (ENCAPSULATION - self.position) % alignment
+        start = self.position + (_ENCAPSULATION - self.position) % alignment
         self.position = start + size
         if self.position > len(self.sample):
             raise ValueError(f"it ends after {len(self.sample)} bytes in the middle of a field")

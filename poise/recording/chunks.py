@@ -8,8 +8,8 @@ from mcap.records import ChunkIndex
 
 from poise.recording.blocks import RECORD_HEAD
 
-CHUNK_HEAD = struct.Struct("<QQQI")  # start, end, decompressed length, checksum
-LONGEST_NAME = 16  # of a compression
+_CHUNK_HEAD = struct.Struct("<QQQI")  # start, end, decompressed length, checksum
+_LONGEST_NAME = 16  # of a compression
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class ChunkHead:
 
 def head_size(compression: str) -> int:
     """Return how many bytes of a chunk record come before its payload."""
-    return RECORD_HEAD.size + CHUNK_HEAD.size + 4 + len(compression.encode()) + 8
+    return RECORD_HEAD.size + _CHUNK_HEAD.size + 4 + len(compression.encode()) + 8
 
 
 def indexed_head(file: BinaryIO, index: ChunkIndex) -> ChunkHead:
-    """Take everything but the payload's checksum from the index, which has a checksum of its own."""
+    """Take everything but the payload's checksum from the index, which has its own checksum."""
     file.seek(index.chunk_start_offset + RECORD_HEAD.size)
-    _, _, _, crc = CHUNK_HEAD.unpack(file.read(CHUNK_HEAD.size))
+    _, _, _, crc = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
     return ChunkHead(
         record=index.chunk_start_offset,
         payload=index.chunk_start_offset + head_size(index.compression),
@@ -64,12 +64,12 @@ def indexed_head(file: BinaryIO, index: ChunkIndex) -> ChunkHead:
 def read_head(file: BinaryIO, record: int, length: int) -> ChunkHead | None:
     """Read a chunk's own head; None when it is cut off or contradicts the record's length."""
     file.seek(record + RECORD_HEAD.size)
-    head = file.read(min(length, CHUNK_HEAD.size + 4 + LONGEST_NAME + 8))
+    head = file.read(min(length, _CHUNK_HEAD.size + 4 + _LONGEST_NAME + 8))
     try:
-        start, end, decompressed, crc = CHUNK_HEAD.unpack_from(head)
-        (name_length,) = struct.unpack_from("<I", head, CHUNK_HEAD.size)
-        name = head[CHUNK_HEAD.size + 4 :][: min(name_length, LONGEST_NAME)].decode("ascii")
-        (size,) = struct.unpack_from("<Q", head, CHUNK_HEAD.size + 4 + len(name))
+        start, end, decompressed, crc = _CHUNK_HEAD.unpack_from(head)
+        (name_length,) = struct.unpack_from("<I", head, _CHUNK_HEAD.size)
+        name = head[_CHUNK_HEAD.size + 4 :][: min(name_length, _LONGEST_NAME)].decode("ascii")
+        (size,) = struct.unpack_from("<Q", head, _CHUNK_HEAD.size + 4 + len(name))
     except (struct.error, UnicodeDecodeError):
         return None
     payload = record + head_size(name)

@@ -15,7 +15,7 @@ from poise.errors import ErrorCode, InputError
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
 from poise.types import Array
 
-LATCHED = ("tf_static", "robot_description")  # late subscribers get the last message
+LATCHED_TOPICS = ("tf_static", "robot_description")  # late subscribers get the last message
 Encoded = tuple[int, bytes]  # stamp ns, CDR
 
 
@@ -42,7 +42,7 @@ def definition_of(message_type: str) -> tuple[str, str]:
 def qos_profile(topic: str) -> str:
     """Return the QoS that rosbag2 plays a topic with, in the YAML of its metadata version 9."""
     forever = {"sec": 9223372036, "nsec": 854775807}
-    latched = topic.rpartition("/")[2] in LATCHED
+    latched = topic.rpartition("/")[2] in LATCHED_TOPICS
     profile = {
         "history": "keep_last",
         "depth": 1 if latched else 10,
@@ -150,7 +150,7 @@ def _imu_messages(stream: ImuStream) -> Iterator[Any]:
         )
 
 
-def _quaternions(stream: PoseStream) -> list[list[float]]:
+def quaternions_of(stream: PoseStream) -> list[list[float]]:
     """Return quaternions x y z w with w >= 0; zero for a rotation that is NaN, which reads back as NaN."""
     quaternions = np.zeros((len(stream), 4))
     known = np.isfinite(stream.rotation_parent_child).all(axis=(1, 2))
@@ -161,7 +161,7 @@ def _quaternions(stream: PoseStream) -> list[list[float]]:
 
 
 def _tf_messages(stream: PoseStream) -> Iterator[Any]:
-    rows = zip(stream.stamps.tolist(), stream.translation_parent_child.tolist(), _quaternions(stream), strict=True)
+    rows = zip(stream.stamps.tolist(), stream.translation_parent_child.tolist(), quaternions_of(stream), strict=True)
     for stamp, translation, quaternion in rows:
         transform = _make(
             "geometry_msgs/msg/Transform", translation=_vector(translation), rotation=_quaternion(quaternion)
@@ -180,7 +180,7 @@ def _odometry_messages(stream: PoseStream) -> Iterator[Any]:
     unknown = np.zeros(36)
     nothing = _vector([np.nan] * 3)
     twist = _make("geometry_msgs/msg/Twist", linear=nothing, angular=nothing)
-    rows = zip(stream.stamps.tolist(), stream.translation_parent_child.tolist(), _quaternions(stream), strict=True)
+    rows = zip(stream.stamps.tolist(), stream.translation_parent_child.tolist(), quaternions_of(stream), strict=True)
     for stamp, translation, quaternion in rows:
         point = _make("geometry_msgs/msg/Point", x=translation[0], y=translation[1], z=translation[2])
         pose = _make("geometry_msgs/msg/Pose", position=point, orientation=_quaternion(quaternion))

@@ -10,9 +10,9 @@ from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 from poise.recording.blocks import MAGIC, RECORD_HEAD, DamagedRecordError, parse_record
 from poise.recording.chunks import head_size
 
-FOOTER_SIZE = RECORD_HEAD.size + 20
+_FOOTER_SIZE = RECORD_HEAD.size + 20
 DATA_END_SIZE = RECORD_HEAD.size + 4
-SUMMARY_RECORDS: dict[int, Any] = {
+_SUMMARY_RECORDS: dict[int, Any] = {
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
     Opcode.STATISTICS: Statistics,
@@ -41,20 +41,20 @@ def read_ending(file: BinaryIO, size: int) -> Ending:
 
     The index of a writer that left no checksum is taken only where every chunk is found at its place.
     """
-    footer_at = size - len(MAGIC) - FOOTER_SIZE
+    footer_at = size - len(MAGIC) - _FOOTER_SIZE
     if footer_at < len(MAGIC) + DATA_END_SIZE:
         return Ending()
     file.seek(footer_at)
-    tail = file.read(FOOTER_SIZE + len(MAGIC))
+    tail = file.read(_FOOTER_SIZE + len(MAGIC))
     if not tail.startswith(RECORD_HEAD.pack(Opcode.FOOTER, 20)) or not tail.endswith(MAGIC):
         return Ending()
-    footer: Footer = parse_record(Footer, tail[RECORD_HEAD.size : FOOTER_SIZE])
+    footer: Footer = parse_record(Footer, tail[RECORD_HEAD.size : _FOOTER_SIZE])
     start = footer.summary_start or footer_at
     if not len(MAGIC) + DATA_END_SIZE <= start <= footer_at:
         return Ending()
     file.seek(start)
     summary = file.read(footer_at - start)
-    covered = summary + tail[: FOOTER_SIZE - 4]
+    covered = summary + tail[: _FOOTER_SIZE - 4]
     if footer.summary_crc and zlib.crc32(covered) != footer.summary_crc:
         return Ending()
     ending = Ending(data_end=start - DATA_END_SIZE)
@@ -76,9 +76,9 @@ def _read_summary(summary: bytes, ending: Ending) -> None:
         position += RECORD_HEAD.size + length
         if position > len(summary):
             raise DamagedRecordError("a record of the summary is longer than the summary")
-        if opcode not in SUMMARY_RECORDS:
+        if opcode not in _SUMMARY_RECORDS:
             continue
-        record = parse_record(SUMMARY_RECORDS[opcode], summary[position - length : position])
+        record = parse_record(_SUMMARY_RECORDS[opcode], summary[position - length : position])
         if isinstance(record, Schema):
             ending.schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -90,7 +90,7 @@ def _read_summary(summary: bytes, ending: Ending) -> None:
 
 
 def _chunks_fit(ending: Ending) -> bool:
-    """Tell whether the indexed chunks follow each other inside the data section."""
+    """Whether the indexed chunks follow each other inside the data section."""
     behind = len(MAGIC)
     for offset, chunk in sorted(ending.chunks.items()):
         if offset < behind or chunk.compressed_size + head_size(chunk.compression) != chunk.chunk_length:

@@ -1,4 +1,4 @@
-"""Which .mcap files a path stands for: one file, or the files of a rosbag2 folder in their order."""
+"""Which files a path stands for: one file, the files of a rosbag2 folder in their order, or a mapping of tables."""
 
 from pathlib import Path, PurePath
 
@@ -7,15 +7,22 @@ import yaml
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import Loss, LossKind
 
+STORAGES = ("mcap", "sqlite3")
+COMPRESSION_MODES = ("none", "file", "message")
+SPLIT_ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+RECORDING_ENDINGS = (*SPLIT_ENDINGS, ".bag")
+MAPPING = "columns.yaml"
+
 
 def find_files(path: Path) -> tuple[list[Path], list[Loss]]:
-    """Return the .mcap files in the order of recording.
+    """Return the files of a recording in the order of recording.
 
-    A folder without metadata.yaml, as a recorder that was killed leaves it, gives its .mcap files by name, and a loss.
+    A rosbag2 folder without metadata.yaml, as a recorder that was killed leaves it, gives its files by name, and a
+    loss. A folder with columns.yaml gives that mapping.
 
     Raises:
         InputError: FILE_UNREADABLE (nothing there, no permission, no bag in the folder, a file of the bag missing),
-            UNSUPPORTED (another storage than mcap, or compressed as a whole), FILE_CORRUPT (metadata.yaml).
+            UNSUPPORTED (another storage or compression), FILE_CORRUPT (metadata.yaml).
     """
     try:
         if not path.exists():
@@ -25,14 +32,50 @@ def find_files(path: Path) -> tuple[list[Path], list[Loss]]:
         metadata = path / "metadata.yaml"
         if metadata.exists():
             return _listed_files(path, metadata.read_text(errors="replace")), []
-        found = sorted(path.glob("*.mcap"), key=lambda file: (len(file.name), file.name))  # _2 before _10
+        if (path / MAPPING).exists():
+            return [path / MAPPING], []
+        found = sorted(_ending_in(path, SPLIT_ENDINGS), key=lambda file: (len(file.name), file.name))  # _2 before _10
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
     if not found:
-        sentence = f"{path} is a folder without a bag: give an .mcap file or a folder with metadata.yaml"
+        sentence = f"{path} is a folder without a bag: give a recording, or a folder with metadata.yaml or {MAPPING}"
         raise InputError(ErrorCode.FILE_UNREADABLE, sentence)
-    sentence = f"{path.name}: metadata.yaml is missing; the .mcap files were taken by their names"
+    kinds = ", ".join(sorted({file.suffix for file in found}))
+    sentence = f"{path.name}: metadata.yaml is missing; the {kinds} files were taken by their names"
     return found, [Loss(LossKind.INDEX, 0, None, None, sentence, 0, metadata)]
+
+
+def find_recordings(folder: str | Path) -> list[Path]:
+    """The recordings in a folder, by name: bag files, folders of rosbag2, mappings of tables.
+
+    A folder that is itself a recording gives itself.
+
+    Raises:
+        InputError: FILE_UNREADABLE when it is no folder or may not be read, EMPTY when it holds none.
+    """
+    folder = Path(folder)
+    try:
+        if (folder / "metadata.yaml").exists() or (folder / MAPPING).exists():
+            return [folder]
+        folders = [path for path in folder.iterdir() if path.is_dir() and _is_recording(path)]
+        found = sorted([*folders, *_ending_in(folder, (*RECORDING_ENDINGS, "." + MAPPING))])
+    except OSError as error:
+        raise InputError(
+            ErrorCode.FILE_UNREADABLE, f"cannot look into {folder}: {error.strerror}; give a folder with recordings"
+        ) from error
+    if not found:
+        kinds = ", ".join(RECORDING_ENDINGS)
+        sentence = f"{folder} holds no recording ({kinds}, or a folder of rosbag2): give the folder with the recordings"
+        raise InputError(ErrorCode.EMPTY, sentence)
+    return found
+
+
+def _is_recording(folder: Path) -> bool:
+    return any((folder / name).exists() for name in ("metadata.yaml", MAPPING))
+
+
+def _ending_in(folder: Path, endings: tuple[str, ...]) -> list[Path]:
+    return [path for path in folder.iterdir() if path.name.endswith(endings) and not path.is_dir()]
 
 
 def _listed_files(folder: Path, text: str) -> list[Path]:
@@ -40,19 +83,29 @@ def _listed_files(folder: Path, text: str) -> list[Path]:
     try:
         information = yaml.safe_load(text)["rosbag2_bagfile_information"]
         storage = str(information["storage_identifier"])
-        compressed = information.get("compression_mode") or "none"
+        mode = str(information.get("compression_mode") or "none").lower()
+        compression = str(information.get("compression_format") or "zstd").lower()
         names = [PurePath(str(name)).name for name in information["relative_file_paths"]]
     except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        sentence = f"{folder / 'metadata.yaml'} is damaged: `ros2 bag reindex` writes it anew"
+        sentence = f"{folder / 'metadata.yaml'} is damaged: write it again with `ros2 bag reindex`"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence) from error
-    if storage != "mcap" or compressed.lower() != "none":
-        what = f"is stored as {storage}" if storage != "mcap" else f"is compressed by {compressed}"
-        sentence = f"{folder} {what}: convert it to plain mcap with `ros2 bag convert`"
+    if storage not in STORAGES:
+        sentence = f"{folder} is stored as {storage}, which is not read: convert it to mcap with `ros2 bag convert`"
+        raise InputError(ErrorCode.UNSUPPORTED, sentence)
+    if mode not in COMPRESSION_MODES or (mode != "none" and compression != "zstd"):
+        sentence = f"{folder} is compressed by {compression} ({mode}), only zstd is read: use `ros2 bag convert`"
         raise InputError(ErrorCode.UNSUPPORTED, sentence)
     if not names:
         raise InputError(ErrorCode.EMPTY, f"{folder / 'metadata.yaml'} lists no files: record again")
-    missing = [name for name in names if not (folder / name).exists()]
+    files = [_as_stored(folder / name) for name in names]
+    missing = [name for name, file in zip(names, files, strict=True) if not file.exists()]
     if missing:
         sentence = f"{folder} lacks {', '.join(missing)}, which metadata.yaml lists: copy it too"
         raise InputError(ErrorCode.FILE_UNREADABLE, sentence)
-    return [folder / name for name in names]
+    return files
+
+
+def _as_stored(file: Path) -> Path:
+    """The file, or its compressed or decompressed form when only that is there."""
+    other = file.with_suffix("") if file.suffix == ".zstd" else file.with_name(file.name + ".zstd")
+    return other if other.exists() and not file.exists() else file

@@ -12,12 +12,12 @@ from poise.recording.reading import Recording
 from poise.recording.streams import stamp_of
 
 IMAGE, INFO, CLOUD = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "sensor_msgs/msg/PointCloud2"
-PIXELS = {
+_PIXELS = {
     "16UC1": ("u2", 1), "mono16": ("u2", 1), "32FC1": ("f4", 1), "mono8": ("u1", 1), "8UC1": ("u1", 1),
     "rgb8": ("u1", 3), "bgr8": ("u1", 3), "8UC3": ("u1", 3), "rgba8": ("u1", 4), "bgra8": ("u1", 4),
 }  # fmt: skip
 """Type and channels by the encodings of sensor_msgs."""
-REVERSED = ("bgr8", "bgra8", "8UC3")
+_REVERSED = ("bgr8", "bgra8", "8UC3")
 
 
 class Image(NamedTuple):
@@ -71,22 +71,22 @@ def image_of(message: Any, name: str) -> Image:
         InputError: UNSUPPORTED for an encoding that is not read, TYPE_MISMATCH for fewer bytes than there should be.
     """
     encoding = str(message.encoding)
-    if encoding not in PIXELS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: encoding {encoding!r}; there are {', '.join(PIXELS)}")
-    kind, channels = PIXELS[encoding]
+    if encoding not in _PIXELS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: encoding {encoding!r}; there are {', '.join(_PIXELS)}")
+    kind, channels = _PIXELS[encoding]
     height, width, step = int(message.height), int(message.width), int(message.step)
     data = np.frombuffer(message.data, np.uint8)
     row = width * channels * np.dtype(kind).itemsize
     if step < row or len(data) < step * height or not height * width:
         raise InputError(
             ErrorCode.TYPE_MISMATCH,
-            f"{name}: {len(data)} bytes for {width} x {height} {encoding} with a step of {step}: mend its publisher",
+            f"{name}: {len(data)} bytes for {width} x {height} {encoding} with a step of {step}: fix its publisher",
         )
     rows = data[: step * height].reshape(height, step)[:, :row]
     pixels = np.ascontiguousarray(rows).view((">" if message.is_bigendian else "<") + kind)
     if channels > 1:
         pixels = pixels.reshape(height, width, channels)[..., :3]
-        pixels = pixels[..., ::-1] if encoding in REVERSED else pixels
+        pixels = pixels[..., ::-1] if encoding in _REVERSED else pixels
     elif kind == "u1":
         pixels = np.repeat(pixels[..., None], 3, axis=2)
     return Image(stamp_of(message), str(message.header.frame_id), encoding, np.ascontiguousarray(pixels))

@@ -3,20 +3,21 @@
 import functools
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import decoding
-from poise.recording.blocks import Block, Loss, LossKind
+from poise.recording.blocks import Loss, LossKind
 from poise.recording.cdr import Batch, UndecodableError, decode
+from poise.recording.contents import Contents, MessageBlock
 from poise.recording.folders import find_files
-from poise.recording.scan import Contents, scan
+from poise.recording.opening import read_contents
 from poise.recording.streams import ImuStream, JointStream, PoseStream, WrenchStream
 
-BLOCKS_AT_HAND = 8  # kept decompressed while messages are read in the order of time
+_BLOCKS_AT_HAND = 8  # kept decompressed while messages are read in the order of time
 
 
 class RawMessage(NamedTuple):
@@ -45,19 +46,20 @@ class Topic(NamedTuple):
 def open_recording(path: str | Path, *, strict: bool = False) -> "Recording":
     """Open a bag, check every checksum in it, and find every intact message.
 
-    What is damaged or cut off is skipped and told in `Recording.losses`, never passed silently.
+    What is damaged or cut off is skipped and listed in `Recording.losses`, never passed silently.
 
     Args:
-        path: an .mcap file, or a rosbag2 folder with metadata.yaml and .mcap files.
+        path: an .mcap or .db3 file (or either with .zstd), a rosbag2 folder, a ROS 1 .bag, or a table or folder of
+            tables with columns.yaml.
         strict: raise instead when anything at all is lost or damaged.
 
     Raises:
         InputError: FILE_UNREADABLE (missing, no permission, a folder without a bag), UNSUPPORTED (another storage),
-            FILE_CORRUPT (not an mcap file; damage, when strict), EMPTY (no message in it).
+            FILE_CORRUPT (not a recording; damage, when strict), EMPTY (no message in it), BAD_INPUT (columns.yaml).
     """
     path = Path(path)
     files, losses = find_files(path)
-    recording = Recording(path, [scan(file) for file in files], losses)
+    recording = Recording(path, [read_contents(file) for file in files], losses)
     if strict and recording.losses:
         more = f" (and {len(recording.losses) - 1} more)" if len(recording.losses) > 1 else ""
         raise _unreadable(recording, f"is damaged{more}", "read it without strict")
@@ -80,7 +82,7 @@ def _unreadable(recording: "Recording", what: str, alternative: str) -> InputErr
 
 
 class Recording:
-    """A bag. Header stamps rule; log times only order what has none.
+    """A bag. Messages are ordered by their header stamps, and by log times where they have none.
 
     Args (attributes, not to be changed):
         topics: type by topic, as recorded.
@@ -91,13 +93,14 @@ class Recording:
         reordered: messages that came late and were put in their place, by topic; grows as streams are read.
     """
 
-    def __init__(self, path: Path, files: list[Contents], losses: Iterable[Loss] = ()) -> None:
+    def __init__(self, path: Path, files: list[Contents[Any]], losses: Iterable[Loss] = ()) -> None:
         self.path = path
         self.losses = (*losses, *(loss for contents in files for loss in contents.losses))
         self.metadata = {name: values for contents in files for name, values in contents.metadata.items()}
         self.reordered: dict[str, int] = {}
+        self._unpacked = [contents.unpacked for contents in files]  # temporary folders, deleted with this object
         self._topics: list[Topic] = []
-        self._blocks: list[tuple[Block, npt.NDArray[np.int64]]] = []  # with the number of each message's topic
+        self._blocks: list[tuple[MessageBlock, npt.NDArray[np.int64]]] = []  # with the number of each message's topic
         for contents in files:
             self._add_file(contents)
         found = np.zeros(len(self._topics), dtype=int)
@@ -113,7 +116,7 @@ class Recording:
         counts = ", ".join(f"{topic} {count}" for topic, count in self.counts.items())
         return f"Recording({self.path}: {counts}{f'; {len(self.losses)} losses' if self.losses else ''})"
 
-    def _add_file(self, contents: Contents) -> None:
+    def _add_file(self, contents: Contents[Any]) -> None:
         number_by_channel = np.zeros(1 << 16, dtype=np.int64)
         for channel in contents.channels.values():
             schema = contents.schemas.get(channel.schema_id)
@@ -161,7 +164,7 @@ class Recording:
         owner = np.repeat(np.arange(len(masks)), [int(mask.sum()) for mask in masks])
         entries = np.concatenate([block.messages[mask] for (block, _), mask in zip(self._blocks, masks, strict=True)])
         numbers = np.concatenate([own[mask] for (_, own), mask in zip(self._blocks, masks, strict=True)])
-        read = functools.lru_cache(BLOCKS_AT_HAND)(lambda number: self._blocks[number][0].read())
+        read = functools.lru_cache(_BLOCKS_AT_HAND)(lambda number: self._blocks[number][0].read())
         for at in np.argsort(entries["log_time"], kind="stable"):
             _, log_time, start, size = entries[at].tolist()
             data = read(int(owner[at]))[start : start + size]
@@ -224,14 +227,14 @@ class Recording:
         return decoding.pose_stream(found, batches, self._note_late)
 
     def poses(self, child: str, parent: str | None = None) -> PoseStream:
-        """Read where a frame is in its parent, from tf, or from tf_static when tf does not tell of it.
+        """Read where a frame is in its parent, from tf, or from tf_static when tf does not hold it.
 
         Args:
             child: the frame.
             parent: its direct parent; None when it has only one in the bag.
 
         Raises:
-            InputError: as `wrench`; FRAME_UNKNOWN when the bag does not tell of this frame under this parent.
+            InputError: as `wrench`; FRAME_UNKNOWN when the bag does not hold this frame under this parent.
         """
         known: set[tuple[str, str]] = set()
         for name in ("tf", "tf_static"):
@@ -245,7 +248,7 @@ class Recording:
             known |= frames
         there = ", ".join(f"{above} -> {below}" for above, below in sorted(known)) or "no frames"
         wanted = child if parent is None else f"{parent} -> {child}"
-        raise InputError(ErrorCode.FRAME_UNKNOWN, f"{self.path}: no pose of {wanted}; the bag tells of {there}")
+        raise InputError(ErrorCode.FRAME_UNKNOWN, f"{self.path}: no pose of {wanted}; the bag holds {there}")
 
     def robot_description(self, topic: str = "robot_description") -> str:
         """Return the last URDF in the bag.
@@ -258,8 +261,8 @@ class Recording:
         except InputError as error:
             if error.code != ErrorCode.TOPIC_MISSING:
                 raise
-            mend = "record it too, or give a URDF file"
-            sentence = f"{self.path} has no {topic}: {mend}"
+            fix = "record it too, or give a URDF file"
+            sentence = f"{self.path} has no {topic}: {fix}"
             raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, sentence) from error
         last = max(batches, key=lambda batch: int(batch.index[-1]), default=None)
         if last is None:

@@ -3,7 +3,7 @@
 import bisect
 import struct
 import zlib
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,35 +18,24 @@ from poise.recording.blocks import (
     MESSAGE_HEAD,
     PIECE,
     RECORD_HEAD,
-    Block,
     DamagedRecordError,
     Loss,
     LossKind,
+    MessageBlock,
     MessageRows,
     decompress,
     longest_chunk,
-    longest_file,
     parse_record,
     split_records,
 )
 from poise.recording.chunks import ChunkHead, indexed_head, read_head
+from poise.recording.contents import Contents, UnpackingBudget
 from poise.recording.ending import DATA_END_SIZE, Ending, read_ending
 from poise.types import Mask
 
 RUN_SIZE = 4 << 20  # messages outside of chunks are read in runs of about this size
 METADATA_CHECK = "crc32"  # the key under which our writer vouches for a metadata record, which mcap does not
-OUTSIDE_RECORDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
-
-
-@dataclass
-class Contents:
-    """What one file gave: blocks of messages in file order, topics by their numbers, and what was lost."""
-
-    blocks: list[Block] = field(default_factory=list)
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    losses: list[Loss] = field(default_factory=list)
+_OUTSIDE_RECORDS: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel, Opcode.METADATA: Metadata}
 
 
 def metadata_checksum(name: str, values: dict[str, str]) -> str:
@@ -55,7 +44,7 @@ def metadata_checksum(name: str, values: dict[str, str]) -> str:
     return f"{zlib.crc32(chr(0).join(words).encode()):08x}"
 
 
-def scan(path: Path) -> Contents:
+def scan(path: Path) -> Contents[MessageBlock]:
     """Scan an mcap file.
 
     Raises:
@@ -76,16 +65,16 @@ class _Scan:
 
     def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
         self.path, self.file, self.size = path, file, size
-        self.contents = Contents()
+        self.contents: Contents[MessageBlock] = Contents()
         self.ending = Ending()
         self.others: list[tuple[int, int, bytes]] = []  # records outside of chunks: (offset, opcode, content)
         self.run_rows = MessageRows()
         self.run_start = 0
-        self.unpacked = 0  # bytes of all chunks so far
+        self.budget = UnpackingBudget(path, size)
         self.data_end: int | None = None  # where the data section was found to end
         self.last_log_time: int | None = None
 
-    def run(self) -> Contents:
+    def run(self) -> Contents[MessageBlock]:
         self._check_magic()
         self.ending = read_ending(self.file, self.size)
         self.contents.schemas.update(self.ending.schemas)
@@ -112,7 +101,9 @@ class _Scan:
         self.file.seek(-min(len(MAGIC), self.size), 2)
         if self.file.read() == MAGIC:
             raise InputError(ErrorCode.FILE_CORRUPT, f"{self.path} is damaged in its first bytes: copy it again")
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{self.path} is not an mcap file: convert it with `ros2 bag convert`")
+        raise InputError(
+            ErrorCode.FILE_CORRUPT, f"{self.path} is not an mcap, db3 or ROS 1 bag: convert it with `ros2 bag convert`"
+        )
 
     # -- the walk ---------------------------------------------------------------------------------------------
 
@@ -155,7 +146,7 @@ class _Scan:
             self._take_chunk(head)
         elif opcode == Opcode.DATA_END and length == 4 and self.ending.data_end is None:
             self.data_end = position
-        elif opcode in OUTSIDE_RECORDS:
+        elif opcode in _OUTSIDE_RECORDS:
             self.others.append((position, opcode, self.file.read(length)))
         elif opcode in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.DATA_END, Opcode.FOOTER):
             self._lose_record(position, f"the record at byte {position} makes no sense and was skipped")
@@ -178,10 +169,10 @@ class _Scan:
         self.file.seek(self.run_start)
         data = self.file.read(self.run_rows.end)
         place = (self.path, self.run_start, len(data), "")
-        self._add_block(Block(*place, len(data), zlib.crc32(data), self.run_rows.table(), False, True))
+        self._add_block(MessageBlock(*place, len(data), zlib.crc32(data), self.run_rows.table(), False, True))
         self.run_rows = MessageRows()
 
-    def _add_block(self, block: Block) -> None:
+    def _add_block(self, block: MessageBlock) -> None:
         if len(block.messages):
             self.last_log_time = int(block.messages["log_time"][-1])
             self.contents.blocks.append(block)
@@ -210,7 +201,7 @@ class _Scan:
         messages, others, end = split_records(data)
         checked = whole and head.crc != 0
         place = (self.path, head.payload, len(payload), head.compression)
-        self._add_block(Block(*place, len(data), crc, messages, checked, False))
+        self._add_block(MessageBlock(*place, len(data), crc, messages, checked, False))
         try:
             for opcode, content in others:
                 self._take_definition(opcode, content)
@@ -224,20 +215,12 @@ class _Scan:
 
     def _unpack(self, payload: bytes, compression: str, length: int) -> bytes:
         """Decompress a chunk within what the whole file may unpack to."""
-        left = longest_file(self.size) - self.unpacked
-        data = decompress(payload, compression, min(length, left))
-        self.unpacked += len(data)
-        if self.unpacked > longest_file(self.size):
-            allowed = longest_file(self.size) / 1e6
-            raise InputError(
-                ErrorCode.UNSUPPORTED,
-                f"{self.path} unpacks from {self.size / 1e6:.3g} MB to more than {allowed:.3g} MB:"
-                " write it without compression if its content is meant to be so",
-            )
+        data = decompress(payload, compression, min(length, self.budget.left))
+        self.budget.spend(len(data))
         return data
 
     def _take_definition(self, opcode: int, content: bytes) -> None:
-        """Remember a schema or a channel, unless the index has told of it."""
+        """Remember a schema or a channel, unless the index holds it."""
         if opcode == Opcode.SCHEMA:
             schema: Schema = parse_record(Schema, content)
             self.contents.schemas.setdefault(schema.id, schema)
@@ -260,7 +243,7 @@ class _Scan:
             self._lose(LossKind.TRUNCATED, position, sentence, (self.last_log_time, None))
 
     def _data_section_is_sound(self) -> bool | None:
-        """Tell whether the checksum of the data section holds; None when it was not written or is cut off."""
+        """Whether the checksum of the data section holds; None when it was not written or is cut off."""
         if self.data_end is None:
             return None
         self.file.seek(self.data_end)
@@ -336,7 +319,7 @@ class _Scan:
         sentence = f"the chunk at byte {head.record} {what}, logged from {head.start} to {head.end} ns, are lost"
         self._lose(kind, head.record, sentence, (head.start, head.end), messages)
 
-    def _lose_messages(self, block: Block, which: Mask, what: str) -> None:
+    def _lose_messages(self, block: MessageBlock, which: Mask, what: str) -> None:
         times = block.messages["log_time"][which]
         span = (int(times.min()), int(times.max()))
         count = int(which.sum())

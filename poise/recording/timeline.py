@@ -8,7 +8,7 @@ from poise.errors import ErrorCode, InputError
 # How late a message may come and still be put in its place: networks delay by milliseconds, clocks jump by more.
 MAX_LATENESS = 50_000_000  # ns
 # Late messages that make the samples this much denser than elsewhere walk through the same time again.
-DENSER = 1.5
+_DENSER = 1.5
 
 
 def in_time_order(stamps: npt.NDArray[np.int64], topic: str) -> tuple[npt.NDArray[np.int64], int]:
@@ -36,7 +36,7 @@ def in_time_order(stamps: npt.NDArray[np.int64], topic: str) -> tuple[npt.NDArra
     steps = np.diff(ordered)
     period = float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
     found = np.searchsorted(ordered, latest[starts], "right") - np.searchsorted(ordered, first, "left")
-    jumped = (lateness > MAX_LATENESS) | (found > DENSER * (lateness / period + 1) + 1)
+    jumped = (lateness > MAX_LATENESS) | (found > _DENSER * (lateness / period + 1) + 1)
     if jumped.any():
         at = int(starts[np.argmax(jumped)])
         back = (latest[at] - stamps[at]) * 1e-9

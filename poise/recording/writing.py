@@ -18,7 +18,7 @@ from poise.recording.scan import METADATA_CHECK, metadata_checksum
 from poise.recording.streams import Stream
 
 COMPRESSIONS = {"none": CompressionType.NONE, "lz4": CompressionType.LZ4, "zstd": CompressionType.ZSTD}
-CHUNK_SIZE = 256 << 10  # what one damaged byte can cost
+_CHUNK_SIZE = 256 << 10  # what one damaged byte can cost
 
 
 class RecordingWriter:
@@ -62,7 +62,7 @@ class RecordingWriter:
                 raise InputError(ErrorCode.FILE_UNWRITABLE, sentence)
             self._file = self._draft.open("xb")
             self._writer = Writer(
-                self._file, chunk_size=CHUNK_SIZE, compression=self._compression, enable_data_crcs=True
+                self._file, chunk_size=_CHUNK_SIZE, compression=self._compression, enable_data_crcs=True
             )
             self._writer.start(profile="ros2", library=f"poise (mcap {version('mcap')})")
             for name, values in self._metadata.items():
@@ -141,7 +141,7 @@ class RecordingWriter:
 
     @contextlib.contextmanager
     def _reported(self) -> Iterator[None]:
-        """Discard the draft when anything fails, and tell a failing file system's error in our terms."""
+        """Discard the draft when anything fails, and turn an error of the file system into an InputError."""
         try:
             yield
         except OSError as error:

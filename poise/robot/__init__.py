@@ -3,7 +3,10 @@
 - `motion`: `SensorMotion`, the motion that every wrench model needs.
 - `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
-- `splines`, `differentiation`: positions or rotations -> velocities and accelerations with their noise.
+- `splines`, `differentiation`, `rest`: positions or rotations -> velocities and accelerations with their covariance.
+- `resampled`, `regular_clock`: positions and their derivatives at other times, by splines that suit each moment, with
+  the jitter of a regular clock removed; `odometry`: the motion of a base.
+- `frame_tree`, `recorded_frames`: the tree of frames of tf, and the transforms of a recording.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
 - `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
   recording; `imu`, `live_imu` take accelerations from an IMU.
@@ -12,7 +15,7 @@
 """
 
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
-from poise.robot.hand_frames import HandFrames
+from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
 from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
 from poise.robot.live_imu import LAG_STEP, LONGEST_DELAY, LiveImu
@@ -28,12 +31,15 @@ from poise.robot.motion_buffers import (
     SmoothedMotion,
     StaticPoseBuffer,
 )
-from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
+from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_at
+from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of
+from poise.robot.regular_clock import regular_clock
+from poise.robot.resampled import ResampledSignal, resample, sampling_times
 from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
-from poise.robot.sources import JUMP, FrameSource, JointSource, MotionSource, Poses, went_back
+from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
 from poise.robot.splines import Design, Grid, SplineFit
-from poise.robot.stamped_buffer import StampedBuffer
+from poise.robot.stamped_buffer import JUMP, StampedBuffer, went_back
 from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
@@ -46,19 +52,21 @@ __all__ = [
     "Derivatives",
     "Design",
     "FrameSource",
+    "FrameTree",
     "Grid",
-    "HandFrames",
     "Imu",
     "ImuSource",
     "JointSource",
     "Kinematics",
     "LiveImu",
+    "MeasuredBase",
     "MeasuredMotion",
     "MotionBuffer",
     "MotionSource",
+    "Mounting",
     "PairingSettings",
-    "Poses",
     "Reasons",
+    "ResampledSignal",
     "RobotModel",
     "RotationDerivatives",
     "ScatterMeter",
@@ -67,7 +75,10 @@ __all__ = [
     "SmoothedMotion",
     "SplineFit",
     "StampedBuffer",
+    "StampedPoses",
     "StaticPoseBuffer",
+    "base_from_odometry",
+    "base_motion_at",
     "differentiate",
     "differentiate_rotations",
     "find_imu",
@@ -84,6 +95,10 @@ __all__ = [
     "phi_of",
     "pinocchio_state",
     "read_urdf",
+    "regular_clock",
+    "resample",
+    "robot_of",
+    "sampling_times",
     "scatter",
     "sensor_motion",
     "went_back",

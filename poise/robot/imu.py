@@ -7,12 +7,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import Recording
-from poise.recording.alignment import interpolate
+from poise.geometry import Pose
+from poise.recording import Recording, interpolate
 from poise.robot.differentiation import differentiate
+from poise.robot.frame_tree import FrameTree
 from poise.robot.motion import SensorMotion
+from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.scatter import scatter
-from poise.robot.sources import Poses
+from poise.robot.sources import StampedPoses
 from poise.types import Array, Stamps
 
 LARGEST_GAP = 0.1
@@ -21,7 +23,6 @@ LARGEST_GAP = 0.1
 LEVELS = 20
 """Frames that are climbed in search of the mounting."""
 
-Transform = tuple[Array, Array]
 """(3, 3) rotation and (3,) m translation."""
 
 
@@ -108,10 +109,10 @@ class ImuSource:
     def stamps(self, begin: int, end: int) -> Stamps:
         return self._imu.stamps[self._between(begin, end)]
 
-    def poses(self, begin: int, end: int) -> Poses:
+    def poses(self, begin: int, end: int) -> StampedPoses:
         inside = self._between(begin, end)
         rotation = self._rotation[inside]
-        return Poses(self._imu.stamps[inside], rotation, np.zeros((len(rotation), 3)))
+        return StampedPoses(rotation, np.zeros((len(rotation), 3)), self._imu.stamps[inside])
 
     def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
         part, inside = self._between(begin - margin, end + margin), self._between(begin, end)
@@ -144,7 +145,7 @@ def find_imu(recording: Recording, sensor_frame: str, topic: str = "imu") -> Imu
     good = np.isfinite(stream.linear_acceleration).all(axis=1) & (np.diff(stream.stamps, prepend=-1) > 0)
     if mounting is None or not good.any():
         return None
-    rotation, place = mounting
+    rotation, place = mounting.rotation, mounting.translation
     return Imu(
         stream.stamps[good],
         -stream.linear_acceleration[good] @ rotation.T,
@@ -155,32 +156,15 @@ def find_imu(recording: Recording, sensor_frame: str, topic: str = "imu") -> Imu
     )
 
 
-def _mounting(recording: Recording, frame: str, sensor_frame: str) -> Transform | None:
+def _mounting(recording: Recording, frame: str, sensor_frame: str) -> Pose | None:
     """Where the IMU is in the sensor frame, when what lies between them does not move."""
-    of_imu, of_sensor = _fixed_ancestors(recording, frame), _fixed_ancestors(recording, sensor_frame)
-    for name, (turn, shift) in of_imu.items():
-        if name in of_sensor:
-            sensor_turn, sensor_shift = of_sensor[name]
-            return sensor_turn.T @ turn, sensor_turn.T @ (shift - sensor_shift)
-    return None
-
-
-def _fixed_ancestors(recording: Recording, frame: str) -> dict[str, Transform]:
-    """Every frame that this one is fixed to on the way up, itself first, and where it is in that."""
-    found: dict[str, Transform] = {frame: (np.eye(3), np.zeros(3))}
-    name = frame
-    for _ in range(LEVELS):
-        try:
-            stream = recording.poses(name)
-        except InputError:  # the top of the tree, or a frame of two parents
-            break
-        turns, shifts = stream.rotation_parent_child, stream.translation_parent_child
-        if not len(stream) or np.any(turns != turns[:1]) or np.any(shifts != shifts[:1]) or stream.parent in found:
-            break
-        turn, shift = found[name]
-        found[stream.parent] = (turns[0] @ turn, turns[0] @ shift + shifts[0])
-        name = stream.parent
-    return found
+    tree = FrameTree(one_parent=False, keep=False)
+    for name in (frame, sensor_frame):
+        for stream in frames_above(recording, name):
+            if is_constant(stream):
+                turns, shifts = stream.rotation_parent_child[-1:], stream.translation_parent_child[-1:]
+                tree.add(stream.stamps[-1:], stream.parent, stream.child, turns, shifts, fixed=True)
+    return tree.pose(frame, sensor_frame, fixed_only=True)
 
 
 def _integrated(imu: Imu) -> Array:

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.robot.hand_frames import HandFrames
+from poise.geometry import Pose
+from poise.robot.frame_tree import FrameTree
 from poise.robot.imu import Imu
 from poise.robot.motion import SensorMotion
 from poise.robot.motion_buffers import NO_KINEMATICS, USED, MotionBuffer, Reasons
@@ -19,16 +20,16 @@ class LiveImu:
     """Samples of an IMU that rides on the sensor, as they come.
 
     Args:
-        hand: tells how it is mounted.
+        frames: with its mounting.
         gravity: (3,) m/s2 in the world.
         topic: where its messages come from.
     """
 
-    def __init__(self, hand: HandFrames, gravity: Array, topic: str = "imu") -> None:
+    def __init__(self, frames: FrameTree, gravity: Array, topic: str = "imu") -> None:
         self.gravity = gravity
         self.frame_id = ""
-        self._hand, self._topic = hand, topic
-        self._mounting = np.eye(3), np.zeros(3)
+        self._frames, self._topic = frames, topic
+        self._mounting = Pose.identity()
         self._buffer = StampedBuffer(3)
         self._scatter = ScatterMeter()
 
@@ -58,13 +59,13 @@ class LiveImu:
     def take(self, imu: Imu) -> None:
         """Take all samples of an IMU whose axes are those of the sensor."""
         self.frame_id = imu.frame_id
-        self._mounting = np.eye(3), imu.place
+        self._mounting = Pose(np.eye(3), imu.place)
         self._buffer.extend(imu.stamps, -imu.specific)
         self._scatter.add(imu.specific)
 
     def rides_on(self, sensor_frame: str) -> bool:
         """Whether it has spoken, and tf_static joins it to the sensor; from then on it is known how it is mounted."""
-        mounting = self._hand.mounting(self.frame_id, sensor_frame)
+        mounting = self._frames.pose(self.frame_id, sensor_frame, fixed_only=True)
         if self.newest is None or mounting is None:
             return False
         self._mounting = mounting
@@ -73,7 +74,7 @@ class LiveImu:
     @property
     def measured(self) -> Imu:
         """What is remembered, in sensor axes."""
-        rotation, place = self._mounting
+        rotation, place = self._mounting.rotation, self._mounting.translation
         stamps, rows = self._buffer.stamps, self._buffer.rows
         later = np.diff(stamps, prepend=-1) > 0
         specific = -rows[later] @ rotation.T

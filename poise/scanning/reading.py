@@ -8,14 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import JointStream, Recording
-from poise.recording.images import CLOUD, IMAGE, INFO, Image, image_of, messages_of, stamps_of
-from poise.recording.streams import stamp_of
-from poise.robot import RobotModel
+from poise.recording import (
+    CLOUD,
+    IMAGE,
+    INFO,
+    Image,
+    JointStream,
+    Recording,
+    image_of,
+    messages_of,
+    stamp_of,
+    stamps_of,
+)
+from poise.robot import Mounting, RobotModel
 from poise.scanning.camera import Camera
 from poise.scanning.cloud_frames import frame_of_cloud
 from poise.scanning.frames import MILLIMETRE, Frame, View, depth_in_metres
-from poise.scanning.poses import Poses, Transform, camera_poses, hand_eye_of
+from poise.scanning.poses import CameraPoses, camera_poses, hand_eye_of
 
 MOST_FRAMES = 127
 """As many as the thesis' scan had (section 3.2.4)."""
@@ -42,7 +51,7 @@ class SweepOptions:
     colour: str = ""
     info: str = ""
     description: str | None = None
-    hand_eye: Transform | None = None
+    hand_eye: Mounting | None = None
     frames: int = MOST_FRAMES
     unit: float = MILLIMETRE
     delay: float = 0.0
@@ -70,7 +79,7 @@ def read_sweep(
 
     Raises:
         InputError: TOPIC_MISSING, TYPE_MISMATCH, ROBOT_DESCRIPTION_MISSING, ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN,
-            JOINT_MISSING, UNSUPPORTED, BAD_INPUT, EMPTY: what the bag lacks, and the mend.
+            JOINT_MISSING, UNSUPPORTED, BAD_INPUT, EMPTY: what the bag lacks, and how to fix it.
     """
     topics = find_topics(recording, options)
     stamps = stamps_of(recording, topics["depth"])
@@ -83,16 +92,16 @@ def read_sweep(
 def place(
     frames: Sequence[Frame],
     description: str,
-    fixed: Sequence[Transform],
+    fixed: Sequence[Mounting],
     joints_of: Callable[[tuple[str, ...]], JointStream],
     options: SweepOptions,
 ) -> Sweep:
-    """Give frames their poses; those without are left out and told.
+    """Give frames their poses; frames without one are left out and reported.
 
     Args:
         frames: of one camera.
         description: URDF.
-        fixed: what tf_static tells.
+        fixed: the transforms of tf_static.
         joints_of: the states of joints by their names.
         options: `hand_eye` and `delay` count here.
 
@@ -127,7 +136,7 @@ def place(
     return Sweep(views_of(frames, poses), model.base_frame, tuple(notes))
 
 
-def views_of(frames: Sequence[Frame], poses: Poses) -> list[View]:
+def views_of(frames: Sequence[Frame], poses: CameraPoses) -> list[View]:
     """Frames with their poses, where there is one."""
     return [
         View(frame, poses.rotation[i], poses.translation[i], bool(poses.sure[i]))
@@ -255,8 +264,8 @@ def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dic
     return found
 
 
-def fixed_transforms(recording: Recording) -> list[Transform]:
-    """What tf_static tells."""
+def fixed_transforms(recording: Recording) -> list[Mounting]:
+    """The transforms of tf_static."""
     names = [name for name in recording.topics if name.strip("/").rpartition("/")[2] == "tf_static"]
     found = []
     for name in names:
@@ -265,11 +274,11 @@ def fixed_transforms(recording: Recording) -> list[Transform]:
     return found
 
 
-def transform_of(stamped: Any) -> Transform:
+def transform_of(stamped: Any) -> Mounting:
     """From the fields of geometry_msgs/TransformStamped."""
     shift, turn = stamped.transform.translation, stamped.transform.rotation
     pose = [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w]
-    return Transform.from_pose(str(stamped.header.frame_id), str(stamped.child_frame_id), pose)
+    return Mounting.of_vector(str(stamped.header.frame_id), str(stamped.child_frame_id), pose)
 
 
 def _joints(recording: Recording, names: tuple[str, ...]) -> JointStream:

@@ -1,6 +1,6 @@
 """From views to the cloud of one object: seen, completed down to the table, and what is not trusted about it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,8 +13,8 @@ from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
-from poise.shape.solid import Solid
-from poise.types import Array, Mask
+from poise.shape import Solid
+from poise.types import Array, Cancelled, Mask, Progress
 
 LEAST_DEPTH = 0.05
 """Share of the pixels that have to have depth, in the middle one of the frames."""
@@ -25,8 +25,6 @@ SIDES_ERROR, SIDES_NOTE = 0.35, 0.12
 THICK = 2e-3
 HIDDEN_OFF = 2e-3
 """m that completed surface is off: 1.0 to 2.7 on the tools of benchmarks/scanning.py, nearly always outwards."""
-Cancelled = Callable[[], bool]
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)

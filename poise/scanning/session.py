@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import JointStream
-from poise.recording.images import Image
+from poise.recording import Image, JointStream
+from poise.robot import Mounting
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame
-from poise.scanning.poses import Transform
 from poise.scanning.reading import MOST_FRAMES, TOGETHER, Sweep, SweepOptions, frame_of, place
-from poise.scanning.scan import Cancelled, Progress, Scan, ScanOptions, scan
+from poise.scanning.scan import Scan, ScanOptions, scan
+from poise.types import Cancelled, Progress
 
 COLOURS_KEPT = 20
 MOST_STATES = 50_000
@@ -43,13 +43,13 @@ class RobotLog:
 
     def __init__(self) -> None:
         self.description = ""
-        self.fixed: dict[str, Transform] = {}
+        self.fixed: dict[str, Mounting] = {}
         self._states: deque[tuple[int, dict[str, float]]] = deque(maxlen=MOST_STATES)
 
     def add_joint_state(self, stamp: int, names: Sequence[str], position: Sequence[float]) -> None:
         """Take in a joint state; one without positions is left out."""
         if names and len(names) == len(position):
-            if self._states and stamp < self._states[-1][0] - 10**9:  # a clock that was set back, a bag that began anew
+            if self._states and stamp < self._states[-1][0] - 10**9:  # the clock was set back, or a bag restarted
                 self._states.clear()
             self._states.append((stamp, dict(zip(names, position, strict=True))))
 

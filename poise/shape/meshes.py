@@ -14,7 +14,7 @@ from poise.shape.mesh_worker import MeshWorker
 from poise.types import Array, Indices
 
 MAX_BYTES = 100_000_000
-FORMATS = (".stl", ".obj", ".ply")
+MESH_FORMATS = (".stl", ".obj", ".ply")
 _worker = MeshWorker()
 
 
@@ -25,7 +25,7 @@ class CheckedMesh:
     Args:
         vertices: (V, 3) m, none twice.
         triangles: (T, 3) vertex numbers, counter-clockwise from outside.
-        notes: what was mended, one sentence each.
+        notes: repairs, one sentence each.
     """
 
     vertices: Array
@@ -49,7 +49,7 @@ def read_mesh(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> 
 
 
 def read_triangles(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> tuple[Array, Indices]:
-    """A file's vertices (V, 3) m and triangles (T, 3) as they are: nothing mended, shells kept apart.
+    """A file's vertices (V, 3) m and triangles (T, 3) as they are: not repaired, shells kept separate.
 
     Args:
         source, folder, scale: as for `read_mesh`.
@@ -71,8 +71,8 @@ def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1
     Raises:
         InputError: UNSUPPORTED for other formats, FILE_CORRUPT, and what `check_mesh` raises.
     """
-    if suffix.lower() not in FORMATS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: expected a mesh in {', '.join(FORMATS)}")
+    if suffix.lower() not in MESH_FORMATS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: expected a mesh in {', '.join(MESH_FORMATS)}")
     if len(content) > MAX_BYTES:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
     return check_mesh(*_worker.parse(content, suffix.lower(), name), scale, name)
@@ -81,11 +81,13 @@ def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1
 def _content(source: str, folder: Path) -> tuple[bytes, str]:
     """What a file holds, and its ending."""
     path = resolve(source, folder)
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{source}: expected a mesh in {', '.join(FORMATS)}")
+    if path.suffix.lower() not in MESH_FORMATS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{source}: expected a mesh in {', '.join(MESH_FORMATS)}")
     try:
         if not path.is_file():
-            raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a mesh in {', '.join(FORMATS)}")
+            raise InputError(
+                ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a mesh in {', '.join(MESH_FORMATS)}"
+            )
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise InputError(ErrorCode.MESH_INVALID, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
@@ -95,7 +97,7 @@ def _content(source: str, folder: Path) -> tuple[bytes, str]:
 
 
 def check_mesh(vertices: ArrayLike, triangles: ArrayLike, scale: float = 1.0, name: str = "mesh") -> CheckedMesh:
-    """Check and mend the surface of one object (see `mesh_repair.repair`).
+    """Check and repair the surface of one object (see `mesh_repair.repair`).
 
     Args:
         vertices: (V, 3).
@@ -130,7 +132,7 @@ def _checked(vertices: ArrayLike, triangles: ArrayLike, scale: float, name: str)
         points = points * scale
     wrong = np.flatnonzero(~np.all(np.isfinite(points), axis=1))
     if len(wrong):
-        message = f"{name}: vertex {wrong[0]} is not finite; mend the mesh"
+        message = f"{name}: vertex {wrong[0]} is not finite; fix the mesh"
         raise InputError(ErrorCode.NOT_FINITE, message, vertex=int(wrong[0]))
     return points, corners
 

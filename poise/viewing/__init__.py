@@ -1,9 +1,66 @@
-"""Draws results for people. No node needs it; import the module you want, drawing libraries load slowly.
+"""Reports, pictures and Rerun recordings of results. No node needs it; a drawing library loads with the first use.
 
-- `report`: `write_identification_report`, one HTML file that stands alone.
-- `rerun_scene`: `write_identification_recording`, the same story for the Rerun viewer (needs rerun-sdk, an extra).
-- `figures`: the pictures of both, for matplotlib; `canvas`, `sphere` and `decimation` are what they are drawn with,
-  `inline_svg` puts them into a page.
-- `summary`, `wording`: what there is to say about a result, and how numbers and foreign names are written.
-- `files`: `write_whole`, a file or nothing.
+- `report`, `mismatch_report`: self-contained HTML pages. `page` is their skeleton, `inline_svg` puts figures into it.
+- `rerun_scene`, `mismatch_scene`, `assembly_recording`: recordings for the Rerun viewer (needs rerun-sdk, an extra).
+- `figures`, `*_figures`: the panels of reports and pictures. `canvas`: what all panels share, and picture files.
+- `summary`, `wording`: a result as numbers and sentences; how numbers and external names are written.
 """
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from poise.viewing.wording import readable, rounded
+
+if TYPE_CHECKING:
+    from poise.viewing.assembly_figures import graph_panel, limits_panel, map_panel, mechanism_panel
+    from poise.viewing.assembly_recording import write_assembly_recording
+    from poise.viewing.canvas import write_picture
+    from poise.viewing.carrying_figures import transfer_panel
+    from poise.viewing.excitation_figures import excitation_panels
+    from poise.viewing.mismatch_report import write_mismatch_report
+    from poise.viewing.mismatch_scene import write_mismatch_scene
+    from poise.viewing.parts_picture import draw_parts
+    from poise.viewing.report import write_identification_report
+    from poise.viewing.rerun_scene import write_identification_recording
+    from poise.viewing.summary import parameter_rows
+
+__all__ = [
+    "draw_parts",
+    "excitation_panels",
+    "graph_panel",
+    "limits_panel",
+    "map_panel",
+    "mechanism_panel",
+    "parameter_rows",
+    "readable",
+    "rounded",
+    "transfer_panel",
+    "write_assembly_recording",
+    "write_identification_recording",
+    "write_identification_report",
+    "write_mismatch_report",
+    "write_mismatch_scene",
+    "write_picture",
+]
+
+_FILES = {
+    "draw_parts": "parts_picture",
+    "excitation_panels": "excitation_figures",
+    "parameter_rows": "summary",
+    "transfer_panel": "carrying_figures",
+    "write_assembly_recording": "assembly_recording",
+    "write_identification_recording": "rerun_scene",
+    "write_identification_report": "report",
+    "write_mismatch_report": "mismatch_report",
+    "write_mismatch_scene": "mismatch_scene",
+    "write_picture": "canvas",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import the file of a name on first use (PEP 562)."""
+    if name not in __all__:
+        raise AttributeError(f"module 'poise.viewing' has no attribute {name!r}")
+    file = importlib.import_module(f"poise.viewing.{_FILES.get(name, 'assembly_figures')}")
+    globals()[name] = getattr(file, name)
+    return globals()[name]

@@ -1,10 +1,7 @@
 """The figures of an assembly: map of robustness, contact interface graph, collapse mechanism, acceleration limits."""
 
-import io
-from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
@@ -16,20 +13,17 @@ from poise.assembly import Analysis, Push
 from poise.assembly.robustness import AccelerationLimits, Robustness, RobustnessMap
 from poise.assembly.scene import Polyhedron
 from poise.errors import ErrorCode, InputError
-from poise.files import write_whole
 from poise.viewing.assembly_picture import Stage, SurfaceColours, extent, moved, stage
-from poise.viewing.canvas import PALETTE, STYLE, Panel
+from poise.viewing.canvas import PALETTE, Panel
 from poise.viewing.wording import readable
 
-SIZE = (420, 330)
-SCALE = "RdYlBu"
-"""Weak to strong; told apart by colour-blind readers too."""
-SHARP = 0.9
+_FIRST_MOVERS = ("#2062d4", "#d55e01", "#00916b", "#b3268c", "#8a6d00", "#5b6470")
+_SIZE = (420, 330)
+_SCALE = "RdYlBu"
+"""Weak to strong; distinguishable for colour-blind readers."""
+_SHARP = 0.9
 """Cosine of the angle between faces at an edge that is drawn."""
-ENDLESS = (0.62, 0.64, 0.67)
-UNDATED: Any = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-"""What keeps the same picture the same file, by the endings that there are."""
-FIRST_MOVERS = ("#2062d4", "#d55e01", "#00916b", "#b3268c", "#8a6d00", "#5b6470")
+_ENDLESS = (0.62, 0.64, 0.67)
 
 
 def map_panel(found: RobustnessMap) -> Panel:
@@ -37,8 +31,8 @@ def map_panel(found: RobustnessMap) -> Panel:
     finite = found.upper[np.isfinite(found.upper)]
     # Few points may hold next to anything: they are not to squeeze the others into one colour.
     low, high = (float(finite.min()), float(np.quantile(finite, 0.97))) if len(finite) else (1.0, 1.0)
-    scale = ScalarMappable(LogNorm(low, max(high, 1.02 * low)), SCALE)
-    colours = np.where(np.isfinite(found.upper)[:, None], scale.to_rgba(found.upper)[:, :3], ENDLESS)
+    scale = ScalarMappable(LogNorm(low, max(high, 1.02 * low)), _SCALE)
+    colours = np.where(np.isfinite(found.upper)[:, None], scale.to_rgba(found.upper)[:, :3], _ENDLESS)
 
     def draw(figure: FigureBase) -> None:
         here = stage(figure, found.analysis.assembly, (0, 0, 0.84, 1), surface=SurfaceColours(found, colours))
@@ -55,7 +49,7 @@ def map_panel(found: RobustnessMap) -> Panel:
             figure.text(0.83, 0.03, "grey: holds any force", fontsize=9.5, color=PALETTE["muted"], ha="right")
 
     alt = f"Robustness to pushes inward all over the surface: from {low:.3g} to {high:.3g} N."
-    return Panel("robustness-map", alt, draw, SIZE)
+    return Panel("robustness-map", alt, draw, _SIZE)
 
 
 def graph_panel(analysis: Analysis) -> Panel:
@@ -79,7 +73,7 @@ def graph_panel(analysis: Analysis) -> Panel:
 
     edges = len(structure.edges)
     alt = f"Contact interface graph of {len(structure.movable)} movable bodies with {edges} pairs in contact."
-    return Panel("contact-graph", alt, draw, SIZE)
+    return Panel("contact-graph", alt, draw, _SIZE)
 
 
 def mechanism_panel(analysis: Analysis, push: Push, result: Robustness) -> Panel:
@@ -105,7 +99,7 @@ def mechanism_panel(analysis: Analysis, push: Push, result: Robustness) -> Panel
         _text(here, x, y, f"{force}: {result.mode}" if result.moves else force, above=False)
 
     moves = ", ".join(readable(name) for name in result.moves) or "nothing"
-    return Panel("mechanism", f"Pushed with {force}, {moves} moves first.", draw, SIZE)
+    return Panel("mechanism", f"Pushed with {force}, {moves} moves first.", draw, _SIZE)
 
 
 def limits_panel(found: AccelerationLimits) -> Panel:
@@ -129,7 +123,7 @@ def limits_panel(found: AccelerationLimits) -> Panel:
         names = [found.first_to_move[row] for row in level]
         for number, movers in enumerate(sorted(set(names))):
             rows = [row for row, name in enumerate(names) if name == movers]
-            colour = FIRST_MOVERS[min(number, len(FIRST_MOVERS) - 1)]
+            colour = _FIRST_MOVERS[min(number, len(_FIRST_MOVERS) - 1)]
             axes.plot(azimuth[rows], shown[rows], "o", color=colour, markersize=4, label=_names(movers))
         axes.set_ylim(0, reach)
         axes.grid(color=PALETTE["grid"])
@@ -140,28 +134,14 @@ def limits_panel(found: AccelerationLimits) -> Panel:
 
     low = float(finite.min()) if len(finite) else np.inf
     return Panel(
-        "acceleration-limits", f"Acceleration limits around the horizontal: at least {low:.3g} m/s².", draw, SIZE
+        "acceleration-limits", f"Acceleration limits around the horizontal: at least {low:.3g} m/s².", draw, _SIZE
     )
-
-
-def write_picture(panel: Panel, path: Path) -> Path:
-    """Write a panel as PNG, SVG or PDF, whole or not at all.
-
-    Raises:
-        InputError: UNSUPPORTED for another ending, FILE_UNWRITABLE.
-    """
-    if path.suffix.lower() not in UNDATED:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{path}: pictures end in {', '.join(UNDATED)}")
-    buffer = io.BytesIO()
-    with matplotlib.rc_context(STYLE):
-        panel.figure().savefig(buffer, format=path.suffix[1:].lower(), dpi=144, metadata=UNDATED[path.suffix.lower()])
-    return write_whole(path, buffer.getvalue())
 
 
 def _sharp_edges(polyhedron: Polyhedron) -> Any:
     """(E, 2) vertex numbers of the edges that are seen as such, not those that round a surface."""
     normals = polyhedron.normals[polyhedron.edge_facets]
-    return polyhedron.edges[np.einsum("ec,ec->e", normals[:, 0], normals[:, 1]) < SHARP]
+    return polyhedron.edges[np.einsum("ec,ec->e", normals[:, 0], normals[:, 1]) < _SHARP]
 
 
 def _names(movers: tuple[str, ...]) -> str:

@@ -18,15 +18,15 @@ from poise.types import Array, Mask
 from poise.viewing.canvas import PALETTE
 from poise.viewing.z_buffer import NOTHING, Camera, see
 
-TOWARD = (-1.0, -1.7, 0.9)
+_TOWARD = (-1.0, -1.7, 0.9)
 """From the middle of the picture to the viewer."""
-LIGHT = np.array([-0.35, -0.6, 0.72])
-SUPERSAMPLED = 2
-PIXELS_PER_POINT = 2
+_LIGHT = np.array([-0.35, -0.6, 0.72])
+_SUPERSAMPLED = 2
+_PIXELS_PER_POINT = 2
 FIXED, MOVABLE = "#f4f5f6", "#aebdd0"
-NEIGHBOURS = 4
+_NEIGHBOURS = 4
 """Points of a map that the colour of a pixel is made of."""
-SAME_FACE = 0.3
+_SAME_FACE = 0.3
 """m that points of a map are as good as apart when their pushes are at right angles."""
 
 
@@ -101,11 +101,11 @@ def stage(
     movable = [item.vertices for item in assembly.objects if not item.fixed]
     movable += [item.vertices for item in (shown or assembly).objects if not item.fixed]
     movable += [] if beside is None else [beside]
-    camera = Camera.around(np.concatenate(movable), TOWARD, width, height, 0.07)
-    fine = PIXELS_PER_POINT * SUPERSAMPLED
+    camera = Camera.around(np.concatenate(movable), _TOWARD, width, height, 0.07)
+    fine = _PIXELS_PER_POINT * _SUPERSAMPLED
     sharp = replace(camera, scale=fine * camera.scale, width=fine * width, height=fine * height)
     picture = _painted(shown or assembly, sharp, colours or {}, surface)
-    picture = picture.reshape(height * PIXELS_PER_POINT, SUPERSAMPLED, -1, SUPERSAMPLED, 3).mean(axis=(1, 3))
+    picture = picture.reshape(height * _PIXELS_PER_POINT, _SUPERSAMPLED, -1, _SUPERSAMPLED, 3).mean(axis=(1, 3))
     axes.imshow(pale + (1 - pale) * picture, origin="lower", extent=(0, width, 0, height), interpolation="none")
     axes.set_axis_off()
     return Stage(axes, camera)
@@ -130,9 +130,9 @@ class SurfaceColours:
             on, asked = np.flatnonzero(surface.place == place), np.flatnonzero(places == place)
             if not len(on):
                 continue
-            tree = cKDTree(np.concatenate([surface.points[on], -SAME_FACE * surface.directions[on]], axis=1))
-            count = min(NEIGHBOURS, len(on))
-            where = np.concatenate([points[asked], SAME_FACE * normals[asked]], axis=1)
+            tree = cKDTree(np.concatenate([surface.points[on], -_SAME_FACE * surface.directions[on]], axis=1))
+            count = min(_NEIGHBOURS, len(on))
+            where = np.concatenate([points[asked], _SAME_FACE * normals[asked]], axis=1)
             distance, nearest = tree.query(where, k=range(1, count + 1))
             weights = 1 / (distance**2 + 1e-12)
             weights /= weights.sum(axis=1, keepdims=True)
@@ -154,11 +154,11 @@ def _painted(assembly: Assembly, camera: Camera, colours: Mapping[int, str], sur
         movable = hit & ~fixed
         strength[movable] = 0.15
         # One look-up for each pixel of the picture; between bodies there is a line over it anyway.
-        rough = (slice(None, None, SUPERSAMPLED),) * 2
+        rough = (slice(None, None, _SUPERSAMPLED),) * 2
         asked, coarse = movable[rough], picture[rough].copy()
         coarse[asked] = surface.at(seen.points[rough][asked], normals[rough][asked], place[rough][asked])
         picture = np.where(movable[..., None], _enlarged(coarse), picture)
-    shade = 1 - strength * (1 - np.clip(normals @ LIGHT, 0, 1))
+    shade = 1 - strength * (1 - np.clip(normals @ _LIGHT, 0, 1))
     picture = np.where(hit[..., None], picture * shade[..., None], 1.0)
     edges = _edges(np.where(hit, place, NOTHING), np.where(hit[..., None], normals, 0.0))
     picture[edges] = 0.35 * picture[edges] + 0.65 * np.array(to_rgb(PALETTE["ink"]))
@@ -166,7 +166,7 @@ def _painted(assembly: Assembly, camera: Camera, colours: Mapping[int, str], sur
 
 
 def _enlarged(picture: Array) -> Array:
-    return picture.repeat(SUPERSAMPLED, axis=0).repeat(SUPERSAMPLED, axis=1)
+    return picture.repeat(_SUPERSAMPLED, axis=0).repeat(_SUPERSAMPLED, axis=1)
 
 
 def _edges(place: NDArray[np.int64], normals: Array) -> Mask:

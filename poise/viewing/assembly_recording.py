@@ -17,7 +17,7 @@ from poise.viewing.wording import readable
 
 FIXED, MOVABLE, GRAPH = (200, 204, 210), (150, 170, 200, 120), (213, 94, 1)
 PUSH, MOTION, ENDLESS = (179, 38, 30), (27, 31, 36), (158, 163, 171)
-POINT = 0.006
+_POINT = 0.006
 """Radius of the points of a map, as a share of the scene."""
 
 
@@ -107,14 +107,14 @@ class _Scene:
             low, high = found.upper[finite].min(), np.quantile(found.upper[finite], 0.97)
             shade = colormaps["RdYlBu"](LogNorm(low, max(high, 1.02 * low))(found.upper[finite]))
             colours[finite] = (255 * shade[:, :3]).astype(np.uint8)
-        points = self.rr.Points3D(found.surface.points, colors=colours, radii=[POINT * self.size])
+        points = self.rr.Points3D(found.surface.points, colors=colours, radii=[_POINT * self.size])
         self._log("world/map/points", points, static=True)
         weakest = int(found.upper.argmin())
         label = self.rr.Points3D(
             found.surface.points[[weakest]],
             labels=[f"{found.upper[weakest]:.3g} N"],
             colors=[PUSH],
-            radii=[2 * POINT * self.size],
+            radii=[2 * _POINT * self.size],
         )
         self._log("world/map/weakest", label, static=True)
 

@@ -1,15 +1,20 @@
 """What all figures share: colours by role, plain axes, thinned curves, shaded intervals."""
 
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from poise.errors import ErrorCode, InputError
+from poise.files import write_whole
 from poise.inertia.pipeline import Identification
 from poise.types import Array
 from poise.viewing.decimation import break_at_gaps, envelope
@@ -17,7 +22,7 @@ from poise.viewing.decimation import break_at_gaps, envelope
 Draw = Callable[[FigureBase], None]
 
 # Names of roles; the report turns them into CSS colours that follow the reader's light or dark scheme.
-# x, y, z are red, green and blue as in RViz, in shades that colour-blind readers can tell apart.
+# x, y, z are red, green and blue as in RViz, in shades that colour-blind readers can distinguish.
 PALETTE = {
     "ink": "#1b1f24",
     "muted": "#68707b",
@@ -38,7 +43,10 @@ STYLE: Any = {
     "axes.unicode_minus": False,
 }
 
-PANEL = (360, 170)
+_UNDATED: Any = {".png": {"Software": None}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+"""Metadata that would make equal pictures different files, by file ending."""
+
+_PANEL = (360, 170)
 """Width and height of a panel, points: about the width of a phone, a third of a page."""
 
 BINS = 240
@@ -55,7 +63,7 @@ class Panel:
     key: str
     alt: str
     draw: Draw
-    size: tuple[int, int] = PANEL
+    size: tuple[int, int] = _PANEL
 
     def figure(self) -> Figure:
         """Draw the panel on its own (72 points an inch: one point is one CSS pixel of the report)."""
@@ -73,6 +81,21 @@ def sheet(panels: Sequence[Panel], columns: int) -> Figure:
     for panel, part in zip(panels, parts, strict=False):
         panel.draw(part)
     return figure
+
+
+def write_picture(panels: Sequence[Panel], path: Path, columns: int = 1) -> Path:
+    """Write panels side by side as PNG, SVG or PDF, whole or not at all.
+
+    Raises:
+        InputError: UNSUPPORTED for another ending, FILE_UNWRITABLE.
+    """
+    kind = path.suffix.lower()
+    if kind not in _UNDATED:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{path}: pictures end in {', '.join(_UNDATED)}")
+    buffer = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        sheet(panels, columns).savefig(buffer, format=kind[1:], dpi=144, metadata=_UNDATED[kind])
+    return write_whole(path, buffer.getvalue())
 
 
 def add_axes(figure: FigureBase, title: str, below: str = "s", right: float = 0.02, left: float = 0.125) -> Axes:

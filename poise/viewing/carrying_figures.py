@@ -5,12 +5,12 @@ import numpy as np
 from matplotlib.figure import FigureBase
 
 from poise.assembly import Assembly, Box, Cylinder, RigidObject
-from poise.manipulation import Phase, Reach, Transfer, pose_of
+from poise.manipulation import Reach, Transfer, TransferPhase, pose_of
 from poise.types import Array
 from poise.viewing.assembly_picture import stage
 from poise.viewing.canvas import PALETTE, Panel
 
-SIZE = (860, 330)
+_SIZE = (860, 330)
 ROBOT, HELD = "#d3d7dd", "#e3b23c"
 
 
@@ -35,10 +35,10 @@ def transfer_panel(reach: Reach, transfer: Transfer, placed: RigidObject) -> Pan
             here.axes.set_title(words, fontsize=11, color=PALETTE["ink"])
 
     alt = f"{placed.id} is picked up, carried and put down by the arm."
-    return Panel("transfer", alt, draw, SIZE)
+    return Panel("transfer", alt, draw, _SIZE)
 
 
-def _scene(reach: Reach, transfer: Transfer, q: Array, phase: Phase) -> Assembly:
+def _scene(reach: Reach, transfer: Transfer, q: Array, phase: TransferPhase) -> Assembly:
     """Robot, surroundings and the object in the hand, as they stand at a configuration."""
     shapes = ((_shape_of(shape), place) for shape, place in reach.arm.shapes(q, phase.opening))
     robot = [

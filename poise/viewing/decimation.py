@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.types import Array
 
-GAP = 10.0
+_GAP = 10.0
 """A pause longer than this many median sample times is a gap: a line across it would be invented."""
 
 
@@ -53,6 +53,6 @@ def break_at_gaps(x: Array, y: Array) -> tuple[Array, Array]:
     if len(x) < 3:
         return x, y
     steps = np.diff(x)
-    gaps = np.flatnonzero(steps > GAP * np.median(steps))
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps))
     middles = (x[gaps] + x[gaps + 1]) / 2
     return np.insert(x, gaps + 1, middles), np.insert(y, gaps + 1, np.nan)

@@ -3,19 +3,18 @@
 import numpy as np
 from matplotlib.figure import FigureBase
 
-from poise.excitation import ExcitationPlan, Guard
-from poise.excitation.hand import HandMotion, hand_motion
+from poise.excitation import ExcitationPlan, Guard, HandMotion, hand_motion
 from poise.inertia.model import PARAMETER_NAMES
 from poise.robot import RobotModel
 from poise.types import Array
 from poise.viewing.canvas import PALETTE, Panel, add_axes
 
-SAMPLES = 600
+_SAMPLES = 600
 
 
 def excitation_panels(model: RobotModel, plan: ExcitationPlan, guard: Guard, limit: float) -> list[Panel]:
     """Four panels of a plan; `limit` is the speed limit, m/s."""
-    seconds = np.linspace(0.0, plan.motion.duration, SAMPLES)
+    seconds = np.linspace(0.0, plan.motion.duration, _SAMPLES)
     motion = plan.motion.at(seconds)
     hand = hand_motion(model, *motion)
     moved = motion.position - motion.position[0]

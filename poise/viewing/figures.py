@@ -20,7 +20,7 @@ from poise.viewing.summary import (
 
 CHANNELS = ("Force x", "Force y", "Force z", "Torque x", "Torque y", "Torque z")
 CHANNEL_UNITS = ("N", "N", "N", "N m", "N m", "N m")
-PARAMETER_TITLES = (
+_PARAMETER_TITLES = (
     "Mass",
     "Centre of mass x",
     "Centre of mass y",
@@ -95,7 +95,7 @@ def convergence_panels(identification: Identification) -> list[Panel]:
     values = np.array([shown_parameters(estimate) for estimate in history]) * SCALES
     sigmas = np.array([shown_sigmas(estimate) for estimate in history]) * SCALES
     panels = []
-    for index, (title, unit) in enumerate(zip(PARAMETER_TITLES, UNITS, strict=True)):
+    for index, (title, unit) in enumerate(zip(_PARAMETER_TITLES, UNITS, strict=True)):
         value, sigma = values[:, index], sigmas[:, index]
         if not np.isfinite(value[-1]):
             continue

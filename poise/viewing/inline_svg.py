@@ -17,7 +17,7 @@ def inline_svg(panel: Panel) -> str:
 
     Colours of the palette become CSS variables (`var(--accent)`), so that the page's light or dark scheme rules them;
     text takes the page's font; identifiers get the panel's key in front, so that many fit on one page.
-    The attribute `data-plot` tells the page's script where the axes lie and what they span.
+    The attribute `data-plot` gives the page's script the position and the range of the axes.
     """
     with matplotlib.rc_context(STYLE):
         figure = panel.figure()

@@ -60,7 +60,7 @@ def _events(found: Diagnosis) -> list[tuple[float, str]]:
     windows = [
         (window.start, f"until {window.end:.2f} s: {window.kind}, {100 * window.share:.0f} % of the excess")
         for each in found.examinations
-        for window in each.where
+        for window in each.windows
         if found.verdict != "none"
     ]
     effects = [(start, finding.sentence) for finding in found.findings for start, _ in finding.windows]

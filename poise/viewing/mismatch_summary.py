@@ -1,4 +1,4 @@
-"""What there is to say about a diagnosis: residuals in units of the noise, the ladder of evidence, sentences."""
+"""A diagnosis for reports: residuals in units of the noise, the ladder of evidence, sentences."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,13 +13,13 @@ from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
 
 _STRETCH = 0.25
-"""s over which a residual's size is averaged for the eye."""
+"""s over which a residual's size is averaged for display."""
 _ALONE, _BESIDE = 8, 3
-"""Hypotheses that are drawn: of single effects, and of as many effects as the answer has or one more."""
+"""Hypotheses that are drawn: single effects, and those with as many effects as the answer or one more."""
 _SURE = 0.9
-"""Probability below which a name is said with a warning."""
+"""Probability below which a name is reported with a warning."""
 _MUCH = 1.25
-"""Held-out error, in units of the noise, from which a model is said to miss something."""
+"""Held-out error, in units of the noise, from which a model is reported as incomplete."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class ScaledResiduals:
         seconds: (N,).
         names: (C) of the channels.
         units: (C).
-        before, after: (N, C) measured minus predicted by the nominal and by the best model. Calibration errors, as the
-            best model shows them, are taken out of both: fitted without what was found they would be bent by it.
+        before, after: (N, C) measured minus predicted by the nominal and by the best model. The calibration
+            errors of the best model are removed from both: a fit without the findings would bias them.
         noise: (N, C) one sigma.
-        held: (N,) what no fit of the proof saw.
+        held: (N,) samples that no fit of the proof used.
     """
 
     seconds: Array
@@ -54,14 +54,14 @@ class ScaledResiduals:
 
 
 def residuals(examination: SignalDiagnosis) -> ScaledResiduals:
-    """What the models leave of a signal."""
+    """The residuals of a signal under both models."""
     problem = examination.problem
     effort = problem.recorded.effort if problem.signal == "effort" else None
     channels = WRENCH_CHANNELS if effort is None else effort.names
     units = ("N",) * 3 + ("N m",) * 3 if effort is None else ("N m",) * len(channels)
     before = problem.measured - problem.predicted(problem.recorded) - examination.best.calibrated
     after = residual_of(problem, examination.best)
-    return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.last)
+    return ScaledResiduals(problem.seconds, channels, units, before, after, problem.noise.total, examination.held_out)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Rung:
 
 def ladder(examination: SignalDiagnosis) -> list[Rung]:
     """The answer, the single effects that came furthest, its rivals and what would come next; the best first."""
-    state = examination.state
+    state = examination.search
     answer = tuple(sorted(names(examination.best)))
     base = state.fits[()].log_evidence if () in state.fits else examination.nominal.log_evidence
     gains = {tuple(sorted(key)): each.log_evidence - base for key, each in state.fits.items()}
@@ -97,7 +97,7 @@ def ladder(examination: SignalDiagnosis) -> list[Rung]:
 
 
 def labelled(parts: tuple[str, ...]) -> str:
-    """The names of a hypothesis' effects as people read them."""
+    """The names of a hypothesis' effects for display."""
     return " + ".join(_label(part) for part in parts) or "nothing: the nominal model"
 
 
@@ -108,9 +108,9 @@ def _label(name: str) -> str:
 
 def remaining(examination: SignalDiagnosis) -> tuple[Array, list[Whiteness]]:
     """Whitened residual (N, C) of the best model, and how white each channel is."""
-    frame = examination.best.frame
+    regression = examination.best.regression
     channels = examination.problem.measured.shape[1]
-    white = np.asarray(frame.target - frame.coefficients() @ frame.columns).reshape(channels, -1)
+    white = np.asarray(regression.target - regression.coefficients() @ regression.columns).reshape(channels, -1)
     return white.T, [whiteness(channel) for channel in white]
 
 
@@ -159,7 +159,8 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
             said.append(
                 Finding(
                     "warn",
-                    f"This motion cannot tell {name} from {others}; this would: {finding.effect.separating_motion}.",
+                    f"This motion does not distinguish {name} from {others}; "
+                    f"this one would: {finding.effect.separating_motion}.",
                 )
             )
     if found.unknown is not None:

@@ -19,7 +19,7 @@ from poise.viewing.canvas import Panel
 from poise.viewing.inline_svg import inline_svg
 from poise.viewing.wording import readable
 
-HERE = Path(__file__).parent
+_HERE = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,14 @@ def render_page(
         data: the numbers at full precision, for the JSON in the page; NaN becomes null.
         content: what else the template names.
     """
-    script = (HERE / "report.js").read_text(encoding="utf-8")
+    script = (_HERE / "report.js").read_text(encoding="utf-8")
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(HERE), autoescape=True, undefined=jinja2.StrictUndefined
+        loader=jinja2.FileSystemLoader(_HERE), autoescape=True, undefined=jinja2.StrictUndefined
     )
     return environment.get_template(template).render(
         title=readable(title),
         # Markup: these two files are ours; everything else is escaped.
-        style=Markup((HERE / "report.css").read_text(encoding="utf-8")),
+        style=Markup((_HERE / "report.css").read_text(encoding="utf-8")),
         script=Markup(script),
         script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
         provenance=[(name, readable(value, 1000)) for name, value in provenance],

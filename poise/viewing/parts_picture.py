@@ -9,13 +9,12 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.segmentation import Segmentation
-from poise.shape.surface_files import colour_of
+from poise.shape import Segmentation, colour_of
 from poise.types import Array
 
-FORMATS = {".png": "png", ".svg": "svg", ".pdf": "pdf"}
-LIGHT = np.array([0.3, 0.4, 0.87])
-COLUMNS = 4
+_FORMATS = {".png": "png", ".svg": "svg", ".pdf": "pdf"}
+_LIGHT = np.array([0.3, 0.4, 0.87])
+_COLUMNS = 4
 
 
 def draw_parts(objects: Sequence[tuple[str, Segmentation]], suffix: str = ".png") -> bytes:
@@ -24,9 +23,9 @@ def draw_parts(objects: Sequence[tuple[str, Segmentation]], suffix: str = ".png"
     Raises:
         InputError: UNSUPPORTED for another ending.
     """
-    if suffix.lower() not in FORMATS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"a picture is written as {', '.join(FORMATS)}, not {suffix!r}")
-    columns = min(COLUMNS, len(objects))
+    if suffix.lower() not in _FORMATS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"a picture is written as {', '.join(_FORMATS)}, not {suffix!r}")
+    columns = min(_COLUMNS, len(objects))
     rows = -(-len(objects) // columns)
     figure = Figure(figsize=(4.0 * columns, 3.4 * rows), dpi=64, layout="constrained")
     FigureCanvasAgg(figure)
@@ -47,7 +46,7 @@ def draw_parts(objects: Sequence[tuple[str, Segmentation]], suffix: str = ".png"
         axes.axis("off")
     out = io.BytesIO()
     metadata = {"Date": None} if suffix.lower() == ".svg" else None
-    figure.savefig(out, format=FORMATS[suffix.lower()], metadata=metadata)
+    figure.savefig(out, format=_FORMATS[suffix.lower()], metadata=metadata)
     return out.getvalue()
 
 
@@ -66,6 +65,6 @@ def _painted(corners: Array, parts: np.typing.NDArray[np.int64]) -> PolyCollecti
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
     front = np.flatnonzero(normals[:, 2] > 0)
     front = front[np.argsort(corners[front, :, 2].mean(axis=1))]
-    shade = 0.55 + 0.45 * np.clip(normals[front] @ (LIGHT / np.linalg.norm(LIGHT)), 0, 1)
+    shade = 0.55 + 0.45 * np.clip(normals[front] @ (_LIGHT / np.linalg.norm(_LIGHT)), 0, 1)
     colours = colour_of(parts[front]) / 255 * shade[:, None]
     return PolyCollection(list(corners[front, :, :2]), facecolors=colours, edgecolors=colours, linewidths=0.3)

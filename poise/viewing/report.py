@@ -25,10 +25,10 @@ from poise.viewing.summary import (
 )
 from poise.viewing.wording import counted, readable, rounded
 
-FILE_NAME = "identification.html"
-PHI_NAMES = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-MAX_INTERVALS = 200
-SIGN = "What the load exerts on the sensor, in the sensor frame; the bias is part of both."
+_FILE_NAME = "identification.html"
+_PHI_NAMES = ("m", "m cx", "m cy", "m cz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+_MAX_INTERVALS = 200
+_SIGN = "What the load exerts on the sensor, in the sensor frame; the bias is part of both."
 
 
 def write_identification_report(
@@ -40,7 +40,7 @@ def write_identification_report(
     command: str | None = None,
     now: datetime | None = None,
 ) -> Path:
-    """Write `identification.html`: the answer, how sure it is, and everything one needs to doubt it.
+    """Write `identification.html`: the answer, its uncertainty, and the evidence for it.
 
     The file is self-contained, forbids itself the network (Content-Security-Policy), and depends on nothing but the
     arguments: the same arguments give the same bytes.
@@ -62,7 +62,7 @@ def write_identification_report(
     command = shlex.join(sys.argv) if command is None else command
     now = datetime.now(UTC) if now is None else now
     page = render_identification(identification, title, _provenance(identification, source, command, now))
-    return write_whole(Path(directory) / FILE_NAME, page.encode("utf-8"))
+    return write_whole(Path(directory) / _FILE_NAME, page.encode("utf-8"))
 
 
 def render_identification(identification: Identification, title: str, provenance: Sequence[tuple[str, str]]) -> str:
@@ -88,11 +88,11 @@ def render_identification(identification: Identification, title: str, provenance
         bias=_bias_rows(identification),
         delay=_delay(identification),
         reasons=_reasons(rows),
-        sign=SIGN,
+        sign=_SIGN,
         leftovers=leftovers,
         rejected=_rejected(identification),
-        more_rejected=max(0, len(estimate.rejected) - MAX_INTERVALS),
-        phi_names=PHI_NAMES,
+        more_rejected=max(0, len(estimate.rejected) - _MAX_INTERVALS),
+        phi_names=_PHI_NAMES,
         correlations=_correlation_rows(identification),
         provenance=provenance,
         data=_data(identification),
@@ -192,7 +192,7 @@ def _rejected(identification: Identification) -> list[dict[str, Any]]:
             "samples": interval.n_samples,
             "reason": readable(interval.reason).replace("_", " "),
         }
-        for interval in identification.estimate.rejected[:MAX_INTERVALS]
+        for interval in identification.estimate.rejected[:_MAX_INTERVALS]
     ]
 
 
@@ -201,12 +201,12 @@ def _correlation_rows(identification: Identification) -> list[tuple[str, list[in
     matrix = correlation(np.asarray(identification.estimate.covariance))
     return [
         (name, [round(100 * value) if math.isfinite(value) else None for value in row])
-        for name, row in zip(PHI_NAMES, matrix, strict=True)
+        for name, row in zip(_PHI_NAMES, matrix, strict=True)
     ]
 
 
 def _provenance(identification: Identification, source: str, command: str, now: datetime) -> list[tuple[str, str]]:
-    """Where the numbers come from, so that somebody else can make them again."""
+    """Where the numbers come from, so that they can be reproduced."""
     lines = origin(source)
     stamps = identification.stamps
     if len(stamps):

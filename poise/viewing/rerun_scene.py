@@ -22,20 +22,20 @@ from poise.viewing.summary import (
 )
 from poise.viewing.wording import readable, rounded
 
-CHANNELS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
-PATHS = ("mass", "com_x", "com_y", "com_z", *(f"inertia_{axes}" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")))
+_CHANNELS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
+_PATHS = ("mass", "com_x", "com_y", "com_z", *(f"inertia_{axes}" for axes in ("xx", "xy", "xz", "yy", "yz", "zz")))
 
 # Colours (RGB): measured grey, the estimate blue; the same as in the report.
-MEASURED = (163, 171, 182)
-ESTIMATE = (64, 128, 240)
-BOUND = (150, 180, 235)
-RESIDUAL = (230, 130, 60)
-GRAVITY = (240, 200, 60)
+_MEASURED = (163, 171, 182)
+_ESTIMATE = (64, 128, 240)
+_BOUND = (150, 180, 235)
+_RESIDUAL = (230, 130, 60)
+_GRAVITY = (240, 200, 60)
 
 # Lengths drawn in the 3-D view.
-METRES_PER_NEWTON = 0.01
-GRAVITY_LENGTH = 0.12
-AXIS_LENGTH = 0.1
+_METRES_PER_NEWTON = 0.01
+_GRAVITY_LENGTH = 0.12
+_AXIS_LENGTH = 0.1
 
 
 def write_identification_recording(path: Path, identification: Identification) -> Path:
@@ -77,11 +77,11 @@ class _Scene(RerunFile):
     def send_wrench(self) -> None:
         """Measured, predicted and left-over wrench, channel by channel."""
         identification, left_over = self.identification, residual(self.identification)
-        for channel, name in enumerate(CHANNELS):
+        for channel, name in enumerate(_CHANNELS):
             curves = (
-                (f"wrench/{name}/measured", identification.wrench_measured, MEASURED, "measured"),
-                (f"wrench/{name}/predicted", identification.wrench_predicted, ESTIMATE, "predicted"),
-                (f"residual/{name}", left_over, RESIDUAL, name.replace("_", " ")),
+                (f"wrench/{name}/measured", identification.wrench_measured, _MEASURED, "measured"),
+                (f"wrench/{name}/predicted", identification.wrench_predicted, _ESTIMATE, "predicted"),
+                (f"residual/{name}", left_over, _RESIDUAL, name.replace("_", " ")),
             )
             for path, values, colour, label in curves:
                 self.curve(path, identification.stamps, values[:, channel], colour, label)
@@ -92,12 +92,12 @@ class _Scene(RerunFile):
         stamps = np.array([int(estimate.stamp) for estimate in history], dtype=np.int64)
         values = np.array([shown_parameters(estimate) for estimate in history]) * SCALES
         sigmas = np.array([shown_sigmas(estimate) for estimate in history]) * SCALES
-        for index, name in enumerate(PATHS):
+        for index, name in enumerate(_PATHS):
             value, sigma = values[:, index], sigmas[:, index]
             for part, series, colour in (
-                ("value", value, ESTIMATE),
-                ("low", value - 2 * sigma, BOUND),
-                ("high", value + 2 * sigma, BOUND),
+                ("value", value, _ESTIMATE),
+                ("low", value - 2 * sigma, _BOUND),
+                ("high", value + 2 * sigma, _BOUND),
             ):
                 known = np.isfinite(series)
                 if np.any(known):
@@ -111,15 +111,15 @@ class _Scene(RerunFile):
         self.static("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         self.static(
             "world/gravity",
-            rr.Arrows3D(vectors=[[0, 0, -GRAVITY_LENGTH]], colors=[GRAVITY], labels=["gravity"], radii=[0.0015]),
+            rr.Arrows3D(vectors=[[0, 0, -_GRAVITY_LENGTH]], colors=[_GRAVITY], labels=["gravity"], radii=[0.0015]),
         )
-        self.static("world/sensor", rr.TransformAxes3D(AXIS_LENGTH))
+        self.static("world/sensor", rr.TransformAxes3D(_AXIS_LENGTH))
         if len(motion):
             columns = rr.Transform3D.columns(quaternion=_quaternions(motion.rotation_world_sensor))
             self.columns("world/sensor", motion.stamps, columns)
         bias = np.nan_to_num(self.identification.estimate.bias[:3])
-        forces = (self.identification.wrench_measured[:, :3] - bias) * METRES_PER_NEWTON
-        self.static("world/sensor/force", rr.Arrows3D.from_fields(colors=[RESIDUAL], radii=[0.002]))
+        forces = (self.identification.wrench_measured[:, :3] - bias) * _METRES_PER_NEWTON
+        self.static("world/sensor/force", rr.Arrows3D.from_fields(colors=[_RESIDUAL], radii=[0.002]))
         if len(forces):
             self.columns("world/sensor/force", self.identification.stamps, rr.Arrows3D.columns(vectors=forces))
 
@@ -144,11 +144,11 @@ class _Scene(RerunFile):
         known = [index for index, estimate in enumerate(history) if np.all(np.isfinite(shown_parameters(estimate)[:4]))]
         centres = [history[index].parameters.com for index in known]
         if known:
-            self.static("world/sensor/com", rr.Points3D.from_fields(colors=[ESTIMATE], radii=[0.003]))
+            self.static("world/sensor/com", rr.Points3D.from_fields(colors=[_ESTIMATE], radii=[0.003]))
             self.columns("world/sensor/com", stamps[known], rr.Points3D.columns(positions=centres))
         for path, shape, factor, colour in (
-            ("world/sensor/com_uncertainty", covariance_ellipsoid, 2.0, BOUND),
-            ("world/sensor/payload", equivalent_ellipsoid, 1.0, MEASURED),
+            ("world/sensor/com_uncertainty", covariance_ellipsoid, 2.0, _BOUND),
+            ("world/sensor/payload", equivalent_ellipsoid, 1.0, _MEASURED),
         ):
             bodies = [(index, *shape(history[index])) for index in known]
             bodies = [body for body in bodies if np.all(np.isfinite(body[1]))]
@@ -170,7 +170,7 @@ def _summary(identification: Identification) -> str:
     values = shown_parameters(estimate) * SCALES
     sigmas = shown_sigmas(estimate) * SCALES
     lines = [f"In {readable(estimate.frame_id)}, method {readable(estimate.method)}, {estimate.n_samples} samples:", ""]
-    for name, path, unit, value, sigma in zip(PARAMETER_NAMES, PATHS, UNITS, values, sigmas, strict=True):
+    for name, path, unit, value, sigma in zip(PARAMETER_NAMES, _PATHS, UNITS, values, sigmas, strict=True):
         shown, spread = rounded(float(value), float(sigma))
         known = f"{shown} ± {spread or '–'} {unit}" if np.isfinite(value) else shown
         lines.append(f"{path.replace('_', ' ')} ({name}): {known}")
@@ -201,11 +201,11 @@ def _blueprint() -> Any:
                     row_shares=[2, 1],
                 ),
                 rrb.Tabs(
-                    curves("Force", [f"wrench/{name}" for name in CHANNELS[:3]]),
-                    curves("Torque", [f"wrench/{name}" for name in CHANNELS[3:]]),
-                    curves("Residual", [f"residual/{name}" for name in CHANNELS]),
-                    curves("Mass and centre", [f"estimate/{name}" for name in PATHS[:4]]),
-                    curves("Inertia", [f"estimate/{name}" for name in PATHS[4:]]),
+                    curves("Force", [f"wrench/{name}" for name in _CHANNELS[:3]]),
+                    curves("Torque", [f"wrench/{name}" for name in _CHANNELS[3:]]),
+                    curves("Residual", [f"residual/{name}" for name in _CHANNELS]),
+                    curves("Mass and centre", [f"estimate/{name}" for name in _PATHS[:4]]),
+                    curves("Inertia", [f"estimate/{name}" for name in _PATHS[4:]]),
                 ),
                 column_shares=[2, 3],
             ),

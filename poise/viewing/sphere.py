@@ -13,7 +13,7 @@ _EYE = np.array([0.75, 0.5, 0.45]) / np.linalg.norm([0.75, 0.5, 0.45])
 VIEWS = (("seen from +x +y +z", _EYE), ("seen from -x -y -z", -_EYE))
 """Title and direction of the eye; from opposite sides, so that nothing hides behind the sphere."""
 
-MAX_POINTS = 1500
+_MAX_POINTS = 1500
 
 
 def draw_sphere(axes: Axes, eye: Array, path: Array) -> None:
@@ -29,7 +29,7 @@ def draw_sphere(axes: Axes, eye: Array, path: Array) -> None:
             style: Any = {"color": PALETTE["accent"], "markersize": 4, "markeredgewidth": 0, "alpha": alpha}
             axes.plot(shown[:, 0], shown[:, 1], "o", **style)
         return
-    points = points[:: max(1, len(points) // MAX_POINTS)]
+    points = points[:: max(1, len(points) // _MAX_POINTS)]
     axes.plot(points[:, 0], points[:, 1], color=PALETTE["accent"], linewidth=0.8, alpha=0.25)
     axes.plot(*_front(points), color=PALETTE["accent"], linewidth=1.8)
 

@@ -1,4 +1,4 @@
-"""What there is to say about an identification: uncertainties, leftovers and reasons, as numbers and sentences."""
+"""An identification for reports: uncertainties, residuals and reasons, as numbers and sentences."""
 
 from dataclasses import dataclass
 
@@ -11,11 +11,11 @@ from poise.viewing.wording import NOT_IDENTIFIABLE, rounded
 
 WHITENESS_LAGS = 20
 # Of 20 autocorrelations of N samples of white noise one exceeds 3.5/sqrt(N) in 1 % of cases.
-WHITENESS_BOUND = 3.5
+_WHITENESS_BOUND = 3.5
 # Long recordings show correlations too weak to matter: below this one, sigma is off by a tenth at the most.
-WEAK_CORRELATION = 0.1
+_WEAK_CORRELATION = 0.1
 # Fewer residuals than this say nothing about whiteness.
-MIN_FOR_WHITENESS = 60
+_MIN_FOR_WHITENESS = 60
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class ParameterRow:
     reason: str
 
 
-SYMBOLS = ("mass", "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")
+_SYMBOLS = ("mass", "x", "y", "z", "xx", "xy", "xz", "yy", "yz", "zz")
 UNITS = ("kg", *["mm"] * 3, *["10⁻³ kg m²"] * 6)
 SCALES = np.array([1.0] + [1e3] * 9)
 """From SI to the units shown."""
@@ -101,11 +101,11 @@ def whiteness(series: Array) -> Whiteness:
     mean = float(np.mean(series)) if count else np.nan
     centred = series - mean
     power = float(centred @ centred)
-    if count < MIN_FOR_WHITENESS or power == 0:
+    if count < _MIN_FOR_WHITENESS or power == 0:
         return Whiteness(rms, mean, np.nan, np.nan, "too few samples" if power else "all equal")
     correlations = np.array([centred[:-lag] @ centred[lag:] for lag in range(1, WHITENESS_LAGS + 1)]) / power
     strongest = float(np.max(np.abs(correlations)))
-    verdict = "not white" if strongest > max(WEAK_CORRELATION, WHITENESS_BOUND / np.sqrt(count)) else "white"
+    verdict = "not white" if strongest > max(_WEAK_CORRELATION, _WHITENESS_BOUND / np.sqrt(count)) else "white"
     return Whiteness(rms, mean, float(correlations[0]), strongest, verdict)
 
 
@@ -114,7 +114,7 @@ def parameter_rows(identification: Identification) -> list[ParameterRow]:
     values = shown_parameters(identification.estimate) * SCALES
     sigmas = shown_sigmas(identification.estimate) * SCALES
     rows = []
-    for name, symbol, unit, value, sigma in zip(PARAMETER_NAMES, SYMBOLS, UNITS, values, sigmas, strict=True):
+    for name, symbol, unit, value, sigma in zip(PARAMETER_NAMES, _SYMBOLS, UNITS, values, sigmas, strict=True):
         shown, spread = rounded(value, sigma)
         reason = why_unidentified(name, identification) if shown == NOT_IDENTIFIABLE else ""
         rows.append(ParameterRow(name, symbol, unit, shown, spread, float(value), reason))

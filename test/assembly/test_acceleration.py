@@ -56,8 +56,10 @@ def test_the_closed_cone_of_single_interfaces_is_what_limit_analysis_solves(scen
     directions = rng.normal(size=(25, 3))
     found = acceleration_limits(analysis, directions, turning=False)
     for direction, limit in zip(found.directions, found.limits, strict=True):
-        gauges = [block.solvers.limit.gauge(_inertial_loads(block) @ direction).value for block in analysis.blocks]
-        solved = 1 / max(gauges) if max(gauges) > 1e-5 else np.inf
+        inverses = [
+            block.solvers.limit.inverse_factor(_inertial_loads(block) @ direction).value for block in analysis.blocks
+        ]
+        solved = 1 / max(inverses) if max(inverses) > 1e-5 else np.inf
         assert limit == pytest.approx(solved, rel=1e-5)
 
 
@@ -65,14 +67,14 @@ def test_a_block_with_cycles_is_bounded_to_its_tolerance_by_a_few_tens_of_progra
     analysis = Analysis.of(scenes.table())
     block = analysis.blocks[0]
     count = 0
-    solve = block.solvers.limit.gauge
+    solve = block.solvers.limit.inverse_factor
 
     def counted(load):
         nonlocal count
         count += 1
         return solve(load)
 
-    block.solvers.limit.gauge = counted
+    block.solvers.limit.inverse_factor = counted
     found = acceleration_limits(analysis, 360, turning=False)
     assert count < 120
     for row in range(0, 360, 15):
@@ -91,7 +93,7 @@ def test_every_acceleration_in_the_polytope_is_sustained(scene):
     accelerations = directions * (0.999 * np.minimum(reach, 500))[:, None]
     for acceleration in accelerations:
         for block in analysis.blocks:
-            assert block.solvers.limit.gauge(_inertial_loads(block) @ acceleration).value <= 1 + 1e-6
+            assert block.solvers.limit.inverse_factor(_inertial_loads(block) @ acceleration).value <= 1 + 1e-6
     # And it is not much smaller than what is sustained: every horizontal limit lies on it.
     for direction, limit in zip(found.directions, found.limits, strict=True):
         assert (found.offsets / np.maximum(found.normals @ direction, 1e-12)).min() == pytest.approx(limit, rel=1e-3)

@@ -6,7 +6,7 @@ import pytest
 from assembly_scenes import box, fixed_box
 
 from poise.assembly import Analysis, Assembly, Push, assess
-from poise.assembly.contact.graph import FIXED, Structure
+from poise.assembly.contact.graph import FIXED_NODE, Structure
 from poise.assembly.statics.changes import analysis_after
 from poise.errors import ErrorCode, InputError
 
@@ -35,14 +35,14 @@ def test_what_stands_on_a_slab_is_a_block_of_its_own_and_rides_on_the_slab():
 def test_fixed_bodies_are_one_node():
     pillars = [fixed_box(f"p{x}", (0.5, 1, 1), (x, 0, 0.5)) for x in (-1, 1)]
     structure = Structure.of(Assembly((*pillars, box("beam", (3, 1, 0.2), (0, 0, 1.1))), scenes.GRAVITY))
-    assert list(structure.edges) == [(FIXED, 2)]
+    assert list(structure.edges) == [(FIXED_NODE, 2)]
     assert len(structure.blocks[0].interfaces) == 2
 
 
 @pytest.mark.parametrize("place", range(7))
 def test_blocks_answer_what_the_whole_assembly_does(place):
     """Two stacks on a shared slab on two legs: solved in blocks, or as one problem that knows no blocks."""
-    from poise.assembly.contact.graph import Block
+    from poise.assembly.contact.graph import ContactBlock
     from poise.assembly.statics.analysis import BlockAnalysis
     from poise.assembly.statics.block_solvers import BlockSolvers
     from poise.assembly.statics.pushes import loads_of
@@ -55,11 +55,11 @@ def test_blocks_answer_what_the_whole_assembly_does(place):
     item = assembly.objects[structure.movable[place]]
     half = np.array(item.shape.size) / 2
     rng = np.random.default_rng(place)
-    whole = Block(
+    whole = ContactBlock(
         tuple((index,) for index in structure.movable),
         tuple(range(len(structure.interfaces))),
         tuple(
-            tuple(FIXED if assembly.objects[i].fixed else structure.movable.index(i) for i in (n.first, n.second))
+            tuple(FIXED_NODE if assembly.objects[i].fixed else structure.movable.index(i) for i in (n.first, n.second))
             for n in structure.interfaces
         ),
     )
@@ -69,7 +69,7 @@ def test_blocks_answer_what_the_whole_assembly_does(place):
         push = Push(item.id, point, (1, *rng.normal(0, 0.3, 2)))
         blocks = assess(Analysis(structure), [push], "limit").results[0].robustness
         _, loads = together.loads(loads_of(assembly, [push], 1e-3))
-        assert blocks == pytest.approx(1 / together.solvers.limit.gauge(loads[0]).value, rel=1e-6)
+        assert blocks == pytest.approx(1 / together.solvers.limit.inverse_factor(loads[0]).value, rel=1e-6)
 
 
 def test_adding_and_removing_objects_one_by_one_gives_what_a_new_start_gives():

@@ -53,9 +53,9 @@ def single(analysis, surface, row, model):
     for block in analysis.blocks:
         questions, loads = block.loads(loads_of(analysis.assembly, [push], 1e-3))
         if len(questions):
-            factors.append(1 / max(block.solvers.patch.resting.gauge(loads[0]).value, 1e-9))
+            factors.append(1 / max(block.solvers.patch.resting.inverse_factor(loads[0]).value, 1e-9))
             if model == "default":
-                factors.append(1 / max(block.solvers.limit.gauge(loads[0]).value, 1e-9))
+                factors.append(1 / max(block.solvers.limit.inverse_factor(loads[0]).value, 1e-9))
     return min(factors)
 
 
@@ -89,14 +89,14 @@ def test_a_deadline_returns_bounds_that_hold_and_says_that_it_passed():
 
 
 def test_every_mechanism_bounds_every_point():
-    """A mechanism of a map, taken as a cut, never lies above the gauge solved anywhere else."""
+    """A mechanism of a map, taken as a cut, never lies above the inverse load factor solved anywhere else."""
     analysis = Analysis.of(scenes.table())
     block = analysis.blocks[0]
     found = robustness_map(analysis, 200, model="limit")
     rng = np.random.default_rng(1)
     for load in rng.normal(size=(30, 18)):
-        gauge = block.solvers.limit.gauge(load).upper
-        assert max(mechanism.twist @ load for mechanism in found.mechanisms) <= gauge * (1 + 1e-6)
+        inverse = block.solvers.limit.inverse_factor(load).upper
+        assert max(mechanism.twist @ load for mechanism in found.mechanisms) <= inverse * (1 + 1e-6)
 
 
 def test_a_curved_surface_is_bounded_too():
@@ -197,7 +197,7 @@ def test_a_deadline_ends_a_map_without_asking_for_the_rest():
 def test_a_deadline_in_the_middle_leaves_bounds_that_hold(model, monkeypatch):
     analysis = Analysis.of(scenes.stack(3))
     full = robustness_map(analysis, 500, model=model)
-    monkeypatch.setattr("poise.assembly.map_regions.CHUNK", 20)
+    monkeypatch.setattr("poise.assembly.robustness.map_regions.ROW_CHUNK", 20)
     looks = itertools.count()
     monkeypatch.setattr(Deadline, "passed", property(lambda _: next(looks) > 45))
     early = robustness_map(analysis, sample_surface(analysis.structure, 500), model=model)
@@ -218,7 +218,7 @@ def test_a_map_has_a_largest_size():
 def test_chunks_of_rows_change_no_bound(monkeypatch):
     scene = on_floor(capsule())
     whole = robustness_map(scene, 600)
-    monkeypatch.setattr("poise.assembly.map_regions.CHUNK", 7)
+    monkeypatch.setattr("poise.assembly.robustness.map_regions.ROW_CHUNK", 7)
     parts = robustness_map(scene, 600)
     np.testing.assert_allclose(parts.lower, whole.lower, rtol=1e-9)
     np.testing.assert_allclose(parts.upper, whole.upper, rtol=1e-9)

@@ -77,7 +77,7 @@ def test_two_pushes_that_only_turn_meet_the_mean_radius():
 
 
 def test_the_limit_surface_is_that_of_uniform_pressure():
-    """Friction of random motions, integrated over the patch, lies on the surface: its gauge is 1."""
+    """Friction of random motions, integrated over the patch, lies on the surface: its inverse load factor is 1."""
     interface = find_interfaces(on_floor(box("box", (1.5, 0.7, 1), (0, 0, 0.5))))[0]
     friction = patch_friction(interface)
     points = rectangle(1.5, 0.7) / friction.size
@@ -88,8 +88,8 @@ def test_the_limit_surface_is_that_of_uniform_pressure():
         motion = velocity + turning * np.stack([-points[:, 1], points[:, 0]], axis=1)
         unit = motion / np.linalg.norm(motion, axis=1)[:, None]
         moment = (points[:, 0] * unit[:, 1] - points[:, 1] * unit[:, 0]).mean()
-        gauge = friction.surface.gauge(unit.mean(axis=0)[None], np.array([moment]))
-        assert gauge[0] == pytest.approx(1, abs=6e-3)
+        inverse = friction.surface.normal_force_needed(unit.mean(axis=0)[None], np.array([moment]))
+        assert inverse[0] == pytest.approx(1, abs=6e-3)
 
 
 @pytest.mark.parametrize(("length", "width"), [(1, 1), (2, 1), (4, 1), (10, 1)])
@@ -127,9 +127,9 @@ def test_the_program_of_several_interfaces_agrees_with_the_root_of_one():
     single = block.solvers.single_patch.collapse(loads.wrench).factor
     _, scaled = block.loads(loads)
     for factor, load in zip(single, scaled, strict=True):
-        gauge = program.gauge(load, block.solvers.limit.gauge(load))
-        limit = 1 / block.solvers.limit.gauge(load).value
-        assert min(1 / max(gauge.value, 1e-12), limit) == pytest.approx(min(factor, limit), rel=0.05)
+        inverse = program.inverse_factor(load, block.solvers.limit.inverse_factor(load))
+        limit = 1 / block.solvers.limit.inverse_factor(load).value
+        assert min(1 / max(inverse.value, 1e-12), limit) == pytest.approx(min(factor, limit), rel=0.05)
 
 
 def test_mechanisms_of_a_single_patch_give_way_along_the_push():

@@ -8,7 +8,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
-from poise.excitation.session import Command, Phase, Session, Task
+from poise.excitation.execution import IdentificationTask, Session, SessionPhase, TimedMotion
 from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
 from poise.inertia.model.problem import NoiseLevels
 from poise.inertia.pipeline.live import LiveEstimator, LiveOptions
@@ -27,7 +27,7 @@ TYPES = {
 }
 
 
-class PayloadEstimatorPort:
+class LivePayloadEstimator:
     """As in the node."""
 
     def __init__(self, live: LiveEstimator) -> None:
@@ -95,13 +95,13 @@ class Rehearsal:
             IdealRobot(self.model, self.payload), find_urdf(self.robot).read_text(), self.moving, options
         )
         self.live = LiveEstimator(LiveOptions(method="poise", noise=self.noise))
-        self.scale = PayloadEstimatorPort(self.live) if self.weighs else DeafScale()
-        self.commands: list[Command] = []
-        self.phases: list[tuple[float, Phase]] = []
+        self.scale = LivePayloadEstimator(self.live) if self.weighs else DeafScale()
+        self.commands: list[TimedMotion] = []
+        self.phases: list[tuple[float, SessionPhase]] = []
         self.stamps: list[int] = []
         self.positions: list[np.ndarray] = []
 
-    def send(self, command: Command) -> None:
+    def send(self, command: TimedMotion) -> None:
         self.commands.append(command)
         if not self.deaf:
             motion = command.motion
@@ -125,12 +125,12 @@ class Rehearsal:
             now = message.time * 1e-9
             while now >= next_tick:
                 if session is None:
-                    task = Task(plan, guard, limits, duration)
+                    task = IdentificationTask(plan, guard, limits, duration)
                     session = Session(self.model, task, self.scale, self.send, next_tick)
                 while todo and todo[0][0] <= next_tick:
                     todo.pop(0)[1](session, next_tick)
                 self._tick(session, next_tick)
-                if session.phase is Phase.DONE:
+                if session.phase is SessionPhase.DONE:
                     return session
                 next_tick += TICK
             if now > longest:
@@ -143,7 +143,7 @@ class Rehearsal:
         if self.weighs:
             self.live.update(now)
         session.tick(now)
-        if session.phase is Phase.PLANNING:
+        if session.phase is SessionPhase.PLANNING:
             for thread in threading.enumerate():
                 if thread.name == "excitation":
                     thread.join()
@@ -182,5 +182,5 @@ class Rehearsal:
 
 
 def ready(plan: ExcitationPlan):
-    """A planner that has its answer already, whatever the start."""
+    """A planner that has its answer already, for any start."""
     return lambda start: lambda progress, cancelled: plan

@@ -5,12 +5,12 @@ import pytest
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.excitation import (
-    Effort,
     ExcitationOptions,
     Guard,
     Information,
     MotionLimits,
     PayloadBelief,
+    SearchEffort,
     certify,
     plan_excitation,
     plan_stop_and_go,
@@ -22,7 +22,7 @@ from poise.excitation.clamped_spline import ClampedSpline
 from poise.excitation.hand import hand_motion
 from poise.excitation.information import SENSOR
 from poise.excitation.limits import moving_joints
-from poise.excitation.search import Objective
+from poise.excitation.search import ExcitationObjective
 from poise.inertia.model.parts import Parts
 from poise.inertia.model.signals import motion_signals, residual_covariance
 from poise.inertia.model.wrench_regressor import regressor
@@ -30,7 +30,7 @@ from poise.robot import RobotModel, frame_poses, sensor_motion
 from poise.simulation import FourierTrajectory, SplineTrajectory, WaypointTrajectory, check_limits, home
 
 HOME = np.array([0.0, -0.5, 0.0, -2.0, 0.0, 1.6, 0.8])
-QUICK = ExcitationOptions(effort=Effort(starts=2, first=8, steps=15))
+QUICK = ExcitationOptions(effort=SearchEffort(starts=2, first=8, steps=15))
 RADIUS = 0.12
 
 
@@ -88,7 +88,7 @@ def test_the_gradient_is_that_of_finite_differences(robot: str) -> None:
     spline = ClampedSpline.make(1.5, 30)
     information = Information(PayloadBelief.ball(guard.tcp, 0.1, 1.0))
     start, active = home(model), moving_joints(model)
-    objective = Objective(model, start, active, spline, guard, MotionLimits(), information)
+    objective = ExcitationObjective(model, start, active, spline, guard, MotionLimits(), information)
     rng = np.random.default_rng(1)
     unknowns = rng.normal(size=objective.shape).ravel() * 0.01
     _, gradient = objective(unknowns, 0.1)

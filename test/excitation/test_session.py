@@ -8,19 +8,18 @@ from rehearsal import Rehearsal, ready
 
 from poise.errors import ErrorCode, PoiseError
 from poise.excitation import (
-    Effort,
     ExcitationOptions,
     ExcitationPlan,
     Guard,
     MotionLimits,
+    SearchEffort,
     certify,
     plan_excitation,
     plan_stop_and_go,
     tool_centre,
 )
-from poise.excitation import brake as brake_module
-from poise.excitation.brake import ReadyStops, brake
-from poise.excitation.session import Phase
+from poise.excitation.execution import ReadyStops, SessionPhase, brake
+from poise.excitation.execution import stops as brake_module
 from poise.inertia import InertialParameters
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, home
@@ -46,7 +45,7 @@ def guard(model: RobotModel) -> Guard:
 
 @pytest.fixture(scope="module")
 def swing(model: RobotModel, guard: Guard) -> ExcitationPlan:
-    return plan_excitation(model, home(model), guard, options=ExcitationOptions(effort=Effort(2, 10, 30)))
+    return plan_excitation(model, home(model), guard, options=ExcitationOptions(effort=SearchEffort(2, 10, 30)))
 
 
 @pytest.fixture(scope="module")
@@ -81,11 +80,11 @@ def test_the_payload_is_found_within_its_covariance_and_slowly_enough(motion, na
     assert session.answer.consistent
     assert stage.fastest(surface(guard)) <= LIMITS.speed * (1 + 2e-3)  # encoder noise of 1e-5 rad is in it
     assert [phase for _, phase in stage.phases] == [
-        Phase.WAITING,
-        Phase.PLANNING,
-        Phase.MOVING,
-        Phase.SETTLING,
-        Phase.DONE,
+        SessionPhase.WAITING,
+        SessionPhase.PLANNING,
+        SessionPhase.MOVING,
+        SessionPhase.SETTLING,
+        SessionPhase.DONE,
     ]
 
 

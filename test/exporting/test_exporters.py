@@ -13,7 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.exporting import UNITS, Exporter, all_exporters, export, exporter_of
+from poise.exporting import EXPORTED_VALUES, Exporter, all_exporters, export, exporter_of
 from poise.geometry import Pose
 from poise.inertia import InertialEstimate, InertialParameters
 
@@ -149,7 +149,7 @@ def test_what_is_written_is_read_back_as_the_estimate(exporter: Exporter) -> Non
     found = READERS[exporter.kind](export(estimate_of(PAYLOAD), exporter.kind))
     same(found, PAYLOAD)
     assert (found[2] is None) <= ("inertia" in exporter.omits)
-    assert set(exporter.needs) | set(exporter.omits) <= set(UNITS)
+    assert set(exporter.needs) | set(exporter.omits) <= set(EXPORTED_VALUES)
 
 
 @each

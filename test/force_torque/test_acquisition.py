@@ -16,7 +16,7 @@ from poise.force_torque import (
     SampleBatch,
     StreamReport,
 )
-from poise.force_torque.health import GRACE, HOLD, Health, Severity
+from poise.force_torque.health import FIRST_SAMPLE_GRACE, HOLD, Health, Severity
 from poise.force_torque.sensors.ati_rdt.fake import FakeRdtSensor
 from poise.force_torque.sensors.ati_rdt.link import RdtLink, RdtOptions
 from poise.force_torque.wire import SensorSamples, WrenchSource
@@ -230,7 +230,7 @@ def test_a_device_that_does_not_zero_itself_is_found_out(sensor: FakeRdtSensor) 
         bias = session.acquisition.zero(50, timeout=20.0, hardware=True)
         assert bias.count == 50
         report = session.acquisition.report()
-        assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream began anew
+        assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream restarted
         sensor._source = WrenchSource(WRENCH)
         received = session.acquisition.report().received
         session.witness.wait_for(lambda: session.acquisition.report().received > received + 200)
@@ -310,8 +310,8 @@ def kind(health: Health, now: float) -> str:
 
 def test_before_the_first_sample_patience_ends_after_the_grace_or_with_the_first_error() -> None:
     health = Health(0.05, now=0.0)
-    assert kind(health, GRACE) == "connecting"
-    assert kind(health, GRACE + 0.01) == "unreachable"
+    assert kind(health, FIRST_SAMPLE_GRACE) == "connecting"
+    assert kind(health, FIRST_SAMPLE_GRACE + 0.01) == "unreachable"
     health.failed(SensorError(ErrorCode.SENSOR_PROTOCOL, "no page"))
     condition = health.condition(0.1, "")
     assert (condition.kind, condition.code, condition.text) == ("unreachable", ErrorCode.SENSOR_PROTOCOL, "no page")
@@ -337,7 +337,7 @@ def test_the_worst_condition_is_named_and_passing_ones_are_held() -> None:
 def test_silence_is_judged_by_reads_and_not_by_the_clock() -> None:
     health = Health(silence=1.0, now=0.0)
     health.take(samples(), 0.0)
-    assert health.condition(10.0, "").kind == "streaming"  # nobody has looked since
+    assert health.condition(10.0, "").kind == "streaming"  # not checked since
     health.check(10.0)
     assert health.condition(10.0, "").kind == "silent"
 

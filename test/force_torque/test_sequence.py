@@ -1,4 +1,4 @@
-"""Every number of a wrapping sequence is accounted for, whatever the network does to it."""
+"""Every number of a wrapping sequence is accounted for, with losses, copies and reordering."""
 
 from itertools import pairwise
 
@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from poise.force_torque.sequence import MAX_GAP, WINDOW, SequenceCounter
+from poise.force_torque.sequence import MAX_GAP, REORDER_WINDOW, SequenceCounter
 
 
 def account(counter: SequenceCounter, numbers: list[int]) -> tuple[list[int], list[int]]:
@@ -92,7 +92,7 @@ def test_the_first_start_is_no_restart_and_a_copy_of_its_first_sample_neither() 
 
 def test_a_device_that_starts_again_by_itself_is_noticed() -> None:
     counter = SequenceCounter()
-    account(counter, [5 * WINDOW, 5 * WINDOW + 1])
+    account(counter, [5 * REORDER_WINDOW, 5 * REORDER_WINDOW + 1])
     account(counter, [1])
     assert (counter.restarts, counter.lost) == (1, 0)
     account(counter, [2 + MAX_GAP])
@@ -104,4 +104,4 @@ def test_a_long_gap_is_counted_exactly_and_does_not_fill_the_memory() -> None:
     account(counter, [0])
     account(counter, [MAX_GAP - 1])
     assert counter.lost == MAX_GAP - 2
-    assert len(counter._missing) <= WINDOW
+    assert len(counter._missing) <= REORDER_WINDOW

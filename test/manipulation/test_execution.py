@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode
-from poise.manipulation.execution import RobotPort, Step, Tolerances, TransferExecution, joined
+from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, joined
 from poise.manipulation.gripper import Gripper
 from poise.simulation import WaypointTrajectory
 
@@ -21,12 +21,12 @@ def motion(start, end, duration=1.0):
 
 
 STEPS = (
-    Step("reach", None, 0.08, False),
-    Step("reach", motion(HOME, THERE), 0.08, False),
-    Step("lift", None, 0.04, True),
-    Step("carry", motion(THERE, BEYOND), 0.04, True),
-    Step("retreat", None, 0.08, False),
-    Step("return", motion(BEYOND, HOME), 0.08, False),
+    TransferStep("reach", None, 0.08, False),
+    TransferStep("reach", motion(HOME, THERE), 0.08, False),
+    TransferStep("lift", None, 0.04, True),
+    TransferStep("carry", motion(THERE, BEYOND), 0.04, True),
+    TransferStep("retreat", None, 0.08, False),
+    TransferStep("return", motion(BEYOND, HOME), 0.08, False),
 )
 
 
@@ -111,7 +111,7 @@ def test_what_is_grasped_stops_the_fingers_and_that_is_right_only_then():
     fake.until(playing)
     assert playing.error is None
     fake.blocked_at = 0.3  # closing on nothing, they are to come all the way
-    playing = fake.play([Step("return", None, 0.0, False), *STEPS[1:2]])
+    playing = fake.play([TransferStep("return", None, 0.0, False), *STEPS[1:2]])
     fake.until(playing)
     assert playing.error.code is ErrorCode.NOT_FOLLOWING
     assert "fingers is at 0.300 and was told 0.800" in playing.error.message

@@ -14,7 +14,7 @@ from poise.manipulation import Arm, Reach
 from poise.manipulation.approach import _least, approach_directions
 from poise.manipulation.bodies import geometry_of, se3_of
 from poise.manipulation.carrying import ROOMY
-from poise.manipulation.inverse import NEAR
+from poise.manipulation.inverse import LARGEST_JOINT_STEP
 from poise.manipulation.reach import NARROW, TOUCHING, UTMOST
 
 TABLE = RigidObject("table", Box((1.2, 1.6, 0.1)), Pose.from_vector([0.4, 0, -0.05, 0, 0, 0, 1]), fixed=True)
@@ -71,7 +71,7 @@ def test_the_arm_is_free_at_both_ends_and_on_the_straight_ways(reach, margins):
             np.testing.assert_allclose(arm.tool(end.hand_away[0]).homogeneous, grasped.homogeneous, atol=1e-5)
             for way in (end.hand_away, end.object_away):
                 assert np.all((way >= arm.lower) & (way <= arm.upper))
-                assert all(np.abs(b - a).max() <= NEAR for a, b in pairwise(way))
+                assert all(np.abs(b - a).max() <= LARGEST_JOINT_STEP for a, b in pairwise(way))
                 away = np.array([arm.tool(q).translation for q in way]) - grasped.translation
                 np.testing.assert_allclose(np.cross(away, away[-1]), 0, atol=1e-6)
             for q in end.hand_away:

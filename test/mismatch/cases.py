@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import FittedEffect, Problem, payload_steps
-from poise.mismatch.reading import Motion, NominalModel, Tolerance, recorded_from_motion
+from poise.mismatch.reading import NominalModel, Tolerance, recorded_from_motion
 from poise.mismatch.reading.joint_motion import recorded_from_streams
 from poise.mismatch.reading.sanity import without_spikes
 from poise.mismatch.recorded import RecordedMotion
@@ -66,7 +66,7 @@ def make_case(
     late = float(error(tolerance.clock_offset))
     taken = np.arange(round(duration * 100)) * 0.01 + 0.003
     said = taken + late
-    exact = recorded_from_motion(ROBOT, taken, Motion(*trajectory.at(taken)), true_phi)
+    exact = recorded_from_motion(ROBOT, taken, trajectory.at(taken), true_phi)
     truth = tuple((name, DRAWS[name](rng, exact, strength)) for name, strength in effects)
     wrench, shift = _composed(exact, truth)
     if spoil is not None:

@@ -1,4 +1,4 @@
-"""What the diagnosis stands on: stamps with much jitter, the level of noise beside knocks and steps, how sure it is."""
+"""Inputs of the diagnosis: stamps with large jitter, the noise level beside knocks and steps, and its confidence."""
 
 from dataclasses import replace
 
@@ -7,8 +7,8 @@ import pytest
 from cases import make_case
 
 from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis, diagnose
-from poise.mismatch.reading.clocks import regular
 from poise.mismatch.recorded import white_level
+from poise.robot import regular_clock
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.1])
@@ -17,13 +17,13 @@ def test_a_clock_is_found_through_jitter_of_a_quarter_of_its_period(lost: float)
     true = 0.0031 + 0.008 * np.arange(4000) * (1.0 + 2e-5)
     kept = rng.random(len(true)) >= lost
     stamps = true + np.clip(rng.normal(size=len(true)) * 0.002, -0.0036, 0.0036)
-    found = regular(stamps[kept])
+    found = regular_clock(stamps[kept])
     assert found is not None
     assert np.abs(found - true[kept]).max() < 3e-4
 
 
 def test_stamps_without_a_clock_behind_them_are_left_as_they_are() -> None:
-    assert regular(np.cumsum(np.random.default_rng(6).uniform(0.001, 0.02, 3000))) is None
+    assert regular_clock(np.cumsum(np.random.default_rng(6).uniform(0.001, 0.02, 3000))) is None
 
 
 def test_knocks_do_not_raise_the_level_of_the_noise() -> None:

@@ -8,7 +8,7 @@ import yaml
 
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import Effect, all_effects
-from poise.mismatch.reading import Motion, Tolerance, parse_model, recorded_from_motion
+from poise.mismatch.reading import Tolerance, parse_model, recorded_from_motion
 from poise.mismatch.reading.nominal_model import TOLERANCE_KEYS
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
@@ -40,7 +40,7 @@ def test_the_effect_of_the_page_works(tmp_path, monkeypatch):
     seconds = np.arange(0.0, 5.0, 0.02)
     motion = FourierTrajectory.random(robot, np.random.default_rng(1), duration=5.0).at(seconds)
     phi = InertialParameters(1.0, np.zeros(3), 0.01 * np.eye(3)).phi
-    recorded = recorded_from_motion(robot, seconds, Motion(*motion), phi)
+    recorded = recorded_from_motion(robot, seconds, motion, phi)
     response = effect.simulate(recorded, {"time_constant": 2.0, "force": 5.0})
     np.testing.assert_allclose(response[:, 2], 5.0 * np.exp(-seconds / 2.0))
     assert {p.name for p in effect.parameters(recorded)} == {"time_constant", "force"}

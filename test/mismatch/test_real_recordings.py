@@ -44,7 +44,7 @@ def test_bias_and_vibration_are_named_and_nothing_else(run: str, request: pytest
     answer: Diagnosis = request.getfixturevalue(run)
     assert {finding.effect.name for finding in answer.findings} == {"sensor_bias", "external_vibration"}
     # Noise that grows with speed is left, and said; it is no larger than noise and takes nothing from the names.
-    assert answer.main.rest.only_louder
+    assert answer.main.residual_test.only_louder
     assert all(finding.belief.probability > 0.8 for finding in answer.findings)
     proof = answer.main.proof
     assert proof.augmented < proof.nominal < proof.as_given
@@ -55,7 +55,7 @@ def test_the_bias_is_that_of_the_static_poses(run: str, request: pytest.FixtureR
     bias = identify(open_recording(BAGS / "kuka_static_poses.mcap")).estimate.bias
     parameters = found(request.getfixturevalue(run), "sensor_bias").parameters
     force = np.array([parameters[f"force_{axis}"].value for axis in "xyz"])
-    # The sensor was warm and zeroed anew between the two: its bias is the same to 5 %.
+    # The sensor was warm and zeroed again between the two recordings: the biases agree to 5 %.
     assert np.linalg.norm(force - bias[:3]) < 0.05 * np.linalg.norm(bias[:3])
 
 
@@ -80,7 +80,7 @@ def test_only_the_shaken_run_has_blows(free: Diagnosis, shaken: Diagnosis) -> No
 
 
 def test_the_clock_of_the_wrench_is_known_though_it_is_no_finding(shaken: Diagnosis) -> None:
-    (clock,) = [small for small in shaken.main.small if small.group == "clock_offset"]
+    (clock,) = [small for small in shaken.main.calibration if small.group == "clock_offset"]
     assert abs(clock.value) < clock.tolerance
     assert 0 < clock.std < clock.tolerance / 2
 

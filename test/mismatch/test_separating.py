@@ -1,4 +1,4 @@
-"""The designed excitation: a motion along which the recording tells what the first one could not."""
+"""The designed excitation: a motion whose recording resolves what the first one left ambiguous."""
 
 import json
 from dataclasses import replace
@@ -13,7 +13,7 @@ from poise.cli import run
 from poise.mismatch.answer.discriminating_motion import distance
 from poise.mismatch.effects import Values, effect_named
 from poise.mismatch.inference import FittedEffect, wrench_problem
-from poise.mismatch.reading import Motion, NominalModel, dump_model, recorded_from_motion
+from poise.mismatch.reading import NominalModel, dump_model, recorded_from_motion
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import write_recording
 from poise.robot.model import find_urdf
@@ -31,7 +31,7 @@ def slow_sine(duration: float = 24.0) -> FourierTrajectory:
 
 def along(trajectory: FourierTrajectory) -> RecordedMotion:
     seconds = np.arange(int(trajectory.duration * 100)) / 100
-    recorded = recorded_from_motion(ROBOT, seconds, Motion(*trajectory.at(seconds)), PHI)
+    recorded = recorded_from_motion(ROBOT, seconds, trajectory.at(seconds), PHI)
     noise = np.random.default_rng(0).normal(size=recorded.wrench.shape) * np.repeat([0.1, 0.005], 3)
     return replace(recorded, wrench=recorded.prediction + noise)
 

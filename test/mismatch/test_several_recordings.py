@@ -46,8 +46,8 @@ def recorded_bag(folder: Path, seed: int, *parts: ModelEffect) -> Path:
 @pytest.fixture(scope="module")
 def recorded() -> RecordedMotion:
     """Two recordings as one, their break in the middle."""
-    worlds = [make_case(seed, duration=12.0).recorded() for seed in (3, 4)]
-    return joined(worlds)[0]
+    recordings = [make_case(seed, duration=12.0).recorded() for seed in (3, 4)]
+    return joined(recordings)[0]
 
 
 @pytest.mark.parametrize("effect", [each for each in all_effects() if each.signal == "wrench"], ids=lambda e: e.name)
@@ -65,13 +65,13 @@ def test_effects_survive_a_break_where_there_are_no_samples(recorded: RecordedMo
 
 
 def test_recordings_lie_one_after_the_other_on_one_clock() -> None:
-    worlds = [make_case(seed, duration=6.0).recorded() for seed in (3, 4, 5)]
-    whole, last = joined(worlds)
-    for (begin, end), each in zip(spans(worlds), worlds, strict=True):
+    recordings = [make_case(seed, duration=6.0).recorded() for seed in (3, 4, 5)]
+    whole, last = joined(recordings)
+    for (begin, end), each in zip(spans(recordings), recordings, strict=True):
         inside = (whole.seconds >= begin - 1e-9) & (whole.seconds <= end + 1e-9)
         assert np.array_equal(whole.wrench[inside], each.wrench)
     assert whole.seconds[last][0] - whole.seconds[~last][-1] == pytest.approx(RECORDING_GAP)
-    assert last.sum() == len(worlds[-1])
+    assert last.sum() == len(recordings[-1])
 
 
 def test_what_transfers_is_proven_on_the_last_and_an_event_stays_in_its_own(tmp_path: Path) -> None:

@@ -110,10 +110,3 @@ def start_node(
             node.stop()
         finally:
             print(f"--- {' '.join(node.process.args)}\n{node.output}")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """One more try for what runs through DDS: under load a first message can precede the match of its reader."""
-    for item in items:
-        if Path(__file__).parent in item.path.parents:
-            item.add_marker(pytest.mark.flaky(reruns=1))

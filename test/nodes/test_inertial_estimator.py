@@ -146,6 +146,7 @@ class Feeder:
         self.description = node.create_publisher(String, "robot_description", latched)
         for publisher in (self.wrench, self.tf, self.joints, self.description):
             graph.wait_for(publisher.get_subscription_count, what="the estimator's subscriptions")
+        graph.meet()
         self.rng = np.random.default_rng(0)
 
     def hold(
@@ -282,6 +283,7 @@ def test_without_wrench_and_without_kinematics_the_diagnostics_say_what_is_missi
     graph.wait_for(lambda: "no wrench yet" in status(diagnostics)["message"], what="no wrench")
     publisher = graph.node.create_publisher(WrenchStamped, "wrench", 10)
     graph.wait_for(publisher.get_subscription_count, what="the estimator")
+    graph.meet()
     message = WrenchStamped()
     message.header.frame_id = "ft_sensor"
     publisher.publish(message)

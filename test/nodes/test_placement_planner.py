@@ -55,7 +55,7 @@ def test_the_answer_is_that_of_the_core_and_the_assembly_stays_as_it_was(start_n
     core = plan_placement(assembly_of(there), object_of(item), Options(candidates=3, on="objects"), 5)
     assert vector(done.result.pose) == core.pose.vector.tolist()
     assert done.result.pose.header.frame_id == FRAME
-    assert (done.result.robustness, done.result.iterations) == (core.merit.least, core.iterations)
+    assert (done.result.robustness, done.result.iterations) == (core.score.least, core.iterations)
     stands = assembly_of(there).with_object(object_of(wanted(pose=done.result.pose.pose)))
     assert Analysis.of(stands).stability().margin > 0
     assert vector(caller.result(caller.send(**goal)).result.pose) == core.pose.vector.tolist()

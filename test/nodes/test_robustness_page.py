@@ -31,9 +31,12 @@ def test_the_client_on_the_page_is_answered(start_node, graph, node_environment)
 @pytest.mark.parametrize(
     ("name", "parameters"),
     [
-        ("robustness_server", robustness_server.PARAMETERS),
-        ("acceleration_limits", acceleration_limits.PARAMETERS),
-        ("placement_planner", placement_planner.PARAMETERS + place_execution.PARAMETERS),
+        ("robustness_server", robustness_server.ROBUSTNESS_SERVER_PARAMETERS),
+        ("acceleration_limits", acceleration_limits.ACCELERATION_LIMITS_PARAMETERS),
+        (
+            "placement_planner",
+            placement_planner.PLACEMENT_PLANNER_PARAMETERS + place_execution.PLACE_EXECUTION_PARAMETERS,
+        ),
     ],
 )
 def test_the_parameter_file_holds_every_default(name, parameters):

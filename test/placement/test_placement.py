@@ -9,8 +9,17 @@ from poise.assembly import Analysis, Assembly, Push, assess
 from poise.assembly.scene.scene_files import read_object, read_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
-from poise.placement import CancelledError, Features, KeptFree, Options, Uncertainty, Validator, judge, plan_placement
-from poise.placement.matching import Contact, poses_on_one, poses_on_two
+from poise.placement import (
+    CancelledError,
+    ContactFeatures,
+    KeptFree,
+    Options,
+    Uncertainty,
+    Validator,
+    evaluate,
+    plan_placement,
+)
+from poise.placement.matching import SupportPoint, poses_on_one, poses_on_two
 
 FLOOR = {"id": "floor", "fixed": True, "box": [4, 4, 0.1], "pose": [0, 0, -0.05, 0, 0, 0, 1]}
 UP = np.array([0.0, 0.0, 1.0])
@@ -40,7 +49,7 @@ def test_a_placement_stands_and_its_least_robustness_is_that_of_its_weakest_corn
         for corner in item.shape.polyhedron.vertices[item.shape.polyhedron.facet_vertices[facet]]
     ]
     answers = [assess(found.analysis.assembly, corners, model).results for model in ("limit", "patch")]
-    assert found.merit.least == pytest.approx(min(one.robustness for some in answers for one in some), rel=0.03)
+    assert found.score.least == pytest.approx(min(one.robustness for some in answers for one in some), rel=0.03)
 
 
 def test_same_seed_same_answer():
@@ -51,8 +60,8 @@ def test_same_seed_same_answer():
 def test_a_face_lies_on_each_of_two_slopes():
     """A V of two planes at right angles takes the edge of a box: both faces flat, the edge in the valley."""
     slopes = [np.array([np.sin(a), 0, np.cos(a)]) for a in (np.pi / 4, -np.pi / 4)]
-    contacts = [Contact(np.array([-0.1 * n[0], 0.02 * n[0], 0.1 * abs(n[0])]), n) for n in slopes]
-    features = Features.of(read_object(CUBE).shape, None)
+    contacts = [SupportPoint(np.array([-0.1 * n[0], 0.02 * n[0], 0.1 * abs(n[0])]), n) for n in slopes]
+    features = ContactFeatures.of(read_object(CUBE).shape, None)
     rng = np.random.default_rng(0)
     poses = [pose for _ in range(40) for pose in poses_on_two(*contacts, features, rng, 4)]
     flat = 0
@@ -64,8 +73,10 @@ def test_a_face_lies_on_each_of_two_slopes():
 
 
 def test_the_centre_of_mass_comes_over_the_place():
-    features = Features.of(read_object({**CUBE, "com": [0.03, -0.02, 0.01]}).shape, np.array([0.03, -0.02, 0.01]))
-    place = Contact(np.array([0.4, 0.5, 0.6]), UP)
+    features = ContactFeatures.of(
+        read_object({**CUBE, "com": [0.03, -0.02, 0.01]}).shape, np.array([0.03, -0.02, 0.01])
+    )
+    place = SupportPoint(np.array([0.4, 0.5, 0.6]), UP)
     for face in features.faces:
         (pose,) = poses_on_one(place, face, features.com, np.array([0.7]))
         assert pose.apply(features.com)[:2] == pytest.approx([0.4, 0.5])
@@ -87,7 +98,7 @@ def test_a_can_is_not_left_where_it_may_roll():
     for seed in range(5):
         found = plan_placement(scene(*CANYON), can, Options(on="objects"), seed)
         assert abs(found.pose.rotation[2, 2]) == pytest.approx(1.0)
-        assert found.merit.least > 0
+        assert found.score.least > 0
 
 
 def test_a_room_that_is_kept_free_stays_free():
@@ -120,7 +131,7 @@ def test_where_an_object_settled_is_looked_at_again(monkeypatch):
 
 def test_more_candidates_are_no_worse():
     least = [
-        plan_placement(scene(*CANYON), read_object(CUBE), Options(candidates=k, on="objects"), 1).merit.least
+        plan_placement(scene(*CANYON), read_object(CUBE), Options(candidates=k, on="objects"), 1).score.least
         for k in (1, 8)
     ]
     assert least[1] >= least[0] * 0.99
@@ -131,7 +142,7 @@ def test_refining_does_not_make_it_worse():
         plan_placement(scene(*CANYON), read_object(CUBE), Options(on="objects", refining=refining), 2)
         for refining in (False, True)
     )
-    assert judge(refined.analysis).least >= judge(plain.analysis).least * (1 - 1e-6)
+    assert evaluate(refined.analysis).least >= evaluate(plain.analysis).least * (1 - 1e-6)
 
 
 def test_what_balances_nowhere_says_why():

@@ -7,9 +7,9 @@ from benchmarks.placement import growth, scenes
 from poise.assembly import Analysis, Push, assess
 from poise.geometry import Pose, plane_axes, rotation_about
 from poise.placement import Options, plan_placement
-from poise.placement.balance import Fit, left_over, unbalanced
-from poise.placement.judging import estimate
-from poise.placement.matching import Contact, over_three
+from poise.placement.balance import SupportCheck, unbalanced_share, unbalanced_weight
+from poise.placement.matching import SupportPoint, over_three
+from poise.placement.scoring import estimate_score
 from poise.placement.supports import find_supports
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -52,10 +52,10 @@ def test_places_of_one_draw_are_near_and_all_sharp_or_none():
 
 def test_three_peaks_make_a_plane_that_lies_on_them():
     corners = np.array([[0, 0, 0.1], [0.1, 0, 0.12], [0, 0.1, 0.11]])
-    top = over_three(*(Contact(corner, UP) for corner in corners), UP)
+    top = over_three(*(SupportPoint(corner, UP) for corner in corners), UP)
     assert (corners - top.point) @ top.normal == pytest.approx(np.zeros(3), abs=1e-12)
     assert top.normal[2] > 0
-    assert over_three(*(Contact(np.array([x, 0, 0.1]), UP) for x in (0, 0.1, 0.2)), UP) is None
+    assert over_three(*(SupportPoint(np.array([x, 0, 0.1]), UP) for x in (0, 0.1, 0.2)), UP) is None
 
 
 @pytest.mark.parametrize(("degrees", "stands"), [(20.0, True), (40.0, False)])
@@ -63,7 +63,7 @@ def test_presses_on_a_slope_balance_within_the_friction(degrees, stands):
     """The pyramids are around the cones: between 26.6 degrees and 35 the look may be too kind, never too strict."""
     normal = rotation_about(np.array([0.0, 1.0, 0.0]), np.radians(degrees)) @ UP
     feet = np.array([[x, y] for x in (-0.1, 0.1) for y in (-0.1, 0.1)]) @ plane_axes(normal) - 0.01 * normal
-    left = left_over(feet, np.tile(normal, (4, 1)), np.full(4, 0.5), -UP, 0.2)
+    left = unbalanced_share(feet, np.tile(normal, (4, 1)), np.full(4, 0.5), -UP, 0.2)
     assert (left < 1e-9) == stands
 
 
@@ -71,13 +71,13 @@ def test_what_stands_balances_and_what_hangs_over_does_not():
     for offset, stands in ((0.04, True), (0.06, False)):
         cube = scenes.box("upper", (0.1, 0.1, 0.1), (offset, 0, 0.15))
         analysis = Analysis.of(scenes.scene("cube").with_object(cube))
-        assert (unbalanced(analysis, cube) < 1e-9) == stands
+        assert (unbalanced_weight(analysis, cube) < 1e-9) == stands
 
 
 def test_a_fit_needs_more_than_a_line_and_nothing_below():
     cube = scenes.cube()
-    fit = Fit(cube.vertices, np.zeros(3), True, 0.5, -UP)
-    floor = (Contact(np.zeros(3), UP),)
+    fit = SupportCheck(cube.vertices, np.zeros(3), True, 0.5, -UP)
+    floor = (SupportPoint(np.zeros(3), UP),)
     tilted = rotation_about(np.array([1.0, 0.0, 0.0]), np.pi / 4)
     assert fit.allows(Pose(np.eye(3), np.array([0, 0, 0.05])), floor)
     assert not fit.allows(Pose(np.eye(3), np.array([0, 0, 0.03])), floor)
@@ -96,4 +96,4 @@ def test_an_estimate_is_never_below_limit_analysis_and_near_it(name):
         for corner in body.shape.polyhedron.vertices[body.shape.polyhedron.facet_vertices[facet]]
     ]
     truth = min(result.robustness for result in assess(analysis, corners, "limit").results)
-    assert 0.98 * truth <= estimate(analysis).least <= 1.3 * truth
+    assert 0.98 * truth <= estimate_score(analysis).least <= 1.3 * truth

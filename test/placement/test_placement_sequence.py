@@ -27,7 +27,7 @@ def test_every_step_of_a_sequence_stands_without_those_that_follow():
         assembly = placement.analysis.assembly
         assert len(assembly.objects) == number
         assert Analysis.of(assembly).stability().margin > 0
-    assert found.merit.least > 0
+    assert found.score.least > 0
 
 
 def test_what_could_be_placed_is_said_when_not_all_can():
@@ -43,7 +43,7 @@ def test_what_could_be_placed_is_said_when_not_all_can():
 def test_more_orders_are_no_worse():
     items = [read_object(cube(name, side, mass)) for name, side, mass in (("a", 0.1, 1.0), ("b", 0.08, 0.9))]
     scene = read_scene({"objects": [FLOOR, CRATE]})
-    one, three = (plan_sequence(scene, items, Options(on="objects"), 1, orders).merit.least for orders in (1, 3))
+    one, three = (plan_sequence(scene, items, Options(on="objects"), 1, orders).score.least for orders in (1, 3))
     assert three >= one * 0.97
 
 

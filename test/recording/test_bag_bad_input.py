@@ -1,4 +1,4 @@
-"""What is wrong with a bag is said in one sentence: what, where, how to mend it."""
+"""What is wrong with a bag is said in one sentence: what, where, how to fix it."""
 
 import os
 import tracemalloc
@@ -54,7 +54,7 @@ def test_no_permission_is_said(bag, tmp_path, what):
     target.chmod(0)
     try:
         if user == 0:
-            os.seteuid(65534)  # root may read everything: be nobody for a moment
+            os.seteuid(65534)  # root may read everything: drop its rights for a moment
         error = refused(lambda: open_recording(path), ErrorCode.FILE_UNREADABLE, path, "Permission denied")
     finally:
         os.seteuid(user)
@@ -66,8 +66,8 @@ def test_no_permission_is_said(bag, tmp_path, what):
     ("content", "code", "word"),
     [
         (b"", ErrorCode.EMPTY, "empty file"),
-        (b"fx,fy,fz\n1,2,3\n", ErrorCode.FILE_CORRUPT, "not an mcap file"),
-        (b"SQLite format 3\0" + bytes(4096), ErrorCode.FILE_CORRUPT, "ros2 bag convert"),
+        (b"fx,fy,fz\n1,2,3\n", ErrorCode.FILE_CORRUPT, "not an mcap, db3 or ROS 1 bag"),
+        (b"SQLite format 3\0" + bytes(4096), ErrorCode.FILE_CORRUPT, "without rosbag2's table"),
         (b"\x89MCAP0\r\n", ErrorCode.FILE_CORRUPT, "gives no message"),
     ],
 )
@@ -87,11 +87,11 @@ def test_a_bag_without_messages_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("text", "code", "word"),
     [
-        ("storage_identifier: sqlite3, relative_file_paths: [a.db3]", ErrorCode.UNSUPPORTED, "sqlite3"),
+        ("storage_identifier: leveldb, relative_file_paths: [a]", ErrorCode.UNSUPPORTED, "stored as leveldb"),
         (
-            "storage_identifier: mcap, compression_mode: FILE, relative_file_paths: [a.mcap.zstd]",
+            "storage_identifier: mcap, compression_mode: FILE, compression_format: xz, relative_file_paths: [a.xz]",
             ErrorCode.UNSUPPORTED,
-            "compressed",
+            "compressed by xz",
         ),
         ("storage_identifier: mcap, relative_file_paths: [a.mcap]", ErrorCode.FILE_UNREADABLE, "lacks a.mcap"),
         ("storage_identifier: mcap, relative_file_paths: [/etc/passwd]", ErrorCode.FILE_UNREADABLE, "lacks passwd"),

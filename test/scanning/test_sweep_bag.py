@@ -12,7 +12,8 @@ from poise.cli import run
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model.object_shape import load_object
 from poise.recording import RecordingWriter, open_recording
-from poise.scanning import SweepOptions, Transform, read_sweep
+from poise.robot import Mounting
+from poise.scanning import SweepOptions, read_sweep
 from poise.shape.clouds import read_cloud
 
 BAG = Path(__file__).parents[2] / "bags" / "hammer_sweep.mcap"
@@ -75,7 +76,7 @@ def test_a_hand_eye_transform_can_be_given_instead(tmp_path):
     assert error.code == ErrorCode.FRAME_UNKNOWN
     assert "hand_eye" in error.message
     pose = [0.075, 0.0, 0.02, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
-    given = Transform.from_pose("link_eef", "camera", pose)
+    given = Mounting.of_vector("link_eef", "camera", pose)
     one = read_sweep(open_recording(bag), SweepOptions(hand_eye=given, frames=3))
     two = read_sweep(open_recording(BAG), SweepOptions(frames=3))
     for a, b in zip(one.views, two.views, strict=True):

@@ -7,8 +7,9 @@ from matplotlib.colors import to_rgb
 
 from poise.assembly import Analysis, Assembly, Push, acceleration_limits, assess, robustness_map
 from poise.errors import ErrorCode, InputError
-from poise.viewing.assembly_figures import graph_panel, limits_panel, map_panel, mechanism_panel, write_picture
+from poise.viewing.assembly_figures import graph_panel, limits_panel, map_panel, mechanism_panel
 from poise.viewing.assembly_picture import SurfaceColours, moved
+from poise.viewing.canvas import write_picture
 from poise.viewing.z_buffer import NOTHING, Camera, see
 
 
@@ -78,12 +79,12 @@ def test_every_picture_is_written_and_shows_bodies_in_their_colours(analysis, tm
     ]
     for panel in panels:
         assert panel.alt
-        path = write_picture(panel, tmp_path / f"{panel.key}.png")
+        path = write_picture([panel], tmp_path / f"{panel.key}.png")
         assert path.read_bytes().startswith(b"\x89PNG")
-    assert b"<svg" in write_picture(panels[1], tmp_path / "graph.svg").read_bytes()[:1000]
+    assert b"<svg" in write_picture([panels[1]], tmp_path / "graph.svg").read_bytes()[:1000]
     assert "can" in panels[2].alt
     with pytest.raises(InputError) as raised:
-        write_picture(panels[0], tmp_path / "map.gif")
+        write_picture([panels[0]], tmp_path / "map.gif")
     assert raised.value.code == ErrorCode.UNSUPPORTED
     from matplotlib.image import imread
 

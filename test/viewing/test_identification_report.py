@@ -17,7 +17,7 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia.pipeline.estimate import Identification, RejectedInterval
 from poise.inertia.pipeline.identification import identify
 from poise.recording import open_recording
-from poise.viewing.report import MAX_INTERVALS, write_identification_report
+from poise.viewing.report import _MAX_INTERVALS, write_identification_report
 
 ROOT = Path(__file__).resolve().parents[2]
 NOW = datetime(2024, 2, 25, 10, 18, 23, tzinfo=UTC)
@@ -162,7 +162,7 @@ def test_endless_names_do_not_make_an_endless_report(tmp_path: Path, identificat
         tmp_path, with_estimate(identification, frame_id=long, method=long, rejected=many), title=long, source=long
     )
     assert len(text) < len(plain) + 1_500_000
-    assert f"… and {2000 - MAX_INTERVALS} more intervals." in text
+    assert f"… and {2000 - _MAX_INTERVALS} more intervals." in text
 
 
 def test_the_same_input_gives_the_same_bytes(tmp_path: Path, identification: Identification) -> None:

@@ -1,4 +1,4 @@
-"""The report of a diagnosis: it stands on its own, tells the verdict, and its numbers are the diagnosis'."""
+"""The report of a diagnosis: it is self-contained, states the verdict, and its numbers are those of the diagnosis."""
 
 import json
 import re
@@ -13,7 +13,7 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import diagnose
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import Motion, NominalModel, recorded_from_motion
+from poise.mismatch.reading import NominalModel, recorded_from_motion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
 from poise.viewing.mismatch_report import write_mismatch_report
@@ -31,7 +31,7 @@ def found():
     seconds = np.arange(0.0, 14.0, 0.01)
     motion = FourierTrajectory.random(robot, np.random.default_rng(2), duration=14.0, speed=0.3)
     phi = InertialParameters(2.0, np.array([0.0, 0.01, 0.1]), 0.01 * np.eye(3)).phi
-    recorded = recorded_from_motion(robot, seconds, Motion(*motion.at(seconds)), phi)
+    recorded = recorded_from_motion(robot, seconds, motion.at(seconds), phi)
     contact, rng = effect_named("contact"), np.random.default_rng(1)
     values = {"start": 6.0, "length": 1.0, "x": 0.0, "y": 0.0, "z": 0.15}
     values |= {f"force_{axis}_{k}": 0.0 for axis in "xyz" for k in range(7)}

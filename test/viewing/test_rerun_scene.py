@@ -12,7 +12,7 @@ from swinging_payload import TRUTH, with_estimate
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.pipeline.estimate import Identification, RejectedInterval
-from poise.viewing.rerun_scene import CHANNELS, METRES_PER_NEWTON, PATHS, write_identification_recording
+from poise.viewing.rerun_scene import _CHANNELS, _METRES_PER_NEWTON, _PATHS, write_identification_recording
 from poise.viewing.summary import com_covariance, shown_parameters, shown_sigmas
 
 rrd = pytest.importorskip("rerun.chunk", reason="rerun-sdk is an extra")
@@ -52,7 +52,7 @@ def test_the_wrench_in_the_recording_is_the_identifications(
     recording: Recording, identification: Identification
 ) -> None:
     measured, predicted = identification.wrench_measured, identification.wrench_predicted
-    for channel, name in enumerate(CHANNELS):
+    for channel, name in enumerate(_CHANNELS):
         assert np.array_equal(recording.values(f"/wrench/{name}/measured", ":scalars"), measured[:, channel])
         assert np.array_equal(recording.values(f"/wrench/{name}/predicted", ":scalars"), predicted[:, channel])
         left_over = recording.values(f"/residual/{name}", ":scalars")
@@ -65,7 +65,7 @@ def test_the_estimate_closes_in_between_its_two_sigma_bounds(
 ) -> None:
     values = np.array([shown_parameters(estimate) for estimate in identification.history]) * SCALES
     sigmas = np.array([shown_sigmas(estimate) for estimate in identification.history]) * SCALES
-    for index, name in enumerate(PATHS):
+    for index, name in enumerate(_PATHS):
         low, value, high = (
             recording.values(f"/estimate/{name}/{part}", ":scalars") for part in ("low", "value", "high")
         )
@@ -84,7 +84,7 @@ def test_the_sensor_turns_as_it_did(recording: Recording, identification: Identi
 def test_the_force_arrow_is_the_load_without_the_bias(recording: Recording, identification: Identification) -> None:
     force = identification.wrench_measured[:, :3] - identification.estimate.bias[:3]
     arrows = recording.values("/world/sensor/force", ":vectors")
-    assert np.allclose(arrows, METRES_PER_NEWTON * force, atol=1e-6)
+    assert np.allclose(arrows, _METRES_PER_NEWTON * force, atol=1e-6)
     assert "/world/gravity" in recording.static
 
 

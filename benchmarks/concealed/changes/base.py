@@ -19,7 +19,7 @@ class Change:
 
     Args:
         name: as in the label: an effect of the library, or what is outside it.
-        parameters: as README.md defines them; `finish` may add what only the simulation tells.
+        parameters: as README.md defines them; `finish` may add what only the simulation gives.
         windows: when it acts, s since the recording's start; empty: always.
         settles: groups of `honest` that this change sets itself, so that chance leaves them alone.
     """

@@ -31,7 +31,7 @@ class Torque(Change):
 
 @dataclass
 class Backlash(Change):
-    """One link is loose by `gap` on its motor; the arm's other motion is taken as told."""
+    """One link is loose by `gap` on its motor; the arm's other motion follows the command."""
 
     joint: int = 0
     gap: float = 0.0

@@ -6,15 +6,15 @@
 """
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces
-from poise.assembly.contact.graph import FIXED, Block, Structure
+from poise.assembly.contact.graph import FIXED_NODE, ContactBlock, Structure
 from poise.assembly.contact.penetration import convex_geometry, distance_to_triangles, winding_number
 from poise.assembly.contact.placed import bounds_of, triangle_areas
 from poise.assembly.contact.surface import SurfacePoints, sample_surface
 
 __all__ = [
     "CONTACT_MARGIN",
-    "FIXED",
-    "Block",
+    "FIXED_NODE",
+    "ContactBlock",
     "Interface",
     "Structure",
     "SurfacePoints",

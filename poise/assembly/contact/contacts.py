@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from poise.assembly.contact.penetration import penetration_depth
-from poise.assembly.contact.placed import Patch, PlacedBody, placed, triangle_areas
+from poise.assembly.contact.placed import ContactPatch, PlacedBody, placed, triangle_areas
 from poise.assembly.contact.round_contacts import round_patches
 from poise.assembly.contact.touching import FACE_ANGLE, touching_patches
 from poise.assembly.scene import Assembly
@@ -104,9 +104,9 @@ def _check_overlap(first: PlacedBody, second: PlacedBody, margin: float) -> None
         )
 
 
-def _by_plane(patches: list[Patch], margin: float) -> list[list[Patch]]:
+def _by_plane(patches: list[ContactPatch], margin: float) -> list[list[ContactPatch]]:
     """Patches in groups that lie in one plane, the largest first."""
-    groups: list[list[Patch]] = []
+    groups: list[list[ContactPatch]] = []
     for patch in sorted(patches, key=lambda patch: -patch.area):
         for group in groups:
             lead = group[0]
@@ -119,7 +119,7 @@ def _by_plane(patches: list[Patch], margin: float) -> list[list[Patch]]:
     return groups
 
 
-def _merged(group: list[Patch], first: int, second: int, friction: float) -> Interface:
+def _merged(group: list[ContactPatch], first: int, second: int, friction: float) -> Interface:
     """One interface of patches in one plane: the corners of their common hull, and their whole region."""
     if len(group) == 1 and len(group[0].points) <= 4:
         lead = group[0]

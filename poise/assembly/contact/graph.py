@@ -8,12 +8,12 @@ from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_inte
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.errors import ErrorCode, InputError
 
-FIXED = -1
+FIXED_NODE = -1
 """Stands for all fixed bodies: they never move relative to each other, so the graph has one node for them."""
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ContactBlock:
     """A part of the graph that no single body separates, with everything that rests on it.
 
     What hangs on a body only through that body moves with it and passes its load on unchanged, whatever the contact
@@ -23,7 +23,7 @@ class Block:
     Args:
         members: for each body of the block, the places in `Assembly.objects` of it (first) and of all that hangs on it.
         interfaces: numbers in `Structure.interfaces`.
-        supports: (number of interfaces, 2) block bodies on the first and second side, or FIXED.
+        supports: (number of interfaces, 2) block bodies on the first and second side, or FIXED_NODE.
     """
 
     members: tuple[tuple[int, ...], ...]
@@ -94,7 +94,7 @@ class Structure:
 
     @cached_property
     def edges(self) -> dict[tuple[int, int], list[int]]:
-        """The graph: for each pair of nodes (places, or FIXED) the numbers of the interfaces between them."""
+        """The graph: for each pair of nodes (places, or FIXED_NODE) the numbers of the interfaces between them."""
         edges: dict[tuple[int, int], list[int]] = {}
         for number, interface in enumerate(self.interfaces):
             a, b = sorted(self.node(place) for place in (interface.first, interface.second))
@@ -102,13 +102,13 @@ class Structure:
         return edges
 
     def node(self, place: int) -> int:
-        """The node of a body: its place, or FIXED."""
-        return FIXED if self.assembly.objects[place].fixed else place
+        """The node of a body: its place, or FIXED_NODE."""
+        return FIXED_NODE if self.assembly.objects[place].fixed else place
 
     @cached_property
     def neighbours(self) -> dict[int, list[int]]:
         """For each node those it touches."""
-        neighbours: dict[int, list[int]] = {node: [] for node in (FIXED, *self.movable)}
+        neighbours: dict[int, list[int]] = {node: [] for node in (FIXED_NODE, *self.movable)}
         for a, b in self.edges:
             neighbours[a].append(b)
             neighbours[b].append(a)
@@ -117,7 +117,7 @@ class Structure:
     @cached_property
     def floating(self) -> tuple[int, ...]:
         """Bodies from which no path of contacts leads to a fixed body."""
-        reached, queue = {FIXED}, [FIXED]
+        reached, queue = {FIXED_NODE}, [FIXED_NODE]
         while queue:
             for other in self.neighbours[queue.pop()]:
                 if other not in reached:
@@ -136,35 +136,35 @@ class Structure:
             )
 
     @cached_property
-    def blocks(self) -> tuple[Block, ...]:
+    def blocks(self) -> tuple[ContactBlock, ...]:
         """The biconnected components of the graph, with what hangs on each of their bodies."""
         components, behind = _biconnected(self.neighbours)
         blocks = []
         for parent, nodes in components:
             heads = sorted(nodes - {parent})
-            where = {head: i for i, head in enumerate(heads)} | {parent: FIXED}
+            where = {head: i for i, head in enumerate(heads)} | {parent: FIXED_NODE}
             numbers = sorted(n for (a, b), found in self.edges.items() if {a, b} <= nodes for n in found)
             sides = [
                 (where[self.node(self.interfaces[n].first)], where[self.node(self.interfaces[n].second)])
                 for n in numbers
             ]
             members = tuple((head, *sorted(_hanging(head, behind) - {head})) for head in heads)
-            blocks.append(Block(members, tuple(numbers), tuple(sides)))
+            blocks.append(ContactBlock(members, tuple(numbers), tuple(sides)))
         return tuple(blocks)
 
 
 def _biconnected(neighbours: dict[int, list[int]]) -> tuple[list[tuple[int, set[int]]], dict[int, list[set[int]]]]:
-    """Components that no single node separates, seen from FIXED (Hopcroft, Tarjan 1973), without recursion.
+    """Components that no single node separates, seen from FIXED_NODE (Hopcroft, Tarjan 1973), without recursion.
 
     Returns:
-        (node nearest to FIXED, all nodes) of each component; and for each node, the components that hang on it
+        (node nearest to FIXED_NODE, all nodes) of each component; and for each node, the components that hang on it
         (their nodes without it).
     """
-    order, low = {FIXED: 0}, {FIXED: 0}
+    order, low = {FIXED_NODE: 0}, {FIXED_NODE: 0}
     components: list[tuple[int, set[int]]] = []
     behind: dict[int, list[set[int]]] = {}
     path: list[int] = []
-    stack = [(FIXED, FIXED, iter(neighbours[FIXED]))]
+    stack = [(FIXED_NODE, FIXED_NODE, iter(neighbours[FIXED_NODE]))]
     while stack:
         node, parent, rest = stack[-1]
         for other in rest:
@@ -190,7 +190,7 @@ def _biconnected(neighbours: dict[int, list[int]]) -> tuple[list[tuple[int, set[
 
 
 def _hanging(head: int, behind: dict[int, list[set[int]]]) -> set[int]:
-    """A node and all that reaches FIXED only through it."""
+    """A node and all that reaches FIXED_NODE only through it."""
     found, queue = {head}, [head]
     while queue:
         for nodes in behind.get(queue.pop(), []):

@@ -12,16 +12,16 @@ from poise.assembly.contact.placed import PlacedBody, meeting
 from poise.assembly.scene import Box, Cylinder, Shape
 from poise.types import Array, Mask
 
-CROSSINGS, PRODUCTS = 60_000, 2_000_000
+_CROSSINGS, _PRODUCTS = 60_000, 2_000_000
 """Edges times triangles, and points times planes, looked at together."""
-SLACK = 1e-9
+_SLACK = 1e-9
 """Of a triangle's sides, by which a cut may miss it."""
-EXACT = 5e-3
+_EXACT = 5e-3
 """m, up to which depths in bodies that are not convex are exact."""
-MARGIN = np.array([[-EXACT], [EXACT]])
-UNDER = (1e-3, 2.5e-3)
+_MARGIN = np.array([[-_EXACT], [_EXACT]])
+_UNDER = (1e-3, 2.5e-3)
 """m under both surfaces at which something common is looked for."""
-MOST, MOST_UNDER = 256, 24
+_MOST, _MOST_UNDER = 256, 24
 """Points of a surface, and under it, whose depth in a body that is not convex is measured."""
 
 
@@ -55,7 +55,7 @@ def convex_geometry(shape: Hashable) -> "coal.ShapeBase":
 
 
 def _deepest(body: PlacedBody, other: PlacedBody) -> float:
-    """Largest depth of points of the body inside the other; beyond `EXACT` it may be said too large, or too small."""
+    """Largest depth of points of the body inside the other; beyond `_EXACT` it may be said too large, or too small."""
     bounds = np.stack([np.maximum(body.bounds[0], other.bounds[0]), np.minimum(body.bounds[1], other.bounds[1])])
     if np.any(bounds[0] >= bounds[1]):
         return 0.0
@@ -69,10 +69,10 @@ def _deepest(body: PlacedBody, other: PlacedBody) -> float:
     first, second = np.moveaxis(body.polyhedron.normals[body.polyhedron.edge_facets[edges[whose]]], 1, 0)
     under_edges = -(first + second) / (1 + np.einsum("ij,ij->i", first, second) + 1e-9)[:, None]
     inward = np.concatenate([body.polyhedron.inward, under_edges]) @ body.item.pose.rotation.T
-    for step in UNDER if deepest < 2 * max(UNDER) else ():
+    for step in _UNDER if deepest < 2 * max(_UNDER) else ():
         inner = points + step * inward
         inner = inner[_inside(inner, other, bounds)]
-        inner = _thinned(inner, MOST_UNDER)
+        inner = _thinned(inner, _MOST_UNDER)
         inner = inner[_inside(inner, body, bounds)]
         deepest = max(deepest, 2 * _largest(inner, (body, other), bounds))
     return deepest
@@ -92,7 +92,7 @@ def _inside(points: Array, body: PlacedBody, bounds: Array) -> Mask:
 def _largest(points: Array, bodies: tuple[PlacedBody, ...], bounds: Array) -> float:
     """m, how deep the deepest of points inside all of some bodies is under their surfaces; 0 without points."""
     if not all(body.polyhedron.convex for body in bodies):
-        points = _thinned(points, MOST)
+        points = _thinned(points, _MOST)
     depths = np.full(len(points), np.inf)
     for body in bodies:
         own = -_height_over(points, body) if body.polyhedron.convex else _depths(points, body, bounds)
@@ -106,14 +106,14 @@ def _thinned(points: Array, most: int) -> Array:
 
 
 def _depths(points: Array, body: PlacedBody, bounds: Array) -> Array:
-    """(N,) m from points within bounds (2, 3) to a surface; farther than `EXACT`, to what of it is near the bounds."""
-    near = meeting(body.triangle_bounds, bounds + MARGIN)
+    """(N,) m from points within bounds (2, 3) to a surface; farther than `_EXACT`, to what of it is near the bounds."""
+    near = meeting(body.triangle_bounds, bounds + _MARGIN)
     if not near.any():
         near[:] = True
     corners, their_bounds = body.corners[near], body.triangle_bounds[:, near]
     depths = np.empty(len(points))
     for i, point in enumerate(points):
-        close = meeting(their_bounds, point + MARGIN)
+        close = meeting(their_bounds, point + _MARGIN)
         depths[i] = distance_to_triangles(point, corners[close] if close.any() else corners)
     return depths
 
@@ -125,7 +125,7 @@ def _height_over(points: Array, body: PlacedBody) -> Array:
         over_caps = np.abs(local[:, 2]) - body.cylinder.length / 2
         return np.asarray(np.maximum(over_caps, np.linalg.norm(local[:, :2], axis=1) - body.cylinder.radius))
     offsets = np.einsum("ij,ij->i", body.origins, body.normals)
-    step = max(1, PRODUCTS // len(offsets))
+    step = max(1, _PRODUCTS // len(offsets))
     parts = [points[k : k + step] @ body.normals.T - offsets for k in range(0, len(points), step)]
     return np.concatenate([np.zeros(0), *(part.max(axis=1) for part in parts)])
 
@@ -133,7 +133,7 @@ def _height_over(points: Array, body: PlacedBody) -> Array:
 def _middles_between_cuts(ends: Array, triangles: Array) -> tuple[Array, NDArray[np.int64]]:
     """(N, 3) middles of what triangles (T, 3, 3) cut edges (E, 2, 3) into, and (N,) whose they are."""
     middles, whose = [ends.mean(axis=1)], [np.arange(len(ends))]
-    step = max(1, CROSSINGS // max(len(triangles), 1))
+    step = max(1, _CROSSINGS // max(len(triangles), 1))
     for first in range(0, len(ends) if len(triangles) else 0, step):
         some = ends[first : first + step]
         cuts = _crossings(some, triangles)
@@ -157,7 +157,7 @@ def _crossings(ends: Array, triangles: Array) -> Array:
     v = np.einsum("etk,etk->et", np.broadcast_to(run, q.shape), q) / safe
     t = np.einsum("tk,etk->et", side_2, q) / safe
     # Where triangles meet, both count.
-    return np.where((u >= -SLACK) & (v >= -SLACK) & (u + v <= 1 + SLACK) & (t > 0) & (t < 1), t, np.nan)
+    return np.where((u >= -_SLACK) & (v >= -_SLACK) & (u + v <= 1 + _SLACK) & (t > 0) & (t < 1), t, np.nan)
 
 
 def winding_number(points: Array, corners: Array, bounds: Array) -> NDArray[np.int64]:

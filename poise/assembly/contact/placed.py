@@ -12,7 +12,7 @@ from poise.types import Array, Indices, Mask
 
 
 @dataclass(frozen=True, eq=False)
-class Patch:
+class ContactPatch:
     """Where two bodies touch in one plane.
 
     Args:

@@ -3,17 +3,17 @@
 import numpy as np
 import shapely
 
-from poise.assembly.contact.placed import Patch, PlacedBody
+from poise.assembly.contact.placed import ContactPatch, PlacedBody
 from poise.assembly.contact.touching import NO_TRIANGLES, overlap, touching_patches
 from poise.assembly.scene import Cylinder
 from poise.geometry import unit
 from poise.types import Array
 
 # A side within this angle of a facet lies on it along a line, rad.
-LINE_ANGLE = np.radians(1.0)
+_LINE_ANGLE = np.radians(1.0)
 
 
-def round_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[Patch]:
+def round_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
     """All places where two bodies touch, at least one of them a cylinder."""
     if first.cylinder is None:
         return [_turned(patch) for patch in round_patches(second, first, margin)]
@@ -29,8 +29,8 @@ def round_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[
     return flat + found
 
 
-def _turned(patch: Patch) -> Patch:
-    return Patch(patch.points, -patch.normal, patch.gap, patch.triangles)
+def _turned(patch: ContactPatch) -> ContactPatch:
+    return ContactPatch(patch.points, -patch.normal, patch.gap, patch.triangles)
 
 
 def _frame(body: PlacedBody) -> tuple[Array, Array, float, float]:
@@ -41,17 +41,17 @@ def _frame(body: PlacedBody) -> tuple[Array, Array, float, float]:
     return pose.translation, pose.rotation[:, 2], shape.radius, shape.length / 2
 
 
-def _on_facets(body: PlacedBody, base: PlacedBody, margin: float) -> list[Patch]:
+def _on_facets(body: PlacedBody, base: PlacedBody, margin: float) -> list[ContactPatch]:
     """The side or the rim of a cylinder on planar facets of the base, normals out of the base."""
     centre, axis, radius, half = _frame(body)
     patches = []
     for facet in base.facets_near(overlap(body.bounds, base.bounds, margin)):
         normal = base.normals[facet]
         lean = float(axis @ normal)
-        if abs(lean) > np.cos(LINE_ANGLE):
+        if abs(lean) > np.cos(_LINE_ANGLE):
             continue
         down = -unit(normal - lean * axis)
-        lying = abs(lean) < np.sin(LINE_ANGLE)
+        lying = abs(lean) < np.sin(_LINE_ANGLE)
         along = (-1, 1) if lying else (-np.sign(lean),)
         lowest = np.array([centre + radius * down + sign * half * axis for sign in along])
         gaps = (lowest - base.origins[facet]) @ normal
@@ -65,11 +65,11 @@ def _on_facets(body: PlacedBody, base: PlacedBody, margin: float) -> list[Patch]
         ends = shapely.get_coordinates(shapely.intersection(shape, base.polygon(int(facet))))
         gap = float(gaps.mean())
         points = base.origins[facet] + ends[[0, -1] if lying else [0]] @ base.axes[facet] + gap / 2 * normal
-        patches.append(Patch(points, normal, gap, NO_TRIANGLES))
+        patches.append(ContactPatch(points, normal, gap, NO_TRIANGLES))
     return patches
 
 
-def _side_on_edges(body: PlacedBody, base: PlacedBody, margin: float) -> list[Patch]:
+def _side_on_edges(body: PlacedBody, base: PlacedBody, margin: float) -> list[ContactPatch]:
     """The round side across or along edges and over vertices of a polyhedron, normals out of the polyhedron."""
     centre, axis, radius, half = _frame(body)
     patches = []
@@ -84,14 +84,14 @@ def _side_on_edges(body: PlacedBody, base: PlacedBody, margin: float) -> list[Pa
         normal = -foot[0] / distance[0]
         gap = float(distance.mean()) - radius
         if np.all(np.abs(distance - radius) <= margin) and base.edge_pushes(int(edge), normal):
-            patches.append(Patch(centre + points + gap / 2 * normal, normal, gap, NO_TRIANGLES))
+            patches.append(ContactPatch(centre + points + gap / 2 * normal, normal, gap, NO_TRIANGLES))
     for vertex in np.unique(base.edges[near]):
         point = base.vertices[vertex] - centre
         foot = point - (point @ axis) * axis
         distance = float(np.linalg.norm(foot))
         if abs(point @ axis) < half and abs(distance - radius) <= margin and base.vertex_pushes(int(vertex), -foot):
             normal, gap = -foot / distance, distance - radius
-            patches.append(Patch((centre + point + gap / 2 * normal)[None], normal, gap, NO_TRIANGLES))
+            patches.append(ContactPatch((centre + point + gap / 2 * normal)[None], normal, gap, NO_TRIANGLES))
     return patches
 
 
@@ -114,7 +114,7 @@ def _nearest_to_axis(ends: Array, axis: Array, half: float) -> Array | None:
     return np.asarray(point)[None]
 
 
-def _side_on_side(first: PlacedBody, second: PlacedBody, margin: float) -> list[Patch]:
+def _side_on_side(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
     """Two round sides: along a line where the axes are parallel, at a point where they cross."""
     centre_a, axis_a, radius_a, half_a = _frame(first)
     centre_b, axis_b, radius_b, half_b = _frame(second)
@@ -128,4 +128,4 @@ def _side_on_side(first: PlacedBody, second: PlacedBody, margin: float) -> list[
         return []
     normal = foot[0] / distance[0]
     gap = float(distance.mean()) - radius_a - radius_b
-    return [Patch(centre_a + points - (radius_b + gap / 2) * normal, normal, gap, NO_TRIANGLES)]
+    return [ContactPatch(centre_a + points - (radius_b + gap / 2) * normal, normal, gap, NO_TRIANGLES)]

@@ -3,7 +3,7 @@
 import numpy as np
 import shapely
 
-from poise.assembly.contact.placed import Patch, PlacedBody
+from poise.assembly.contact.placed import ContactPatch, PlacedBody
 from poise.geometry import plane_axes, unit
 from poise.types import Array, Indices
 
@@ -12,7 +12,7 @@ FACE_ANGLE = np.radians(3.0)
 NO_TRIANGLES = np.zeros((0, 3, 3))
 
 
-def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[Patch]:
+def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> list[ContactPatch]:
     """All places where two bodies touch, by their planar facets, their edges and their vertices.
 
     Convex bodies touch in one plane, so that facets lying flat on each other are all there is.
@@ -28,7 +28,7 @@ def touching_patches(first: PlacedBody, second: PlacedBody, margin: float) -> li
     edges = first.edges_near(near), second.edges_near(near)
     forward = _edges_on_facets(second, edges[1], first, facets[0], {(b, a) for a, b in pairs}, margin, tolerance)
     backward = _edges_on_facets(first, edges[0], second, facets[1], pairs, margin, tolerance)
-    turned = [Patch(p.points, -p.normal, p.gap, p.triangles) for p in backward]
+    turned = [ContactPatch(p.points, -p.normal, p.gap, p.triangles) for p in backward]
     return flat + forward + turned + _edge_across_edge(first, second, edges, margin)
 
 
@@ -39,7 +39,7 @@ def overlap(first: Array, second: Array, margin: float) -> Array:
 
 def _facet_on_facet(
     first: PlacedBody, second: PlacedBody, facets: tuple[Indices, Indices], margin: float
-) -> tuple[list[Patch], set[tuple[int, int]]]:
+) -> tuple[list[ContactPatch], set[tuple[int, int]]]:
     """Patches of facets that lie flat on each other, and the numbers of those facets."""
     a, b = facets
     opposite = first.normals[a] @ second.normals[b].T < -np.cos(FACE_ANGLE)
@@ -54,7 +54,7 @@ def _facet_on_facet(
     return patches, pairs
 
 
-def _flat_patch(first: PlacedBody, second: PlacedBody, a: int, b: int, margin: float) -> Patch | None:
+def _flat_patch(first: PlacedBody, second: PlacedBody, a: int, b: int, margin: float) -> ContactPatch | None:
     """Where facet a lies on facet b with a gap or overlap of at most the margin, in the plane midway."""
     normal = unit(first.normals[a] - second.normals[b])
     origin, axes = first.origins[a], plane_axes(normal)
@@ -84,7 +84,7 @@ def _flat_patch(first: PlacedBody, second: PlacedBody, a: int, b: int, margin: f
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(region))
     plane = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     distance = float(_linear(gap, np.array(region.centroid.coords[0])))
-    return Patch(lifted(corners), normal, distance, lifted(plane))
+    return ContactPatch(lifted(corners), normal, distance, lifted(plane))
 
 
 def _linear(height: Array, plane: Array) -> Array:
@@ -122,12 +122,12 @@ def _edges_on_facets(
     flat: set[tuple[int, int]],
     margin: float,
     tolerance: float,
-) -> list[Patch]:
+) -> list[ContactPatch]:
     """Edges and vertices of a body that lie on facets of the base; the normals point out of the base.
 
     `flat` holds the (facet of body, facet of base) that lie flat on each other already.
     """
-    patches: list[Patch] = []
+    patches: list[ContactPatch] = []
     if not len(edges):
         return patches
     corners = np.unique(body.edges[edges])
@@ -149,7 +149,7 @@ def _on_facet(
     height: dict[int, float],
     covered: set[int],
     tolerance: float,
-) -> list[Patch]:
+) -> list[ContactPatch]:
     """Contacts with one facet of those vertices whose heights above it are given, unless covered already."""
     patches = []
     polygon, normal = base.polygon(facet), base.normals[facet]
@@ -166,20 +166,20 @@ def _on_facet(
         if part.length > tolerance and inside.intersects(line) and body.edge_pushes(int(edge), -normal):
             ends = shapely.get_coordinates(part)[[0, -1]]
             gap = (height[i] + height[j]) / 2
-            patches.append(Patch(origin + ends @ axes + gap / 2 * normal, normal, gap, NO_TRIANGLES))
+            patches.append(ContactPatch(origin + ends @ axes + gap / 2 * normal, normal, gap, NO_TRIANGLES))
             lying |= {i, j}
     for vertex in height.keys() - lying:
         place = (body.vertices[vertex] - origin) @ axes.T
         if inside.covers(shapely.Point(place)) and body.vertex_pushes(vertex, -normal):
             gap = height[vertex]
             point = body.vertices[vertex] - gap / 2 * normal
-            patches.append(Patch(point[None], normal, gap, NO_TRIANGLES))
+            patches.append(ContactPatch(point[None], normal, gap, NO_TRIANGLES))
     return patches
 
 
 def _edge_across_edge(
     first: PlacedBody, second: PlacedBody, edges: tuple[Indices, Indices], margin: float
-) -> list[Patch]:
+) -> list[ContactPatch]:
     """Points where an edge of one body crosses an edge of the other."""
     if not len(edges[0]) or not len(edges[1]):
         return []
@@ -202,5 +202,5 @@ def _edge_across_edge(
             if first.edge_pushes(int(edges[0][i]), n) and second.edge_pushes(int(edges[1][j]), -n):
                 point_a, point_b = a[i, 0] + s[i, j] * run_a[i, 0], b[j, 0] + t[i, j] * run_b[0, j]
                 gap = float(n @ (point_b - point_a))
-                patches.append(Patch((point_a + point_b)[None] / 2, n, gap, NO_TRIANGLES))
+                patches.append(ContactPatch((point_a + point_b)[None] / 2, n, gap, NO_TRIANGLES))
     return patches

@@ -3,16 +3,16 @@
 import numpy as np
 
 from poise.assembly.models.limit import limit
-from poise.assembly.robustness import Collapses, RobustnessModel, check_elastic
-from poise.assembly.statics import BISECTED, Analysis, Deadline, Loads
+from poise.assembly.robustness import LimitLoads, RobustnessModel, check_elastic
+from poise.assembly.statics import FACTOR_TOLERANCE, Analysis, Deadline, Loads
 
 
-def coulomb(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
+def coulomb(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """Elastic contacts with Coulomb friction; see `CoulombBlock`. Limit analysis says where to stop looking."""
-    collapses = limit(analysis, loads, deadline)
-    check_elastic(collapses, analysis, loads, np.ones(loads.count, dtype=bool), deadline, nearly=1.0)
-    collapses.upper = np.minimum(collapses.upper, (1 + BISECTED) * collapses.lower)
-    return collapses
+    limit_loads = limit(analysis, loads, deadline)
+    check_elastic(limit_loads, analysis, loads, np.ones(loads.count, dtype=bool), deadline, nearly=1.0)
+    limit_loads.upper = np.minimum(limit_loads.upper, (1 + FACTOR_TOLERANCE) * limit_loads.lower)
+    return limit_loads
 
 
 entry = RobustnessModel(

@@ -3,36 +3,36 @@
 import numpy as np
 
 from poise.assembly.robustness import (
-    Collapses,
+    LimitLoads,
     RobustnessModel,
     ask_block,
     ask_single_patch,
-    both_gauges,
+    both_factors,
     check_elastic,
-    limit_gauges,
+    limit_factors,
 )
 from poise.assembly.statics import Analysis, Deadline, Loads, Mechanism
 
-CHECKED_ANSWERS = 8
+_CHECKED_ANSWERS = 8
 """Number of weakest answers that elastic contacts check, besides all that may depend on self-stress."""
 
 
-def default(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
+def default(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """The weaker of `limit` and `patch`; the weakest, and what may rest on self-stress, checked by `coulomb`."""
-    collapses = Collapses.start(loads.count)
+    limit_loads = LimitLoads.start(loads.count)
     doubtful = np.zeros(loads.count, dtype=bool)
     for block in analysis.blocks:
         questions, block_loads = block.loads(loads)
         doubtful[questions] |= block.solvers.self_stress
         single = block.solvers.single_patch is not None
-        ask_single_patch(collapses, block, questions, block_loads)
-        ask_block(collapses, block, questions, block_loads, deadline, limit_gauges if single else both_gauges)
+        ask_single_patch(limit_loads, block, questions, block_loads)
+        ask_block(limit_loads, block, questions, block_loads, deadline, limit_factors if single else both_factors)
     # One body on one interface has no choice of contact forces.
-    free = [isinstance(m, Mechanism) and not m.block.geometry.statically_determinate for m in collapses.mechanisms]
-    weakest = np.argsort(np.where(free, collapses.upper, np.inf))[:CHECKED_ANSWERS]
+    free = [isinstance(m, Mechanism) and not m.block.geometry.statically_determinate for m in limit_loads.mechanisms]
+    weakest = np.argsort(np.where(free, limit_loads.upper, np.inf))[:_CHECKED_ANSWERS]
     doubtful[weakest] |= np.array(free, dtype=bool)[weakest]
-    check_elastic(collapses, analysis, loads, doubtful, deadline)
-    return collapses
+    check_elastic(limit_loads, analysis, loads, doubtful, deadline)
+    return limit_loads
 
 
 entry = RobustnessModel(

@@ -1,15 +1,15 @@
 """Model `limit`: limit analysis with exact Coulomb cones at the corners of every interface."""
 
-from poise.assembly.robustness import Collapses, RobustnessModel, ask_block, limit_gauges
+from poise.assembly.robustness import LimitLoads, RobustnessModel, ask_block, limit_factors
 from poise.assembly.statics import Analysis, Deadline, Loads
 
 
-def limit(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
+def limit(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """Exact-cone limit analysis; see `limit.limit_program`."""
-    collapses = Collapses.start(loads.count)
+    limit_loads = LimitLoads.start(loads.count)
     for block in analysis.blocks:
-        ask_block(collapses, block, *block.loads(loads), deadline, limit_gauges)
-    return collapses
+        ask_block(limit_loads, block, *block.loads(loads), deadline, limit_factors)
+    return limit_loads
 
 
 entry = RobustnessModel(

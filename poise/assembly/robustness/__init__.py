@@ -11,13 +11,13 @@ from poise.assembly.robustness.assess import Assessment, Robustness, assess
 from poise.assembly.robustness.block_answers import (
     ask_block,
     ask_single_patch,
-    both_gauges,
+    both_factors,
     check_elastic,
-    limit_gauges,
-    patch_gauges,
+    limit_factors,
+    patch_factors,
 )
 from poise.assembly.robustness.disassembly import Disassembly, plan_disassembly
-from poise.assembly.robustness.limit_loads import Collapses, PlainMovement
+from poise.assembly.robustness.limit_loads import LimitLoads, PlainMovement
 from poise.assembly.robustness.maps import MAX_MAP_POINTS, RobustnessMap, robustness_map
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS, RobustnessModel
 from poise.assembly.robustness.sensitivity import Sensitivity, sensitivity
@@ -30,8 +30,8 @@ __all__ = [
     "ROBUSTNESS_MODELS",
     "AccelerationLimits",
     "Assessment",
-    "Collapses",
     "Disassembly",
+    "LimitLoads",
     "MotionProbability",
     "PlainMovement",
     "Robustness",
@@ -43,11 +43,11 @@ __all__ = [
     "ask_block",
     "ask_single_patch",
     "assess",
-    "both_gauges",
+    "both_factors",
     "check_elastic",
-    "limit_gauges",
+    "limit_factors",
     "motion_probability",
-    "patch_gauges",
+    "patch_factors",
     "plan_disassembly",
     "robustness_map",
     "sensitivity",

@@ -14,12 +14,12 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
 from poise.types import Array
 
-FASTEST = 1000.0
+_FASTEST = 1000.0
 """Accelerations above this are not looked into, m/s2."""
 # Bounds on the limits of blocks of several interfaces are brought this close.
-TOLERANCE = 0.003
+_TOLERANCE = 0.003
 # Directions all around, besides those asked for, from which the polytope is made, and the tolerance for these.
-AROUND, TOLERANCE_AROUND = 90, 0.05
+_AROUND, _TOLERANCE_AROUND = 90, 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class AccelerationLimits:
 
     Args:
         directions: (D, 3) unit vectors.
-        limits: (D,) m/s2; inf above `FASTEST`.
+        limits: (D,) m/s2; inf above `_FASTEST`.
         first_to_move: ids of what moves first, for each direction; empty when nothing does.
         normals, offsets: (F, 3), (F,) every acceleration a with normals @ a <= offsets is sustained, m/s2.
         angular_acceleration: rad/s2, either way about an axis along z of the assembly's frame, from rest.
@@ -98,9 +98,9 @@ def acceleration_limits(
     asked = _directions(directions)
     analysis = Analysis.of(assembly)
     analysis.require_stable(clock)
-    all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(AROUND)])
-    tolerance = np.where(np.arange(len(all_directions)) < len(asked) + 6, TOLERANCE, TOLERANCE_AROUND)
-    limits = np.full(len(all_directions), FASTEST)
+    all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(_AROUND)])
+    tolerance = np.where(np.arange(len(all_directions)) < len(asked) + 6, _TOLERANCE, _TOLERANCE_AROUND)
+    limits = np.full(len(all_directions), _FASTEST)
     movers: list[Callable[[], tuple[str, ...]] | None] = [None] * len(asked)
     complete = True
     for block in analysis.blocks:
@@ -113,7 +113,7 @@ def acceleration_limits(
     normals, offsets = _polytope(all_directions * limits[:, None])
     angular, speed, done = _turning(analysis, axis, clock) if turning else (np.nan, np.nan, True)
     names = tuple(() if mover is None else mover() for mover in movers)
-    shown = np.where(limits >= FASTEST, np.inf, limits)[: len(asked)]
+    shown = np.where(limits >= _FASTEST, np.inf, limits)[: len(asked)]
     return AccelerationLimits(asked, shown, names, normals, offsets, angular, speed, complete and done)
 
 
@@ -166,7 +166,7 @@ def _block_limits(
     limits, numbers, mechanisms, complete = _bounded(block, directions, tolerance, deadline)
     if block.solvers.self_stress:
         # Slow: the directions around are left out of the polytope.
-        wanted = tolerance < TOLERANCE_AROUND
+        wanted = tolerance < _TOLERANCE_AROUND
         limits, complete = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline, complete)
 
     def movers(row: int) -> Callable[[], tuple[str, ...]]:
@@ -202,17 +202,19 @@ def _bounded(
         for direction in wanted:
             if deadline.passed:
                 return np.zeros(len(directions)), number, mechanisms, False
-            gauges = [block.solvers.limit.gauge(loads @ direction)]
-            if patch is not None and not (gauges[0].multipliers is not None and patch.allows(gauges[0].multipliers)):
-                gauges.append(patch.resting.gauge(loads @ direction))
-            weakest = max(gauges, key=lambda gauge: gauge.value)
-            reached.append(direction / max(weakest.upper, 1 / FASTEST))
-            for gauge in gauges:
-                cuts.append(gauge.twist @ loads)
-                mechanisms.append(Mechanism(block, gauge.twist))
+            inverses = [block.solvers.limit.inverse_factor(loads @ direction)]
+            if patch is not None and not (
+                inverses[0].multipliers is not None and patch.allows(inverses[0].multipliers)
+            ):
+                inverses.append(patch.resting.inverse_factor(loads @ direction))
+            weakest = max(inverses, key=lambda inverse: inverse.value)
+            reached.append(direction / max(weakest.upper, 1 / _FASTEST))
+            for inverse in inverses:
+                cuts.append(inverse.twist @ loads)
+                mechanisms.append(Mechanism(block, inverse.twist))
         powers = directions @ np.array(cuts).T
         number = powers.argmax(axis=1)
-        upper = 1 / np.maximum(powers.max(axis=1), 1 / FASTEST)
+        upper = 1 / np.maximum(powers.max(axis=1), 1 / _FASTEST)
         normals, offsets = _polytope(np.array(reached))
         with np.errstate(divide="ignore", invalid="ignore"):
             slopes = directions @ normals.T

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.robustness.limit_loads import Collapses, Movement
+from poise.assembly.robustness.limit_loads import LimitLoads, Movement
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.statics import Analysis, Deadline, Loads, Push, loads_of
@@ -60,14 +60,14 @@ class Robustness:
 class _Evidence:
     """Where a robustness comes from; worked out when asked for."""
 
-    collapses: Collapses
+    limit_loads: LimitLoads
     loads: Loads
     question: int
     objects: tuple[RigidObject, ...]
 
     @property
     def mechanism(self) -> Movement | None:
-        return self.collapses.mechanisms[self.question]
+        return self.limit_loads.mechanisms[self.question]
 
     @cached_property
     def scaled(self) -> Array:
@@ -131,26 +131,30 @@ def assess(
     analysis = Analysis.of(assembly)
     loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
     # In a hurry the pushes go first: whether any contact forces balance is known soon.
-    collapses = Collapses.start(loads.count)
+    limit_loads = LimitLoads.start(loads.count)
     if all(block.solvers.balance.margin >= 0 for block in analysis.blocks):
-        collapses = solve(analysis, loads, clock)
+        limit_loads = solve(analysis, loads, clock)
     found = analysis.stability(clock)
     if not found.stable:
-        collapses = Collapses.start(loads.count)
-        collapses.lower[:] = collapses.upper[:] = 0.0
-    results = robustness(collapses, loads, analysis.assembly.objects)
-    return Assessment(found.stable, found.margin, found.falling, results, collapses.complete and found.complete)
+        limit_loads = LimitLoads.start(loads.count)
+        limit_loads.lower[:] = limit_loads.upper[:] = 0.0
+    results = robustness(limit_loads, loads, analysis.assembly.objects)
+    return Assessment(found.stable, found.margin, found.falling, results, limit_loads.complete and found.complete)
 
 
-def robustness(collapses: Collapses, loads: Loads, objects: tuple[RigidObject, ...]) -> tuple[Robustness, ...]:
+def robustness(limit_loads: LimitLoads, loads: Loads, objects: tuple[RigidObject, ...]) -> tuple[Robustness, ...]:
     """Results of a model, one per question."""
     # Where elastic contacts hold less than limit analysis allows, or time ran out, the lower bound is what is known.
-    lowered = collapses.lower < 0.999 * collapses.upper
-    values = np.where(lowered, collapses.lower, collapses.upper)
+    lowered = limit_loads.lower < 0.999 * limit_loads.upper
+    values = np.where(lowered, limit_loads.lower, limit_loads.upper)
     rows = zip(
-        values.tolist(), collapses.lower.tolist(), collapses.upper.tolist(), collapses.checked.tolist(), strict=True
+        values.tolist(),
+        limit_loads.lower.tolist(),
+        limit_loads.upper.tolist(),
+        limit_loads.checked.tolist(),
+        strict=True,
     )
     return tuple(
-        Robustness(value, min(lower, upper), upper, checked, _Evidence(collapses, loads, question, objects))
+        Robustness(value, min(lower, upper), upper, checked, _Evidence(limit_loads, loads, question, objects))
         for question, (value, lower, upper, checked) in enumerate(rows)
     )

@@ -9,9 +9,9 @@ from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, Deadline
 
 # Objects looked at before the best order so far is returned.
-TRIES = 2000
+_TRIES = 2000
 # An object carries another when the normal between them rises by more than this (sine).
-RISE = 0.1
+_RISE = 0.1
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def _carrying(analysis: Analysis) -> set[str]:
     found = set()
     for interface in analysis.structure.interfaces:
         rise = float(interface.normal @ up) / (float(np.linalg.norm(up)) or 1.0)
-        if abs(rise) > RISE:
+        if abs(rise) > _RISE:
             found.add(objects[interface.first if rise > 0 else interface.second].id)
     return found
 
@@ -107,7 +107,7 @@ def _take_apart(analysis: Analysis, clock: Deadline) -> Disassembly:
     best: list[_Step] = []
     choices = [_steps(analysis, clock)]
     tries = 0
-    while choices and tries < TRIES and not clock.passed:
+    while choices and tries < _TRIES and not clock.passed:
         tries += 1
         if len(path) > len(best):
             best = list(path)

@@ -30,7 +30,7 @@ class PlainMovement:
 
 
 @dataclass(eq=False)
-class Collapses:
+class LimitLoads:
     """For each question the factor at which something moves, bounds on it, and how it moves.
 
     Args:
@@ -47,7 +47,7 @@ class Collapses:
     complete: bool = True
 
     @classmethod
-    def start(cls, count: int) -> "Collapses":
+    def start(cls, count: int) -> "LimitLoads":
         """Before any block is asked nothing moves."""
         never = np.full(count, np.inf)
         return cls(never, never.copy(), [None] * count, np.zeros(count, dtype=bool))

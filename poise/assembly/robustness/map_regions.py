@@ -12,18 +12,18 @@ from poise.assembly.statics import BlockAnalysis, Deadline, Mechanism
 from poise.geometry import plane_axes, wrench_of_force
 from poise.types import Array, Indices, Mask
 
-FLAT = 12
+_FLAT = 12
 # Points of curved surfaces solved in one round.
-ROUND = 96
+_ROUND = 96
 # Of more mechanisms than this, those are kept that come this near to the best at some probe.
-MANY, NEAR = 40, 0.6
+_MANY, _NEAR = 40, 0.6
 # Rows of one array operation: bounds the memory, and the time between two looks at the deadline.
-CHUNK = 20_000
+ROW_CHUNK = 20_000
 
 
 def chunks(count: int) -> Iterator[slice]:
-    """Slices of at most `CHUNK` rows that cover `count` rows."""
-    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+    """Slices of at most `ROW_CHUNK` rows that cover `count` rows."""
+    return (slice(start, min(start + ROW_CHUNK, count)) for start in range(0, count, ROW_CHUNK))
 
 
 def group_rows(key: Array) -> Indices:
@@ -35,7 +35,7 @@ def group_rows(key: Array) -> Indices:
 
 @dataclass(eq=False)
 class Bounds:
-    """Bounds on the gauge (1 / robustness) of all points, over the blocks looked at so far.
+    """Bounds on the inverse load factor (1 / robustness) of all points, over the blocks looked at so far.
 
     Args:
         lower, upper: (N,).
@@ -56,7 +56,7 @@ class Bounds:
         return cls(np.zeros(count), np.zeros(count), np.full(count, -1), np.full(count, -1))
 
     def raise_to(self, rows: Indices, lower: Array, upper: Array, block: int, mechanism: Indices) -> None:
-        """A block has these gauges at least and at most; the weakest block counts."""
+        """A block has these inverse load factors at least and at most; the weakest block counts."""
         stronger = lower > self.lower[rows]
         self.block[rows[stronger]] = block
         self.mechanism[rows[stronger]] = mechanism[stronger]
@@ -81,19 +81,19 @@ class Pool:
     twists: list[Array] = field(default_factory=list)
     numbers: list[int] = field(default_factory=list)
 
-    def gauge(self, body: int, wrench: Array) -> float:
-        """Gauge of a wrench (6,) on a body of the block; its mechanisms join the pool."""
+    def inverse_factor(self, body: int, wrench: Array) -> float:
+        """Inverse load factor of a wrench (6,) on a body of the block; its mechanisms join the pool."""
         load = np.zeros(6 * self.block.geometry.count)
         load[6 * body : 6 * body + 6] = wrench
         patch = self.block.solvers.patch if self.with_patch else None
         value = 0.0
         if self.with_limit or patch is None:
-            limit = self.block.solvers.rough_limit.gauge(load)
+            limit = self.block.solvers.rough_limit.inverse_factor(load)
             self._keep(limit.twist)
             value = limit.upper
             if patch is None or (limit.multipliers is not None and patch.allows(limit.multipliers)):
                 return value
-        resting = patch.resting.gauge(load)
+        resting = patch.resting.inverse_factor(load)
         self._keep(resting.twist)
         return max(value, resting.upper)
 
@@ -110,9 +110,9 @@ class Pool:
             return np.zeros(len(wrenches)), np.full(len(wrenches), -1)
         twists = np.array([twist[6 * body : 6 * body + 6] for twist in self.twists[start:]])
         numbers = np.array(self.numbers[start:])
-        if len(twists) > MANY:  # most are of other faces: a few points tell which matter here
+        if len(twists) > _MANY:  # most are of other faces: a few points tell which matter here
             probes = wrenches[:: max(1, len(wrenches) // 16)] @ twists.T
-            matter = np.any(probes >= NEAR * np.abs(probes.max(axis=1, keepdims=True)), axis=0)
+            matter = np.any(probes >= _NEAR * np.abs(probes.max(axis=1, keepdims=True)), axis=0)
             matter[probes.max(axis=0).argmax()] = True
             twists, numbers = twists[matter], numbers[matter]
         best, values = np.empty(len(wrenches), dtype=np.int64), np.empty(len(wrenches))
@@ -160,7 +160,7 @@ class Region:
 
     def solve(self, index: int) -> float:
         """Solve one point; what is left between its bounds is the solver's tolerance."""
-        value = self.pool.gauge(self.body, self.wrenches[index])
+        value = self.pool.inverse_factor(self.body, self.wrenches[index])
         self.solved[index] = True
         self.upper[index] = min(self.upper[index], value)
         return value
@@ -191,7 +191,7 @@ def bound_flat(
     for wrench in corner_wrenches:
         if region.pool.deadline.passed:
             return False
-        values.append(region.pool.gauge(region.body, wrench))
+        values.append(region.pool.inverse_factor(region.body, wrench))
     region.learn()
     while True:
         finite = np.isfinite(values)
@@ -203,7 +203,7 @@ def bound_flat(
                 facet[part] = heights.argmax(axis=1)
                 region.upper[part] = np.minimum(region.upper[part], heights[np.arange(len(heights)), facet[part]])
         else:  # on the verge of moving: between points nothing is known
-            facet = np.arange(len(plane)) % ROUND
+            facet = np.arange(len(plane)) % _ROUND
         wanted = _widest(region, facet, tolerance, floor)
         if not len(wanted):
             return True
@@ -228,16 +228,16 @@ def _widest(region: Region, facet: Indices, tolerance: float, floor: float) -> I
 def bound_curved(region: Region, tolerance: float, floor: float) -> bool:
     """Bound points of a curved surface, each pushed in its own direction; see `bound_flat`.
 
-    Solved points bound their neighbours from above: the gauge is sublinear, so that a load that is a combination
-    a_k w_k + d of neighbours has at most a_k gauge(w_k) + gauge(d), and d is small.
+    Solved points bound their neighbours from above: the inverse load factor f is sublinear. A load that is a
+    combination a_k w_k + d of neighbours therefore has at most a_k f(w_k) + f(d), and d is small.
     """
     count = len(region.rows)
-    wanted = np.unique(np.linspace(0, count - 1, min(count, ROUND)).astype(int))
+    wanted = np.unique(np.linspace(0, count - 1, min(count, _ROUND)).astype(int))
     axes: list[float] = []
     for unit in (sign * axis for axis in np.eye(6) for sign in (1.0, -1.0)):
         if region.pool.deadline.passed:
             return False
-        axes.append(region.pool.gauge(region.body, unit))
+        axes.append(region.pool.inverse_factor(region.body, unit))
     rest, values = np.array(axes).reshape(6, 2), np.zeros(count)
     while True:
         for index in wanted:
@@ -251,8 +251,8 @@ def bound_curved(region: Region, tolerance: float, floor: float) -> bool:
         if not len(rows):
             return True
         gap = region.upper[rows] / np.maximum(region.lower[rows], floor)
-        order = rows[np.argsort(-gap)][: 4 * ROUND]
-        wanted = np.sort(order[:: max(1, len(order) // ROUND)])
+        order = rows[np.argsort(-gap)][: 4 * _ROUND]
+        wanted = np.sort(order[:: max(1, len(order) // _ROUND)])
 
 
 def _between(region: Region, values: Array, rest: Array) -> None:
@@ -303,7 +303,7 @@ def bound_block(
     groups = _split(body, surface, rows, geometry.units.length)
     complete, curved = True, np.zeros(len(rows), dtype=bool)
     for part in groups:
-        if len(part) < FLAT:
+        if len(part) < _FLAT:
             curved[part] = True
             continue
         region = Region(pool, int(body[part[0]]), rows[part], scaled[part])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.assembly.contact import SurfacePoints, sample_surface
-from poise.assembly.robustness.block_answers import HUGE, NEARLY
+from poise.assembly.robustness.block_answers import CHECKED_SHARE, CHECKED_WEIGHTS
 from poise.assembly.robustness.map_regions import Bounds, Pool, bound_block, chunks, group_rows
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly
@@ -15,14 +15,14 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import wrench_of_force
 from poise.types import Array, Indices, Mask
 
-CEILING = 100.0
+_CEILING = 100.0
 """Points that hold this many weights of the assembly are strong enough: how much more is not looked into."""
 MAX_MAP_POINTS = 1_000_000
 """Points of one map: more would take minutes and gigabytes."""
-LESS = 0.6
+_LESS = 0.6
 """Share of the tolerance that limit analysis may be below a patch's answer without being asked."""
-FOR_EVER = 1e-5
-"""Gauges below this, per weight of the assembly, are sustained for ever; maps are solved to a tenth of it."""
+_FOR_EVER = 1e-5
+"""Inverse load factors below this, per weight of the assembly, count as 0; maps are solved to a tenth of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,7 @@ def robustness_map(
     Args:
         assembly: prepared as an `Analysis` when more will be asked.
         surface: points and directions of push, or how many to spread over the surface (pushes inward along the normal).
-        tolerance: the bounds are brought to upper <= (1 + tolerance) lower, except above `CEILING` weights.
+        tolerance: the bounds are brought to upper <= (1 + tolerance) lower, except above `_CEILING` weights.
         model: limit, patch, or default (the weaker of both). Under `patch`, bodies on several interfaces have their
             centres of pressure where they are at rest.
         deadline: s; what is certified by then is returned, with bounds 0 and inf for the rest.
@@ -101,9 +101,9 @@ def robustness_map(
     if isinstance(surface, int):
         surface = sample_surface(analysis.structure, surface)
     bounds, complete, doubtful = _bounded(analysis, surface, tolerance, name, clock)
-    weight = _weight(analysis)
+    smallest = _FOR_EVER / _weight(analysis)
     with np.errstate(divide="ignore"):
-        lower, upper = (1 / np.where(gauge > FOR_EVER / weight, gauge, 0.0) for gauge in (bounds.upper, bounds.lower))
+        lower, upper = (1 / np.where(bound > smallest, bound, 0.0) for bound in (bounds.upper, bounds.lower))
     return RobustnessMap(
         analysis,
         surface,
@@ -133,15 +133,15 @@ def _weight(analysis: Analysis) -> float:
 def _bounded(
     analysis: Analysis, surface: SurfacePoints, tolerance: float, model: str, clock: Deadline
 ) -> tuple[Bounds, bool, Mask]:
-    """Bounds on the gauges of all points, whether they meet the tolerance, and which faces are doubtful."""
+    """Bounds on the inverse load factors, whether they meet the tolerance, and which faces are doubtful."""
     bounds = Bounds.none(len(surface.points))
     wrenches = wrench_of_force(surface.directions, surface.points)
     loaded = [np.flatnonzero(block.bodies_of(surface.place) >= 0) for block in analysis.blocks]
     open_rows = list(loaded)
-    complete, floor = not clock.passed, 1 / (CEILING * _weight(analysis))
+    complete, floor = not clock.passed, 1 / (_CEILING * _weight(analysis))
     if model != "limit":
         for number, block in enumerate(analysis.blocks):
-            less = LESS * tolerance if model == "default" else 0.0
+            less = _LESS * tolerance if model == "default" else 0.0
             open_rows[number], done = _single_patch(block, number, loaded[number], wrenches, bounds, less, clock)
             complete &= done
     for number, (block, rows) in enumerate(zip(analysis.blocks, open_rows, strict=True)):
@@ -181,7 +181,7 @@ def _doubtful(
             row = rows[index]
             load = np.zeros((block.geometry.count, 6))
             load[places[int(surface.place[row])]] = units.of_wrench(wrenches[row])
-            most = NEARLY * min(float(upper[row]), HUGE * units.weight)
+            most = CHECKED_SHARE * min(float(upper[row]), CHECKED_WEIGHTS * units.weight)
             if deadline.passed or not block.solvers.coulomb.holds(most * load.ravel(), deadline):
                 doubtful |= face == face[index]
     return doubtful
@@ -206,7 +206,7 @@ def _single_patch(
         some = rows[part]
         factor = block.solvers.single_patch.collapse(wrenches[some]).factor
         with np.errstate(divide="ignore"):
-            gauge = 1 / factor
-        bounds.raise_to(some, gauge, gauge * (1 + less), number, np.full(len(some), -1))
+            inverse = 1 / factor
+        bounds.raise_to(some, inverse, inverse * (1 + less), number, np.full(len(some), -1))
         still_open.append(some[~block.solvers.single_patch.allowed_by_limit(wrenches[some], factor / (1 + less))])
     return np.concatenate(still_open), True

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from poise.assembly.robustness.limit_loads import Collapses
+from poise.assembly.robustness.limit_loads import LimitLoads
 from poise.assembly.statics import Analysis, Deadline, Loads
 from poise.registry import Registry
 
@@ -24,7 +24,7 @@ class RobustnessModel:
 
     name: str
     description: str
-    solve: Callable[[Analysis, Loads, Deadline], Collapses]
+    solve: Callable[[Analysis, Loads, Deadline], LimitLoads]
     maps: bool = False
     certified: bool = False
     several_forces: bool = True

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from poise.assembly.scene import Assembly
-from poise.assembly.statics import NEVER, Analysis, BlockAnalysis, Gauge, Push, loads_of
+from poise.assembly.statics import UNLIMITED, Analysis, BlockAnalysis, InverseLoadFactor, Push, loads_of
 from poise.geometry import wrench_of_force
 from poise.types import Array
 
@@ -30,7 +30,7 @@ class Sensitivity:
     friction: dict[tuple[str, str], float]
     point: Array
     push: Push
-    _weakest: tuple[BlockAnalysis, Gauge] | None = field(repr=False)
+    _weakest: tuple[BlockAnalysis, InverseLoadFactor] | None = field(repr=False)
 
     def improvement(self, extra: Push) -> float:
         """Change of R, N, per N of another force that presses all the while (thesis eq. 4.30, 4.43, exactly).
@@ -39,14 +39,14 @@ class Sensitivity:
         """
         if self._weakest is None:
             return 0.0
-        block, gauge = self._weakest
+        block, inverse = self._weakest
         place = block.structure.assembly.place_of(extra.object)
         if place not in block.body_of:
             return 0.0
         direction = np.asarray(extra.direction, dtype=np.float64)
         wrench = wrench_of_force(direction / np.linalg.norm(direction), np.asarray(extra.point, dtype=np.float64))
         body = block.body_of[place]
-        twist = gauge.twist.reshape(-1, 6)[body]
+        twist = inverse.twist.reshape(-1, 6)[body]
         return float(-self.robustness * (twist @ block.geometry.units.of_wrench(wrench)))
 
 
@@ -63,34 +63,36 @@ def sensitivity(assembly: Assembly | Analysis, push: Push) -> Sensitivity:
     analysis = Analysis.of(assembly)
     analysis.require_stable()
     loads = loads_of(analysis.assembly, [push], analysis.structure.margin)
-    weakest: tuple[BlockAnalysis, Gauge] | None = None
+    weakest: tuple[BlockAnalysis, InverseLoadFactor] | None = None
     for block in analysis.blocks:
         questions, block_loads = block.loads(loads)
         if len(questions):
-            gauge = block.solvers.limit.gauge(block_loads[0])
-            if gauge.value > NEVER * np.abs(block_loads[0]).max() and (
-                weakest is None or gauge.value > weakest[1].value
+            inverse = block.solvers.limit.inverse_factor(block_loads[0])
+            if inverse.value > UNLIMITED * np.abs(block_loads[0]).max() and (
+                weakest is None or inverse.value > weakest[1].value
             ):
-                weakest = block, gauge
+                weakest = block, inverse
     if weakest is None or not np.isfinite(weakest[1].value):
         robustness = np.inf if weakest is None else 0.0
         return Sensitivity(robustness, {}, {}, {}, np.zeros(3), push, None)
-    block, gauge = weakest
-    robustness = 1 / gauge.value
-    mass, com = _of_weights(block, gauge, robustness)
+    block, inverse = weakest
+    robustness = 1 / inverse.value
+    mass, com = _of_weights(block, inverse, robustness)
     force = np.asarray(push.direction, dtype=np.float64)
     force = force / np.linalg.norm(force)
     body = block.body_of[int(loads.place[0])]
-    spin = gauge.twist.reshape(-1, 6)[body, 3:] / (block.geometry.units.length * block.geometry.units.weight)
+    spin = inverse.twist.reshape(-1, 6)[body, 3:] / (block.geometry.units.length * block.geometry.units.weight)
     point = -(robustness**2) * np.cross(force, spin)
-    return Sensitivity(robustness, mass, com, _of_friction(block, gauge, robustness), point, push, weakest)
+    return Sensitivity(robustness, mass, com, _of_friction(block, inverse, robustness), point, push, weakest)
 
 
-def _of_weights(block: BlockAnalysis, gauge: Gauge, robustness: float) -> tuple[dict[str, float], dict[str, Array]]:
+def _of_weights(
+    block: BlockAnalysis, inverse: InverseLoadFactor, robustness: float
+) -> tuple[dict[str, float], dict[str, Array]]:
     objects, gravity = block.structure.assembly.objects, np.asarray(block.structure.assembly.gravity)
     units = block.geometry.units
     mass, com = {}, {}
-    for twist, members in zip(gauge.twist.reshape(-1, 6), block.block.members, strict=True):
+    for twist, members in zip(inverse.twist.reshape(-1, 6), block.block.members, strict=True):
         for place in members:
             item = objects[place]
             per_mass = units.of_wrench(wrench_of_force(gravity, item.com_in_world))
@@ -100,13 +102,13 @@ def _of_weights(block: BlockAnalysis, gauge: Gauge, robustness: float) -> tuple[
     return mass, com
 
 
-def _of_friction(block: BlockAnalysis, gauge: Gauge, robustness: float) -> dict[tuple[str, str], float]:
+def _of_friction(block: BlockAnalysis, inverse: InverseLoadFactor, robustness: float) -> dict[tuple[str, str], float]:
     """More friction by d mu holds a slipping corner by its normal force times its sliding speed."""
     geometry, objects = block.geometry, block.structure.assembly.objects
-    if gauge.multipliers is None:
+    if inverse.multipliers is None:
         return {}
-    sliding = np.linalg.norm((geometry.grasp.T @ gauge.twist).reshape(-1, 3)[:, 1:], axis=1)
-    power = np.bincount(geometry.interface, gauge.multipliers[1::3] * sliding, len(block.interfaces))
+    sliding = np.linalg.norm((geometry.grasp.T @ inverse.twist).reshape(-1, 3)[:, 1:], axis=1)
+    power = np.bincount(geometry.interface, inverse.multipliers[1::3] * sliding, len(block.interfaces))
     found: dict[tuple[str, str], float] = {}
     for interface, value in zip(block.interfaces, power, strict=True):
         pair = objects[interface.first].id, objects[interface.second].id

@@ -13,9 +13,9 @@ from poise.geometry import Pose
 from poise.types import Array
 
 # Masses are sampled so often for each draw of friction and poses.
-MASSES_PER_DRAW = 20
+_MASSES_PER_DRAW = 20
 # The rest of the samples is taken to stand when so many solved in a row do, the most critical first.
-SURE = 8
+_SURE = 8
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def motion_probability(
     nominal = Structure.of(assembly)
     frictions_vary = friction_deviation > 0 or any(pair.deviation > 0 for pair in assembly.friction_pairs)
     # Draws of friction and poses are new problems; masses within one are not.
-    masses = MASSES_PER_DRAW if any(item.covariance is not None for item in assembly.objects) else 1
+    masses = _MASSES_PER_DRAW if any(item.covariance is not None for item in assembly.objects) else 1
     each = masses if frictions_vary or pose_deviation > 0 else samples
     counts: Counter[str] = Counter()
     moved = drawn = solves = 0
@@ -162,16 +162,16 @@ def _falls(block: BlockAnalysis, change: Array) -> tuple[dict[int, Array], int]:
     best = np.full(count, -1)
     known = np.zeros(count, dtype=bool)
     in_a_row = 0
-    while not known.all() and in_a_row < SURE:
+    while not known.all() and in_a_row < _SURE:
         open_rows = np.flatnonzero(~known & (power <= 1))
         if not len(open_rows):
             break
         row = int(open_rows[power[open_rows].argmax()])
-        gauge = block.solvers.limit.gauge(change[row])
+        inverse = block.solvers.limit.inverse_factor(change[row])
         known[row] = True
-        in_a_row = 0 if gauge.value > 1 else in_a_row + 1
+        in_a_row = 0 if inverse.value > 1 else in_a_row + 1
         # A motion that nothing resists, not even gravity, weighs more than any power.
-        twist = gauge.twist * (1e9 if np.isinf(gauge.value) else 1.0)
+        twist = inverse.twist * (1e9 if np.isinf(inverse.value) else 1.0)
         twists.append(twist)
         found = change @ twist
         better = found > power

@@ -11,7 +11,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.types import Array
 
-INERTIA_ROUNDING = 1e-9
+_INERTIA_ROUNDING = 1e-9
 """Share of the largest entry by which an inertia tensor may miss symmetry and the triangle inequality."""
 
 
@@ -187,7 +187,7 @@ def _is_inertia(matrix: Array) -> bool:
     if np.shape(matrix) != (3, 3):
         return False
     # Rounding is relative to the largest entry: a rotated tensor has off-diagonal entries far smaller than that.
-    rounding = INERTIA_ROUNDING * float(np.abs(matrix).max())
+    rounding = _INERTIA_ROUNDING * float(np.abs(matrix).max())
     if float(np.abs(matrix - np.transpose(matrix)).max()) > rounding:
         return False
     moments = np.linalg.eigvalsh(matrix)

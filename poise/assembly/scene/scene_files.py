@@ -15,12 +15,12 @@ from poise.files import write_whole
 from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.types import Array
 
-MAX_BYTES = 16_000_000
-UPPER = np.triu_indices(3)
+_MAX_BYTES = 16_000_000
+_UPPER = np.triu_indices(3)
 
-SCENE_KEYS = {"gravity", "friction", "objects", "friction_pairs"}
-OBJECT_KEYS = {"id", "fixed", "box", "cylinder", "mesh", "scale", "pose", "mass", "com", "inertia", "covariance"}
-PAIR_KEYS = {"objects", "coefficient", "deviation"}
+_SCENE_KEYS = {"gravity", "friction", "objects", "friction_pairs"}
+_OBJECT_KEYS = {"id", "fixed", "box", "cylinder", "mesh", "scale", "pose", "mass", "com", "inertia", "covariance"}
+_PAIR_KEYS = {"objects", "coefficient", "deviation"}
 
 
 def load_scene(path: str | Path) -> Assembly:
@@ -31,8 +31,10 @@ def load_scene(path: str | Path) -> Assembly:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(ErrorCode.FILE_CORRUPT, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; is it a scene?")
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(
+                ErrorCode.FILE_CORRUPT, f"{path}: larger than {_MAX_BYTES // 1_000_000} MB; is it a scene?"
+            )
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
@@ -44,7 +46,7 @@ def load_scene(path: str | Path) -> Assembly:
 
 def read_scene(content: Any, folder: Path = Path()) -> Assembly:
     """Turn the parsed content of a scene file into an assembly; meshes are relative to the folder."""
-    scene = _mapping(content, "scene", SCENE_KEYS)
+    scene = _mapping(content, "scene", _SCENE_KEYS)
     objects = _list(scene.get("objects"), "objects")
     pairs = _list(scene.get("friction_pairs", []), "friction_pairs")
     return Assembly(
@@ -60,7 +62,7 @@ def read_object(content: Any, folder: Path = Path(), where: str = "object") -> R
 
     In place of a file name, `mesh` may be a `Mesh`: messages carry them in full.
     """
-    entry = _mapping(content, where, OBJECT_KEYS)
+    entry = _mapping(content, where, _OBJECT_KEYS)
     name = entry.get("id")
     if not isinstance(name, str) or not name:
         raise InputError(ErrorCode.OBJECT_INVALID, f"{where}: id {name!r} is not a name")
@@ -73,8 +75,8 @@ def read_object(content: Any, folder: Path = Path(), where: str = "object") -> R
     inertia = None
     if "inertia" in entry:
         inertia = np.empty((3, 3))
-        inertia[UPPER] = _numbers(entry["inertia"], 6, f"{where}: inertia")
-        inertia.T[UPPER] = inertia[UPPER]
+        inertia[_UPPER] = _numbers(entry["inertia"], 6, f"{where}: inertia")
+        inertia.T[_UPPER] = inertia[_UPPER]
     covariance = entry.get("covariance")
     return RigidObject(
         id=name,
@@ -135,7 +137,7 @@ def _object_content(item: RigidObject) -> dict[str, Any]:
     if item.com is not None:
         content["com"] = np.asarray(item.com).tolist()
     if item.inertia is not None:
-        content["inertia"] = np.asarray(item.inertia)[UPPER].tolist()
+        content["inertia"] = np.asarray(item.inertia)[_UPPER].tolist()
     if item.covariance is not None:
         content["covariance"] = np.ravel(item.covariance).tolist()
     return content
@@ -171,7 +173,7 @@ def _pose(value: Any, where: str) -> Pose:
 
 
 def _pair(content: Any, where: str) -> FrictionPair:
-    entry = _mapping(content, where, PAIR_KEYS)
+    entry = _mapping(content, where, _PAIR_KEYS)
     names = entry.get("objects")
     if not isinstance(names, Sequence) or len(names) != 2 or not all(isinstance(name, str) for name in names):
         raise InputError(ErrorCode.BAD_INPUT, f"{where}: objects is {names!r}, expected two ids")

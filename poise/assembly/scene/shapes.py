@@ -13,9 +13,9 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
 from poise.types import Array, Indices
 
-CIRCLE_SIDES = 64
+_CIRCLE_SIDES = 64
 # Neighbouring triangles within this angle are one facet, rad.
-COPLANAR_ANGLE = 1e-3
+_COPLANAR_ANGLE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ class Cylinder:
 
     @cached_property
     def polyhedron(self) -> Polyhedron:
-        """The prism with `CIRCLE_SIDES` sides inscribed in it; facets 0 and 1 are the bottom and the top."""
+        """The prism with `_CIRCLE_SIDES` sides inscribed in it; facets 0 and 1 are the bottom and the top."""
         prism = _unit_prism()
         return replace(prism, vertices=prism.vertices * [self.radius, self.radius, self.length])
 
@@ -213,7 +213,7 @@ def merge_facets(vertices: Array, triangles: Indices) -> Polyhedron:
     normals, areas = _triangle_normals(vertices, triangles)
     triangles, normals, areas = triangles[areas > 0], normals[areas > 0], areas[areas > 0]
     pairs, ends = _shared_edges(triangles)
-    flat = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) > np.cos(COPLANAR_ANGLE)
+    flat = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]]) > np.cos(_COPLANAR_ANGLE)
     links = coo_array((np.ones(flat.sum()), pairs[flat].T), shape=(len(triangles), len(triangles)))
     count, facet = connected_components(links, directed=False)
     facet = facet.astype(np.int64)
@@ -275,12 +275,12 @@ def _unit_cube() -> Polyhedron:
 
 @cache
 def _unit_prism() -> Polyhedron:
-    angles = 2 * np.pi * np.arange(CIRCLE_SIDES) / CIRCLE_SIDES
+    angles = 2 * np.pi * np.arange(_CIRCLE_SIDES) / _CIRCLE_SIDES
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     vertices = np.concatenate([np.insert(ring, 2, -0.5, axis=1), np.insert(ring, 2, 0.5, axis=1)])
-    i = np.arange(CIRCLE_SIDES)
-    j, n = (i + 1) % CIRCLE_SIDES, CIRCLE_SIDES
-    fan = np.arange(1, CIRCLE_SIDES - 1)
+    i = np.arange(_CIRCLE_SIDES)
+    j, n = (i + 1) % _CIRCLE_SIDES, _CIRCLE_SIDES
+    fan = np.arange(1, _CIRCLE_SIDES - 1)
     bottom = np.stack([0 * fan, fan + 1, fan], axis=1)
     sides = np.concatenate([np.stack([i, j, j + n], axis=1), np.stack([i, j + n, i + n], axis=1)])
     return merge_facets(vertices, np.concatenate([bottom, bottom[:, ::-1] + n, sides]))

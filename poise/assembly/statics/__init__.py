@@ -1,7 +1,7 @@
 """Forces in one block of the contact interface graph: equilibrium, limit analysis, patches and elastic contacts.
 
 - `block`, `block_solvers`: a block as numbers, and all solvers of it.
-- `equilibrium`, `gauge`, `limit`: conic programs over contact forces (`solvers` calls the conic solver).
+- `equilibrium`, `load_factor`, `limit`: conic programs over contact forces (`solvers` calls the conic solver).
 - `patch`, `single_patch`, `friction_surface`: friction of patches under uniform pressure. `coulomb`: elastic contacts.
 - `pushes`: loads. `analysis`: an assembly prepared for many questions. `changes`: from one assembly to the next.
 """
@@ -9,23 +9,23 @@
 from poise.assembly.statics.analysis import Analysis, BlockAnalysis, Mechanism, PatchMechanism, unstable
 from poise.assembly.statics.block import BlockGeometry, block_geometry
 from poise.assembly.statics.changes import analysis_after
-from poise.assembly.statics.coulomb import BISECTED
-from poise.assembly.statics.deadline import NEVER_LATE, Deadline
+from poise.assembly.statics.coulomb import FACTOR_TOLERANCE
+from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
 from poise.assembly.statics.friction_surface import patch_friction
-from poise.assembly.statics.gauge import NEVER, Gauge
+from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor
 from poise.assembly.statics.pushes import Loads, Push, loads_of
 from poise.assembly.statics.single_patch import hull_edges
 
 __all__ = [
-    "BISECTED",
-    "NEVER",
-    "NEVER_LATE",
+    "FACTOR_TOLERANCE",
+    "NO_DEADLINE",
+    "UNLIMITED",
     "Analysis",
     "BlockAnalysis",
     "BlockGeometry",
     "Deadline",
-    "Gauge",
+    "InverseLoadFactor",
     "Loads",
     "Mechanism",
     "PatchMechanism",

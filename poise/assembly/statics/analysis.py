@@ -6,17 +6,17 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.assembly.contact import CONTACT_MARGIN, Block, Interface, Structure
+from poise.assembly.contact import CONTACT_MARGIN, ContactBlock, Interface, Structure
 from poise.assembly.scene import Assembly, FrictionPair, RigidObject
 from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.block_solvers import BlockKey, BlockSolvers
-from poise.assembly.statics.deadline import NEVER_LATE, Deadline
+from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.pushes import Loads
 from poise.assembly.statics.single_patch import SinglePatch
 from poise.errors import ErrorCode, NoAnswerError
 from poise.types import Array, Indices
 
-STILL = 1e-4
+_STILL = 1e-4
 """Bodies slower than this share of the fastest are at rest in a mechanism."""
 
 
@@ -31,7 +31,7 @@ class BlockAnalysis:
     """
 
     structure: Structure
-    block: Block
+    block: ContactBlock
     solvers: BlockSolvers
 
     @property
@@ -88,7 +88,7 @@ class Mechanism:
         speeds = np.abs(twists).max(axis=1)
         velocities = self.block.geometry.units.velocity(twists)
         objects, groups = self.block.structure.assembly.objects, self.block.block.members
-        moving = [(body, place) for body in np.flatnonzero(speeds > STILL * speeds.max()) for place in groups[body]]
+        moving = [(body, place) for body in np.flatnonzero(speeds > _STILL * speeds.max()) for place in groups[body]]
         rows = velocities[[body for body, _ in moving]]
         # v + omega x com, for all at once: np.cross is slow for single vectors.
         com = np.array([objects[place].com_in_world for _, place in moving]).reshape(-1, 3)
@@ -200,7 +200,7 @@ class Analysis:
             found.append(BlockAnalysis(self.structure, block, shared or BlockSolvers(self.structure, block)))
         return tuple(found)
 
-    def stability(self, deadline: Deadline = NEVER_LATE) -> Stability:
+    def stability(self, deadline: Deadline = NO_DEADLINE) -> Stability:
         """Whether and how safely the assembly stands by itself; floating objects fall."""
         objects = self.assembly.objects
         margin = -np.inf if self.structure.floating else np.inf
@@ -214,7 +214,7 @@ class Analysis:
                 falling += [objects[place].id for place in Mechanism(block, standing.twist).velocities]
         return Stability(margin, tuple(dict.fromkeys(falling)), complete)
 
-    def require_stable(self, deadline: Deadline = NEVER_LATE) -> None:
+    def require_stable(self, deadline: Deadline = NO_DEADLINE) -> None:
         """Raise NoAnswerError UNSTABLE, with what falls and by what margin, when the assembly does not stand."""
         found = self.stability(deadline)
         if not found.stable:

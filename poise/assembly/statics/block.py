@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csc_array
 
-from poise.assembly.contact import FIXED, Block, Structure
+from poise.assembly.contact import FIXED_NODE, ContactBlock, Structure
 from poise.geometry import plane_axes
 from poise.types import Array, Indices
 
@@ -60,12 +60,12 @@ class BlockGeometry:
     """Contact points of all interfaces of a block, one after another, and the loads at rest.
 
     Args:
-        supports: (I, 2) bodies on the first and second side of each interface, or FIXED.
+        supports: (I, 2) bodies on the first and second side of each interface, or FIXED_NODE.
         units: what everything below is counted in.
         points: (K, 3) contact points, from the units' origin.
         frames: (K, 3, 3) rows: normal from the first into the second body, and two tangents.
         friction: (K,) Coulomb coefficients.
-        bodies: (K, 2) block bodies on the first and second side, or FIXED.
+        bodies: (K, 2) block bodies on the first and second side, or FIXED_NODE.
         interface: (K,) to which of the block's interfaces each point belongs.
         gravity: (n, 6) wrench of gravity on each body with all that hangs on it.
     """
@@ -101,7 +101,7 @@ def assembled(wrenches: Array, bodies: Indices, count: int) -> Sparse:
     size, each, _ = wrenches.shape
     rows, columns, values = [], [], []
     for side, sign in ((0, -1.0), (1, 1.0)):
-        moves = np.flatnonzero(bodies[:, side] != FIXED)
+        moves = np.flatnonzero(bodies[:, side] != FIXED_NODE)
         row = 6 * bodies[moves, side][:, None, None] + np.arange(6)
         column = each * moves[:, None, None] + np.arange(each)[:, None]
         shape = (len(moves), each, 6)
@@ -112,7 +112,7 @@ def assembled(wrenches: Array, bodies: Indices, count: int) -> Sparse:
     return csc_array(coo_array(entries, shape=(6 * count, each * size)))
 
 
-def block_geometry(structure: Structure, block: Block) -> BlockGeometry:
+def block_geometry(structure: Structure, block: ContactBlock) -> BlockGeometry:
     """Collect the contact points and loads of a block."""
     interfaces = [structure.interfaces[number] for number in block.interfaces]
     which = np.repeat(np.arange(len(interfaces)), [len(interface.points) for interface in interfaces])
@@ -138,7 +138,7 @@ def block_geometry(structure: Structure, block: Block) -> BlockGeometry:
     )
 
 
-def gravity_wrenches(structure: Structure, block: Block) -> Array:
+def gravity_wrenches(structure: Structure, block: ContactBlock) -> Array:
     """(n, 6) wrench of gravity about the world's origin, N and N m, on each body of a block with all it carries."""
     assembly = structure.assembly
     wrenches = np.zeros((len(block.members), 6))

@@ -3,13 +3,13 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from poise.assembly.contact import Block, Interface, Structure
+from poise.assembly.contact import ContactBlock, Interface, Structure
 from poise.assembly.statics.block import BlockGeometry, block_geometry, gravity_wrenches
 from poise.assembly.statics.coulomb import CoulombBlock
-from poise.assembly.statics.deadline import NEVER_LATE, Deadline
+from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.equilibrium import Standing, has_self_stress, stability
-from poise.assembly.statics.gauge import GaugeProgram
 from poise.assembly.statics.limit import limit_program
+from poise.assembly.statics.load_factor import LoadFactorProgram
 from poise.assembly.statics.patch import PatchProgram
 from poise.assembly.statics.single_patch import SinglePatch
 
@@ -30,11 +30,11 @@ class BlockSolvers:
     """
 
     structure: Structure
-    block: Block
+    block: ContactBlock
     _standing: Standing | None = field(default=None, init=False)
 
     @staticmethod
-    def key(structure: Structure, block: Block) -> BlockKey:
+    def key(structure: Structure, block: ContactBlock) -> BlockKey:
         """The `BlockKey` of a block."""
         objects = structure.assembly.objects
         members = tuple(tuple(id(objects[place]) for place in group) for group in block.members)
@@ -50,11 +50,11 @@ class BlockSolvers:
         return [self.structure.interfaces[number] for number in self.block.interfaces]
 
     @cached_property
-    def limit(self) -> GaugeProgram:
+    def limit(self) -> LoadFactorProgram:
         return limit_program(self.geometry)
 
     @cached_property
-    def rough_limit(self) -> GaugeProgram:
+    def rough_limit(self) -> LoadFactorProgram:
         """Model `limit` to a millionth, for maps."""
         return limit_program(self.geometry, 1e-6)
 
@@ -88,7 +88,7 @@ class BlockSolvers:
         """How safely the block stands if contact forces may be any that balance."""
         return stability(self.geometry)
 
-    def standing(self, deadline: Deadline = NEVER_LATE) -> tuple[Standing, bool]:
+    def standing(self, deadline: Deadline = NO_DEADLINE) -> tuple[Standing, bool]:
         """How safely the block stands. Indeterminate contact forces must also be those of elastic contacts.
 
         Returns:

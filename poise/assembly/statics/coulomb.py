@@ -14,27 +14,27 @@ from scipy.sparse.linalg import splu
 
 from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry, Sparse, assembled
-from poise.assembly.statics.deadline import NEVER_LATE, Deadline
+from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.geometry import plane_axes
 from poise.types import Array, Mask
 
 # Stiffness of the ground that catches what nothing holds, per mean contact stiffness.
-CATCH = 1e-8
+_CATCH = 1e-8
 # A block stands when the catch carries less than this share of the load.
-CARRIED = 2e-4
+_CARRIED = 2e-4
 # What may be left of the equations, per load.
-SETTLED = 1e-7
+_SETTLED = 1e-7
 # Newton steps in a row; Tresca rounds between two attempts of it; attempts.
-STEPS, ROUNDS, ATTEMPTS = 60, 3, 5
+_STEPS, _ROUNDS, _ATTEMPTS = 60, 3, 5
 # A push grows in steps of this part of what is asked, longer after each that holds and cut where one does not; so many.
-PUSHOVER, GROW, CUT, PUSHES = 6, 1.5, 5, 60
-BISECTED = 0.002
+_PUSHOVER, _GROW, _CUT, _PUSHES = 6, 1.5, 5, 60
+FACTOR_TOLERANCE = 0.002
 """To this share the factor at which a block gives way is found."""
 # Systems up to this size are solved dense; numbers up to which the map from contacts to bodies is kept dense.
-DENSE, CELLS = 120, 200_000
+_DENSE, _CELLS = 120, 200_000
 # Share of an interface's stiffness at its corners; the rest is at the cells within.
-AT_CORNERS = 0.3
+_AT_CORNERS = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,15 +70,15 @@ class CoulombBlock:
         wrenches = np.concatenate([frames, np.cross(points[:, None], frames)], axis=2)
         bodies = geometry.supports[number]
         grasp = assembled(wrenches, bodies, geometry.count)
-        small = np.prod(grasp.shape) <= CELLS
+        small = np.prod(grasp.shape) <= _CELLS
         self._grasp = grasp.toarray() if small else grasp
         self._motion = np.ascontiguousarray(self._grasp.T) if small else grasp.T.tocsr()
         self._stiffness, self._friction = stiffness, friction
-        self._catch = CATCH * float(stiffness.mean())
+        self._catch = _CATCH * float(stiffness.mean())
         count = grasp.shape[0]
         self._ground = self._catch * (np.eye(count) if small else eye_array(count, format="csc"))
 
-    def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NEVER_LATE) -> ElasticState:
+    def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE) -> ElasticState:
         """Come to rest under a load (6 n,), gravity included, in the block's units.
 
         Args:
@@ -89,29 +89,29 @@ class CoulombBlock:
         size = float(np.linalg.norm(load)) or 1.0
         bounds = np.full(len(self._stiffness), np.inf)
         displacement = self._tresca(load, bounds, np.zeros_like(load)) if start is None else start
-        for _ in range(ATTEMPTS):
+        for _ in range(_ATTEMPTS):
             found, left = self._newton(load, displacement, deadline)
             unbalanced = left + self._catch * float(np.linalg.norm(found)) / size
-            if left <= SETTLED:
-                return ElasticState(unbalanced <= CARRIED, unbalanced, found)
-            for _ in range(ROUNDS):
+            if left <= _SETTLED:
+                return ElasticState(unbalanced <= _CARRIED, unbalanced, found)
+            for _ in range(_ROUNDS):
                 if deadline.passed:
                     return ElasticState(False, unbalanced, found, known=False)
                 pressed = self._friction * np.maximum(-self._stiffness * self._relative(displacement)[:, 0], 0.0)
                 bounds = pressed if np.isinf(bounds).all() else (bounds + pressed) / 2
                 displacement = self._tresca(load, bounds, np.zeros_like(load))
-        return ElasticState(False, max(unbalanced, CARRIED), found)
+        return ElasticState(False, max(unbalanced, _CARRIED), found)
 
     @cached_property
     def rest(self) -> ElasticState:
         """The state under gravity alone."""
         return self.settle(self.geometry.gravity.ravel())
 
-    def holds(self, load: Array, deadline: Deadline = NEVER_LATE) -> bool:
+    def holds(self, load: Array, deadline: Deadline = NO_DEADLINE) -> bool:
         """Whether the block stands under gravity and a push (6 n,), as far as it is found from the state at rest."""
         return self.rest.stands and self._follow(self.geometry.gravity.ravel() + load, self.rest, deadline).stands
 
-    def factor(self, load: Array, above: float, deadline: Deadline = NEVER_LATE) -> tuple[float, bool]:
+    def factor(self, load: Array, above: float, deadline: Deadline = NO_DEADLINE) -> tuple[float, bool]:
         """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
 
         Returns:
@@ -126,29 +126,29 @@ class CoulombBlock:
         pushed = self._follow(gravity + above * load, state, deadline)
         if pushed.stands:
             return above, True
-        reached, step = 0.0, above / PUSHOVER
-        for _ in range(PUSHES):
+        reached, step = 0.0, above / _PUSHOVER
+        for _ in range(_PUSHES):
             pushed = self._follow(gravity + (reached + step) * load, state, deadline)
             if deadline.passed:
                 return reached, False
-            close = BISECTED * max(reached, BISECTED * above)
+            close = FACTOR_TOLERANCE * max(reached, FACTOR_TOLERANCE * above)
             if pushed.stands:
                 reached, state = reached + step, pushed
-                step = min(GROW * step, (above - reached) / 2)
+                step = min(_GROW * step, (above - reached) / 2)
             elif step > close:
-                step /= CUT
-            if above - reached <= close or (not pushed.stands and step <= close / CUT):
+                step /= _CUT
+            if above - reached <= close or (not pushed.stands and step <= close / _CUT):
                 break
         return reached, True
 
     def _follow(self, load: Array, state: ElasticState, deadline: Deadline) -> ElasticState:
         """The state after a change of load, near the last one; one that is not found at once does not stand."""
         found, left = self._newton(load, state.displacement, deadline)
-        if left > SETTLED:  # stuck on the way: start from contacts that do not slip
+        if left > _SETTLED:  # stuck on the way: start from contacts that do not slip
             bonded = self._tresca(load, np.full(len(self._stiffness), np.inf), state.displacement)
             found, left = self._newton(load, bonded, deadline)
         unbalanced = left + self._catch * float(np.linalg.norm(found)) / (float(np.linalg.norm(load)) or 1.0)
-        return ElasticState(unbalanced <= CARRIED, unbalanced, found)
+        return ElasticState(unbalanced <= _CARRIED, unbalanced, found)
 
     def _relative(self, displacement: Array) -> Array:
         """(P, 3) displacement of the second body relative to the first at each point: parting, and two tangents."""
@@ -159,8 +159,8 @@ class CoulombBlock:
         u, size = start, float(np.linalg.norm(load)) or 1.0
         rest = self._left(u, load)
         left = float(np.linalg.norm(rest))
-        for _ in range(STEPS):
-            if left <= SETTLED / 10 * size or deadline.passed:
+        for _ in range(_STEPS):
+            if left <= _SETTLED / 10 * size or deadline.passed:
                 break
             step = -_solve(self._jacobian(u), rest)
             length = 1.0
@@ -214,7 +214,7 @@ class CoulombBlock:
         rows, columns = np.repeat(at, 3, axis=1).ravel(), np.tile(at, (1, 3)).ravel()
         points = csc_array((blocks.ravel(), (rows, columns)), shape=(at.size, at.size))
         stiffness = self._grasp @ points @ self._motion + self._ground
-        return stiffness.toarray() if stiffness.shape[0] <= DENSE else stiffness
+        return stiffness.toarray() if stiffness.shape[0] <= _DENSE else stiffness
 
     def _forces(self, displacement: Array, bounds: Array | None) -> Array:
         """(P, 3) contact forces; friction limited to the bounds (P,), by default to what Coulomb's law says."""
@@ -229,7 +229,7 @@ class CoulombBlock:
         """The displacement (6 n,) of least energy with friction limited to the bounds, by Newton with a line search."""
         u = start
         energy, gradient = self._energy(u, load, bounds)
-        for _ in range(STEPS):
+        for _ in range(_STEPS):
             if float(np.linalg.norm(gradient)) <= 1e-9 * float(np.linalg.norm(load)):
                 break
             relative = self._relative(u)
@@ -281,7 +281,7 @@ def _elastic_points(
         friction = patch_friction(interface)
         cells = friction.surface.cells()
         inner = friction.centroid + friction.size * cells.places @ friction.axes
-        share = AT_CORNERS if interface.area > 0 else 1.0
+        share = _AT_CORNERS if interface.area > 0 else 1.0
         corners = len(interface.points)
         weights = [np.full(corners, share / corners)]
         places = [interface.points]

@@ -20,4 +20,4 @@ class Deadline:
         return self.at is not None and time.monotonic() >= self.at
 
 
-NEVER_LATE = Deadline()
+NO_DEADLINE = Deadline()

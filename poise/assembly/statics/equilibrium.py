@@ -10,7 +10,7 @@ from poise.assembly.statics.solvers import Cones, ConicProgram, Outcome
 from poise.errors import ErrorCode, NoAnswerError
 from poise.types import Array
 
-MARGINAL = 1e-6
+_MARGINAL = 1e-6
 """Margins below this share of the block's weight are 0: as good as rounding lets one know."""
 
 
@@ -28,7 +28,7 @@ class Standing:
     twist: Array
 
 
-SMALL = 10_000
+_SMALL = 10_000
 """Entries of a matrix up to which it is put together dense."""
 
 
@@ -40,7 +40,7 @@ def cone_rows(friction: Array) -> Array:
 def moving_into_cones(geometry: BlockGeometry) -> Sparse:
     """(3 K, 6 n) how fast twists open and slide the contacts, in the scale of `cone_rows`; dense for small blocks."""
     scale = cone_rows(geometry.friction).ravel()
-    if geometry.grasp.shape[0] * geometry.grasp.shape[1] > SMALL:
+    if geometry.grasp.shape[0] * geometry.grasp.shape[1] > _SMALL:
         return diags_array(scale) @ geometry.grasp.T
     return scale[:, None] * geometry.grasp.toarray().T
 
@@ -75,7 +75,7 @@ def stability(geometry: BlockGeometry, load: Array | None = None) -> Standing:
     if solution.outcome is Outcome.UNBOUNDED:
         return Standing(-np.inf, solution.x)
     margin = solution.value
-    return Standing(0.0 if abs(margin) <= MARGINAL else margin, solution.x)
+    return Standing(0.0 if abs(margin) <= _MARGINAL else margin, solution.x)
 
 
 def has_self_stress(geometry: BlockGeometry) -> bool:

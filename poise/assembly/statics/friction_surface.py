@@ -9,9 +9,9 @@ from poise.assembly.contact import Interface, triangle_areas
 from poise.geometry import plane_axes
 from poise.types import Array
 
-QUADRATURE = 500
-# Grid of the tabulated gauge: azimuth of the force, and elevation of the moment above it.
-TABLE = 33
+_QUADRATURE = 500
+# Grid of the table of normal forces needed: azimuth of the force, and elevation of the moment above it.
+_TABLE = 33
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,27 +69,27 @@ class FrictionSurface:
 
     @cached_property
     def _table(self) -> Array:
-        """(TABLE, TABLE) gauge of unit vectors (f, moment / radius), by azimuth and by elevation."""
-        azimuth = np.linspace(0, 2 * np.pi, TABLE)[:, None]
-        lift = np.linspace(0, np.pi / 2, TABLE)
+        """(_TABLE, _TABLE) normal force needed for unit vectors (f, moment / radius), by azimuth and by elevation."""
+        azimuth = np.linspace(0, 2 * np.pi, _TABLE)[:, None]
+        lift = np.linspace(0, np.pi / 2, _TABLE)
         flat = np.concatenate([np.cos(azimuth), np.sin(azimuth)], axis=1) @ self._motions[:, :2].T
         turning = self._motions[:, 2]
         columns = [(np.cos(angle) * flat + np.sin(angle) * turning).max(axis=1) for angle in lift]
         return np.stack(columns, axis=1)
 
-    def gauge(self, force: Array, moment: Array) -> Array:
+    def normal_force_needed(self, force: Array, moment: Array) -> Array:
         """(...) normal force needed, at friction 1, to resist forces (..., 2) and moments (...) about the centroid."""
         turning = moment / self.radius
         # Opposite loads need the same.
         azimuth = np.arctan2(force[..., 1], force[..., 0]) + np.where(turning < 0, np.pi, 0.0)
         flat = np.sqrt(force[..., 0] ** 2 + force[..., 1] ** 2)
-        column = (azimuth % (2 * np.pi)) * ((TABLE - 1) / (2 * np.pi))
-        row = np.arctan2(np.abs(turning), flat) * ((TABLE - 1) / (np.pi / 2))
-        i, j = np.minimum(column.astype(np.intp), TABLE - 2), np.minimum(row.astype(np.intp), TABLE - 2)
+        column = (azimuth % (2 * np.pi)) * ((_TABLE - 1) / (2 * np.pi))
+        row = np.arctan2(np.abs(turning), flat) * ((_TABLE - 1) / (np.pi / 2))
+        i, j = np.minimum(column.astype(np.intp), _TABLE - 2), np.minimum(row.astype(np.intp), _TABLE - 2)
         a, b = column - i, row - j
-        table, at = self._table.ravel(), i * TABLE + j
+        table, at = self._table.ravel(), i * _TABLE + j
         below = table[at] * (1 - b) + table[at + 1] * b
-        above = table[at + TABLE] * (1 - b) + table[at + TABLE + 1] * b
+        above = table[at + _TABLE] * (1 - b) + table[at + _TABLE + 1] * b
         return np.asarray(np.sqrt(flat**2 + turning**2) * (below * (1 - a) + above * a))
 
     def motion(self, force: Array, moment: float) -> Array:
@@ -180,7 +180,7 @@ def _surface_of(data: bytes, shape: tuple[int, ...]) -> FrictionSurface:
     areas = np.abs(np.linalg.det(sides)) / 2
     places, weights = [], []
     for corner, side, share in zip(corners[:, 0], sides, areas / areas.sum(), strict=True):
-        steps = max(1, int(np.ceil(np.sqrt(QUADRATURE * share))))
+        steps = max(1, int(np.ceil(np.sqrt(_QUADRATURE * share))))
         centres = _triangle_centres(steps)
         places.append(corner + centres @ side)
         weights.append(np.full(len(centres), share / len(centres)))

@@ -11,21 +11,21 @@ from poise.assembly.contact import Interface
 from poise.assembly.statics.block import BlockGeometry, assembled
 from poise.assembly.statics.equilibrium import contact_forces
 from poise.assembly.statics.friction_surface import patch_friction
-from poise.assembly.statics.gauge import NEVER, Gauge, GaugeProgram
+from poise.assembly.statics.load_factor import UNLIMITED, InverseLoadFactor, LoadFactorProgram
 from poise.assembly.statics.solvers import Cones
 from poise.types import Array, Indices
 
-PRESSED = 1e-6
+_PRESSED = 1e-6
 """An interface pressed by less than this, in the block's units, has no centre of pressure."""
 # The centres of pressure are moved until friction about the old ones errs by this share of what turning resists,
 # at most so often.
-SETTLED, MOVES = 0.05, 4
-# Gauges this much above those of limit analysis are worth moving the centres for.
-WEAKER = 1.01
+_SETTLED, _MOVES = 0.05, 4
+# Inverse load factors this much above those of limit analysis are worth moving the centres for.
+_WEAKER = 1.01
 # In blocks of more interfaces than this, patches less than twice as long as wide are one cell (3 % instead of 1.5 %).
-MANY, COMPACT = 8, 2.0
+_MANY, _COMPACT = 8, 2.0
 # How closely programs are solved: far below what spreading friction over cells leaves.
-TOLERANCE = 1e-6
+_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +50,11 @@ class _Cells:
 
 
 class PatchProgram:
-    """Gauges of loads on a block whose interfaces carry one wrench each.
+    """Inverse load factors of loads on a block whose interfaces carry one wrench each.
 
     Normal forces act at the corners of each interface, friction at cells that share its normal force by area, about
     its centre of pressure: there friction acts when all of a patch slides one way. With the centres held, all
-    supplies are convex, and gauges and cuts are those of limit analysis.
+    supplies are convex, and inverse load factors and cuts are those of limit analysis.
     """
 
     def __init__(self, geometry: BlockGeometry, interfaces: Sequence[Interface]) -> None:
@@ -74,19 +74,19 @@ class PatchProgram:
         self._right = np.zeros(self._matrix.shape[0])
         self._right[0] = 1.0
         self._cones = Cones(nonnegative=1 + corners, second_order=(4,) * count)
-        self.resting = GaugeProgram(self._matrix, self._right, self._cones, 6 * geometry.count, TOLERANCE)
-        """Gauges with the centres of pressure as they are at rest (of the forces of thesis eq. 4.12-4.15): convex, so
-        that its cuts hold for all loads. Pushes that shift them across the friction they call for are misjudged by
-        some per cent; steep ones, off centre, by more (too strong for the block)."""
-        self._moving: GaugeProgram | None = None
+        self.resting = LoadFactorProgram(self._matrix, self._right, self._cones, 6 * geometry.count, _TOLERANCE)
+        """Inverse load factors with the centres of pressure as they are at rest (of the forces of thesis eq.
+        4.12-4.15): convex, so that its cuts hold for all loads. Pushes that shift the centres across the friction that
+        they cause have errors of some per cent, steep ones off centre larger errors (overestimated robustness)."""
+        self._moving: LoadFactorProgram | None = None
 
     @property
     def holds(self) -> bool:
         """Whether friction spread like this holds the block at rest at all."""
-        return bool(np.isfinite(self.resting.gauge(self._geometry.gravity.ravel()).value))
+        return bool(np.isfinite(self.resting.inverse_factor(self._geometry.gravity.ravel()).value))
 
-    def gauge(self, load: Array, limit: Gauge) -> Gauge:
-        """Gauge of a load (6 n,) with the centres of pressure where they are as the block gives way.
+    def inverse_factor(self, load: Array, limit: InverseLoadFactor) -> InverseLoadFactor:
+        """InverseLoadFactor of a load (6 n,) with the centres of pressure where they are as the block gives way.
 
         Args:
             load: in the block's units.
@@ -99,21 +99,21 @@ class PatchProgram:
         """
         if limit.multipliers is not None and self.allows(limit.multipliers):
             return limit
-        gauge, centres = self.resting.gauge(load), self._centres
-        if limit.multipliers is None or gauge.value <= WEAKER * limit.value + NEVER:
-            return gauge
+        inverse, centres = self.resting.inverse_factor(load), self._centres
+        if limit.multipliers is None or inverse.value <= _WEAKER * limit.value + UNLIMITED:
+            return inverse
         normal_forces = limit.multipliers[1::3]
-        for _ in range(MOVES):
-            if gauge.multipliers is None or self._fits(centres, gauge.multipliers):
+        for _ in range(_MOVES):
+            if inverse.multipliers is None or self._fits(centres, inverse.multipliers):
                 break
             centres = self._pressed_at(normal_forces, self._centres)
             if self._moving is None:
-                self._moving = GaugeProgram(self._matrix, self._right, self._cones, len(load), TOLERANCE)
+                self._moving = LoadFactorProgram(self._matrix, self._right, self._cones, len(load), _TOLERANCE)
             self._moving.set_matrix(self._entries(centres))
-            gauge = self._moving.gauge(load)
-            if gauge.multipliers is not None:
-                normal_forces = gauge.multipliers[1 : 1 + len(normal_forces)]
-        return gauge
+            inverse = self._moving.inverse_factor(load)
+            if inverse.multipliers is not None:
+                normal_forces = inverse.multipliers[1 : 1 + len(normal_forces)]
+        return inverse
 
     def allows(self, multipliers: Array) -> bool:
         """Whether the contact forces found by limit analysis turn no patch more than uniform pressure could.
@@ -126,13 +126,13 @@ class PatchProgram:
         normal = multipliers[1::3]
         along, across = multipliers[2::3] * mu, multipliers[3::3] * mu
         total = np.bincount(which, normal, count)
-        pressed = np.maximum(total, PRESSED)
+        pressed = np.maximum(total, _PRESSED)
         u, v = self._plane
         fu, fv = np.bincount(which, along, count), np.bincount(which, across, count)
         turn = np.bincount(which, u * across - v * along, count)
         lever = np.bincount(which, normal * u, count) * fv - np.bincount(which, normal * v, count) * fu
         demand = np.sqrt(fu * fu + fv * fv) * self._reach + np.abs(turn - lever / pressed)
-        return bool(np.all(demand <= self._mu * self._reach * total * (1 + 1e-4) + PRESSED))
+        return bool(np.all(demand <= self._mu * self._reach * total * (1 + 1e-4) + _PRESSED))
 
     @cached_property
     def _plane(self) -> tuple[Array, Array]:
@@ -152,14 +152,14 @@ class PatchProgram:
         resists = np.bincount(cells.interface, cells.share * cells.reach, count)
         resists *= np.bincount(self._geometry.interface, normal, count)
         # Shift and friction lie in the plane: the length of their product is the moment about the normal.
-        return bool(np.all(np.linalg.norm(np.cross(shift, total), axis=1) <= SETTLED * resists + PRESSED))
+        return bool(np.all(np.linalg.norm(np.cross(shift, total), axis=1) <= _SETTLED * resists + _PRESSED))
 
     def _pressed_at(self, normal_forces: Array, otherwise: Array) -> Array:
         """(I, 3) centre of pressure of each interface; where it is not pressed, (I, 3) otherwise."""
         which, count = self._geometry.interface, len(otherwise)
         totals = np.bincount(which, normal_forces, count)
         moments = np.stack([np.bincount(which, normal_forces * x, count) for x in self._geometry.points.T], axis=1)
-        pressed = totals > PRESSED
+        pressed = totals > _PRESSED
         return np.where(pressed[:, None], moments / np.where(pressed, totals, 1.0)[:, None], otherwise)
 
     def _rows(self, centres: Array) -> csc_array:
@@ -200,7 +200,7 @@ def _cells(geometry: BlockGeometry, interfaces: Sequence[Interface]) -> tuple[_C
     units = geometry.units
     frictions = [patch_friction(interface) for interface in interfaces]
     sizes = [friction.size / units.length for friction in frictions]
-    coarse = COMPACT if len(interfaces) > MANY else 0.0
+    coarse = _COMPACT if len(interfaces) > _MANY else 0.0
     parts = [friction.surface.cells(coarse) for friction in frictions]
     number = np.repeat(np.arange(len(parts)), [len(part.weights) for part in parts])
     mu = np.array([interface.friction for interface in interfaces])

@@ -6,12 +6,12 @@ import numpy as np
 
 from poise.assembly.contact import Interface
 from poise.assembly.statics.friction_surface import PatchFriction, patch_friction
-from poise.assembly.statics.gauge import NEVER
+from poise.assembly.statics.load_factor import UNLIMITED
 from poise.geometry import move_wrench
 from poise.types import Array, Mask
 
 # Steps in which the way to collapse is looked through for the first violation, and then closed in on.
-COARSE, FINE = 8, 9
+_COARSE, _FINE = 8, 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class SinglePatch:
             rates = np.abs(along @ inward.T)
             reach = np.where(rates > 1e-9, slack / rates, np.inf).min(axis=1)
             couple = np.where(moment == 0, 0.0, np.abs(moment) * self._friction.size / reach)
-        spread = self._friction.surface.gauge(supply[:, 3:5], moment / np.maximum(shrunk, 1e-9))
+        spread = self._friction.surface.normal_force_needed(supply[:, 3:5], moment / np.maximum(shrunk, 1e-9))
         force = supply[:, 3:5]
         paired = np.hypot((force * along).sum(axis=1), np.abs((force * across).sum(axis=1)) + couple)
         most = self._mu * normal * (1 + 1e-6)
@@ -112,18 +112,18 @@ class SinglePatch:
         # How fast each edge is neared, per how far off it is at rest: the fastest is reached first.
         rates = np.vstack([-offset, inward.T]) / -start
         fastest = (demand[:, :3] @ rates).max(axis=1)
-        return np.where(fastest > NEVER, 1 / (1 + np.maximum(fastest, 0.0)), 1.0)
+        return np.where(fastest > UNLIMITED, 1 / (1 + np.maximum(fastest, 0.0)), 1.0)
 
     def _excess(self, demand: Array, t: Array) -> Array:
         """(...) normal force wanting for friction, in weights, at rest (1 - t) + demand t."""
         supply = self._rest * (1 - t[..., None]) + demand * t[..., None]
         normal = np.maximum(supply[..., 0], 1e-12 * self._weight)
-        needed = self._friction.surface.gauge(supply[..., 3:5], self._moment(supply, normal))
+        needed = self._friction.surface.normal_force_needed(supply[..., 3:5], self._moment(supply, normal))
         return np.asarray((needed - self._mu * normal) / self._weight)
 
     def _first_slip(self, demand: Array, top: Array) -> Array:
         """(Q,) the first t up to `top` at which friction is exhausted; `top` where there is none."""
-        steps = top[:, None] * np.linspace(0, 1, COARSE + 1)[1:]
+        steps = top[:, None] * np.linspace(0, 1, _COARSE + 1)[1:]
         # Just inside the edge: at the edge the normal force may be 0.
         steps[:, -1] = np.where(top < 1, top * (1 - 1e-9), 1.0)
         excess = self._excess(demand[:, None], steps)
@@ -136,7 +136,7 @@ class SinglePatch:
         high, f_high = steps[rows, first[rows]], excess[rows, first[rows]]
         low = np.where(first[rows] > 0, steps[rows, np.maximum(first[rows] - 1, 0)], 0.0)
         f_low = self._excess(demand[rows], low)
-        for _ in range(FINE):  # Illinois regula falsi
+        for _ in range(_FINE):  # Illinois regula falsi
             middle = low - f_low * (high - low) / np.where(f_high > f_low, f_high - f_low, 1.0)
             middle = np.clip(middle, low, high)
             f_middle = self._excess(demand[rows], middle)

@@ -11,13 +11,13 @@ from scipy.sparse import csc_matrix
 from poise.errors import ErrorCode, NoAnswerError
 from poise.types import Array
 
-MAX_ITERATIONS = 200
-TIME_LIMIT = 30.0
-TOLERANCE = 1e-9
-# What is left of the equations in an accepted answer, relative to the data. Clarabel itself aims at TOLERANCE.
-ACCEPTED_RESIDUAL = 1e-5
+_MAX_ITERATIONS = 200
+_TIME_LIMIT = 30.0
+SOLVER_TOLERANCE = 1e-9
+# What is left of the equations in an accepted answer, relative to the data. Clarabel itself aims at SOLVER_TOLERANCE.
+_ACCEPTED_RESIDUAL = 1e-5
 # Matrices up to this many entries are multiplied dense.
-DENSE = 40_000
+_DENSE = 40_000
 
 
 class Outcome(Enum):
@@ -29,7 +29,7 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class ConicSolution:
     """Answer of a program.
 
     Args:
@@ -68,7 +68,7 @@ class Cones:
         return cones + [clarabel.SecondOrderConeT(size) for size in self.second_order]
 
 
-LARGEST_SVD = 1_000_000
+_LARGEST_SVD = 1_000_000
 """Entries of a matrix that is still taken apart to find directions that no row notices."""
 
 
@@ -95,8 +95,8 @@ class ConicProgram:
         right: Array,
         cones: Cones,
         quadratic: Any = None,
-        tolerance: float = TOLERANCE,
-        time_limit: float = TIME_LIMIT,
+        tolerance: float = SOLVER_TOLERANCE,
+        time_limit: float = _TIME_LIMIT,
     ) -> None:
         self._A: Any = csc_matrix(matrix, copy=True)
         self._b = np.asarray(right, dtype=np.float64)
@@ -110,7 +110,7 @@ class ConicProgram:
         self._quick = self._solver(careful=False)
         self._careful: Any = None
         self._scale = 1.0 + _norm(self._b)
-        self._dense = rows * columns <= DENSE
+        self._dense = rows * columns <= _DENSE
         self._prepare_check()
         self._curvature = None if quadratic is None else self._P
 
@@ -138,7 +138,7 @@ class ConicProgram:
         self._quick.update(A=self._A.data)
         self._careful = None
 
-    def solve(self, q: Array) -> Solution:
+    def solve(self, q: Array) -> ConicSolution:
         """Minimise for the linear objective q (n,).
 
         Raises:
@@ -149,34 +149,34 @@ class ConicProgram:
         raw = self._quick.solve()
         x, z = np.array(raw.x), np.array(raw.z)
         if raw.status == clarabel.SolverStatus.Solved and self._residuals(raw, x, z, q)[2]:
-            return Solution(Outcome.SOLVED, x, z, float(raw.obj_val), float(raw.obj_val_dual))
+            return ConicSolution(Outcome.SOLVED, x, z, float(raw.obj_val), float(raw.obj_val_dual))
         if self._careful is None:
             self._careful = self._solver(careful=True)
         self._careful.update(q=q)
         raw = self._careful.solve()
         x, z = np.array(raw.x), np.array(raw.z)
         if raw.status in (clarabel.SolverStatus.PrimalInfeasible, clarabel.SolverStatus.AlmostPrimalInfeasible):
-            return Solution(Outcome.INFEASIBLE, x, z, np.inf, np.inf)
+            return ConicSolution(Outcome.INFEASIBLE, x, z, np.inf, np.inf)
         if raw.status in (clarabel.SolverStatus.DualInfeasible, clarabel.SolverStatus.AlmostDualInfeasible):
-            return Solution(Outcome.UNBOUNDED, x, z, -np.inf, -np.inf)
+            return ConicSolution(Outcome.UNBOUNDED, x, z, -np.inf, -np.inf)
         primal, dual, good = self._residuals(raw, x, z, q)
         if not good:
             free = self._free_descent(q)
             if free is not None:
-                return Solution(Outcome.UNBOUNDED, free, z, -np.inf, -np.inf)
+                return ConicSolution(Outcome.UNBOUNDED, free, z, -np.inf, -np.inf)
             raise NoAnswerError(
                 ErrorCode.SOLVER_FAILED,
                 f"the conic solver stopped with {raw.status} after {raw.iterations} iterations and residuals "
                 f"{primal:.1e}, {dual:.1e}; check masses, sizes and friction for values far apart",
             )
-        return Solution(Outcome.SOLVED, x, z, float(raw.obj_val), float(raw.obj_val_dual))
+        return ConicSolution(Outcome.SOLVED, x, z, float(raw.obj_val), float(raw.obj_val_dual))
 
     def _free_descent(self, q: Array) -> Array | None:
         """(n,) a direction that no row and no curvature notices, along which q x falls; None when there is none.
 
         Without curvature such a line (a cylinder that may roll) is easily missed by an interior-point method.
         """
-        if self._curvature is not None or self._A.shape[0] * self._A.shape[1] > LARGEST_SVD:
+        if self._curvature is not None or self._A.shape[0] * self._A.shape[1] > _LARGEST_SVD:
             return None
         _, values, rows = np.linalg.svd(self._A.toarray())
         rank = int((values > 1e-10 * values.max(initial=1.0)).sum())
@@ -190,8 +190,8 @@ class ConicProgram:
         if self._curvature is not None:
             gradient += self._curvature @ x
         dual = _norm(gradient)
-        good = primal <= ACCEPTED_RESIDUAL * (self._scale + _norm(x))
-        good = good and dual <= ACCEPTED_RESIDUAL * (1.0 + _norm(q) + _norm(z))
+        good = primal <= _ACCEPTED_RESIDUAL * (self._scale + _norm(x))
+        good = good and dual <= _ACCEPTED_RESIDUAL * (1.0 + _norm(q) + _norm(z))
         gap = abs(raw.obj_val - raw.obj_val_dual)
         return primal, dual, good and gap <= 1e-4 * (1.0 + abs(raw.obj_val))
 
@@ -199,7 +199,7 @@ class ConicProgram:
 def _settings(tolerance: float, time_limit: float) -> "clarabel.DefaultSettings":
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.max_iter = MAX_ITERATIONS
+    settings.max_iter = _MAX_ITERATIONS
     settings.time_limit = time_limit
     settings.max_threads = 1
     settings.presolve_enable = False  # it would forbid sending q alone

@@ -3,13 +3,20 @@
 import numpy as np
 
 from poise.assembly import Analysis
-from poise.assembly.robustness import Collapses, PlainMovement, RobustnessModel
+from poise.assembly.robustness import LimitLoads, PlainMovement, RobustnessModel
 from poise.assembly.statics import BlockGeometry, Deadline, Loads
-from poise.baselines.robustness import Contacts, point_robustness, single_pushes, topple, toppling_axes, whole_geometry
+from poise.baselines.robustness import (
+    SampledContacts,
+    point_robustness,
+    single_pushes,
+    topple,
+    toppling_axes,
+    whole_geometry,
+)
 from poise.types import Array, Indices
 
 
-def approx(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
+def approx(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """Robustness of each object alone: all its interfaces resist together, and none carries anything else.
 
     Its own error: what rests on the object, and what the object rests on, is left out (30 % on the stack, 44 % on the
@@ -21,11 +28,11 @@ def approx(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
     loads = single_pushes(loads, "approx")
     structure = analysis.structure
     geometry = whole_geometry(structure)
-    collapses = Collapses.start(loads.count)
+    limit_loads = LimitLoads.start(loads.count)
     for body, place in enumerate(structure.movable):
         rows = np.flatnonzero(loads.place == place)
         if deadline.passed:
-            collapses.give_up(np.flatnonzero(np.isin(loads.place, structure.movable[body:])))
+            limit_loads.give_up(np.flatnonzero(np.isin(loads.place, structure.movable[body:])))
             break
         if not len(rows):
             continue
@@ -35,20 +42,20 @@ def approx(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
         for row, value in zip(rows.tolist(), slips.tolist(), strict=True):
             if np.isfinite(value):
                 motion = {place: np.append(loads.wrench[row, :3], np.zeros(3))}
-                collapses.limit_by(row, value, value, PlainMovement(motion, "slip"))
+                limit_loads.limit_by(row, value, value, PlainMovement(motion, "slip"))
         axes = toppling_axes(contacts, frozenset([place]), check_closure=False)
         if axes is not None:
-            topple(collapses, structure, axes, loads, rows)
-    return collapses
+            topple(limit_loads, structure, axes, loads, rows)
+    return limit_loads
 
 
-def _alone(geometry: BlockGeometry, body: int, place: int) -> Contacts:
+def _alone(geometry: BlockGeometry, body: int, place: int) -> SampledContacts:
     """The contacts of one object, which is the first body of all of them, with the forces that carry its weight."""
     rows = np.flatnonzero((geometry.bodies == body).any(axis=1))
     side = np.where(geometry.bodies[rows, 0] == body, 1.0, -1.0)
     frames = side[:, None, None] * geometry.frames[rows]
     bodies: Indices = np.stack([np.full(len(rows), place), np.full(len(rows), -1)], axis=1)
-    return Contacts(
+    return SampledContacts(
         points=geometry.points[rows] * geometry.units.length + geometry.units.origin,
         frames=frames,
         friction=geometry.friction[rows],

@@ -6,23 +6,23 @@ from typing import Any
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, Box, Cylinder, RigidObject
-from poise.assembly.robustness import Collapses, PlainMovement, RobustnessModel
+from poise.assembly.robustness import LimitLoads, PlainMovement, RobustnessModel
 from poise.assembly.statics import Deadline, Loads
 from poise.errors import ErrorCode, InputError
 from poise.geometry import quaternion_of_rotation
 from poise.types import Array
 
-MOST = 100.0
+_MOST = 100.0
 """N: the upper bound of the thesis' search."""
-SEARCHED = 100
+_SEARCHED = 100
 """Halvings."""
-MOVES = 1e-4
+_MOVES = 1e-4
 """J of kinetic energy after one step: more is motion."""
-SETTLING = 200
+_SETTLING = 200
 """Steps in which the assembly comes to rest before it is pushed."""
 
 
-def pybullet(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
+def pybullet(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """Robustness as the force at which the engine's kinetic energy after one step passes a threshold.
 
     Its own error: a threshold on energy lets heavy objects move more slowly unnoticed, few contact points turn the
@@ -35,25 +35,25 @@ def pybullet(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
     engine: Any = importlib.import_module("pybullet")
     assembly = analysis.assembly
     rough = _roughness(analysis)
-    collapses = Collapses.start(loads.count)
+    limit_loads = LimitLoads.start(loads.count)
     client = engine.connect(engine.DIRECT)
     try:
         bodies = _build(engine, client, assembly, rough)
-        for _ in range(SETTLING):
+        for _ in range(_SETTLING):
             engine.stepSimulation(physicsClientId=client)
         state = engine.saveState(physicsClientId=client)
         for question in range(loads.count):
             if deadline.passed:
-                collapses.give_up(np.arange(question, loads.count))
+                limit_loads.give_up(np.arange(question, loads.count))
                 break
             rows = np.flatnonzero(loads.question == question).tolist()
             pushes = [(int(loads.place[row]), loads.wrench[row]) for row in rows]
             value, velocities = _search(engine, client, bodies, state, assembly, pushes)
             if np.isfinite(value):
-                collapses.limit_by(question, value, value, PlainMovement(velocities, "mixed"))
+                limit_loads.limit_by(question, value, value, PlainMovement(velocities, "mixed"))
     finally:
         engine.disconnect(client)
-    return collapses
+    return limit_loads
 
 
 def _roughness(analysis: Analysis) -> Array:
@@ -139,9 +139,9 @@ def _search(
     pushes: list[tuple[int, Array]],
 ) -> tuple[float, dict[int, Array]]:
     """Algorithm 3 for pushes (place, wrench (6,) of 1 N about the world's origin) that grow together."""
-    low, high = 0.0, MOST
+    low, high = 0.0, _MOST
     velocities: dict[int, Array] = {}
-    for _ in range(SEARCHED):
+    for _ in range(_SEARCHED):
         middle = (low + high) / 2
         engine.restoreState(stateId=state, physicsClientId=client)
         for place, wrench in pushes:
@@ -152,13 +152,13 @@ def _search(
             )
         engine.stepSimulation(physicsClientId=client)
         energies, found = _energies(engine, client, bodies, assembly)
-        if sum(energies.values()) > MOVES:
+        if sum(energies.values()) > _MOVES:
             high = middle
-            velocities = {place: found[place] for place in found if energies[place] > MOVES / 10}
+            velocities = {place: found[place] for place in found if energies[place] > _MOVES / 10}
         else:
             low = middle
     middle = (low + high) / 2
-    return (np.inf, {}) if middle > 0.999 * MOST else (middle, velocities)
+    return (np.inf, {}) if middle > 0.999 * _MOST else (middle, velocities)
 
 
 def _energies(

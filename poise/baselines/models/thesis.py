@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from poise.assembly import Analysis
 from poise.assembly.contact import Structure
-from poise.assembly.robustness import Collapses, PlainMovement, RobustnessModel
-from poise.assembly.statics import NEVER_LATE, Deadline, Loads
+from poise.assembly.robustness import LimitLoads, PlainMovement, RobustnessModel
+from poise.assembly.statics import NO_DEADLINE, Deadline, Loads
 from poise.baselines.robustness import (
-    Axes,
-    Contacts,
+    SampledContacts,
     Slipping,
+    TopplingAxes,
     cuts,
     sampled_contacts,
     single_pushes,
@@ -23,10 +23,10 @@ from poise.baselines.robustness import (
 from poise.types import Array
 
 # Pushes whose contact conditions are worked out at once.
-BATCH = 256
+_BATCH = 256
 
 
-def thesis(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
+def thesis(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """Robustness as in chapter 4 of the thesis.
 
     Its own error: contact forces at rest decide, so that what the push itself adds to them is missed where friction
@@ -40,15 +40,15 @@ def thesis(analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
     loads = single_pushes(loads, "thesis")
     structure = analysis.structure
     model = ThesisAnalysis(structure)
-    collapses = Collapses.start(loads.count)
+    limit_loads = LimitLoads.start(loads.count)
     movable = np.flatnonzero(np.isin(loads.place, structure.movable))
-    _slip(collapses, model, loads, movable, deadline)
+    _slip(limit_loads, model, loads, movable, deadline)
     for axes in model.axes_until(deadline):
         if axes is None:
-            collapses.give_up(movable)
+            limit_loads.give_up(movable)
             break
-        topple(collapses, structure, axes, loads, movable[np.isin(loads.place[movable], list(axes.moving))])
-    return collapses
+        topple(limit_loads, structure, axes, loads, movable[np.isin(loads.place[movable], list(axes.moving))])
+    return limit_loads
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,16 +58,16 @@ class ThesisAnalysis:
     structure: Structure
 
     @cached_property
-    def contacts(self) -> Contacts:
+    def contacts(self) -> SampledContacts:
         return sampled_contacts(self.structure)
 
     @cached_property
     def slipping(self) -> Slipping:
         return Slipping(self.structure, self.contacts)
 
-    def axes_until(self, deadline: Deadline = NEVER_LATE) -> "list[Axes | None]":
+    def axes_until(self, deadline: Deadline = NO_DEADLINE) -> "list[TopplingAxes | None]":
         """The toppling axes of each feasible cut; None at the end when there were too many, or no time."""
-        found: list[Axes | None] = []
+        found: list[TopplingAxes | None] = []
         for moving in cuts(self.structure):
             if moving is None or deadline.passed:
                 return [*found, None]
@@ -94,21 +94,21 @@ class ThesisAnalysis:
 
 
 def _slip(
-    collapses: Collapses, model: ThesisAnalysis, loads: Loads, rows: NDArray[np.int64], deadline: Deadline
+    limit_loads: LimitLoads, model: ThesisAnalysis, loads: Loads, rows: NDArray[np.int64], deadline: Deadline
 ) -> None:
-    for start in range(0, len(rows), BATCH):
-        batch = rows[start : start + BATCH]
+    for start in range(0, len(rows), _BATCH):
+        batch = rows[start : start + _BATCH]
         directions = loads.wrench[batch, :3]
         for row, direction, first, second in zip(
             batch.tolist(), directions, *model.slipping.capacities(directions), strict=True
         ):
             if deadline.passed:
-                collapses.give_up(rows[rows >= row])
+                limit_loads.give_up(rows[rows >= row])
                 return
             value, moving = model.slipping.robustness(int(loads.place[row]), first, second)
             if np.isfinite(value):
                 motion = np.append(direction, np.zeros(3))
-                collapses.limit_by(row, value, value, PlainMovement(dict.fromkeys(moving, motion), "slip"))
+                limit_loads.limit_by(row, value, value, PlainMovement(dict.fromkeys(moving, motion), "slip"))
 
 
 entry = RobustnessModel(

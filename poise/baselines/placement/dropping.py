@@ -10,20 +10,20 @@ from poise.baselines.placement.engine import Engine
 from poise.baselines.placement.trials import at_random, radius, surroundings
 from poise.geometry import Pose
 
-STEP = 1 / 240
+_STEP = 1 / 240
 """s, as the thesis' engine."""
-GENTLE = 0.1
+_GENTLE = 0.1
 """m/s2, of gravity while falling."""
-SINKING = 0.01
+_SINKING = 0.01
 """m/s, at the start."""
-DAMPING = 2.0
-LONGEST = 10.0
+_DAMPING = 2.0
+_LONGEST = 10.0
 """s of falling, after which an attempt is given up."""
-AT_REST = 1e-4
+_AT_REST = 1e-4
 """m/s."""
-CHECKED = 100
+_CHECKED = 100
 """Steps under full gravity."""
-SIGNIFICANT = 2e-3
+_SIGNIFICANT = 2e-3
 """m: objects that were there may not move farther."""
 
 
@@ -51,7 +51,7 @@ class _Drop:
 
     def __init__(self, analysis: Analysis, item: RigidObject) -> None:
         assembly = analysis.assembly
-        self._engine = Engine(replace(assembly, objects=(*assembly.objects, item)), STEP, damping=DAMPING)
+        self._engine = Engine(replace(assembly, objects=(*assembly.objects, item)), _STEP, damping=_DAMPING)
         self._id, self._gravity = item.id, np.asarray(assembly.gravity)
         self._floor = float(min(other.vertices[:, 2].min() for other in assembly.objects))
         self._there = {other.id: other.pose for other in assembly.objects if not other.fixed}
@@ -59,19 +59,19 @@ class _Drop:
     def from_pose(self, pose: Pose) -> Pose | str:
         engine, size = self._engine, float(np.linalg.norm(self._gravity))
         engine.restart()
-        engine.put(self._id, pose, SINKING * self._gravity / size)
-        engine.set_gravity(GENTLE * self._gravity / size)
-        for _ in range(round(LONGEST / (24 * STEP))):
-            engine.run(24 * STEP)
+        engine.put(self._id, pose, _SINKING * self._gravity / size)
+        engine.set_gravity(_GENTLE * self._gravity / size)
+        for _ in range(round(_LONGEST / (24 * _STEP))):
+            engine.run(24 * _STEP)
             if engine.pose(self._id).translation[2] < self._floor:
                 return "falls off"
-            if engine.speed(self._id) < AT_REST:
+            if engine.speed(self._id) < _AT_REST:
                 break
         else:
             return "does not come to rest"
         engine.set_gravity(self._gravity)
         rest = engine.pose(self._id)
-        engine.run(CHECKED * STEP)
-        if engine.moved(self._there) > SIGNIFICANT or engine.moved({self._id: rest}) > SIGNIFICANT:
+        engine.run(_CHECKED * _STEP)
+        if engine.moved(self._there) > _SIGNIFICANT or engine.moved({self._id: rest}) > _SIGNIFICANT:
             return "moves under full gravity"
         return engine.pose(self._id)

@@ -11,7 +11,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, quaternion_of_rotation
 from poise.types import Array
 
-STIFF = (0.004, 1.0)
+_STIFF = (0.004, 1.0)
 """Time constant, s, and damping ratio of contacts."""
 
 
@@ -62,7 +62,7 @@ class Engine:
 
     def _add_shape(self, spec: Any, body: Any, item: RigidObject, friction: float) -> None:
         kinds = self._mujoco.mjtGeom
-        common = {"friction": [friction, 0.0, 0.0], "condim": 3, "solref": STIFF}
+        common = {"friction": [friction, 0.0, 0.0], "condim": 3, "solref": _STIFF}
         shape = item.shape
         if isinstance(shape, Cylinder):
             body.add_geom(type=kinds.mjGEOM_CYLINDER, size=[shape.radius, shape.length / 2, 0], **common)
@@ -150,14 +150,14 @@ def holds(
     engine = Engine(assembly, step, friction)
     planned = {item.id: item.pose for item in assembly.objects if not item.fixed}
     engine.run(settling)
-    if engine.moved(planned) > FELL:
+    if engine.moved(planned) > _FELL:
         return float("inf")
     settled = engine.poses
     engine.run(seconds)
     return engine.moved(settled)
 
 
-FELL = 5e-3
+_FELL = 5e-3
 """m: what moves farther while settling was not where it stays."""
 
 

@@ -8,8 +8,8 @@ from poise.assembly.scene import Polyhedron
 from poise.errors import ErrorCode, InputError
 from poise.types import Array
 
-MOST_PIECES = 60
-THIN = 1e-7
+_MOST_PIECES = 60
+_THIN = 1e-7
 """Relative to the size of the solid: facets that reach less into a cell do not cut it."""
 
 
@@ -31,7 +31,7 @@ def convex_pieces(polyhedron: Polyhedron) -> list[Array]:
     open_cells, pieces = [polyhedron.vertices[hull.vertices]], []
     while open_cells:
         cell = open_cells.pop()
-        facet = _facet_through(polyhedron, cell, THIN * size)
+        facet = _facet_through(polyhedron, cell, _THIN * size)
         if facet is None:
             middle = cell.mean(axis=0)
             if winding_number(middle[None], corners, bounds)[0] > 0:
@@ -39,9 +39,9 @@ def convex_pieces(polyhedron: Polyhedron) -> list[Array]:
         else:
             normal = polyhedron.normals[facet]
             point = polyhedron.vertices[polyhedron.facet_triangles[facet][0, 0]]
-            open_cells += [_clipped(cell, sign * normal, point, THIN * size) for sign in (1.0, -1.0)]
-        if len(pieces) + len(open_cells) > MOST_PIECES:
-            raise InputError(ErrorCode.UNSUPPORTED, f"the solid takes more than {MOST_PIECES} convex pieces")
+            open_cells += [_clipped(cell, sign * normal, point, _THIN * size) for sign in (1.0, -1.0)]
+        if len(pieces) + len(open_cells) > _MOST_PIECES:
+            raise InputError(ErrorCode.UNSUPPORTED, f"the solid takes more than {_MOST_PIECES} convex pieces")
     return pieces
 
 

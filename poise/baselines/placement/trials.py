@@ -13,7 +13,7 @@ from poise.placement import (
     CancelledError,
     Options,
     Placement,
-    Progress,
+    PlacementProgress,
     Validator,
     no_placement,
     plan_placement,
@@ -31,7 +31,7 @@ def first_that_stays(
     item: RigidObject,
     options: Options,
     seed: int,
-    progress: Callable[[Progress], bool] | None,
+    progress: Callable[[PlacementProgress], bool] | None,
 ) -> Placement:
     """Try poses until one is a placement, by the same tests as `plan_placement`; nothing is mended.
 
@@ -58,7 +58,7 @@ def first_that_stays(
         else:
             accepted = validator.accept(proposal)
         best = None if accepted is None else accepted[1]
-        if progress is not None and not progress(Progress(attempts, best, None)):
+        if progress is not None and not progress(PlacementProgress(attempts, best, None)):
             raise CancelledError(ErrorCode.CANCELLED, f"placing {item.id} was cancelled; nothing was changed")
         if accepted is not None:
             seconds = time.monotonic() - start
@@ -72,7 +72,7 @@ def guided_by(
     item: RigidObject,
     options: Options,
     seed: int,
-    progress: Callable[[Progress], bool] | None,
+    progress: Callable[[PlacementProgress], bool] | None,
 ) -> Placement:
     """As `plan_placement`, with another guide (`Options.guide`)."""
     return plan_placement(assembly, item, replace(options, guide=guide), seed, progress)

@@ -15,19 +15,19 @@ from poise.assembly import Analysis, RigidObject
 from poise.assembly.scene import Polyhedron
 from poise.baselines.placement import first_that_stays, radius, surroundings
 from poise.geometry import Pose, plane_axes, rotation_about, rotation_between, unit
-from poise.placement import Features, PlacementPlanner
+from poise.placement import ContactFeatures, PlacementPlanner
 from poise.types import Array
 
-CELL = 0.004
+_CELL = 0.004
 """m, of the heightmap."""
-STABLE, YAWS = 4, 8
+_STABLE, _YAWS = 4, 8
 """Orientations on a plane, and turns of each."""
-LEANING = np.radians([-15.0, 0.0, 15.0])
-BEST = 100
+_LEANING = np.radians([-15.0, 0.0, 15.0])
+_BEST = 100
 """Candidates whose stability is looked at, of each round."""
-SPREAD = 1.0
+_SPREAD = 1.0
 """Weight of x + y beside the sum of heights (their c)."""
-EMPTY = np.inf
+_EMPTY = np.inf
 
 
 def lowest_first(analysis: Analysis, item: RigidObject, rng: np.random.Generator) -> Iterator[Pose]:
@@ -37,7 +37,7 @@ def lowest_first(analysis: Analysis, item: RigidObject, rng: np.random.Generator
     low, high = surroundings(analysis, radius(item))
     corners = np.array(list(product(*zip(low, high, strict=True)))) @ frame.T
     origin = corners.min(axis=0)[:2]
-    count = np.ceil((np.ptp(corners, axis=0)[:2]) / CELL).astype(int)
+    count = np.ceil((np.ptp(corners, axis=0)[:2]) / _CELL).astype(int)
     scene = np.full(count, (analysis.assembly.objects[0].vertices @ up).min())
     for other in analysis.assembly.objects:
         heights = raster(other.shape.polyhedron, other.vertices @ frame.T, origin, count)
@@ -47,7 +47,7 @@ def lowest_first(analysis: Analysis, item: RigidObject, rng: np.random.Generator
     leaning = [
         rotation_about(frame[0], roll) @ rotation_about(frame[1], pitch) @ rotation
         for rotation in upright
-        for roll, pitch in product(LEANING, LEANING)
+        for roll, pitch in product(_LEANING, _LEANING)
         if roll or pitch
     ]
     yield from _by_score(scene, origin, frame, item, leaning)
@@ -55,12 +55,12 @@ def lowest_first(analysis: Analysis, item: RigidObject, rng: np.random.Generator
 
 def _upright(item: RigidObject, up: Array, rng: np.random.Generator) -> list[Array]:
     """Rotations on the steady faces, the large ones first, each turned evenly from a random start."""
-    faces = [face for face in Features.of(item.shape, item.com).faces if face.steady][:STABLE]
-    start = rng.uniform(0, 2 * np.pi / YAWS)
+    faces = [face for face in ContactFeatures.of(item.shape, item.com).faces if face.steady][:_STABLE]
+    start = rng.uniform(0, 2 * np.pi / _YAWS)
     return [
-        rotation_about(up, start + 2 * np.pi * k / YAWS) @ rotation_between(face.normal, -up)
+        rotation_about(up, start + 2 * np.pi * k / _YAWS) @ rotation_between(face.normal, -up)
         for face in faces
-        for k in range(YAWS)
+        for k in range(_YAWS)
     ]
 
 
@@ -70,18 +70,18 @@ def _by_score(scene: Array, origin: Array, frame: Array, item: RigidObject, rota
     for rotation in rotations:
         corners = polyhedron.vertices @ rotation.T @ frame.T
         start = corners.min(axis=0)[:2]
-        count = np.ceil(np.ptp(corners, axis=0)[:2] / CELL).astype(int)
+        count = np.ceil(np.ptp(corners, axis=0)[:2] / _CELL).astype(int)
         top = raster(polyhedron, corners, start, count)
         bottom = -raster(polyhedron, corners * [1, 1, -1], start, count)
         if np.any(count > scene.shape):
             continue
         height, score = _let_down(scene, top, bottom)
-        for index in np.argsort(score, axis=None)[:BEST]:
+        for index in np.argsort(score, axis=None)[:_BEST]:
             i, j = np.unravel_index(index, score.shape)
-            place = np.append(origin + CELL * np.array([i, j]) - start, height[i, j])
+            place = np.append(origin + _CELL * np.array([i, j]) - start, height[i, j])
             found.append((float(score[i, j]), Pose(rotation, frame.T @ place)))
     found.sort(key=lambda pair: pair[0])
-    yield from (pose for _, pose in found[:BEST])
+    yield from (pose for _, pose in found[:_BEST])
 
 
 def _let_down(scene: Array, top: Array, bottom: Array) -> tuple[Array, Array]:
@@ -95,7 +95,7 @@ def _let_down(scene: Array, top: Array, bottom: Array) -> tuple[Array, Array]:
     for i, j in filled:
         raised += height + top[i, j] - scene[i : i + places[0], j : j + places[1]]
     x, y = np.indices(places)
-    return height, raised + SPREAD * (x + y) * CELL
+    return height, raised + _SPREAD * (x + y) * _CELL
 
 
 def raster(polyhedron: Polyhedron, corners: Array, origin: Array, count: Array) -> Array:
@@ -107,13 +107,13 @@ def raster(polyhedron: Polyhedron, corners: Array, origin: Array, count: Array) 
         origin: (2,) m, corner of the first cell.
         count: (2,) cells.
     """
-    heights = np.full(count, -EMPTY)
+    heights = np.full(count, -_EMPTY)
     for a, b, c in corners[polyhedron.triangles]:
-        first = np.maximum(np.floor((np.min([a, b, c], axis=0)[:2] - origin) / CELL - 0.5), 0).astype(int)
-        last = np.minimum(np.ceil((np.max([a, b, c], axis=0)[:2] - origin) / CELL + 0.5), count).astype(int)
+        first = np.maximum(np.floor((np.min([a, b, c], axis=0)[:2] - origin) / _CELL - 0.5), 0).astype(int)
+        last = np.minimum(np.ceil((np.max([a, b, c], axis=0)[:2] - origin) / _CELL + 0.5), count).astype(int)
         if np.any(last <= first):
             continue
-        x, y = np.meshgrid(*(origin[k] + CELL * (np.arange(first[k], last[k]) + 0.5) for k in (0, 1)), indexing="ij")
+        x, y = np.meshgrid(*(origin[k] + _CELL * (np.arange(first[k], last[k]) + 0.5) for k in (0, 1)), indexing="ij")
         twice = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
         if abs(twice) < 1e-14:
             continue

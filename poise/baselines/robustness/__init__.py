@@ -5,14 +5,14 @@
 """
 
 from poise.baselines.robustness.linear import linear_model
-from poise.baselines.robustness.sampled import Contacts, sampled_contacts, single_pushes, whole_geometry
+from poise.baselines.robustness.sampled import SampledContacts, sampled_contacts, single_pushes, whole_geometry
 from poise.baselines.robustness.slipping import Slipping, point_robustness
-from poise.baselines.robustness.toppling import Axes, cuts, topple, toppling_axes
+from poise.baselines.robustness.toppling import TopplingAxes, cuts, topple, toppling_axes
 
 __all__ = [
-    "Axes",
-    "Contacts",
+    "SampledContacts",
     "Slipping",
+    "TopplingAxes",
     "cuts",
     "linear_model",
     "point_robustness",

@@ -6,28 +6,28 @@ from scipy.sparse import block_diag, csr_array, hstack
 
 from poise.assembly import Analysis
 from poise.assembly.contact import Structure
-from poise.assembly.robustness import Collapses, PlainMovement
+from poise.assembly.robustness import LimitLoads, PlainMovement
 from poise.assembly.statics import BlockGeometry, Deadline, Loads, polygon_rows
 from poise.baselines.robustness.sampled import whole_geometry
 from poise.errors import ErrorCode, NoAnswerError
 from poise.types import Array
 
-MOST = 1e7
+_MOST = 1e7
 """Weights of the assembly; what holds these is held for ever."""
 # Objects slower than this share of the fastest are at rest.
-STILL = 1e-4
+_STILL = 1e-4
 
 
-def linear_model(sides: int, analysis: Analysis, loads: Loads, deadline: Deadline) -> Collapses:
+def linear_model(sides: int, analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
     """Limit loads with friction circles as inscribed polygons of so many sides."""
     geometry = whole_geometry(analysis.structure)
     body_of = {place: body for body, place in enumerate(analysis.structure.movable)}
     inside = csr_array(block_diag([polygon_rows(mu, sides) for mu in geometry.friction]))
     inside = csr_array(hstack([inside, csr_array((inside.shape[0], 1))]))
-    collapses = Collapses.start(loads.count)
+    limit_loads = LimitLoads.start(loads.count)
     for question in range(loads.count):
         if deadline.passed:
-            collapses.give_up(np.arange(question, loads.count))
+            limit_loads.give_up(np.arange(question, loads.count))
             break
         load = np.zeros((geometry.count, 6))
         for row in np.flatnonzero(loads.question == question).tolist():
@@ -37,8 +37,8 @@ def linear_model(sides: int, analysis: Analysis, loads: Loads, deadline: Deadlin
             continue
         value, twist = _largest(geometry, inside, load.ravel())
         if np.isfinite(value):
-            collapses.limit_by(question, value, value, _movement(geometry, analysis.structure, twist))
-    return collapses
+            limit_loads.limit_by(question, value, value, _movement(geometry, analysis.structure, twist))
+    return limit_loads
 
 
 def _largest(geometry: BlockGeometry, inside: csr_array, load: Array) -> tuple[float, Array]:
@@ -49,7 +49,7 @@ def _largest(geometry: BlockGeometry, inside: csr_array, load: Array) -> tuple[f
     cost = np.zeros(unknowns)
     cost[-1] = -1.0
     bounds = np.full((unknowns, 2), (-np.inf, np.inf))
-    bounds[-1] = 0.0, MOST
+    bounds[-1] = 0.0, _MOST
     found = linprog(
         cost,
         A_ub=inside,
@@ -65,7 +65,7 @@ def _largest(geometry: BlockGeometry, inside: csr_array, load: Array) -> tuple[f
     if found.status != 0:
         raise NoAnswerError(ErrorCode.SOLVER_FAILED, f"the linear program stopped: {found.message}")
     value = -found.fun
-    return (np.inf if value > 0.99 * MOST else value / size), np.asarray(found.eqlin.marginals)
+    return (np.inf if value > 0.99 * _MOST else value / size), np.asarray(found.eqlin.marginals)
 
 
 def _movement(geometry: BlockGeometry, structure: Structure, multipliers: Array) -> PlainMovement:
@@ -74,7 +74,7 @@ def _movement(geometry: BlockGeometry, structure: Structure, multipliers: Array)
     speeds = np.abs(twists).max(axis=1)
     velocities = {}
     for place, speed, velocity in zip(structure.movable, speeds, geometry.units.velocity(twists), strict=True):
-        if speed > STILL * speeds.max():
+        if speed > _STILL * speeds.max():
             com = structure.assembly.objects[place].com_in_world
             velocities[place] = np.append(velocity[:3] + np.cross(velocity[3:], com), velocity[3:])
     return PlainMovement(velocities, "mixed")

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-from poise.assembly.contact import FIXED, Structure
-from poise.baselines.robustness.sampled import Contacts
+from poise.assembly.contact import FIXED_NODE, Structure
+from poise.baselines.robustness.sampled import SampledContacts
 from poise.types import Array
 
 # The maximum flow of scipy counts in whole numbers of 32 bits: the largest capacity of a network becomes this.
-WHOLE = 1 << 28
+_WHOLE = 1 << 28
 
 
 def point_robustness(forces: Array, directions: Array, friction: Array) -> Array:
@@ -58,7 +58,7 @@ class Slipping:
     """
 
     structure: Structure
-    contacts: Contacts
+    contacts: SampledContacts
 
     def capacities(self, directions: Array) -> tuple[Array, Array]:
         """(Q, I) N that each interface bears when its first, or its second, body is pushed along (Q, 3) (eq. 4.28)."""
@@ -76,21 +76,21 @@ class Slipping:
             place: of the pushed object.
             first, second: (I,) `capacities` for its direction.
         """
-        nodes = [*self.structure.movable, FIXED]
+        nodes = [*self.structure.movable, FIXED_NODE]
         number = {node: i for i, node in enumerate(nodes)}
         ends = np.array([[number[body] for body in pair] for pair in self.contacts.pairs.tolist()])
         network = np.zeros((len(nodes), len(nodes)))
         np.add.at(network, (ends[:, 0], ends[:, 1]), first)
         np.add.at(network, (ends[:, 1], ends[:, 0]), second)
         finite = network[np.isfinite(network)].sum() or 1.0
-        whole = np.where(np.isfinite(network), np.round(network * (WHOLE / finite)), 2 * WHOLE).astype(np.int32)
+        whole = np.where(np.isfinite(network), np.round(network * (_WHOLE / finite)), 2 * _WHOLE).astype(np.int32)
         pipes = csr_array(whole)
-        flow = maximum_flow(pipes, number[place], number[FIXED])
-        if flow.flow_value > WHOLE:
+        flow = maximum_flow(pipes, number[place], number[FIXED_NODE])
+        if flow.flow_value > _WHOLE:
             return np.inf, ()
         left = whole - flow.flow.toarray()
         moving = breadth_first_order(csr_array(np.maximum(left, 0)), number[place], return_predecessors=False)
-        return flow.flow_value * finite / WHOLE, tuple(sorted(nodes[i] for i in moving))
+        return flow.flow_value * finite / _WHOLE, tuple(sorted(nodes[i] for i in moving))
 
     def improvement(self, place: int, direction: Array, force: float = 0.0) -> float:
         """RI of slipping: the change of all contact conditions on the way to the fixed bodies (eq. 4.30).
@@ -116,10 +116,10 @@ class Slipping:
         distance, queue = {source: 0}, [source]
         for node in queue:
             for other in self.structure.neighbours[node]:
-                if other not in distance and node != FIXED:
+                if other not in distance and node != FIXED_NODE:
                     distance[other] = distance[node] + 1
                     queue.append(other)
         first, second = (distance.get(body, len(distance)) for body in self.contacts.pairs[interface].tolist())
-        if FIXED in self.contacts.pairs[interface]:
-            return 1.0 if self.contacts.pairs[interface][1] == FIXED else -1.0
+        if FIXED_NODE in self.contacts.pairs[interface]:
+            return 1.0 if self.contacts.pairs[interface][1] == FIXED_NODE else -1.0
         return 1.0 if first <= second else -1.0

@@ -7,21 +7,21 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
-from poise.assembly.contact import FIXED, Structure
-from poise.assembly.robustness import Collapses, PlainMovement
+from poise.assembly.contact import FIXED_NODE, Structure
+from poise.assembly.robustness import LimitLoads, PlainMovement
 from poise.assembly.statics import Loads
-from poise.baselines.robustness.sampled import Contacts
+from poise.baselines.robustness.sampled import SampledContacts
 from poise.types import Array, Indices
 
-SUBSETS = 50_000
+MOST_CUTS = 50_000
 """Connected sets of objects looked at; they grow exponentially with the objects."""
 # Speeds of this share of the fastest are 0, directions and planes that differ by this are the same.
-SMALL = 1e-6
+_SMALL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Axes:
-    """Axes about which a set of objects may topple, and what resists.
+class TopplingAxes:
+    """TopplingAxes about which a set of objects may topple, and what resists.
 
     Args:
         moving: places in `Assembly.objects`.
@@ -64,8 +64,8 @@ def cuts(structure: Structure) -> Iterator[frozenset[int] | None]:
         for node in moving:
             for other in neighbours[node]:
                 grown = moving | {other}
-                if other != FIXED and other not in moving and grown not in seen:
-                    if len(seen) >= SUBSETS:
+                if other != FIXED_NODE and other not in moving and grown not in seen:
+                    if len(seen) >= MOST_CUTS:
                         yield None
                         return
                     seen.add(grown)
@@ -73,7 +73,7 @@ def cuts(structure: Structure) -> Iterator[frozenset[int] | None]:
 
 
 def _rest_is_connected(structure: Structure, moving: frozenset[int]) -> bool:
-    reached, queue = {FIXED}, [FIXED]
+    reached, queue = {FIXED_NODE}, [FIXED_NODE]
     while queue:
         for other in structure.neighbours[queue.pop()]:
             if other not in reached and other not in moving:
@@ -82,7 +82,7 @@ def _rest_is_connected(structure: Structure, moving: frozenset[int]) -> bool:
     return len(reached) + len(moving) == len(structure.neighbours)
 
 
-def toppling_axes(contacts: Contacts, moving: frozenset[int], check_closure: bool = True) -> Axes | None:
+def toppling_axes(contacts: SampledContacts, moving: frozenset[int], check_closure: bool = True) -> TopplingAxes | None:
     """The axes of a cut and their torques; None when it is closed by its contacts (eq. 4.31-4.33) or touches nothing.
 
     Args:
@@ -104,14 +104,14 @@ def toppling_axes(contacts: Contacts, moving: frozenset[int], check_closure: boo
     yaw = np.zeros(len(origins), dtype=bool)
     normals = frames[:, 0]
     friction_forces = contacts.friction[cut] * normal_forces
-    if np.all(np.abs(normals @ normals[0]) > 1 - SMALL) and friction_forces.sum() > 0:
+    if np.all(np.abs(normals @ normals[0]) > 1 - _SMALL) and friction_forces.sum() > 0:
         centre = friction_forces @ points / friction_forces.sum()
         origins = np.concatenate([origins, [centre, centre]])
         directions = np.concatenate([directions, [normals[0], -normals[0]]])
         yaw = np.append(yaw, [True, True])
     forces = np.einsum("ki,kij->kj", contacts.forces[cut], frames)
     torques = _torques(origins, directions, points, normals, forces, friction_forces)
-    return Axes(moving, origins, directions, torques, yaw)
+    return TopplingAxes(moving, origins, directions, torques, yaw)
 
 
 def _torques(
@@ -127,16 +127,16 @@ def _torques(
     parting = np.einsum("aki,ki->ak", v, normals)
     fastest = speed.max(axis=1, keepdims=True)
     torque = np.einsum("aki,ki->ak", v, forces) + np.where(
-        np.abs(parting) <= SMALL * fastest, friction_forces * speed, 0.0
+        np.abs(parting) <= _SMALL * fastest, friction_forces * speed, 0.0
     )
-    return np.asarray(np.where(parting < -SMALL * fastest, np.inf, torque).sum(axis=1))
+    return np.asarray(np.where(parting < -_SMALL * fastest, np.inf, torque).sum(axis=1))
 
 
 def hull_axes(points: Array) -> tuple[Array, Array]:
     """(A, 3) points on and (A, 3) directions of the edges of the convex hull of points, each in both senses."""
     centred = points - points.mean(axis=0)
     _, sizes, basis = np.linalg.svd(centred, full_matrices=False)
-    rank = int((sizes > SMALL * max(float(sizes[0]), 1e-12)).sum()) if len(points) > 1 else 0
+    rank = int((sizes > _SMALL * max(float(sizes[0]), 1e-12)).sum()) if len(points) > 1 else 0
     if rank == 0:
         return np.zeros((0, 3)), np.zeros((0, 3))
     if rank == 1:
@@ -157,7 +157,7 @@ def _ridges(hull: ConvexHull) -> Indices:
     found = set()
     for facet, (corners, others) in enumerate(zip(hull.simplices, hull.neighbors, strict=True)):
         for corner, other in enumerate(others):
-            if hull.equations[facet, :3] @ hull.equations[other, :3] < 1 - SMALL:
+            if hull.equations[facet, :3] @ hull.equations[other, :3] < 1 - _SMALL:
                 found.add(tuple(sorted(np.delete(corners, corner).tolist())))
     return np.array(sorted(found), dtype=np.int64).reshape(-1, 2)
 
@@ -181,17 +181,17 @@ def is_form_closed(points: Array, frames: Array) -> bool:
     return bool(found.status == 0)
 
 
-def topple(collapses: Collapses, structure: Structure, axes: Axes, loads: Loads, rows: Indices) -> None:
+def topple(limit_loads: LimitLoads, structure: Structure, axes: TopplingAxes, loads: Loads, rows: Indices) -> None:
     """Lower what some pushes (rows) bear to what topples about these axes (eq. 4.38)."""
     if not len(rows) or not len(axes.origins):
         return
     values, best = axes.robustness(loads.wrench[rows])
     for row, value, axis in zip(rows.tolist(), values.tolist(), best.tolist(), strict=True):
-        if value < collapses.upper[row]:
+        if value < limit_loads.upper[row]:
             spin, origin = axes.directions[axis], axes.origins[axis]
             objects = structure.assembly.objects
             velocities = {
                 place: np.append(np.cross(spin, objects[place].com_in_world - origin), spin)
                 for place in sorted(axes.moving)
             }
-            collapses.limit_by(row, value, value, PlainMovement(velocities, "slip" if axes.yaw[axis] else "topple"))
+            limit_loads.limit_by(row, value, value, PlainMovement(velocities, "slip" if axes.yaw[axis] else "topple"))

@@ -7,24 +7,24 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY
 
 """m/s2, by which kilogram-force is defined (CGPM 1901)."""
-POUND_FORCE = 0.45359237 * STANDARD_GRAVITY
+_POUND_FORCE = 0.45359237 * STANDARD_GRAVITY
 """N; the international pound of 1959 is 0.45359237 kg."""
-INCH = 0.0254
-FOOT = 12 * INCH
+_INCH = 0.0254
+_FOOT = 12 * _INCH
 
 FORCE: Mapping[str, float] = MappingProxyType(
     {
         "n": 1.0,
         "kn": 1000.0,
-        "lbf": POUND_FORCE,
-        "klbf": 1000.0 * POUND_FORCE,
+        "lbf": _POUND_FORCE,
+        "klbf": 1000.0 * _POUND_FORCE,
         "kgf": STANDARD_GRAVITY,
         "gf": STANDARD_GRAVITY / 1000.0,
         # As ATI's pages spell kilogram-force, gram-force and pound-force:
         "kg": STANDARD_GRAVITY,
         "g": STANDARD_GRAVITY / 1000.0,
-        "lb": POUND_FORCE,
-        "klb": 1000.0 * POUND_FORCE,
+        "lb": _POUND_FORCE,
+        "klb": 1000.0 * _POUND_FORCE,
     }
 )
 TORQUE: Mapping[str, float] = MappingProxyType(
@@ -32,14 +32,14 @@ TORQUE: Mapping[str, float] = MappingProxyType(
         "nm": 1.0,
         "nmm": 0.001,
         "knm": 1000.0,
-        "lbfin": POUND_FORCE * INCH,
-        "lbfft": POUND_FORCE * FOOT,
+        "lbfin": _POUND_FORCE * _INCH,
+        "lbfft": _POUND_FORCE * _FOOT,
         "kgfcm": STANDARD_GRAVITY * 0.01,
         "kgfm": STANDARD_GRAVITY,
         "gfcm": STANDARD_GRAVITY * 0.00001,
         "kgcm": STANDARD_GRAVITY * 0.01,
-        "lbin": POUND_FORCE * INCH,
-        "lbft": POUND_FORCE * FOOT,
+        "lbin": _POUND_FORCE * _INCH,
+        "lbft": _POUND_FORCE * _FOOT,
     }
 )
 
@@ -54,7 +54,7 @@ def newtons_per(unit: str) -> float:
 
 
 def newton_metres_per(unit: str) -> float:
-    """How many newton metres one `unit` of torque is; "N-m", "N m" and "Nm" are the same.
+    """How many newton metres one `unit` of torque is; "N-m", "N m" and "Nm" mean one unit.
 
     Raises:
         InputError: UNSUPPORTED, for a unit that is not known.

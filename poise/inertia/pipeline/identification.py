@@ -1,7 +1,6 @@
 """From a recording to what the sensor carried: the recording is fed to the pipeline that a running robot uses."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from poise.inertia.pipeline.method_pipeline import PairedSamples
 from poise.inertia.pipeline.online import OnlineEstimator, check_options
 from poise.recording import Recording, WrenchStream, interpolate
 from poise.robot import (
-    HandFrames,
+    FrameTree,
     Imu,
     ImuSource,
     Kinematics,
@@ -26,9 +25,7 @@ from poise.robot import (
     find_kinematics,
     has_topic,
 )
-
-Progress = Callable[[float], None]
-"""Takes the share of the work that is done."""
+from poise.types import Progress
 
 _CHUNKS = 12
 """A recording is fed in this many pieces. After each, there is an estimate for the history."""
@@ -171,7 +168,7 @@ def _motion_of(
 
 def _fed_imu(imu: Imu, gravity: float) -> LiveImu:
     """All samples of a recorded IMU, which are in sensor axes already."""
-    found = LiveImu(HandFrames(), np.array([0.0, 0.0, -gravity]), imu.topic)
+    found = LiveImu(FrameTree(), np.array([0.0, 0.0, -gravity]), imu.topic)
     found.take(imu)
     return found
 

@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.geometry import STANDARD_GRAVITY
+from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.inertia.bayes import SHAPE_ACCURACY, PayloadChange
 from poise.inertia.estimators import AUTO, DEFAULT_METHOD, check_method, estimator_named
 from poise.inertia.model import UNKNOWN_NOISE, NoiseLevels, Parts
 from poise.inertia.pipeline.estimate import InertialEstimate
 from poise.inertia.pipeline.online import OnlineEstimator
-from poise.robot import FrameSource, HandFrames, JointSource, LiveImu, MotionSource, PairingSettings, RobotModel
+from poise.robot import FrameSource, FrameTree, JointSource, LiveImu, MotionSource, PairingSettings, RobotModel
 
 JOINTS, FRAMES = "joint_states", "tf"
 SOURCES = (AUTO, JOINTS, FRAMES)
@@ -82,7 +82,7 @@ class LiveEstimator:
         """None until it is clear where the motion comes from."""
         self.parts, self.accuracy = options.parts, options.accuracy
         """Of the payload, in the sensor frame; and the relative error of its lengths."""
-        self.hand = HandFrames()
+        self.hand = FrameTree(one_parent=False, keep=False)
         """Frames that the shape of the payload may be given in."""
         self.imu = LiveImu(self.hand, np.array([0.0, 0.0, -options.gravity]))
         """What has come of it, used or not."""
@@ -156,14 +156,29 @@ class LiveEstimator:
         Raises:
             InputError: FRAME_UNKNOWN when a frame changes its parent.
         """
-        self.hand.add(parent, child, rotation, translation, fixed=fixed)
+        turn, shift = np.asarray(rotation)[None], np.asarray(translation)[None]
+        self.hand.add([stamp], parent, child, turn, shift, fixed=fixed)
         if self.options.motion_source == JOINTS or self._uses(self.joints):
             return
-        turn, shift = np.asarray(rotation)[None], np.asarray(translation)[None]
         used = self.frames.extend([stamp], parent, child, turn, shift, fixed=fixed)
         if used and not fixed and self.frames.newest is not None:
             self._has_moved(now)
             self._frames_since = now if self._frames_since is None else self._frames_since
+
+    def pose_in_sensor(self, frame: str) -> Pose:
+        """The pose of a frame, such as the object's, in the sensor's.
+
+        Raises:
+            InputError: FRAME_UNKNOWN when tf does not join them.
+        """
+        pose = self.hand.pose(frame, self.sensor_frame)
+        if pose is None:
+            raise InputError(
+                ErrorCode.FRAME_UNKNOWN,
+                f"tf does not connect {frame} with {self.sensor_frame or 'the sensor'}: publish the pose of the object"
+                " in the hand, or give its shape in the sensor frame",
+            )
+        return pose
 
     def add_imu(self, stamp: int, frame_id: str, acceleration: ArrayLike) -> None:
         """Take the linear acceleration (3,) m/s2 of an IMU, in its own axes, gravity's reaction included."""

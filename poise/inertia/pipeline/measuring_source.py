@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.inertia.estimators import LEAST_NOISE
 from poise.inertia.model import NoiseLevels
-from poise.robot import FrameSource, JointSource, MotionSource, Poses, SensorMotion
+from poise.robot import FrameSource, JointSource, MotionSource, SensorMotion, StampedPoses
 from poise.types import Stamps
 
 _MOST_STRETCHES = 1024
@@ -50,7 +50,7 @@ class MeasuringSource:
         """See `MotionSource`."""
         return self._source.stamps(begin, end)
 
-    def poses(self, begin: int, end: int) -> Poses:
+    def poses(self, begin: int, end: int) -> StampedPoses:
         """See `MotionSource`."""
         return self._source.poses(begin, end)
 

@@ -73,8 +73,8 @@ def _no_kinematics(live: LiveEstimator) -> str:
         return "joint_states come, but with positions that are no finite numbers"
     if live.early_joints:
         return "joint_states come, but no robot_description: publish it (transient local)"
-    if live.frames.known_frames:
-        return f"tf comes, but tells of no way from {live.options.base_frame or 'anywhere'} to {live.sensor_frame}"
+    if live.frames.tree.frames:
+        return f"tf comes, but does not connect {live.options.base_frame or 'any frame'} with {live.sensor_frame}"
     return f"nothing says how {live.sensor_frame} moves: publish joint_states and robot_description, or tf up to it"
 
 

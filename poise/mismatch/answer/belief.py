@@ -1,4 +1,4 @@
-"""How sure an answer is: probabilities of effects, the rivals each beat, and those it cannot be told from."""
+"""Confidence of an answer: probabilities of effects, their rivals, and indistinguishable effects."""
 
 import math
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from poise.mismatch.inference import HypothesisSearch
 
 _TEMPERATURE = 2.0
-"""log evidences are divided by this where rivals are weighed against one another: models are never quite right."""
+"""divisor of log evidences in the comparison of rivals: no model is exact."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
 _WEIGHTS = (1.97, 0.33, -4.03, -1.86)
@@ -14,21 +14,21 @@ _WEIGHTS = (1.97, 0.33, -4.03, -1.86)
 that served no other purpose."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 3.0
-"""Difference of log evidence (tempered) below which two hypotheses are not told apart."""
-_WORTH_TELLING = 0.001
+"""Difference of log evidence (tempered) below which two hypotheses are indistinguishable."""
+_LEAST_REPORTED = 0.001
 
 Names = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class EffectBelief:
-    """What is thought of one effect of the answer.
+    """The confidence in one effect of the answer.
 
     Args:
-        probability: that it is there: how often such a name was right (Platt's scaling).
-        rivals: (name, probability) of what could stand in its place, the likeliest first.
-        alike: names that the recording cannot tell it from.
-        basis: what the probability is made from; None where the readings show the effect by themselves.
+        probability: of the effect: the rate at which comparable names were right (Platt's scaling).
+        rivals: (name, probability) of effects that could replace it, the likeliest first.
+        alike: names of effects that the recording cannot distinguish from it.
+        basis: of the probability; None where the readings alone show the effect.
     """
 
     probability: float
@@ -39,12 +39,12 @@ class EffectBelief:
 
 @dataclass(frozen=True)
 class BeliefBasis:
-    """What speaks for a name and against it.
+    """The evidence for a name and against it.
 
     Args:
-        evidence: by how much (log, base e) the answer is better than the best hypothesis without it.
+        evidence: gain (log, base e) of the answer over the best hypothesis without it.
         parts: of the answer, named or not.
-        beside_unknown: something is left that no name explains.
+        beside_unknown: the residual contains an effect that no name explains.
     """
 
     evidence: float
@@ -53,7 +53,7 @@ class BeliefBasis:
 
     @property
     def terms(self) -> tuple[float, float, float, float]:
-        """What the log odds are linear in."""
+        """The regressors of the log odds."""
         return 1.0, math.log(max(self.evidence, 0.1)), float(self.beside_unknown), float(self.parts - 1)
 
     @property
@@ -67,9 +67,9 @@ def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> 
     """A belief for each effect of an answer.
 
     Args:
-        state: everything that was tried.
+        state: all hypotheses that were tried.
         answer: the effects of the best hypothesis.
-        beside_unknown: something is left that no name explains.
+        beside_unknown: the residual contains an effect that no name explains.
     """
     raw = _evidences(state)
     weight = {names: math.exp(min(value - raw[answer], 0.0) / _TEMPERATURE) for names, value in raw.items()}
@@ -86,9 +86,9 @@ def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> 
         probability = basis.probability
         lacking = sum(value for names, value in weight.items() if name not in names)
         others = {rival: (1.0 - probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
-        told = sorted(((rival, p) for rival, p in others.items() if p > _WORTH_TELLING), key=lambda pair: -pair[1])
+        reported = sorted(((rival, p) for rival, p in others.items() if p > _LEAST_REPORTED), key=lambda pair: -pair[1])
         alike = sorted((rival for rival, value in instead.items() if value > math.exp(-_ALIKE)), key=others.__getitem__)
-        found[name] = EffectBelief(probability, tuple(told[:5]), tuple(reversed(alike)), basis)
+        found[name] = EffectBelief(probability, tuple(reported[:5]), tuple(reversed(alike)), basis)
     return found
 
 
@@ -101,7 +101,7 @@ def probability_of_none(state: HypothesisSearch) -> float:
 
 
 def _evidences(state: HypothesisSearch) -> dict[Names, float]:
-    """log evidence, up to a constant, of all hypotheses that were tried, in full or in passing."""
+    """log evidence, up to a constant, of all hypotheses that were tried, fitted in full or screened."""
     found = {names: each.log_evidence for names, each in state.fits.items()}
     for (names, effect), gain in state.gains.items():
         key = tuple(sorted((*names, effect)))

@@ -1,4 +1,4 @@
-"""What a diagnosis says of the calibration errors that it allowed for: no findings, but known."""
+"""Estimates of the calibration errors inside their tolerances, which are no findings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from poise.mismatch.reading import Tolerance
 
 @dataclass(frozen=True)
 class CalibrationEstimate:
-    """A calibration error as fitted beside the findings.
+    """A calibration error, fitted together with the findings.
 
     Args:
-        group, name: which, as in `model.yaml` and as effects call their parameters.
-        value, std, tolerance: in `unit`; the fit is drawn to zero by the tolerance.
+        group, name: as in `model.yaml` and in the parameters of effects.
+        value, std, tolerance: in `unit`; the prior of the fit is centred at zero, as wide as the tolerance.
     """
 
     group: str
@@ -27,12 +27,12 @@ class CalibrationEstimate:
 
 
 def calibration_estimates(problem: Problem, best: HypothesisFit) -> tuple[CalibrationEstimate, ...]:
-    """All calibration errors of a wrench that showed, but gains across axes; none for joint efforts."""
+    """All observable calibration errors of a wrench except gains across axes; none for joint efforts."""
     if problem.signal != "wrench":
         return ()
     groups = problem.groups(problem.compose(best.parts)[1], best.parts)
     shown = [np.abs(group.columns).max(axis=(0, 1)) > 0.0 for group in groups]
-    value, spread = best.frame.coefficients(), np.sqrt(np.diag(best.frame.covariance()))
+    value, spread = best.regression.coefficients(), np.sqrt(np.diag(best.regression.covariance()))
     found, row = [], 0
     for group, seen in zip(groups, shown, strict=True):
         labels = list(_labels(group.name, len(seen), problem.model.tolerance))

@@ -1,4 +1,4 @@
-"""The diagnosis of a recording: where it parts from the simulation, what was left out, and the held-out proof."""
+"""The diagnosis of a recording: where it differs from the simulation, which physics is missing, the held-out proof."""
 
 import time
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ Verdict = Literal["none", "named", "unknown", "mixed"]
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A number with its one-sigma error, NaN when that is not known."""
+    """A number with its one-sigma error, NaN when unknown."""
 
     value: float
     std: float
@@ -68,7 +68,7 @@ class NamedEffect:
 
 @dataclass(frozen=True, eq=False)
 class UnknownPhysics:
-    """Physics outside the library: the states that it goes with, and the curve of it where there is one."""
+    """Physics outside the library: the states that it correlates with, and its curve if there is one."""
 
     depends_on: tuple[str, ...]
     sentence: str
@@ -82,32 +82,32 @@ class SignalDiagnosis:
     Args:
         problem: the signal, under the noise that the best model leaves.
         nominal, best: the fits without and with the findings.
-        state: everything that was tried.
+        search: all hypotheses that were tried.
         findings: the named effects, the likeliest first.
         unknown: or None.
-        rest: what the best model leaves.
-        where: windows in which the nominal model is off.
-        small: the calibration errors as fitted, inside their tolerances.
-        last: (N,) the held-out samples.
+        residual_test: of what the best model leaves.
+        windows: in which the nominal model is off.
+        calibration: its errors as fitted, inside their tolerances.
+        held_out: (N,) the samples that no fit of the proof sees.
         proof: errors on them.
     """
 
     problem: Problem
     nominal: HypothesisFit
     best: HypothesisFit
-    state: HypothesisSearch
+    search: HypothesisSearch
     findings: tuple[NamedEffect, ...]
     unknown: UnknownPhysics | None
-    rest: ResidualTest
-    where: tuple[ResidualWindow, ...]
-    small: tuple[CalibrationEstimate, ...]
-    last: Mask
+    residual_test: ResidualTest
+    windows: tuple[ResidualWindow, ...]
+    calibration: tuple[CalibrationEstimate, ...]
+    held_out: Mask
     proof: HeldOutProof
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What `diagnose` found, over all signals; `main` is the one that says most."""
+    """What `diagnose` found, over all signals; `main` is the signal with the largest error."""
 
     examinations: tuple[SignalDiagnosis, ...]
     seconds: float
@@ -118,7 +118,7 @@ class Diagnosis:
 
     @property
     def main(self) -> SignalDiagnosis:
-        """The signal that the nominal model is worst at."""
+        """The signal with the largest error of the nominal model."""
         return max(self.examinations, key=lambda each: each.proof.nominal)
 
     @property
@@ -129,13 +129,13 @@ class Diagnosis:
 
     @property
     def unknown(self) -> UnknownPhysics | None:
-        """What no named effect explains, of the signal that shows it most."""
+        """The part that no named effect explains, in the signal that shows it most."""
         found = [each for each in self.examinations if each.unknown is not None]
-        return max(found, key=lambda each: each.rest.excess).unknown if found else None
+        return max(found, key=lambda each: each.residual_test.excess).unknown if found else None
 
     @property
     def verdict(self) -> Verdict:
-        """none, named, unknown, or mixed: something named and something unknown."""
+        """none, named, unknown, or mixed: both named and unknown."""
         if self.unknown is None:
             return "named" if self.findings else "none"
         return "mixed" if self.findings else "unknown"
@@ -143,16 +143,18 @@ class Diagnosis:
     @property
     def probability(self) -> float:
         """Of the verdict `none`."""
-        return float(np.prod([probability_of_none(each.state) for each in self.examinations]))
+        return float(np.prod([probability_of_none(each.search) for each in self.examinations]))
 
     @property
     def untestable(self) -> dict[str, str]:
         """Effects that this recording cannot show, and why."""
-        return {name: why for each in self.examinations for name, why in each.state.untestable.items()}
+        named = {finding.effect.name for finding in self.findings}
+        reasons = {name: why for each in self.examinations for name, why in each.search.untestable.items()}
+        return {name: why for name, why in reasons.items() if name not in named}
 
     @property
     def augmented(self) -> NominalModel:
-        """The nominal model with what was found."""
+        """The nominal model with the effects that were found."""
         model = self.main.problem.model
         return replace(model, effects=(*model.effects, *(each.component for each in self.findings)))
 
@@ -163,7 +165,7 @@ def diagnose(
     last: Mask | None = None,
     library: Sequence[Effect] | None = None,
 ) -> Diagnosis:
-    """Hold a recording against the nominal model.
+    """Compare a recording with the nominal model.
 
     Args:
         recorded: the recording or recordings, see `poise.mismatch.reading`.
@@ -179,8 +181,7 @@ def diagnose(
         problems.append(effort_problem(recorded, model))
     examined = []
     for problem in problems:
-        held = None if last is None else _at_stamps(recorded, last, problem.seconds)
-        examined.append(_examined(problem, held, library))
+        examined.append(_examined(problem, last, library))
     return Diagnosis(tuple(examined), time.perf_counter() - begin)
 
 
@@ -190,10 +191,11 @@ def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
 
 
 def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> SignalDiagnosis:
-    seen, looked = problem, problem
+    seen, looked, held = problem, problem, tail(problem)
     if last is not None:
-        # The last of several recordings is not so much as looked at before the proof.
-        seen = replace(problem, judged=~last)
+        # The last of several recordings is not used before the proof.
+        held = _at_stamps(problem.recorded, last, problem.seconds)
+        seen = replace(problem, judged=~held)
         make = wrench_problem if problem.signal == "wrench" else effort_problem
         looked = make(without(problem.recorded, last), problem.model)
     state, best = search(looked, library)
@@ -202,11 +204,10 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
     final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
     best = fit(final, best.parts, WARM_STEPS)
     nominal = fit(final, ()) if best.parts else best
-    shown = _shown(final, library)
-    rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, shown))
+    detected = _shown(final, library)
+    rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, detected))
     unknown = _unknown(final, best, rest)
     doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
-    held = tail(final) if last is None else last
     channels = (
         WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"
@@ -216,86 +217,86 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         problem=final,
         nominal=nominal,
         best=best,
-        state=state,
-        findings=(*_findings(final, state, best, beside_unknown=doubted), *shown),
+        search=state,
+        findings=(*_findings(final, state, best, beside_unknown=doubted), *detected),
         unknown=unknown,
-        rest=rest,
-        # With the best model's calibration: fitted without what was found it would be bent by it, all along.
-        where=locate(
+        residual_test=rest,
+        # With the best model's calibration: a calibration without the findings would be biased by them.
+        windows=locate(
             final.recorded, final.measured - final.predicted(final.recorded) - best.calibrated, final.noise, channels
         ),
-        small=calibration_estimates(final, best),
-        last=held,
+        calibration=calibration_estimates(final, best),
+        held_out=held,
         proof=held_out(replace(final, judged=None), best, held),
     )
 
 
 def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
-    """A part in a longer world, where a free curve over time has more knots."""
+    """A part in a longer recording, where a free curve over time has more knots."""
     return replace(part, values={p.name: part.values.get(p.name, 0.0) for p in part.effect.parameters(recorded)})
 
 
 def _whitened(found: HypothesisFit) -> Array:
     """(R,) the whitened residual of a fit."""
-    frame = found.frame
-    return np.asarray(frame.target - frame.coefficients() @ frame.columns)
+    regression = found.regression
+    return np.asarray(regression.target - regression.coefficients() @ regression.columns)
 
 
 def _findings(
     problem: Problem, state: HypothesisSearch, best: HypothesisFit, *, beside_unknown: bool
 ) -> list[NamedEffect]:
-    thought = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
-    worlds = problem.compose(best.parts)[0]
+    confidence = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
+    inputs = problem.compose(best.parts)[0]
     found = [
         NamedEffect(
             part.effect,
             part.values,
             covariance,
-            thought[part.effect.name],
+            confidence[part.effect.name],
             quantities(part, recorded, covariance),
             part.effect.windows(recorded, part.values),
             part.effect.sentence(recorded, part.values),
         )
-        for part, recorded, covariance in zip(best.parts, worlds, best.covariance, strict=True)
+        for part, recorded, covariance in zip(best.parts, inputs, best.covariance, strict=True)
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
 
 
 def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffect]:
-    """Effects that the readings show by themselves, and that the model does not have already."""
+    """Effects that the readings alone show, and that the model does not have already."""
     known = {component.name for component in problem.model.effects}
     found = []
     for effect in all_effects() if library is None else library:
-        values = effect.shown(problem.recorded) if effect.signal == problem.signal and effect.direct else None
+        values = effect.detected(problem.recorded) if effect.signal == problem.signal and effect.direct else None
         if values is not None and effect.name not in known:
             parameters = effect.parameters(problem.recorded)
             covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
-            told = quantities(FittedEffect(effect, values), problem.recorded, covariance)
+            reported = quantities(FittedEffect(effect, values), problem.recorded, covariance)
             sure, sentence = EffectBelief(MAX_PROBABILITY, (), (), None), effect.sentence(problem.recorded, values)
-            found.append(NamedEffect(effect, values, covariance, sure, told, (), sentence))
+            found.append(NamedEffect(effect, values, covariance, sure, reported, (), sentence))
     return found
 
 
-def _rounding(problem: Problem, shown: Sequence[NamedEffect]) -> Array | float:
-    """(C,) one sigma of what rounding adds to the readings; 0 without any."""
-    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in shown]
+def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:
+    """(C,) one sigma of the rounding of the readings; 0 without rounding."""
+    scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in detected]
     return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0
 
 
 def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) -> dict[str, Quantity]:
-    """The parameters that people want to know, with one-sigma errors: to first order for what is derived."""
+    """The reported parameters with one-sigma errors, to first order for derived ones."""
     effect, values = part.effect, dict(part.values)
     parameters = effect.parameters(recorded)
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    told = {
+    reported = {
         p.name: Quantity(float(values[p.name]), float(s), p.unit)
         for p, s in zip(parameters, sigma, strict=True)
         if not p.hidden
     }
     derived = effect.derived(recorded, values)
     if not derived:
-        return told
+        return reported
     slopes = np.zeros((len(derived), len(parameters)))
     for k, (p, s) in enumerate(zip(parameters, sigma.tolist(), strict=True)):
         if s > 0:
@@ -303,8 +304,8 @@ def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) 
             slopes[:, k] = [(moved[name][0] - derived[name][0]) / (0.01 * s) for name in derived]
     spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
     for (name, (value, unit)), std in zip(derived.items(), spread.tolist(), strict=True):
-        told[name] = Quantity(value, std, unit)
-    return told
+        reported[name] = Quantity(value, std, unit)
+    return reported
 
 
 def _unknown(problem: Problem, best: HypothesisFit, rest: ResidualTest) -> UnknownPhysics | None:
@@ -323,13 +324,13 @@ def _unknown(problem: Problem, best: HypothesisFit, rest: ResidualTest) -> Unkno
     if rest.louder:
         return UnknownPhysics(
             tuple(depends),
-            "Something that is not in the library is left: what changes from sample to sample is louder where the "
-            "robot moves fast than where it is slow, which a sensor's noise is not.",
+            "An effect outside the library remains: the sample-to-sample noise is larger while the robot moves fast "
+            "than while it moves slowly, unlike the noise of a sensor.",
             None,
         )
-    what = " and ".join(state_description(state) for state in depends) or "nothing that was recorded"
+    what = " and ".join(state_description(state) for state in depends) or "no recorded state"
     sentence = (
-        f"Something that is not in the library is left: the residual has {100 * rest.excess:.0f} % more energy than "
-        f"the sensor's noise may have; it goes with {what}."
+        f"An effect outside the library remains: the residual has {100 * rest.excess:.0f} % more energy than "
+        f"the sensor's noise may have; it correlates with {what}."
     )
     return UnknownPhysics(tuple(depends), sentence, None)

@@ -1,8 +1,8 @@
-"""The motion that would tell two explanations apart: a designed excitation for what a diagnosis left open.
+"""The motion that discriminates between two explanations: a designed excitation for an ambiguous diagnosis.
 
-Two hypotheses A and B explain the recording alike. Along another motion, what A would make the sensor read is fitted
-by B, calibration errors and all, and the other way round: half the whitened square that is left is the log evidence
-that this motion would bring. Of a family of joint motions, gentle ones first, the first that brings enough is taken.
+Two hypotheses A and B explain the recording equally well. Along another motion, the wrench that A predicts is fitted by
+B together with the calibration errors, and vice versa: half the remaining whitened square is the expected log evidence
+of this motion. The first motion of a family, gentle ones first, that brings enough is chosen.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,7 +13,7 @@ import numpy as np
 from poise.mismatch.answer.diagnosis import NamedEffect, SignalDiagnosis
 from poise.mismatch.effects import Effect, effect_named
 from poise.mismatch.inference import FittedEffect, Problem, linearization_point, refine
-from poise.mismatch.reading import Motion, base_joints, recorded_from_motion
+from poise.mismatch.reading import recorded_from_motion
 from poise.mismatch.recorded import RecordedMotion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
@@ -23,25 +23,25 @@ _RATE = 100.0
 _DURATION = 14.0
 """s of it."""
 _ENOUGH = 25.0
-"""log evidence that decides between two hypotheses, whatever noise does."""
+"""log evidence that decides between two hypotheses in spite of noise."""
 _VIGOUR = ((0.15, 0.4, 0.08, 3), (0.25, 0.8, 0.08, 5), (0.3, 0.3, 0.3, 4), (0.4, 1.2, 0.12, 5), (0.6, 0.6, 0.4, 5))
 """Shares of the speed limits, amplitudes (rad), lowest frequencies (Hz) and harmonics of motions, gentle ones first."""
 _TRIES = 4
 """Motions of each kind."""
 _MOST_RIVALS = 3
 _STEPS = 6
-"""Of the refits along a motion."""
+"""Steps of the fits along a motion."""
 
 
 @dataclass(frozen=True, eq=False)
 class DiscriminatingMotion:
-    """A motion that tells explanations apart.
+    """A motion that discriminates between explanations.
 
     Args:
         names: the effect of the answer, then its rivals.
         joint_names: (J) of the trajectory.
         trajectory: of all the robot's joints; a mobile base stands.
-        expected: log evidence by which the true one will win, against the rival that is hardest to beat.
+        expected: expected log evidence of the true effect against its closest rival.
     """
 
     names: tuple[str, ...]
@@ -51,20 +51,20 @@ class DiscriminatingMotion:
 
     @property
     def enough(self) -> bool:
-        """Whether it will decide."""
+        """Whether the expected evidence decides."""
         return self.expected >= _ENOUGH
 
 
 def separating_motion(
     examined: SignalDiagnosis, robot: RobotModel, seed: int = 0, progress: Callable[[float], None] = lambda share: None
 ) -> DiscriminatingMotion | None:
-    """Design the motion for what a diagnosis could not tell apart; None when there is nothing to tell apart.
+    """Design the motion that resolves an ambiguous diagnosis; None when it is not ambiguous.
 
     Args:
         examined: the wrench of a recording.
-        robot: that made it; it starts from the middle of where it was.
-        seed: the same one gives the same motion.
-        progress: is told the share of the work that is done.
+        robot: of the recording; the motion starts from the middle of the recorded one.
+        seed: equal seeds give equal motions.
+        progress: is called with the completed share of the work.
     """
     asked = _open_question(examined)
     if asked is None:
@@ -91,12 +91,12 @@ def separating_motion(
 def distance(
     problem: Problem, along: RecordedMotion, others: tuple[FittedEffect, ...], first: FittedEffect, second: FittedEffect
 ) -> float:
-    """log evidence that telling two parts apart along a motion would bring, the lesser of both directions.
+    """Expected log evidence between two parts along a motion, the lesser of both directions.
 
     Args:
         problem: of the recording: tolerances and noise.
-        along: the motion, as the nominal model sees it.
-        others: what is there besides.
+        along: the motion with the nominal prediction.
+        others: further effects.
         first, second: with their values on the recording.
     """
     return min(_missed(problem, along, others, first, second), _missed(problem, along, others, second, first))
@@ -105,7 +105,7 @@ def distance(
 def _missed(
     problem: Problem, along: RecordedMotion, others: tuple[FittedEffect, ...], true: FittedEffect, rival: FittedEffect
 ) -> float:
-    """What the rival leaves of what the true part does, beyond what that leaves of itself."""
+    """Residual of the rival for the response of the true part, beyond that of the true part itself."""
     noise = replace(problem.noise, seconds=along.seconds, speed=along.speed)
     blank = Problem(along, problem.model, noise)
     read = blank.compose([*others, true])[1].prediction
@@ -114,13 +114,13 @@ def _missed(
     explained = []
     for part in (true, rival):
         starts = [part.values, *part.effect.starts(here.recorded, here.residual)]
-        fits = [refine(made, here.frame, here.recorded, part.effect, start, _STEPS) for start in starts[:3]]
+        fits = [refine(made, here.regression, here.recorded, part.effect, start, _STEPS) for start in starts[:3]]
         explained.append(max(each.drop for each in fits))
     return 0.5 * (explained[0] - explained[1])
 
 
 def _open_question(examined: SignalDiagnosis) -> tuple[NamedEffect, list[Effect]] | None:
-    """The likeliest finding that is not told from others; events do not come again, whatever the motion."""
+    """The likeliest finding with indistinguishable rivals; events do not recur in another motion."""
     for finding in examined.findings if examined.problem.signal == "wrench" else ():
         rivals = [effect for name in finding.belief.alike if (effect := effect_named(name)) and effect.transfers]
         if rivals and finding.effect.transfers:
@@ -131,11 +131,11 @@ def _open_question(examined: SignalDiagnosis) -> tuple[NamedEffect, list[Effect]
 def _fitted(examined: SignalDiagnosis, others: tuple[FittedEffect, ...], rival: Effect) -> FittedEffect:
     """A rival as it explains the recording best."""
     wanted = tuple(sorted([*(part.effect.name for part in others), rival.name]))
-    known = examined.state.fits.get(wanted)
+    known = examined.search.fits.get(wanted)
     if known is None:
         here = linearization_point(examined.problem, others)
         tried = [
-            refine(examined.problem, here.frame, here.recorded, rival, start, _STEPS)
+            refine(examined.problem, here.regression, here.recorded, rival, start, _STEPS)
             for start in rival.starts(here.recorded, here.residual)
         ]
         best = max(tried, key=lambda each: each.drop)
@@ -144,12 +144,12 @@ def _fitted(examined: SignalDiagnosis, others: tuple[FittedEffect, ...], rival: 
 
 
 def _motions(recorded: RecordedMotion, robot: RobotModel, rng: np.random.Generator) -> Iterator[FourierTrajectory]:
-    """Fourier series about the middle of the recorded motion, and about places beside it, gentle ones first."""
+    """Fourier series about the middle of the recorded motion, and about places near it, gentle ones first."""
     middle = np.zeros(len(robot.joint_names))
     if recorded.joints is not None:
         for name, values in zip(recorded.joints.names, recorded.joints.position.T, strict=True):
             middle[robot.joint_names.index(name)] = float(np.clip(np.median(values), -1e3, 1e3))
-    still = base_joints(robot)
+    still = robot.base_joints
     inside = np.where(np.isfinite(robot.lower), 0.1 * (robot.upper - robot.lower), 0.0)
     inside = np.nan_to_num(inside, posinf=0.0)
     for speed, amplitude, frequency, harmonics in _VIGOUR:
@@ -171,7 +171,7 @@ def _motions(recorded: RecordedMotion, robot: RobotModel, rng: np.random.Generat
 
 
 def _world(recorded: RecordedMotion, robot: RobotModel, trajectory: FourierTrajectory) -> RecordedMotion:
-    """The motion as the nominal model sees it, the base at rest."""
+    """The motion with the nominal prediction, the base at rest."""
     seconds = np.arange(int(_DURATION * _RATE) + 1) / _RATE
     gravity = float(np.linalg.norm(recorded.gravity[0]))
-    return recorded_from_motion(robot, seconds, Motion(*trajectory.at(seconds)), recorded.phi, gravity=gravity)
+    return recorded_from_motion(robot, seconds, trajectory.at(seconds), recorded.phi, gravity=gravity)

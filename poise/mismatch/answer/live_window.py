@@ -1,4 +1,4 @@
-"""Diagnosing a running robot: messages are kept for a while, and their last stretch is examined as a recording."""
+"""Diagnosis of a running robot: the latest messages are kept, and examined like a recording."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -16,18 +16,18 @@ from poise.mismatch.reading import MeasuredStreams, NominalModel, ReadRecording,
 from poise.recording import JointStream, PoseStream, Stream, WrenchStream, write_recording
 
 _MOST_SAMPLES = 200_000
-"""Of each topic that are kept at the most: a window of a minute at more than 3 kHz."""
+"""Most messages that are kept of each topic: a minute at more than 3 kHz."""
 _LEAST_WINDOW = 8.0
-"""s of wrenches, with joint motion, that can be examined."""
+"""s of wrenches that can be examined."""
 
 
 @dataclass(frozen=True)
 class LiveDiagnosis:
-    """What came of one window.
+    """The result of one window.
 
     Args:
         found: the diagnosis; its seconds count from `start`.
-        reading: how the window was read.
+        reading: the window as it was read.
     """
 
     found: Diagnosis
@@ -53,9 +53,9 @@ class LiveWindow:
         self.description = ""
         """URDF."""
         self.late = 0
-        """Messages that came after a younger one of their topic, and were left out."""
+        """Messages that arrived after a later one of their topic; left out."""
         self.foreign = 0
-        """Wrenches of another frame than the first one's, left out."""
+        """Wrenches of another frame than the first one; left out."""
         self._wrenches: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._joints: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._poses: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
@@ -97,7 +97,7 @@ class LiveWindow:
 
     @property
     def lacks(self) -> str:
-        """What is still waited for; "" when the window can be examined."""
+        """What is missing for an examination; "" when nothing is."""
         if not self._wrenches:
             return "no wrench has come yet"
         if not self._joints:
@@ -109,7 +109,7 @@ class LiveWindow:
         return ""
 
     def streams(self) -> MeasuredStreams:
-        """What is kept, for the reading; it stays as it is while further messages come in.
+        """A snapshot of the window for the reading.
 
         Raises:
             InputError: EMPTY when no wrench is kept.
@@ -135,7 +135,7 @@ class LiveWindow:
             if kept[-1][0] - stamp < self._length:
                 self.late += 1
                 return
-            self.clear()  # time began anew: a simulation, or a replay, was started again
+            self.clear()  # the clock was reset: a simulation or a replay was restarted
         kept.append((stamp, value))
         while stamp - kept[0][0] > self._length:
             kept.popleft()
@@ -147,7 +147,7 @@ def examine(
     library: Sequence[Effect] | None = None,
     keep: Path | None = None,
 ) -> LiveDiagnosis:
-    """Hold a window against the model, as `poise mismatch` does a bag.
+    """Compare a window with the model, as `poise mismatch` does with a bag.
 
     Args:
         streams: of `LiveWindow.streams`.
@@ -184,7 +184,7 @@ def effects_called(names: Sequence[str]) -> list[Effect] | None:
 
 
 def _joint_stream(states: list[tuple[int, Any]], names: tuple[str, ...]) -> JointStream:
-    """The states of some joints, of the messages that hold them all; what was not measured is NaN.
+    """The states of some joints, from the messages that hold all of them; values that were not measured are NaN.
 
     Raises:
         InputError: JOINT_MISSING.

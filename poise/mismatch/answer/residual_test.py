@@ -1,6 +1,6 @@
-"""What a model leaves: is it noise, or structure that nothing named explains - and what does that go with?
+"""The test of a model's residual: is it noise or structure, and with which states does it correlate?
 
-The gate is absolute: the residual is held against the size that sensor noise may have, not against itself whitened
+The test is absolute: the residual is compared with the size that sensor noise may have, not with its own whitened form
 (an autoregressive filter can make any residual white).
 """
 
@@ -13,20 +13,20 @@ from poise.mismatch.inference import Problem, linear_bspline_basis
 from poise.types import Array
 
 _MATERIAL = 0.05
-"""Excess energy of the residual, relative to the noise's, from which it is no longer noise."""
+"""Excess energy of the residual, relative to the noise, from which it is structure."""
 _LOUDER = 1.3
-"""Fast noise that is this much louder in fast motion than in slow is no sensor noise."""
+"""Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """What remains.
+    """The result of the test.
 
     Args:
         excess: energy of the residual over that of the noise, less one.
-        structured: it is more than noise may be.
+        structured: the residual exceeds the noise.
         louder: its fast part grows with the speed.
-        depends_on: states that it goes with, the best first.
+        depends_on: states that it correlates with, the best first.
         whiteness: largest autocorrelation of the whitened residual at one to twenty samples, any channel.
     """
 
@@ -38,16 +38,16 @@ class ResidualTest:
 
     @property
     def only_louder(self) -> bool:
-        """Nothing but fast noise that grows with the speed: no larger than noise may be, it casts no doubt on names."""
+        """Only fast noise that grows with the speed; it is within the size of noise and does not question the names."""
         return self.louder and self.excess <= _MATERIAL
 
 
 def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding: Array | float = 0.0) -> ResidualTest:
-    """Judge a residual (N, C), and the whitened one (R,); rounding (C,) of the readings, one sigma, is no structure."""
+    """Test a residual (N, C) and its whitened form (R,); rounding (C,) of the readings, one sigma, is no structure."""
     rows = problem.active
     scaled = (residual / problem.noise.total)[rows]
     seconds = problem.seconds[rows]
-    # A few spikes are no structure: what is beyond five sigmas counts as five.
+    # A few spikes are no structure: residuals are limited to five sigmas.
     excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
     loud = _louder_when_fast(problem, residual)
     allowed = _MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
@@ -75,7 +75,7 @@ def _depends(problem: Problem, seconds: Array, residual: Array, scaled: Array, l
 
 
 def _louder_when_fast(problem: Problem, residual: Array) -> bool:
-    """Third differences, blind to all that is slow, grow with the speed."""
+    """Whether third differences, which slow changes do not affect, grow with the speed."""
     fast = np.abs(np.diff(residual, n=3, axis=0)) / np.sqrt(20.0) / problem.noise.sigma
     level = np.sqrt(np.mean(np.clip(fast, 0.0, 8.0) ** 2, axis=1))
     speed = problem.noise.speed[2:-1]

@@ -1,4 +1,4 @@
-"""Where a residual lies: windows, channels, band, and states that it goes with; each with its share of the excess."""
+"""Windows of a residual: times, channels, frequency band, correlated states, and share of the excess."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ _STRETCH = 0.25
 _ALERT, _CALM = 6.0, 2.5
 """Sigmas of that average at which a window opens, and closes."""
 _JOINED = 0.5
-"""s between windows that are one."""
+"""s between windows that are joined."""
 _MOST = 8
-"""Windows that are told."""
+"""Most windows that are reported."""
 _NOTABLE = 0.15
 """Share of a window's excess from which a channel or a state is named."""
 
@@ -46,7 +46,7 @@ class ResidualWindow:
 def locate(
     recorded: RecordedMotion, residual: Array, noise: SignalNoise, names: Sequence[str]
 ) -> tuple[ResidualWindow, ...]:
-    """Windows in which a residual (N, C) is larger than its noise; none when it nowhere is.
+    """Windows in which a residual (N, C) is larger than its noise; none otherwise.
 
     Args:
         recorded: the recording.
@@ -80,7 +80,7 @@ def locate(
 
 
 def _spans(seconds: Array, energy: Array) -> list[tuple[int, int]]:
-    """Rows (from, to) where the smoothed energy stands out: it opens at ALERT sigmas and lasts down to CALM."""
+    """Rows (from, to) where the smoothed energy is significant: from `_ALERT` sigmas down to `_CALM`."""
     period = float(np.median(np.diff(seconds)))
     half = max(round(_STRETCH / period / 2), 1)
     kernel = np.hanning(2 * half + 3)[1:-1]
@@ -140,7 +140,7 @@ def spectrum_of(values: Array, period: float) -> tuple[Array, Array]:
 
 
 def goes_with(recorded: RecordedMotion, seconds: Array, scaled: Array, rows: slice) -> list[str]:
-    """States whose curves explain most of a residual in some rows, judged on blocks that were left out."""
+    """States whose curves explain most of a residual in some rows, evaluated on blocks that were left out."""
     shares = {name: explained(curves[rows], scaled[rows]) for name, curves in _curves(recorded, seconds).items()}
     best = max(shares.values(), default=0.0)
     good = [name for name, share in shares.items() if share > max(_NOTABLE, 0.75 * best)]
@@ -148,7 +148,7 @@ def goes_with(recorded: RecordedMotion, seconds: Array, scaled: Array, rows: sli
 
 
 def _curves(recorded: RecordedMotion, seconds: Array) -> dict[str, Array]:
-    """(N, b) functions of each state that a person would look at, at the signal's stamps."""
+    """(N, b) functions of each candidate state, at the signal's stamps."""
 
     def here(values: Array) -> Array:
         return values if seconds is recorded.seconds else np.interp(seconds, recorded.seconds, values)
@@ -170,7 +170,7 @@ def _curves(recorded: RecordedMotion, seconds: Array) -> dict[str, Array]:
 
 
 def explained(curves: Array, scaled: Array, blocks: int = 8) -> float:
-    """Share of the energy (N, C) that curves (N, b) with a constant predict in blocks that they did not see."""
+    """Share of the energy (N, C) that curves (N, b) with a constant predict in held-out blocks."""
     columns = np.hstack([curves, np.ones((len(curves), 1))])
     if len(scaled) < 4 * blocks:
         return 0.0

@@ -1,7 +1,7 @@
-"""A recording without the effects that a model knows: what the sensor would have read had they not been there.
+"""Compensation: the wrench of a recording without the effects of a model.
 
-What an effect does to the wrench depends on the load, which is what is asked for: it is identified from the wrench
-without the effects, these are computed anew for it, and so on; each round changes less, for effects are corrections.
+The response of an effect depends on the load, which is unknown. The load is identified from the compensated wrench and
+the effects are computed for this load, in turn; the iteration converges because effects are small corrections.
 """
 
 from dataclasses import dataclass, replace
@@ -15,19 +15,19 @@ from poise.types import Array
 
 _ROUNDS = 15
 _SETTLED = 1e-7
-"""Change of the payload (kg, kg m, kg m2) below which the rounds end."""
+"""Change of the payload (kg, kg m, kg m2) at which the iteration ends."""
 
 
 @dataclass(frozen=True, eq=False)
 class CompensatedWrench:
-    """A wrench without known effects.
+    """A compensated wrench.
 
     Args:
-        wrench: the corrected samples; what could not be corrected is absent.
-        names: of the effects that were taken out.
-        left: those that were not, and why.
-        size: (6,) rms of what was taken out, N and N m.
-        notes: what there is to say about how the recording was read.
+        wrench: the compensated samples; others are absent.
+        names: of the compensated effects.
+        left: effects that were not compensated, and why.
+        size: (6,) rms of the compensation, N and N m.
+        notes: sentences on losses and corrections of the reading.
     """
 
     wrench: WrenchStream
@@ -38,12 +38,12 @@ class CompensatedWrench:
 
 
 def compensate(recording: Recording, model: NominalModel) -> CompensatedWrench:
-    """Take a model's effects out of the wrench of a recording.
+    """Compensate the wrench of a recording for the effects of a model.
 
-    Events belong to the recording that they were found in and `payload_parameters` is the load itself: they stay.
+    Events belong to their recording and `payload_parameters` is the load itself: both are not compensated.
 
     Args:
-        recording: of any load, in the hand that the model was found with.
+        recording: with any load, in the hand of the model.
         model: with effects; its payload does not matter.
 
     Raises:
@@ -56,7 +56,7 @@ def compensate(recording: Recording, model: NominalModel) -> CompensatedWrench:
         effect = effect_of(component)
         reason = absent(effect, recorded, events=False)
         if effect.widens == "payload":
-            reason = "it is the payload, which is asked for"
+            reason = "it is the payload itself"
         if effect.signal != "wrench":
             reason = "it acts on joint efforts"
         if reason:

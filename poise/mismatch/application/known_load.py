@@ -1,4 +1,4 @@
-"""The load that a model knows, with how well it knows it; as an object of an assembly that stands on a base."""
+"""The load of a model with its covariance, as an object of an assembly on a base."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ _CAUTION = 2.0
 def known_load(model: NominalModel) -> tuple[Array, Array]:
     """(10,) phi of the payload, sensor axes, and its covariance (10, 10).
 
-    What a diagnosis found counts, with its covariance; else what is stated, known to half of its tolerances.
+    The payload that a diagnosis found, with its covariance; else the stated one, with half its tolerances as sigmas.
 
     Raises:
         InputError: BAD_INPUT for a model without a payload.
@@ -38,7 +38,7 @@ def known_load(model: NominalModel) -> tuple[Array, Array]:
 
 
 def loads_about(item: RigidObject, model: NominalModel, pose_sensor_object: Pose) -> list[RigidObject]:
-    """The object as the model knows it, first, and then as it may be too: a sigma point each way along every axis of
+    """The object with the load of the model, then its sigma points: one each way along every axis of
     the covariance of mass and first moment (Julier and Uhlmann 2004), at `_CAUTION` sigmas.
 
     Args:

@@ -1,4 +1,4 @@
-"""The simulation with what a diagnosis added, run along a motion: what sensor and joints would say."""
+"""The simulation with the effects of a diagnosis along a motion: wrench and joint states."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.mismatch.reading import (
-    Motion,
     NominalModel,
-    base_joints,
     effort_track,
     recorded_from_motion,
     with_model_effects,
@@ -19,11 +17,11 @@ from poise.robot import RobotModel
 from poise.simulation import Trajectory
 
 _NOISE = (0.1, 0.005)
-"""N and N m: where a model states no noise, an FT-300's (thesis table 3.2, moderate)."""
+"""N and N m: noise of an FT-300, for a model that states none (thesis table 3.2, moderate)."""
 _EFFORT_NOISE = 0.1
 """N m, of motor currents (as `fake_robot` has it)."""
 _ROUNDED = 1000
-"""ns that a stamp may be off after it was seconds for a while."""
+"""ns, rounding error of a stamp after conversion to seconds and back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,10 +29,10 @@ class SimulatedRun:
     """A simulated motion.
 
     Args:
-        nominal: the world without the model's effects.
-        recorded: with them.
-        wrench: what the sensor would say.
-        joints: what the joints would say, with their efforts; None when nothing new is to be said of them.
+        nominal: the motion without the model's effects.
+        recorded: the motion with them.
+        wrench: of the sensor.
+        joints: joint states with efforts; None when the simulation does not change them.
     """
 
     nominal: RecordedMotion
@@ -57,20 +55,20 @@ def run_recorded(
     Args:
         nominal: the recording as read.
         joints: its joint states; where it holds efforts, they are replaced by the simulated ones.
-        model: with its effects; events happen again.
+        model: with its effects; events are repeated.
         rng: adds the model's white noise to the wrench, and that of currents to efforts; None: none.
     """
     recorded = with_model_effects(nominal, model.effects, events=True)
-    told = None
+    simulated = None
     if recorded.effort is not None and joints is not None:
-        # The recording's own samples, but those at its ends that no smoothing reaches.
+        # The samples of the recording, without its ends, where no smoothed motion exists.
         stamps = recorded.start + np.round(recorded.effort.seconds * 1e9).astype(np.int64)
         rows, first = np.unique(np.searchsorted(joints.stamps, stamps - _ROUNDED), return_index=True)
         effort = np.full((len(rows), len(joints.names)), np.nan)
         effort[:, [joints.names.index(name) for name in recorded.effort.names]] = recorded.effort.prediction[first]
-        told = replace(joints.select(rows), effort=effort)
+        simulated = replace(joints.select(rows), effort=effort)
     wrench = _wrench(recorded, model, rng)
-    return SimulatedRun(nominal, recorded, wrench, told if told is None else _noisy(told, rng))
+    return SimulatedRun(nominal, recorded, wrench, simulated if simulated is None else _noisy(simulated, rng))
 
 
 def run_planned(
@@ -87,29 +85,30 @@ def run_planned(
     Args:
         robot: fixed base.
         trajectory: its joints' motion.
-        model: as in `run_recorded`; without a payload nothing is held.
+        model: as in `run_recorded`; without a payload the hand is empty.
         rng: likewise.
         wrench_rate, joint_rate: Hz.
     """
     phi = np.zeros(10) if model.phi is None else model.phi
+    gravity = model.gravity_or_standard
     sampled = np.arange(int(trajectory.duration * joint_rate) + 1) / joint_rate
     joints = trajectory.at(sampled)
-    effort = effort_track(robot, sampled, Motion(*joints), np.zeros(joints.position.shape), phi)
+    effort = effort_track(robot, sampled, joints, np.zeros(joints.position.shape), phi, gravity=gravity)
     seconds = np.arange(int(trajectory.duration * wrench_rate) + 1) / wrench_rate
     nominal = recorded_from_motion(
         robot,
         seconds,
-        Motion(*trajectory.at(seconds)),
+        trajectory.at(seconds),
         phi + robot.load_in_sensor if model.tool_in_wrench else phi,
-        gravity=model.gravity_or_standard,
+        gravity=gravity,
         effort=effort if effort.names else None,
     )
     recorded = with_model_effects(nominal, model.effects, events=True)
-    told = np.full(joints.position.shape, np.nan)
+    simulated = np.full(joints.position.shape, np.nan)
     if recorded.effort is not None:
-        told[:, base_joints(robot) :] = recorded.effort.prediction
+        simulated[:, robot.base_joints :] = recorded.effort.prediction
     stamps = np.round(sampled * 1e9).astype(np.int64)
-    stream = JointStream(stamps, robot.joint_names, joints.position, joints.velocity, told)
+    stream = JointStream(stamps, robot.joint_names, joints.position, joints.velocity, simulated)
     settled = replace(model, sensor_frame=robot.sensor_frame)
     wrench = _wrench(recorded, settled, rng)
     return SimulatedRun(nominal, recorded, wrench, _noisy(stream, rng))
@@ -128,6 +127,6 @@ def _wrench(recorded: RecordedMotion, model: NominalModel, rng: np.random.Genera
         wrench += rng.normal(size=wrench.shape) * np.repeat(given, 3)
     stamps = recorded.start + np.round(recorded.seconds * 1e9).astype(np.int64)
     if stamps[0] > recorded.start:
-        # The seconds of events count from the first wrench, also where no motion was known yet.
+        # The seconds of events count from the first wrench, even if the motion was unknown there.
         stamps, wrench = np.insert(stamps, 0, recorded.start), np.insert(wrench, 0, wrench[0], axis=0)
     return WrenchStream(stamps, wrench, model.sensor_frame or "ft_sensor")

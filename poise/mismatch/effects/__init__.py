@@ -1,7 +1,7 @@
-"""The library of effects: one file each, found by looking through this folder.
+"""The library of effects: one file for each, discovered in this folder.
 
 - `base`: `Effect`, `EffectParameter`: what an effect is.
-- `joint_friction`, `knocks`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`: what several effects share.
+- `joint_friction`, `knocks`, `part_motion`, `part_wrench`, `starts`, `accelerometer_input`: shared by several effects.
 - every other file: one effect.
 """
 

@@ -1,4 +1,4 @@
-"""Vibration that an accelerometer on the sensor felt: its course is known, only its clock and its size are not."""
+"""Vibration measured by an accelerometer on the sensor: only its clock offset and its gain are unknown."""
 
 from collections.abc import Iterable
 
@@ -13,18 +13,18 @@ from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
 SLOWEST_VIBRATION = 2.0
-"""Hz; what an accelerometer feels more slowly is a motion."""
+"""Hz; slower accelerations belong to the commanded motion."""
 _LATEST = 0.06
-"""s by which its clock may be off."""
+"""s, the largest offset of its clock."""
 _STEP = 0.001
 _STRETCH = 0.1
-"""s over which the size of the shaking is averaged."""
+"""s over which the vibration amplitude is averaged."""
 _CALM, _BLOW = 3.0, 2.2
-"""It shakes from this many times its size in the calmest tenth; a blow is this many times the usual shaking."""
+"""Vibration: this many times the amplitude of the calmest tenth. Blow: this many times the median vibration."""
 _APART = 0.5
 """s between blows."""
 _RINGS = (0.05, 0.35)
-"""s before and after a blow in which an accelerometer is too slow to tell all of it."""
+"""s before and after a blow in which the bandwidth of the accelerometer is too low."""
 
 
 def slow_part(seconds: Array, values: Array) -> Array:
@@ -35,9 +35,9 @@ def slow_part(seconds: Array, values: Array) -> Array:
 
 
 def parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-    """What the answer tells: the moments and the line are found, clock, gain and smoothing are fitted.
+    """Start, length and frequency are found; clock offset, gain and smoothing are fitted.
 
-    `smoothing` is the width of a Gaussian filter: of what is fastest, accelerometer and wrench share little.
+    `smoothing` is the width of a Gaussian filter: accelerometer and wrench agree little at the highest frequencies.
     """
     first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
     return (
@@ -58,7 +58,7 @@ def parameters(recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
 
 
 def starts(recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-    """The lag at which the residual force follows the felt acceleration best; when, and how fast, it shakes."""
+    """The lag of best correlation between residual force and acceleration; start, length and frequency."""
     felt = _felt(recorded)
     wanted = recorded.to_sensor(shaking(recorded, residual))
     wanted = wanted - slow_part(recorded.seconds, wanted)
@@ -77,7 +77,7 @@ def starts(recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
 
 
 def columns(recorded: RecordedMotion, nonlinear: Values) -> Array:
-    """(N, 6, 1) the payload's answer to what was felt."""
+    """(N, 6, 1) the payload's wrench under the measured acceleration."""
     felt = gaussian_filter1d(_felt(recorded), nonlinear["smoothing"] / recorded.period, axis=0, mode="nearest")
     late = at_times(recorded.seconds, felt, recorded.seconds + nonlinear["accelerometer_late"])
     answer = shaking_columns(recorded, recorded.rotation_world_sensor)
@@ -85,13 +85,13 @@ def columns(recorded: RecordedMotion, nonlinear: Values) -> Array:
 
 
 def windows(recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
-    """All its time, and the blows in it."""
+    """The window of the vibration, and the blows in it."""
     blows = ((moment - _RINGS[0], moment + _RINGS[1]) for moment in blows_in(recorded))
     return ((values["start"], values["start"] + values["length"]), *blows)
 
 
 def derived(recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
-    """Its size: root of the mean square over all its time, and the largest in a moment."""
+    """Root mean square and peak of the acceleration within the window."""
     size = np.linalg.norm(_felt(recorded), axis=1)
     start, end = values["start"], values["start"] + values["length"]
     inside = size[(recorded.seconds >= start) & (recorded.seconds <= end)]
@@ -100,21 +100,21 @@ def derived(recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, 
 
 
 def sentence(recorded: RecordedMotion, values: Values) -> str:
-    """When, how fast, how much; single blows in it; and what the accelerometer's clock is worth."""
-    told = derived(recorded, values)
+    """Window, amplitude, frequency, single blows, and the offset of the accelerometer's clock."""
+    sizes = derived(recorded, values)
     blows = blows_in(recorded)
-    struck = f", with blows at {_listed(blows)} of up to {told['peak'][0]:.1f} m/s2" if blows else ""
+    struck = f", with blows at {_listed(blows)} of up to {sizes['peak'][0]:.1f} m/s2" if blows else ""
     late = 1e3 * values["accelerometer_late"]
     when = f"{abs(late):.1f} ms {'late' if late > 0 else 'early'}"
     return (
-        f"From {values['start']:.1f} s to {values['start'] + values['length']:.1f} s the robot shook, as the "
-        f"accelerometer felt too: {told['amplitude'][0]:.1f} m/s2, most at {values['frequency']:.1f} Hz{struck}; the "
-        f"nominal robot does not shake. The accelerometer's clock is {when}."
+        f"From {values['start']:.1f} s to {values['start'] + values['length']:.1f} s the robot vibrated, as the "
+        f"accelerometer measured too: {sizes['amplitude'][0]:.1f} m/s2, most at {values['frequency']:.1f} Hz{struck}; "
+        f"the nominal robot does not vibrate. The accelerometer's clock is {when}."
     )
 
 
 def blows_in(recorded: RecordedMotion) -> list[float]:
-    """Moments, s, at which it shakes far more than usual, in the order of time."""
+    """Moments, s, at which the vibration is far above its median, in the order of time."""
     felt = _felt(recorded)
     begin, end = _span(recorded, felt)
     size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), _STRETCH))
@@ -141,7 +141,7 @@ def _felt(recorded: RecordedMotion) -> Array:
 
 
 def _span(recorded: RecordedMotion, felt: Array) -> tuple[float, float]:
-    """First and last moment at which it shakes."""
+    """First and last moment of the vibration."""
     size = np.sqrt(smoothed(recorded, np.sum(felt**2, axis=1), _STRETCH))
     loud: NDArray[np.intp] = np.flatnonzero(size > _CALM * np.quantile(size, 0.1))
     first, last = (int(loud[0]), int(loud[-1])) if len(loud) else (0, len(size) - 1)
@@ -149,5 +149,5 @@ def _span(recorded: RecordedMotion, felt: Array) -> tuple[float, float]:
 
 
 def _listed(moments: list[float]) -> str:
-    told = [f"{moment:.1f} s" for moment in moments]
-    return told[0] if len(told) == 1 else f"{', '.join(told[:-1])} and {told[-1]}"
+    named = [f"{moment:.1f} s" for moment in moments]
+    return named[0] if len(named) == 1 else f"{', '.join(named[:-1])} and {named[-1]}"

@@ -1,4 +1,4 @@
-"""Air drag: a broad load is held back by the air, with the square of its speed."""
+"""Air drag: the air resists a broad load with the square of its speed."""
 
 from collections.abc import Iterable
 
@@ -53,7 +53,7 @@ class AirDrag(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         force = np.linalg.norm(values["coefficient"] * self._per_unit(recorded, place_of(values)), axis=1)
         return (
-            f"The air holds the load back with {values['coefficient']:.2f} N s2/m2, up to {force.max():.1f} N at the "
+            f"Air drag resists the load with {values['coefficient']:.2f} N s2/m2, up to {force.max():.1f} N at the "
             "highest speed: the nominal load moves in a vacuum."
         )
 

@@ -1,4 +1,4 @@
-"""Backlash: between a motor and its link there is play."""
+"""Backlash: the gear has play between motor and link."""
 
 from collections.abc import Iterable
 
@@ -12,11 +12,11 @@ from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
 _LOUD = 1.1
-"""Residual in units of white noise from which a joint is looked at."""
+"""Residual in units of white noise from which a joint is examined."""
 _GAPS = tuple(np.geomspace(0.001, 0.08, 16).tolist())
 """rad."""
 _BLURS, _REACHES = (15, 5), (0.3, 0.1)
-"""Samples, and log gap around the best so far that is tried."""
+"""Widths of the blur in samples; factors, as logarithms, by which the best gap so far is varied."""
 _SOFT = (0.003, 0.006, 0.01, 0.02)
 """s in which a knock settles."""
 
@@ -25,7 +25,7 @@ class Backlash(Effect):
     """The link of one joint is free within a gap: no effort while it crosses, and a knock where it arrives.
 
     Encoder and effort are the motor's. With e the link's angle beyond the motor's: e'' = -tau_j / M_jj when free;
-    whatever e does, the efforts change by M e'' and by dtau/dq e.
+    for any e(t) the efforts change by M e'' and by dtau/dq e.
     """
 
     name = "backlash"
@@ -50,9 +50,9 @@ class Backlash(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The joint whose residual is loudest; its gap and the softness of the knock, in an ever less blurred residual.
+        """The joint with the largest residual; its gap and the softness of the knock, from coarse to fine blur.
 
-        A knock that comes some samples too late explains nothing: only blurred does its gap lead to a better one.
+        A knock some samples too late explains nothing; in a blurred residual its gap still leads to a better one.
         """
         loud = residual.std(axis=0) / np.maximum(white_level(residual), 1e-12)
         column = int(np.argmax(loud))
@@ -74,7 +74,7 @@ class Backlash(Effect):
         yield {"joint": joint, "gap": float(gap), "settling": settling}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        """What the joint itself feels, and what reaches the others: less of it where these give way."""
+        """The effort of the joint itself, and of the others: less where these yield."""
         track, column = efforts(recorded), column_of(recorded, nonlinear["joint"])
         inertia = track.by_acceleration[:, :, column]
         push = -track.rigid[:, column] / np.maximum(inertia[:, column], 1e-6)
@@ -86,5 +86,5 @@ class Backlash(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return (
             f"{joint_called(recorded, values['joint'])} has {np.degrees(values['gap']):.2f} degrees of backlash: its "
-            "torque vanishes when it changes sign, then knocks; the nominal gear has no play."
+            "torque vanishes at each change of sign, then a knock follows; the nominal gear has no play."
         )

@@ -1,11 +1,11 @@
 """What an effect is: physics that the nominal model leaves out, as a plug-in of one file.
 
 A new effect is one new file in this folder with one subclass of `Effect` (it is found by looking through the folder,
-see `poise.mismatch.effects`) and its test. The same `simulate` serves the diagnosis and the simulator, so that what is
-found is at once the mend.
+see `poise.mismatch.effects`) and its test. The same `simulate` serves the diagnosis and the simulator, so that a found
+effect corrects the simulation at once.
 
-Vocabulary: the *prediction* is what the model says the sensor should read (N, 6) so far, with the effects of earlier
-layers in it; a *response* is what an effect adds to it. Layers act in the order kinematics, load, event, sensor: a
+Vocabulary: the *prediction* is the reading (N, 6) that the model expects, with the effects of earlier layers in it;
+a *response* is what an effect adds to it. Layers act in the order kinematics, load, event, sensor: a
 sensor effect sees the prediction with all forces in it.
 """
 
@@ -33,19 +33,19 @@ class EffectParameter:
     Args:
         name: in lower case; with an axis or joint behind an underscore where there are several (`force_x`).
         unit: SI, as text; "" for a ratio.
-        scale: of a linear parameter: one sigma of its prior, a normal distribution about zero: the size that it
-            typically has when it is there. The search also tries 1/3 and 3 times it.
-        low, high: of a non-linear parameter: its prior is uniform between them. What lies outside is not tried.
+        scale: of a linear parameter: one sigma of its prior, a normal distribution about zero: its typical size. The
+            search also tries 1/3 and 3 times it.
+        low, high: of a non-linear parameter: its prior is uniform between them; values outside are not tried.
         linear: the response is proportional to it, for given non-linear parameters.
         log: the prior of a non-linear parameter is uniform in its logarithm (times, frequencies, stiffnesses).
         peaked: the prior of a non-linear parameter is a Cauchy distribution about zero with half-width `scale`, cut at
-            low and high: mostly small, now and then large.
+            low and high: mostly small, sometimes large.
         choice: a non-linear parameter that takes few whole values (the number of a joint); it is taken from
             `Effect.starts` and never refined.
         resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
-            finely `Effect.starts` already knows it. It is not refined then.
-        positive: of a linear parameter: less than nothing of it makes no sense (a mass, a drag); such fits are dropped.
-        hidden: kept in the model, not told to people (`Effect.derived` tells what they want to know instead).
+            finely `Effect.starts` resolves it. It is not refined.
+        positive: of a linear parameter: negative values are impossible (a mass, a drag); fits with them are dropped.
+        hidden: kept in the model, not reported (`Effect.derived` reports physical quantities instead).
     """
 
     name: str
@@ -77,25 +77,25 @@ class EffectParameter:
 
 
 class Effect(ABC):
-    """Physics left out, with what there is to know about it.
+    """Physics that the nominal model leaves out.
 
     Class attributes:
         name: as in the answer, snake_case.
-        layer: where in the chain from joints to reading it acts.
+        layer: its place in the chain from joints to reading.
         signal: "wrench", or "effort" for what acts on joint efforts: responses are then (M, J) at the samples of
             `recorded.effort`, instead of (N, 6).
-        equation, source: the physics in one line of text, and where it is from.
-        excited_by: what a motion must have for it to show.
-        separating_motion: the motion that tells it from what it is confused with; a sentence.
-        confused_with: names of effects that look like it on poor motions.
-        fast: it shows above 4 Hz or in single samples (vibration, impacts, clipping): it is then always tried at the
-            full rate; others are looked for at a fifth of it first.
+        equation, source: the physics in one line of text, and its reference.
+        excited_by: what a motion must contain to show it.
+        separating_motion: the motion that distinguishes it from `confused_with`; a sentence.
+        confused_with: names of effects that produce nearly equal residuals on poor motions.
+        fast: it shows above 4 Hz or in single samples (vibration, impacts, clipping): it is always tried at the full
+            rate, other effects first at a fifth of it.
         order: among effects of one layer, the lower acts first.
-        needs: what the recording must hold: of "joints", "effort", "base" (a base that moves), "load".
+        needs: what the recording must hold: any of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
-        made_of: names of effects that it is together with more; where the more is nothing, these are the answer.
-        direct: readings show it by themselves (`shown`), whatever the model says: it does not compete with others.
-        widens: name of the calibration group (poise.mismatch.inference.calibration) that it is the excess of, or "".
+        made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
+        direct: the readings alone show it (`detected`), for any model: it does not compete with others.
+        widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
 
     name: ClassVar[str]
@@ -116,37 +116,37 @@ class Effect(ABC):
 
     @abstractmethod
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        """Its parameters; which there are may depend on the world (one per joint, times within the recording)."""
+        """Its parameters; they may depend on the recording (one per joint, times within it)."""
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """Where to begin the search for the non-linear parameters: few points, found in the data.
+        """Starting points of the search for the non-linear parameters: few, found in the data.
 
         Args:
             recorded: the recording.
             residual: (N, 6) or (M, J), measured minus predicted, calibration errors taken out.
 
         Yields:
-            Values of all non-linear parameters. An effect without any keeps this default.
+            Values of all non-linear parameters. An effect without non-linear parameters keeps this default.
         """
         del recorded, residual
         yield {}
 
-    def shown(self, recorded: RecordedMotion) -> Values | None:
-        """Of a `direct` effect: its values, where the readings show it and it matters beside the noise."""
+    def detected(self, recorded: RecordedMotion) -> Values | None:
+        """Of a `direct` effect: its values, where the readings show it and it matters relative to the noise."""
         del recorded
         return None
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         """(N, 6, k) or (M, J, k): the response to one unit of each linear parameter, in the order of `parameters`.
 
-        (N, 6, 0) for an effect without linear parameters; that one gives `simulate` itself.
+        (N, 6, 0) for an effect without linear parameters, which overrides `simulate`.
         """
         del nonlinear
         rows, channels = self._measured(recorded).shape
         return np.zeros((rows, channels, 0))
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
-        """(N, 6) or (M, J): the exact response to all parameters, what the effect adds to `recorded.prediction`.
+        """(N, 6) or (M, J): the exact response to all parameters, to be added to `recorded.prediction`.
 
         For given non-linear parameters it is `columns` times the linear ones.
         """
@@ -154,12 +154,12 @@ class Effect(ABC):
         return np.asarray(self.columns(recorded, values) @ linear)
 
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
-        """When it acts, as (start, end) in seconds of the world's clock; none: all the time."""
+        """When it acts, as (start, end) in seconds of the recording's clock; empty: all the time."""
         del recorded, values
         return ()
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
-        """More numbers to tell, {name: (value, unit)}: functions of the parameters that people think in."""
+        """Further quantities to report, {name: (value, unit)}: functions of the parameters."""
         del recorded, values
         return {}
 
@@ -170,7 +170,7 @@ class Effect(ABC):
 
     @abstractmethod
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        """What happened, in one plain sentence with the numbers that matter, ending in what the model lacks."""
+        """What happened, in one sentence with the numbers that matter; it ends with what the model lacks."""
 
     def _measured(self, recorded: RecordedMotion) -> Array:
         return recorded.wrench if self.signal == "wrench" or recorded.effort is None else recorded.effort.measured

@@ -1,4 +1,4 @@
-"""Base motion: for a while the base moves level, and odometry does not say so."""
+"""Base motion: for a while the base moves horizontally, and odometry does not report it."""
 
 from collections.abc import Iterable
 
@@ -12,19 +12,19 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _FEWEST, MAX_SPLINES = 10, 36
-"""Splines of a speed: a single move needs few, a base that goes on swaying many."""
+"""Number of splines of a speed: few for a single move, many for a base that keeps swaying."""
 _FINEST = 0.4
-"""s between the knots of what sways."""
+"""s between the knots of a swaying motion."""
 _CHAINED = 2.5
-"""s between bursts of one motion: a base that sways stands still for a moment at every turn."""
+"""s between bursts of one motion: a swaying base stands still for a moment at every reversal."""
 _MARGIN = 0.15
-"""s that a window may be wider than what stands out of the noise."""
+"""s by which a window may be wider than the burst that exceeds the noise."""
 
 
 class UnreportedBaseMotion(Effect):
-    """The whole robot accelerates level in the world from rest to rest; the payload's inertia answers.
+    """The whole robot accelerates horizontally from rest to rest; the payload responds with its inertia.
 
-    The base's speed is a chain of cubic B-splines within the window: with its acceleration zero at both ends.
+    The base's velocity is a sum of cubic B-splines within the window; its acceleration is zero at both ends.
     """
 
     name = "base_motion"
@@ -48,7 +48,7 @@ class UnreportedBaseMotion(Effect):
         return (*when, *speeds)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """Bursts of the level acceleration that the residual force would mean."""
+        """Bursts of the horizontal acceleration that the residual force implies."""
         level = shaking(recorded, residual)[:, :2]
         calm = np.stack([smoothed(recorded, part, 0.1) for part in level.T], axis=1)
         found = list(bursts(recorded, calm, count=8))
@@ -79,10 +79,10 @@ class UnreportedBaseMotion(Effect):
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         ((start, end),) = self.windows(recorded, values)
-        told = self.derived(recorded, values)
+        sizes = self.derived(recorded, values)
         return (
-            f"From {start:.1f} s to {end:.1f} s the base accelerated by up to {told['peak_acceleration'][0]:.2f} m/s2 "
-            f"and moved by {told['displacement'][0]:.2f} m; odometry, and so the nominal model, says nothing of it."
+            f"From {start:.1f} s to {end:.1f} s the base accelerated by up to {sizes['peak_acceleration'][0]:.2f} m/s2 "
+            f"and moved by {sizes['displacement'][0]:.2f} m; odometry, and so the nominal model, does not report it."
         )
 
     @staticmethod
@@ -99,7 +99,7 @@ class UnreportedBaseMotion(Effect):
 
 
 def _chained(spans: list[tuple[float, float]], seed: tuple[float, float]) -> tuple[float, float]:
-    """From the first to the last of the spans that follow one another closely, the seed among them."""
+    """From the first to the last of the spans that follow one another closely and include the seed."""
     begin, end = seed
     for _ in spans:
         for a, b in spans:

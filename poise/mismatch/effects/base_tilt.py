@@ -1,4 +1,4 @@
-"""Base tilt: the floor that odometry calls level is not."""
+"""Base tilt: the plane of odometry is not horizontal."""
 
 from collections.abc import Iterable
 
@@ -15,7 +15,7 @@ _NAMES = ("rotation_x", "rotation_y")
 
 
 class BaseTilt(Effect):
-    """Gravity points elsewhere: g = exp(-[r]) g0 in the world's axes, r level. Exact in r."""
+    """Gravity is rotated: g = exp(-[r]) g0 in world axes, r horizontal. Exact in r."""
 
     name = "base_tilt"
     layer = "kinematics"
@@ -23,7 +23,7 @@ class BaseTilt(Effect):
     source = "thesis eq. 2.97 with gravity turned (Rodrigues' formula); a turn about the vertical does not show"
     excited_by = "weight in changing directions: the error is fixed in the world and turns in the sensor"
     separating_motion = (
-        "turn the tool about the vertical and the first joint: a tilt stays in the world, a sensor's turns"
+        "turn the tool about the vertical and the first joint: a tilt is fixed in the world, a sensor rotation is not"
     )
     confused_with = ("joint_offset", "sensor_rotation", "world_force", "base_motion")
     needs = ("load",)
@@ -56,8 +56,8 @@ class BaseTilt(Effect):
         tilt = self.derived(recorded, values)["tilt"][0]
         about = "xy"[int(abs(values[_NAMES[1]]) > abs(values[_NAMES[0]]))]
         return (
-            f"The floor is not level: gravity is turned by {np.degrees(tilt):.2f} degrees, mostly about {about} of the "
-            "world; the nominal model stands upright."
+            f"The floor is not level: gravity is rotated by {np.degrees(tilt):.2f} degrees, mostly about {about} of "
+            "the world; the nominal model stands upright."
         )
 
     @staticmethod

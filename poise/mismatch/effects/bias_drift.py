@@ -1,4 +1,4 @@
-"""Bias drift: the sensor's zero wanders steadily, as when it warms up."""
+"""Bias drift: the sensor's zero changes linearly, as during warm-up."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from poise.types import Array
 
 
 class BiasDrift(Effect):
-    """w_read = w + d (t - middle) / T: the change d is what counts, the offset is the bias's business."""
+    """w_read = w + d (t - middle) / T: d is the change over the recording; the offset belongs to `sensor_bias`."""
 
     name = "bias_drift"
     layer = "sensor"

@@ -11,13 +11,13 @@ from poise.types import Array
 _ANCHOR = ("anchor_x", "anchor_y", "anchor_z")
 _HOOK = ("x", "y", "z")
 _LEAST_WAY = 0.02
-"""m that the tool has to travel for a cable's length to change."""
+"""m that the tool must travel to change a cable's length."""
 
 
 class Cable(Effect):
     """A cord from a hook on the tool to an anchor: taut beyond its length, f = (k (l - l0) + c dl/dt) towards it.
 
-    The geometry is exact: direction and length follow the tool. The anchor is fixed in the world, or to the base.
+    The geometry is exact: direction and length follow the tool. The anchor is fixed in the world or to the base.
     """
 
     name = "cable"
@@ -77,7 +77,7 @@ class Cable(Effect):
         taut = length > nonlinear["rest_length"]
         stretch = np.where(taut, length - nonlinear["rest_length"], 0.0)
         speed = np.gradient(length, recorded.seconds)
-        # The sample in which the cord goes taut counts in part: so the response follows the length smoothly.
+        # The sample in which the cord goes taut counts in part: the response is then smooth in the length.
         share = (length - nonlinear["rest_length"]) / (np.abs(speed) * recorded.period + 1e-9) + 0.5
         rate = np.clip(share, 0.0, 1.0) * speed
         pull = recorded.to_sensor(np.einsum("nij,nj->ni", turn, toward))

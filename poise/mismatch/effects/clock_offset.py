@@ -11,7 +11,7 @@ from poise.types import Array
 _LARGEST = 0.3
 """s that are searched."""
 _COARSE = 0.03
-"""s between the samples that choose where to begin."""
+"""s between the samples that choose a starting point."""
 
 
 class ClockOffset(Effect):
@@ -34,9 +34,9 @@ class ClockOffset(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         weight = np.repeat([1.0, 20.0], 3)
         rows = slice(None, None, max(round(_COARSE / recorded.period), 1))
-        seconds, said, left = recorded.seconds[rows], recorded.prediction[rows], residual[rows]
+        seconds, model, left = recorded.seconds[rows], recorded.prediction[rows], residual[rows]
         tried = np.arange(-_LARGEST, _LARGEST + 0.005, 0.01)
-        moved = (np.stack([np.interp(seconds - delay, seconds, c) for c in said.T], axis=1) - said for delay in tried)
+        moved = (np.stack([np.interp(seconds - delay, seconds, c) for c in model.T], axis=1) - model for delay in tried)
         misfit = [float(np.var((left - shift) * weight, axis=0).sum()) for shift in moved]
         yield {"offset": float(np.clip(tried[int(np.argmin(misfit))], -0.99 * _LARGEST, 0.99 * _LARGEST))}
 

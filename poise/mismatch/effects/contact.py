@@ -1,4 +1,4 @@
-"""Contact: for a while something pushes on the tool, with or without sliding along it."""
+"""Contact: for a while something pushes on the tool, with or without sliding."""
 
 from collections.abc import Callable, Iterable
 
@@ -14,27 +14,27 @@ _POINT = ("x", "y", "z")
 _KNOTS = 7
 _REACH = 0.5
 _ENOUGH = 100
-"""Samples outside a touch from which the rest of the recording is known."""
+"""Samples outside a contact that suffice to fit the rest of the recording."""
 _AROUND = 0.3
-"""s before and after a burst that take part in the search for its window, at the least."""
+"""s before and after a burst that the search for its window includes at least."""
 _SHORTEST = 0.05
 """s of a touch."""
 _NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
-"""Shares of a burst by which its window may begin later and end sooner."""
+"""Shares of a burst by which its window may begin later and end earlier."""
 _MOVES = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, -1), (-1, 1))
 """Steps of start and end that are tried."""
 
 
 class PlateContact(Effect):
-    """A force in the world at a point of the tool, from `start` for `length`; its course is a chain of hat functions.
+    """A force in the world at a point of the tool, from `start` for `length`; its time course is a linear B-spline.
 
-    The course covers normal force and friction alike: friction is what of the force lies against the sliding.
+    The course contains the normal force and the friction: friction is the component against the sliding.
     """
 
     name = "contact"
     layer = "event"
     equation = "f = R^T sum_k h_k(t) F_k, tau = p x f; h_k: hat functions, zero at both ends of the window"
-    source = "a unilateral contact whose force is known by its course alone (Coulomb: friction opposes sliding)"
+    source = "a unilateral contact described by the time course of its force alone (Coulomb: friction opposes sliding)"
     excited_by = "nothing: it happens"
     separating_motion = "repeat the motion without the obstacle; press again at another attitude"
     confused_with = ("mass_step", "external_vibration", "loose_part", "cable")
@@ -66,15 +66,15 @@ class PlateContact(Effect):
 
     @staticmethod
     def _window(recorded: RecordedMotion, residual: Array, seen: tuple[float, float]) -> tuple[float, float]:
-        """The window that leaves least of the force in the world: many are tried around the one that stands out.
+        """The window with the least residual force in world axes: many windows around the burst are tried.
 
-        There are narrow optima one after the other, as knots meet the bends of the course; a descent stays in the next.
+        The optima are narrow and close together, as knots meet bends of the course; a descent stops at the nearest.
         """
         length = seen[1] - seen[0]
         around = max(0.5 * length, _AROUND)
         rows = (recorded.seconds > seen[0] - around) & (recorded.seconds < seen[1] + around)
         seconds, force = recorded.seconds[rows], recorded.to_world(residual[:, :3])[rows]
-        # ProjectedColumns a cubic: what else is wrong, and what a touch made of the calibration, changes slowly.
+        # Beside a cubic: other errors, and the effect of the contact on the calibration, change slowly.
         slow = np.linalg.qr(np.vander(seconds - seconds.mean(), 4))[0]
         force = force - slow @ (slow.T @ force)
 
@@ -129,9 +129,9 @@ class PlateContact(Effect):
 
 
 def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: float) -> Array:
-    """(N, 6) the residual without what a touch made of the calibration: seen outside its window, where it is alone.
+    """(N, 6) the residual without the error that the contact caused in the calibration, as seen outside its window.
 
-    A calibration that was fitted in spite of the touch is bent by it, all along the recording.
+    A calibration that was fitted with the contact in the data is biased by it over the whole recording.
     """
     outside = (recorded.seconds < begin) | (recorded.seconds > end)
     if outside.sum() < _ENOUGH:
@@ -149,7 +149,7 @@ def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: floa
 
 
 def _hats(seconds: Array, start: float, length: float) -> Array:
-    """(N, KNOTS) hat functions whose knots part a window evenly."""
+    """(N, K) linear B-splines whose knots divide a window evenly."""
     place = (seconds - start) / length * (_KNOTS + 1)
     return np.maximum(1.0 - np.abs(place[:, None] - np.arange(1, _KNOTS + 1)), 0.0)
 
@@ -157,7 +157,7 @@ def _hats(seconds: Array, start: float, length: float) -> Array:
 def _descended(
     left: Callable[[tuple[float, float]], float], window: tuple[float, float], step: float
 ) -> tuple[float, float]:
-    """A pattern search: start and end move by a step as long as that helps, then by half of it."""
+    """A pattern search: start and end move by a step while the fit improves, then by half of it."""
     least, smallest = left(window), step / 10
     while step > smallest:
         tried = [(window[0] + i * step, window[1] + j * step) for i, j in _MOVES]

@@ -1,4 +1,4 @@
-"""Coulomb friction: a joint needs a constant torque against its motion, whatever its speed."""
+"""Coulomb friction: a joint needs a constant torque against its motion, at any speed."""
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, listed, numbers, sense, torque_sizes
@@ -15,7 +15,7 @@ class CoulombFriction(Effect):
     equation = "dtau_j = torque_j sign(v_j), sign(v) = tanh(v / 5 mrad/s)"
     source = "Coulomb 1785; Armstrong-Helouvry, Dupont, Canudas de Wit 1994, section 2"
     excited_by = "reversals: the torque jumps by twice the friction"
-    separating_motion = "each joint evenly at five speeds both ways: Coulomb friction is the same at all of them"
+    separating_motion = "each joint evenly at five speeds both ways: Coulomb friction is equal at all of them"
     confused_with = ("viscous_friction", "stribeck_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
 
@@ -28,5 +28,5 @@ class CoulombFriction(Effect):
         return each_joint(sense(recorded))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        told = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")
-        return f"Joints rub with a constant torque: {told}; the nominal model has no dry friction."
+        sizes = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")
+        return f"Joints have Coulomb friction: {sizes}; the nominal model has no dry friction."

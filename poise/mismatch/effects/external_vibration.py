@@ -1,4 +1,4 @@
-"""External vibration: for a while the robot's base shakes as a sine."""
+"""External vibration: for a while the robot's base vibrates sinusoidally."""
 
 from collections.abc import Iterable
 
@@ -12,21 +12,21 @@ from poise.types import Array, Mask
 
 _PHASES = ("sine", "cosine")
 _LOWEST = 2.0
-"""Hz; what shakes more slowly is a motion."""
+"""Hz; slower oscillations belong to the commanded motion."""
 _STRETCH = 1.28
-"""s of a spectrum that is looked at, each begins a quarter after the one before."""
+"""s of each spectrum; the next one begins a quarter of it later."""
 _RAMP = 0.1
-"""s in which the shaking comes and goes."""
+"""s in which the vibration rises and falls."""
 _CLEAR = 0.05
-"""Share of the robot's own acceleration that a line must reach: splines smooth bends of a jerk by up to 4 % of it."""
+"""Share of the robot's own acceleration that a line must exceed: splines smooth a jerk by up to 4 % of it."""
 _FEWEST_WAVES = 6.0
-"""Of a vibration; a shorter burst is some other event."""
+"""Of a vibration; a shorter burst is another event."""
 
 
 class ExternalVibration(Effect):
     """The base accelerates as A sin(2 pi f t) + B cos(2 pi f t) in its own axes, from `start` for `length`.
 
-    Where an accelerometer rides on the sensor, a is what it felt instead: its clock and a gain are fitted.
+    With an accelerometer on the sensor, its measurement replaces the sine: its clock offset and a gain are fitted.
     """
 
     name = "external_vibration"
@@ -35,7 +35,9 @@ class ExternalVibration(Effect):
     equation = "dw = (-m a, -mc x a), a = R_sensor_base (A sin 2 pi f t + B cos 2 pi f t) in the window"
     source = "base excitation (Inman 2014, Engineering Vibration, section 2.4)"
     excited_by = "nothing: a machine nearby, a fan, a pump"
-    separating_motion = "stand still in two attitudes: a vibration stays in the base's axes, a part's swing dies away"
+    separating_motion = (
+        "stand still in two attitudes: a vibration keeps the base's axes, the oscillation of a part decays"
+    )
     confused_with = ("flexible_mode", "base_motion", "contact", "gear_ripple")
     needs = ("load",)
     transfers = False
@@ -53,7 +55,7 @@ class ExternalVibration(Effect):
         return (*when, *sizes)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """A line that stands out of the spectra of some stretches in a row; then its phase says when it begins."""
+        """A line above the spectra of several stretches in a row; its phase then gives the start."""
         if recorded.accelerometer is not None:
             yield from felt.starts(recorded, residual)
             return
@@ -75,7 +77,7 @@ class ExternalVibration(Effect):
         since = recorded.seconds - start
         ramp = min(_RAMP, length / 4)
         size = np.clip(np.minimum(since, length - since) / ramp + 0.5, 0.0, 1.0)
-        # Phases count from the middle of the window: the frequency then hardly moves them.
+        # Phases count from the middle of the window: they then hardly depend on the frequency.
         turn = 2.0 * np.pi * nonlinear["frequency"] * (since - length / 2)
         waves = np.stack([np.sin(turn), np.cos(turn)], axis=1) * size[:, None]
         answer = shaking_columns(recorded, None if recorded.base is None else recorded.base.rotation_world_base)
@@ -99,13 +101,13 @@ class ExternalVibration(Effect):
             return felt.sentence(recorded, values)
         ((start, end),) = self.windows(recorded, values)
         return (
-            f"From {start:.1f} s to {end:.1f} s the base shook at {values['frequency']:.1f} Hz with "
-            f"{self.derived(recorded, values)['amplitude'][0]:.2f} m/s2: the nominal base does not shake."
+            f"From {start:.1f} s to {end:.1f} s the base vibrated at {values['frequency']:.1f} Hz with "
+            f"{self.derived(recorded, values)['amplitude'][0]:.2f} m/s2: the nominal base does not vibrate."
         )
 
     @staticmethod
     def _lines(recorded: RecordedMotion, shake: Array, count: int = 2) -> Iterable[tuple[float, float, float]]:
-        """(frequency, begin, end) of what stands out of the spectra for longest and most."""
+        """(frequency, begin, end) of the line that exceeds the spectra longest and most."""
         period = recorded.period
         even = np.arange(recorded.seconds[0], recorded.seconds[-1], period)
         length = min(int(_STRETCH / period), len(even))
@@ -118,7 +120,7 @@ class ExternalVibration(Effect):
             power += np.abs(np.fft.rfft(pieces * np.hanning(length))) ** 2
         frequency = np.fft.rfftfreq(length, period)
         fast = frequency >= _LOWEST
-        # What is usual at higher frequencies is noise; less than thrice of it does not count.
+        # The median at higher frequencies is noise; lines below a multiple of it do not count.
         excess = np.where(fast, power / max(float(np.median(power[:, frequency > 4.0])), 1e-30) - 6.0, -1.0)
         for _ in range(count):
             total, begin, end = _longest_gain(excess)
@@ -131,7 +133,7 @@ class ExternalVibration(Effect):
 
     @staticmethod
     def _clear(recorded: RecordedMotion, shake: Array, frequency: float, span: tuple[float, float]) -> bool:
-        """Whether a line is more than what differentiated encoders get wrong while the robot moves like this."""
+        """Whether a line exceeds the error of differentiated encoders during this motion."""
         inside = (recorded.seconds >= span[0]) & (recorded.seconds <= span[1])
         window = np.hanning(int(inside.sum()) + 2)[1:-1]
         wave = np.exp(-2j * np.pi * frequency * recorded.seconds[inside]) * window / window.sum()

@@ -1,4 +1,4 @@
-"""Flexible mode: a part of the payload sits on a spring and swings along an axis."""
+"""Flexible mode: a part of the payload is mounted on a spring and oscillates along an axis."""
 
 from collections.abc import Iterable
 
@@ -29,9 +29,9 @@ _PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 
 
 class FlexibleMode(Effect):
-    """A mass on a spring and damper along an axis of the tool; without load it is where the nominal model has it.
+    """A mass on a spring and damper along an axis of the tool; without load it is at its nominal place.
 
-    Its mass is part of the nominal payload: what is added is the difference that its swinging makes.
+    Its mass is part of the nominal payload: the response is the difference that its oscillation makes.
     """
 
     name = "flexible_mode"
@@ -96,7 +96,7 @@ class FlexibleMode(Effect):
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return (
-            f"{values['mass']:.2f} kg of the payload swing at {values['frequency']:.1f} Hz along "
+            f"{values['mass']:.2f} kg of the payload oscillate at {values['frequency']:.1f} Hz along "
             f"{'xyz'[int(np.argmax(np.abs(direction(values))))]}, damping ratio {values['damping_ratio']:.2f}: "
             "the nominal payload is rigid."
         )
@@ -118,7 +118,7 @@ class FlexibleMode(Effect):
         return np.stack([whole[:, :, i, j] + (whole[:, :, j, i] if i != j else 0.0) for i, j in _PAIRS], axis=2)
 
     def _better_place(self, recorded: RecordedMotion, residual: Array, nonlinear: Values, place: Array) -> Array:
-        """Where the force must attack that the torque is explained, once axis and frequency are there."""
+        """The point of attack that explains the torque, for a known axis and frequency."""
         response = self.columns(recorded, {**nonlinear, **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))})[
             :, :, 0
         ]

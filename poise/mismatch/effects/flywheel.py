@@ -1,4 +1,4 @@
-"""Flywheel: something in the tool spins, and its angular momentum resists turning."""
+"""Flywheel: a rotor in the tool spins, and its angular momentum resists rotation."""
 
 import numpy as np
 
@@ -36,6 +36,6 @@ class Flywheel(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         del recorded
         return (
-            "Something in the tool spins with an angular momentum of "
+            "A rotor in the tool spins with an angular momentum of "
             f"{directed([values[name] for name in _NAMES], 'N m s')}: the nominal load has no rotor."
         )

@@ -1,4 +1,4 @@
-"""Gear ripple: a joint's torque waves with its position, as teeth or wave generators mesh."""
+"""Gear ripple: a joint's torque oscillates with its position, as teeth or wave generators mesh."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _HIGHEST = 250.0
-"""Waves per turn that are looked for."""
+"""Waves per revolution that are tried."""
 
 
 class GearRipple(Effect):
@@ -66,13 +66,13 @@ class GearRipple(Effect):
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         return (
-            f"The torque of {joint_called(recorded, values['joint'])} waves {values['order']:.1f} times per turn by "
-            f"{self.derived(recorded, values)['amplitude'][0]:.2f} N m: the nominal gear runs smoothly."
+            f"The torque of {joint_called(recorded, values['joint'])} oscillates {values['order']:.1f} times per "
+            f"revolution by {self.derived(recorded, values)['amplitude'][0]:.2f} N m: the nominal gear runs smoothly."
         )
 
 
 def _spectrum(position: Array, residual: Array) -> tuple[Array, Array]:
-    """Orders (waves per turn, 1/rad) of two waves or more in the range travelled, and the power of each over noise."""
+    """Orders (waves per revolution, 1/rad) of two waves or more in the range travelled; their power over the noise."""
     span = float(np.ptp(position))
     if span < 0.05:
         return np.zeros(0), np.zeros(0)

@@ -1,4 +1,4 @@
-"""Grasp compliance: the whole payload turns a little in the grip, about a point on the sensor's z axis."""
+"""Grasp compliance: the whole payload rotates slightly in the grip, about a point on the sensor's z axis."""
 
 from collections.abc import Iterable
 
@@ -14,17 +14,17 @@ from poise.types import Array
 
 _MOST_ROUNDS = 8
 _SETTLED = 2e-5
-"""rad by which a round may still move the payload."""
+"""rad, the change of the payload's rotation at which the iteration ends."""
 _LARGEST = 0.5
-"""rad, beyond which the grip is not followed."""
+"""rad, the largest rotation that is simulated."""
 
 
 class GraspCompliance(Effect):
-    """Springs and dampers, equal about all axes, between sensor and payload: straight without load.
+    """Springs and dampers, equal about all axes, between sensor and payload; aligned without load.
 
     The turn theta (a rotation vector, sensor axes) obeys I theta'' + c theta' + k theta = torque of the turned and
     turning payload about the pivot, beyond -I theta''. In the principal axes of I these are three oscillators; what
-    the turn itself does to the torque is put in from the round before, to second order.
+    the rotation itself does to the torque is taken from the previous iteration, to second order.
     """
 
     name = "grasp_compliance"
@@ -32,7 +32,7 @@ class GraspCompliance(Effect):
     equation = "I theta'' + c theta' + k theta = tau(theta, theta'), c = 2 zeta sqrt(k Ixx); w of the turned payload"
     source = "passive compliance of a grasp (Siciliano et al. 2009, section 9.2); Euler's equation about the pivot"
     excited_by = "weight to the side of the grip in changing directions; quick turns"
-    separating_motion = "hold the payload level in four directions: it sags in proportion to its moment"
+    separating_motion = "hold the payload level in four directions: it tilts in proportion to its moment"
     confused_with = ("flexible_mode", "payload_parameters", "joint_offset", "sensor_rotation", "sensor_gain")
     needs = ("load",)
 
@@ -45,7 +45,7 @@ class GraspCompliance(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The best of a few stiffnesses and heights."""
+        """The best of several stiffnesses and heights."""
         weight = np.repeat([1.0, 20.0], 3)
         wanted = (residual - residual.mean(axis=0)) * weight
         scores = []
@@ -66,7 +66,7 @@ class GraspCompliance(Effect):
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         turn = np.degrees(self.derived(recorded, values)["largest_turn"][0])
         return (
-            f"The payload gives way in the grip, {values['stiffness']:.0f} N m/rad about a point "
+            f"The payload rotates in the grip, {values['stiffness']:.0f} N m/rad about a point "
             f"{1e3 * values['height']:.0f} mm from the sensor, by up to {turn:.1f} degrees: the nominal grip is rigid."
         )
 

@@ -38,7 +38,7 @@ class JointCoupling(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The pairs that explain most of a joint's residual beside its own motion."""
+        """The pairs of joints that explain most of a joint's residual beside its own motion."""
         track, known = efforts(recorded), numbers(recorded)
         own = np.stack([track.acceleration, track.velocity, sense(recorded), np.ones_like(track.velocity)], axis=2)
         scores = []

@@ -1,4 +1,4 @@
-"""What effects on joint efforts share: which joint is which, its sense of motion, and sizes that suit it."""
+"""Shared by effects on joint efforts: joint numbers, sign of motion, and typical sizes."""
 
 from collections.abc import Sequence
 
@@ -8,22 +8,22 @@ from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
 COULOMB_TRANSITION = 0.005
-"""rad/s about which a joint's sense of motion changes."""
+"""rad/s, the width of the transition in the sign of a joint's velocity."""
 
 
 def efforts(recorded: RecordedMotion) -> EffortTrack:
-    """The joint efforts of a world that has them; effects on effort are not asked about others.
+    """The joint efforts of a recording that has them.
 
     Raises:
-        ValueError: when it has none.
+        ValueError: when it has none; effects on effort are then `untestable`.
     """
     if recorded.effort is None:
-        raise ValueError("this world has no joint efforts")
+        raise ValueError("this recording has no joint efforts")
     return recorded.effort
 
 
 def numbers(recorded: RecordedMotion) -> tuple[int, ...]:
-    """Of each joint with a measured effort its number in the arm, 1 at the base."""
+    """The numbers of the joints with a measured effort; 1 is at the base."""
     if recorded.effort is None:
         return ()
     names = recorded.effort.names
@@ -42,7 +42,7 @@ def each_joint(values: Array) -> Array:
 
 
 def torque_sizes(recorded: RecordedMotion) -> Array:
-    """(J,) a tenth of what each joint usually bears; a typical friction."""
+    """(J,) a tenth of the typical effort of each joint: a typical friction."""
     if recorded.effort is None:
         return np.zeros(0)
     usual = np.quantile(np.abs(recorded.effort.rigid), 0.9, axis=0)
@@ -50,7 +50,7 @@ def torque_sizes(recorded: RecordedMotion) -> Array:
 
 
 def per(recorded: RecordedMotion, rates: Array) -> Array:
-    """(J,) sizes of a coefficient that turns rates (M, J) into torques."""
+    """(J,) sizes of a coefficient that maps rates (M, J) to torques."""
     usual = np.quantile(np.abs(rates), 0.9, axis=0)
     return np.asarray(torque_sizes(recorded) / np.maximum(usual, max(0.05 * float(usual.max(initial=0.0)), 1e-3)))
 
@@ -62,13 +62,13 @@ def joint_called(recorded: RecordedMotion, number: float) -> str:
 
 
 def column_of(recorded: RecordedMotion, number: float) -> int:
-    """Where a joint of a number stands among the efforts; 0 for one that is not there."""
+    """The column of a joint's number among the efforts; 0 for a joint that is absent."""
     known = numbers(recorded)
     return known.index(round(number)) if round(number) in known else 0
 
 
 def listed(recorded: RecordedMotion, values: Sequence[float], unit: str) -> str:
-    """Numbers by joint, the largest first, none that is small beside it: 'elbow_joint 5.1, wrist_1_joint 1 N m'."""
+    """Values by joint, the largest first, without much smaller ones: 'elbow_joint 5.1, wrist_1_joint 1 N m'."""
     ranked = sorted(zip(values, efforts(recorded).names, strict=True), key=lambda item: -abs(item[0]))
-    told = [f"{name} {value:.3g}" for value, name in ranked[:3] if abs(value) > 0.15 * abs(ranked[0][0])]
-    return f"{', '.join(told)} {unit}"
+    named = [f"{name} {value:.3g}" for value, name in ranked[:3] if abs(value) > 0.15 * abs(ranked[0][0])]
+    return f"{', '.join(named)} {unit}"

@@ -1,4 +1,4 @@
-"""Joint offset: a joint's zero is not where its encoder says."""
+"""Joint offset: the zero of a joint's encoder is wrong."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from poise.types import Array
 
 
 class JointOffset(Effect):
-    """q_read = q_true + d, joint by joint: gravity and all motion above the joint reach the sensor turned."""
+    """q_read = q_true + d, joint by joint: gravity and all motion before the joint reach the sensor rotated."""
 
     name = "joint_offset"
     layer = "kinematics"
@@ -35,7 +35,7 @@ class JointOffset(Effect):
         worst = int(np.argmax(np.abs(offsets)))
         return (
             f"The encoder of {names[worst]} reads {np.degrees(offsets[worst]):+.2f} degrees too much: "
-            "the nominal model takes its encoder at its word."
+            "the nominal model assumes a correct encoder."
         )
 
 

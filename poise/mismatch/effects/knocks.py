@@ -1,4 +1,4 @@
-"""Knocks in a force: when each began, along which axis, with what impulse, and how fast they die away."""
+"""Knocks in a force: time, axis, impulse and decay of each."""
 
 from dataclasses import dataclass
 
@@ -9,14 +9,14 @@ from poise.mismatch.effects.part_motion import knock_acceleration
 from poise.types import Array
 
 _LOUD = 8.0
-"""Jumps of the force over its noise that are knocks."""
+"""Jumps of the force, in units of its noise, that count as knocks."""
 _APART = 0.06
-"""s at least between two."""
+"""s, the least time between two knocks."""
 _MOST = 60
 _SETTLINGS = tuple(0.002 * 2.0 ** (k / 4) for k in range(17))
 """s: 2 to 32 ms."""
 _PLACES = 21
-"""Moments between two samples at which a knock is tried to begin."""
+"""Moments between two samples that are tried as the start of a knock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,8 @@ class Knocks:
 def find_knocks(seconds: Array, force: Array, sigma: Array) -> list[Knocks]:
     """The knocks in a force (N, 3) with white noise of sigma (3,); none when it does not jump.
 
-    Few samples show how fast knocks die away, and later ones that die away slowly look like earlier ones that are
-    short: each settling time that fits better than its neighbours is a reading of its own, the best first.
+    Few samples show the decay, and a later knock with slow decay resembles an earlier one with fast decay: each
+    settling time that fits better than its neighbours is a candidate, the best first.
     """
     jumps = np.diff(force, axis=0)
     size = np.linalg.norm(jumps / sigma, axis=1)

@@ -1,4 +1,4 @@
-"""Load-dependent friction: a gear rubs more the more it carries."""
+"""Load-dependent friction: the friction of a gear grows with its load."""
 
 import numpy as np
 
@@ -29,5 +29,5 @@ class LoadDependentFriction(Effect):
         return each_joint(np.abs(efforts(recorded).rigid) * sense(recorded))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        told = listed(recorded, [100.0 * values[f"ratio_{i}"] for i in numbers(recorded)], "%")
-        return f"Joints rub in proportion to their load: {told} of it; the nominal gears lose nothing."
+        sizes = listed(recorded, [100.0 * values[f"ratio_{i}"] for i in numbers(recorded)], "%")
+        return f"Joint friction is proportional to the load: {sizes} of it; the nominal gears lose nothing."

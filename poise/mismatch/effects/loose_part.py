@@ -1,4 +1,4 @@
-"""Loose part: something in the payload slides between two stops and knocks against them."""
+"""Loose part: a part of the payload slides between two stops and knocks against them."""
 
 from collections.abc import Iterable
 from functools import lru_cache
@@ -30,20 +30,20 @@ from poise.types import Array
 _BLURS = (15, 5, 2)
 """Samples."""
 _FEWEST = 2
-"""Knocks that are needed to begin with them."""
+"""Knocks that a start from knocks needs."""
 _AXES, _HEARD = 80, 40.0
-"""Axes that are tried for a part that is not heard, and the fall of the square from which one is looked at."""
+"""Axes that are tried for a part without audible knocks; drop of the square from which an axis is examined."""
 _GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
-"""m and s that are tried then."""
+"""m and s that are tried in this case."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
-"""rad, m and s to which knocks alone show axis, place and moment."""
+"""rad, m and s: accuracy of axis, place and time from knocks alone."""
 
 
 class LoosePart(Effect):
     """A mass that slides freely along an axis of the tool within a gap, and does not rebound.
 
-    Its mass is part of the nominal payload, in the middle of the gap: what is added is the difference. A stop takes up
-    the knock as a critically damped spring does. (What slides with friction lets go a little later.)
+    Its mass is part of the nominal payload, in the middle of the gap: the response is the difference. A stop absorbs
+    the knock as a critically damped spring. (With friction the part would start a little later.)
     """
 
     name = "loose_part"
@@ -72,7 +72,7 @@ class LoosePart(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """Knocks say where the part slides, along what, and how far; so does the torque of where it rests."""
+        """Knocks give the place, the axis and the gap; so does the torque of the part at rest."""
         wanted = residual - residual.mean(axis=0)
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         readings = find_knocks(recorded.seconds, wanted[:, :3], 1.0 / weight[:3])
@@ -115,7 +115,7 @@ class LoosePart(Effect):
             return travelled(recorded.seconds, specific_at(recorded, x[4:]) @ _axis(x), knocks.moments, sides)
 
         def off(x: Array) -> Array:
-            """Distances against the gap, in what half a sample makes; impulses; and what is known already."""
+            """Distances relative to the gap, in units of half a sample; impulses; prior knowledge."""
             far, speed = course(x)
             distance = (far - np.exp(x[2]) * crossed) / (_TIMED * np.abs(speed) + 1e-4)
             likelier = np.abs(distance).argmin(axis=0), np.arange(len(sides))
@@ -131,7 +131,7 @@ class LoosePart(Effect):
         return _values(gap, knocks.settling, _axis(found), place)
 
     def _from_rest(self, recorded: RecordedMotion, wanted: Array, weight: Array) -> list[dict[str, float]]:
-        """The part whose weight at one stop or the other, by turns, explains most of the torque; none when little."""
+        """The part whose weight, at one of the stops, explains most of the torque; none when it explains little."""
         centre = payload_centre(recorded)
         push = specific_at(recorded, centre)
         still = np.zeros(len(recorded))
@@ -153,7 +153,7 @@ class LoosePart(Effect):
     def _sharpened(
         self, recorded: RecordedMotion, start: dict[str, float], wanted: Array, weight: Array
     ) -> dict[str, float]:
-        """Least squares in ever less blurred residuals: a knock that comes a sample too late explains nothing."""
+        """Least squares from coarse to fine blur: a knock that is a sample too late explains nothing."""
         moving = [p for p in self.parameters(recorded) if not p.linear]
         found = start
         for blur in _BLURS:
@@ -170,7 +170,7 @@ class LoosePart(Effect):
     def _unexplained(
         self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int
     ) -> Array:
-        """What the best mass leaves, blurred over some samples."""
+        """The residual of the best mass, blurred over some samples."""
         response = _bent(recorded, self.columns(recorded, nonlinear)[:, :, 0])
         here, there = (
             uniform_filter1d((part - part.mean(axis=0)) * weight, blur, axis=0)[:: max(blur // 2, 1)].ravel()
@@ -181,7 +181,7 @@ class LoosePart(Effect):
         return left
 
     def _left(self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> float:
-        """The square that the best mass leaves."""
+        """The squared residual of the best mass."""
         return float(np.mean(self._unexplained(recorded, nonlinear, wanted, weight, blur) ** 2))
 
 
@@ -190,7 +190,7 @@ def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str,
 
 
 def _bent(recorded: RecordedMotion, values: Array) -> Array:
-    """(N, 6) without what a bias or a shifted centre of mass, fitted besides, would take away."""
+    """(N, 6) without the part that a bias or a shifted centre of mass would explain."""
     basis = _basis(recorded)
     return np.asarray(values - basis @ (basis.T @ values))
 

@@ -36,5 +36,5 @@ class LowPass(Effect):
         del recorded
         return (
             f"The wrench is smoothed with a time constant of {1e3 * values['time_constant']:.1f} ms: "
-            "the nominal sensor is immediate."
+            "the nominal sensor has no filter."
         )

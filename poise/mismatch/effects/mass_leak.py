@@ -1,4 +1,4 @@
-"""Mass leak: the payload loses (or gains) weight steadily, as when grain trickles or a tank drains."""
+"""Mass leak: the payload loses (or gains) mass at a constant rate, as when grain trickles or a tank drains."""
 
 from collections.abc import Iterable
 
@@ -21,7 +21,7 @@ from poise.types import Array
 class MassLeak(Effect):
     """A point mass of the payload becomes lighter at a constant rate from `start` to the end of the recording.
 
-    What leaves takes its momentum along; its jet is not modelled (8 g/s at 1 m/s push with 8 mN).
+    The leaving mass keeps its momentum; its jet is not modelled (8 g/s at 1 m/s push with 8 mN).
     """
 
     name = "mass_leak"
@@ -43,7 +43,7 @@ class MassLeak(Effect):
         return (start, *places, EffectParameter("rate", "kg/s", 0.3 / max(recorded.duration, 1.0)))
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The best of some moments from which weight goes on falling, with the place that its moment means."""
+        """The best of several start times, with the place that the moment implies."""
         weight = 1.0 / np.maximum(white_level(residual), 1e-9)
         white = ((residual - residual.mean(axis=0)) * weight).ravel()
         matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)[:, :, :4]

@@ -20,7 +20,7 @@ class MassStep(Effect):
     layer = "event"
     equation = "w = A(t) (phi + dphi [t >= time]), dphi = (dm, dm c)"
     source = "thesis eq. 2.97 with a payload that changes once"
-    excited_by = "gravity; the moment is known to a sample"
+    excited_by = "gravity; the time is resolved to a sample"
     separating_motion = "turn the tool after the change: weight turns with gravity, a bias does not"
     confused_with = ("mass_leak", "contact", "sensor_bias", "bias_drift")
     transfers = False

@@ -1,4 +1,4 @@
-"""Motor inertia: behind its gear a rotor must be accelerated too."""
+"""Motor inertia: the rotor behind the gear must be accelerated too."""
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per
@@ -7,7 +7,7 @@ from poise.types import Array
 
 
 class MotorInertia(Effect):
-    """tau_j = J_j a_j: the rotor's inertia times the square of the gear's ratio, in no link of the description."""
+    """tau_j = J_j a_j: the rotor's inertia times the square of the gear's ratio, absent from the robot description."""
 
     name = "motor_inertia"
     layer = "friction"
@@ -28,5 +28,5 @@ class MotorInertia(Effect):
         return each_joint(efforts(recorded).acceleration)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        told = listed(recorded, [values[f"inertia_{i}"] for i in numbers(recorded)], "kg m2")
-        return f"Motors have inertia that no link has: {told}; the nominal model has no rotors."
+        sizes = listed(recorded, [values[f"inertia_{i}"] for i in numbers(recorded)], "kg m2")
+        return f"Motor rotors add inertia: {sizes}; the nominal model has no rotors."

@@ -1,4 +1,4 @@
-"""How a part moves that hangs on springs or rattles between stops: exact on stamps that need not be even."""
+"""Motion of a part on springs or between stops: exact for stamps that need not be uniform."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,11 +10,11 @@ from poise.types import Array
 
 _MOST_KNOCKS = 2000
 _SWING_STEP, _LONGEST_STEP = 0.24, 0.03
-"""rad of phase, and s, that a swinging pendulum is stepped by."""
+"""rad of phase, and s: largest steps of a pendulum."""
 _BLUR = 1e-3
-"""s on either side over which the acceleration in a knock is averaged."""
+"""s on either side over which the acceleration of a knock is averaged."""
 _SEARCHED = 64
-"""Samples that are looked at for the end of a flight at a time."""
+"""Samples that are searched at once for the end of a flight."""
 
 
 def crept(seconds: Array, values: Array, time_constant: float) -> Array:
@@ -85,9 +85,9 @@ def _transition(h: Array, k: Array, c: Array) -> Array:
 def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping: float) -> tuple[Array, Array, Array]:
     """Direction of a spherical pendulum in the world, and its first and second derivative, (N, 3) each.
 
-    u'' = b - (u.b + |u'|^2) u, b = pull - c (u' - omega x u), |u| = 1; it begins steadily along the pull. Stepped by
-    the SHAKE method (Hairer, Lubich, Wanner 2006, section VII.1.4), the step's square scaled so that a small swing
-    has exactly the natural frequency.
+    u'' = b - (u.b + |u'|^2) u, b = pull - c (u' - omega x u), |u| = 1; it begins in steady state along the pull.
+    Integrated by the SHAKE method (Hairer, Lubich, Wanner 2006, section VII.1.4), the step's square scaled so that a
+    small swing has exactly the natural frequency.
 
     Args:
         seconds: (N,) ascending.
@@ -96,7 +96,7 @@ def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping:
         frequency: rad/s, natural, of small swings.
         damping: c, 1/s, against the vessel.
     """
-    # Steps on a ladder: they do not change with every frequency that is tried.
+    # Step sizes from a geometric ladder: they do not change with every frequency that is tried.
     finer = max(np.ceil(2.0 * np.log2(frequency * _LONGEST_STEP / _SWING_STEP)), 0.0)
     count = int(np.ceil((seconds[-1] - seconds[0]) / _LONGEST_STEP * 2.0 ** (finer / 2.0))) + 1
     even = np.linspace(seconds[0], seconds[-1], count)
@@ -125,7 +125,7 @@ def _with_second(
 
 
 def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, half: float) -> list[list[float]]:
-    """(K, 3) places on the sphere, one after the other. Plain numbers: for three of them an array costs more."""
+    """(K, 3) positions on the sphere, step by step. Plain floats: arrays of three numbers would be slower."""
     (x, y, z), (x0, y0, z0) = now, before
     a, b = 2.0 / (1.0 + half), (1.0 - half) / (1.0 + half)
     out = []
@@ -144,10 +144,10 @@ def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, ha
 
 
 def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> tuple[Array, Array, Array]:
-    """Where a free part is between two stops, and its velocity and acceleration, relative to what carries it.
+    """Position of a free part between two stops, its velocity and acceleration, relative to its carrier.
 
-    It rests against the stop that it is pushed to. When the push changes sign it flies, x'' = push (linear between
-    stamps, exact), to the other stop; there its speed v dies away without rebound as in a critically damped stop,
+    It rests against the stop that it is pushed to. When the push changes sign it moves freely, x'' = push (linear
+    between stamps, exact), to the other stop; there its speed v decays without rebound as in a critically damped stop,
     x = v t exp(-t / settling).
 
     Args:
@@ -181,10 +181,10 @@ def between_stops(seconds: Array, push: Array, gap: float, settling: float) -> t
 
 
 def travelled(seconds: Array, push: Array, arrivals: Array, sides: Array) -> tuple[Array, Array]:
-    """How far, and how fast, a free part has come when it knocks, (2, K) each and signed: two readings.
+    """Travel and speed of a free part when it knocks, (2, K) each and signed: two hypotheses.
 
     Either it was at rest until the push last changed sign; or at the stop of the knock before, until the push pointed
-    away from there. The second is right when all knocks are known, the first when one before was too soft to be heard.
+    away from there. The second holds when all knocks are known, the first when the knock before was not detected.
 
     Args:
         seconds, push: (N,) as in `between_stops`.
@@ -214,14 +214,14 @@ def _knock(seconds: Array, start: float, speed: float, settling: float, onto: tu
 def knock_acceleration(t: Array, settling: float) -> Array:
     """1/s, acceleration over speed before the knock, at times after it (negative: before).
 
-    It jumps to -2 / settling: its mean over a short while is what a sensor has of it.
+    It jumps to -2 / settling: a sensor measures its mean over a short time.
     """
     late, early = (np.maximum(t + shift, 0.0) / settling for shift in (_BLUR, -_BLUR))
     return np.asarray(((1.0 - late) * np.exp(-late) - (1.0 - early) * np.exp(-early)) / (2.0 * _BLUR))
 
 
 class _Flight:
-    """Integrals of a push that is linear between stamps, and when they reach what."""
+    """Integrals of a push that is linear between stamps, and the times at which they reach a value."""
 
     def __init__(self, seconds: Array, push: Array) -> None:
         self._seconds, self._push = seconds, push
@@ -232,7 +232,7 @@ class _Flight:
         self._turns = np.flatnonzero(np.diff(np.signbit(push)))
 
     def integrals(self, time: float) -> tuple[float, float]:
-        """Speed and travel at a time of something that is free all along."""
+        """Speed and travel at a time, of a part that is free throughout."""
         i = min(max(int(np.searchsorted(self._seconds, time)) - 1, 0), len(self._seconds) - 2)
         h, t = self._seconds[i + 1] - self._seconds[i], time - self._seconds[i]
         p, rate = self._push[i], (self._push[i + 1] - self._push[i]) / h

@@ -1,4 +1,4 @@
-"""What parts that move within the payload, and a robot that moves unnoticed, do to the wrench on the sensor."""
+"""The wrench on the sensor from parts that move within the payload, and from unreported motion of the robot."""
 
 from collections.abc import Mapping
 
@@ -11,7 +11,7 @@ from poise.types import Array
 
 POINT_PARAMETERS = ("x", "y", "z")
 PAYLOAD_REACH = 0.5
-"""m from the sensor within which parts of a payload are looked for."""
+"""m from the sensor within which parts of a payload are searched."""
 AXIS_PARAMETERS = ("axis_a", "axis_b")
 """Chart of directions, see `direction`."""
 
@@ -39,7 +39,7 @@ def point_wrench(recorded: RecordedMotion, place: Array) -> Array:
 
 
 def sliding_wrench(recorded: RecordedMotion, place: Array, axis: Array, slid: tuple[Array, Array, Array]) -> Array:
-    """(N, 6) what a part of 1 kg that slides along an axis adds to the same mass fixed at `place`.
+    """(N, 6) the difference between a part of 1 kg that slides along an axis and this mass fixed at `place`.
 
     Args:
         recorded: the recording.
@@ -62,7 +62,7 @@ def spin_square(recorded: RecordedMotion, axis: Array) -> Array:
 
 
 def shaking_columns(recorded: RecordedMotion, rotation_world_from: Array | None = None) -> Array:
-    """(N, 6, 3) the payload's answer to an acceleration (m/s2) that the nominal motion lacks.
+    """(N, 6, 3) the payload's wrench under an acceleration (1 m/s2) that the nominal motion lacks.
 
     Args:
         recorded: the recording.
@@ -75,7 +75,7 @@ def shaking_columns(recorded: RecordedMotion, rotation_world_from: Array | None 
 
 
 def shaking(recorded: RecordedMotion, residual: Array) -> Array:
-    """(N, 3) m/s2 in world axes: the unnoticed acceleration that a residual force would mean."""
+    """(N, 3) m/s2 in world axes: the unreported acceleration that a residual force implies."""
     return recorded.to_world(residual[:, :3]) / -max(abs(float(recorded.phi[0])), 1e-3)
 
 
@@ -125,7 +125,7 @@ def payload_centre(recorded: RecordedMotion) -> Array:
 
 
 def best_fit(columns: Array, wanted: Array) -> tuple[Array, float]:
-    """Least squares by the normal equations: (k,) coefficients of (R, k) columns, and the square that is left."""
+    """Least squares by the normal equations: (k,) coefficients of (R, k) columns, and the squared residual."""
     normal, right = columns.T @ columns, columns.T @ wanted
     normal[np.diag_indices(len(normal))] += 1e-9 * np.trace(normal) / len(normal) + 1e-300
     found = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Payload parameters: the load is not the one that the model carries."""
+"""Payload parameters: the load differs from the payload of the model."""
 
 import numpy as np
 
@@ -38,8 +38,8 @@ class PayloadParameters(Effect):
         body, nominal = self._body(recorded, values), InertialParameters.from_phi(recorded.phi)
         com = np.nan_to_num(body.com - nominal.com)
         inertia = np.nan_to_num(body.inertia_vector - nominal.inertia_vector)
-        told = {f"com_{axis}": (float(value), "m") for axis, value in zip("xyz", com, strict=True)}
-        return told | {
+        reported = {f"com_{axis}": (float(value), "m") for axis, value in zip("xyz", com, strict=True)}
+        return reported | {
             f"inertia_{row[1:]}": (float(value), "kg m2")
             for row, value in zip(PAYLOAD_PARAMETERS[4:], inertia, strict=True)
         }

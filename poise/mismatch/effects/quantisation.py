@@ -1,4 +1,4 @@
-"""Quantisation: the reading comes in steps that are coarser than the noise."""
+"""Quantisation: the reading has steps that are coarser than the noise."""
 
 from collections.abc import Iterable
 
@@ -9,16 +9,16 @@ from poise.mismatch.recorded import RecordedMotion, lattice, white_level
 from poise.types import Array
 
 _FINEST = (1e-3, 1e-5)
-"""N, N m: finer steps do not matter to anyone."""
+"""N, N m: finer steps do not matter."""
 _MATERIAL = 0.1
-"""Share of the white noise's power that rounding must be."""
+"""Share of the white noise's power from which rounding counts."""
 
 
 class Quantisation(Effect):
-    """w_read = step round(w / step), forces and torques each with one step; the last thing that happens to a reading.
+    """w_read = step round(w / step), forces and torques each with one step; the last stage of a reading.
 
-    A residual hardly shows it (what is rounded off looks like noise), the readings themselves do: all of them are
-    whole multiples of the step. `starts` reads it there, and yields nothing when there is no such step.
+    A residual hardly shows it (rounding looks like noise), the readings do: all of them are whole multiples of the
+    step. `starts` finds it there, and yields nothing without a common step.
     """
 
     name = "quantisation"
@@ -27,8 +27,8 @@ class Quantisation(Effect):
     direct = True
     equation = "w_read = step round(w / step)"
     source = "uniform quantiser; error step / sqrt(12) when it is busy (Widrow and Kollar 2008)"
-    excited_by = "anything: every reading is a multiple of the step"
-    separating_motion = "none needed; a slow turn under load shows the stairs one by one"
+    excited_by = "any motion: every reading is a multiple of the step"
+    separating_motion = "none needed; a slow rotation under load shows each step"
     confused_with = ()
     order = 100
 
@@ -47,7 +47,7 @@ class Quantisation(Effect):
         if found is not None:
             yield found
 
-    def shown(self, recorded: RecordedMotion) -> Values | None:
+    def detected(self, recorded: RecordedMotion) -> Values | None:
         found = self.found(recorded)
         if found is None:
             return None

@@ -12,7 +12,7 @@ _GROUPS = (("force_limit", "N", slice(0, 3)), ("torque_limit", "N m", slice(3, 6
 _HIGHEST = 1e4
 """N or N m: a limit that is never reached."""
 _FEWEST = 8
-"""Readings at exactly the same extreme value that chance does not bring."""
+"""Readings at exactly one extreme value that chance does not explain."""
 
 
 class Saturation(Effect):
@@ -36,7 +36,7 @@ class Saturation(Effect):
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """Readings that stand at one extreme value; without any there is no saturation to speak of."""
+        """Readings that stay at one extreme value; without any there is no saturation."""
         del residual
         found = {name: plateau(recorded.wrench[:, part]) or _HIGHEST for name, _, part in _GROUPS}
         if min(found.values()) < _HIGHEST:
@@ -48,7 +48,7 @@ class Saturation(Effect):
 
     @staticmethod
     def passes(recorded: RecordedMotion, values: Values) -> Mask:
-        """(N, 6) False where the reading stands at its limit and says nothing about what comes before it."""
+        """(N, 6) False where the reading is at its limit and carries no information."""
         limit = np.repeat([values[name] for name, _, _ in _GROUPS], 3)
         return np.asarray(np.abs(recorded.wrench) < limit * (1.0 - 1e-9))
 
@@ -59,7 +59,7 @@ class Saturation(Effect):
 
 
 def plateau(values: Array) -> float:
-    """The largest magnitude when readings stand at it as they do not by chance, else 0.
+    """The largest magnitude when more readings are at it than chance explains, else 0.
 
     Readings that are rounded repeat too: there must be far more at the limit than on any step just below it.
 

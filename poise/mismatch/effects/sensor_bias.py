@@ -1,4 +1,4 @@
-"""Sensor bias: the sensor reads a constant wrench with nothing on it."""
+"""Sensor bias: the sensor reads a constant wrench without load."""
 
 import numpy as np
 
@@ -10,13 +10,13 @@ BIAS_PARAMETERS = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "tor
 
 
 class SensorBias(Effect):
-    """w_read = w + b; what the last zeroing left, or a zeroing under load."""
+    """w_read = w + b; left by the last zeroing, or by zeroing under load."""
 
     name = "sensor_bias"
     layer = "sensor"
     equation = "w_read = w + b, b constant in sensor axes"
     source = "thesis eq. 3.2 with an offset; ATI manual 9620-05-DAQ, section on biasing"
-    excited_by = "anything; it shows best when gravity turns in the sensor, so that weight does not look like it"
+    excited_by = "any motion; best one in which gravity turns in the sensor, so that weight does not resemble it"
     separating_motion = "hold the tool in six attitudes, gravity along each sensor axis both ways"
     confused_with = ("bias_drift", "payload_parameters", "world_force", "sensor_creep")
     widens = "bias"
@@ -37,6 +37,6 @@ class SensorBias(Effect):
             np.array([values[a] for a in BIAS_PARAMETERS[3:]]),
         )
         return (
-            f"With nothing on it the sensor would read {force} and {np.linalg.norm(torque):.3f} N m: "
+            f"Without load the sensor would read {force} and {np.linalg.norm(torque):.3f} N m: "
             "the nominal model has no such bias."
         )

@@ -1,4 +1,4 @@
-"""Sensor creep: the reading goes on to grow for seconds after a load has come, and stays when it has gone."""
+"""Sensor creep: the reading follows a change of load with a delay of seconds."""
 
 from collections.abc import Iterable
 
@@ -9,14 +9,14 @@ from poise.types import Array
 
 
 class SensorCreep(Effect):
-    """w_read = w + c s, T ds/dt = w - s, s = w at the start: one relaxation, the same share in all channels."""
+    """w_read = w + c s, T ds/dt = w - s, s = w at the start: one relaxation, an equal share in all channels."""
 
     name = "sensor_creep"
     layer = "sensor"
     equation = "w_read = w + c s, T ds/dt = w - s, s(0) = w(0)"
     source = "standard linear solid (Findley, Lai, Onaran 1976, chapter 5); creep of load cells: OIML R 60"
     excited_by = "loads that change and then stay for seconds"
-    separating_motion = "turn the tool over quickly and hold still for 30 s: creep grows, a gain is there at once"
+    separating_motion = "turn the tool over quickly and hold still for 30 s: creep grows, a gain acts at once"
     confused_with = ("sensor_gain", "bias_drift", "sensor_bias", "low_pass", "payload_parameters")
     order = 10
     needs = ("load",)

@@ -12,7 +12,7 @@ _LEVER = 0.1
 
 
 class SensorGain(Effect):
-    """w_read = (1 + E) w with a constant 6x6 matrix E: a calibration matrix that has aged or is another sensor's."""
+    """w_read = (1 + E) w with a constant 6x6 matrix E: an aged calibration matrix, or that of another sensor."""
 
     name = "sensor_gain"
     layer = "sensor"

@@ -1,4 +1,4 @@
-"""Sensor nonlinearity: the reading does not grow in proportion to the load."""
+"""Sensor nonlinearity: the reading is not proportional to the load."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
 
 _TYPICAL = ((0.06, 0.08), (20.0, 2.0))
-"""Share of the load that the quadratic and the cubic part make, at this force (N) and torque (N m)."""
+"""Share of the quadratic and the cubic part in the load, at this force (N) and torque (N m)."""
 
 
 class SensorNonlinearity(Effect):

@@ -1,4 +1,4 @@
-"""Sensor rotation: the sensor is mounted turned against where the robot description has it."""
+"""Sensor rotation: the sensor is mounted rotated against the robot description."""
 
 from collections.abc import Iterable
 

@@ -1,4 +1,4 @@
-"""Slosh: liquid in a round vessel swings as a pendulum does."""
+"""Slosh: liquid in a round vessel swings as a pendulum."""
 
 from collections.abc import Iterable
 
@@ -22,8 +22,8 @@ from poise.types import Array
 class Slosh(Effect):
     """A mass on a spherical pendulum about a pivot in the tool; the nominal model has it rigid at the pivot.
 
-    With u the unit vector from the pivot to the mass, in world axes; large swings too. What is added is the difference
-    to the rigid mass, -m l u'', and what the damper in the pivot hands on.
+    With u the unit vector from the pivot to the mass, in world axes, for large swings too. The response is the
+    difference to the rigid mass, -m l u'', and the torque of the damper in the pivot.
     """
 
     name = "slosh"

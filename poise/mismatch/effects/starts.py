@@ -1,4 +1,4 @@
-"""Where to begin a search, found in the residual: moments of change, windows of activity, lines in the spectrum."""
+"""Starting points in the residual: times of change, windows of activity, lines in the spectrum."""
 
 from collections.abc import Iterator
 
@@ -60,7 +60,7 @@ def step_gain(residual: Array, columns: Array) -> Array:
     products = from_end(np.einsum("nck,ncl->nkl", columns, columns))
     sums = from_end(columns)
     gram = products - np.einsum("nck,ncl->nkl", sums, sums) / n
-    # Columns that do not change look like the constants beside them: what is left of them is nothing to divide by.
+    # Constant columns equal the constants beside them: their remainder is too small to divide by.
     ridge = (1e-6 * np.trace(products[0]) / k + 1e-12) * np.eye(k)
     solved = np.linalg.solve(gram + ridge, moments[:, :, None])[:, :, 0]
     return np.asarray(np.einsum("nk,nk->n", moments, solved) / 2)

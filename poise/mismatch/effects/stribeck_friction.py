@@ -1,4 +1,4 @@
-"""Stribeck friction: dry friction that is greater when a joint barely moves."""
+"""Stribeck friction: dry friction that is greater at low speed."""
 
 from collections.abc import Iterable
 
@@ -44,8 +44,8 @@ class StribeckFriction(Effect):
         return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        told = listed(recorded, [values[f"stiction_{i}"] for i in numbers(recorded)], "N m")
+        sizes = listed(recorded, [values[f"stiction_{i}"] for i in numbers(recorded)], "N m")
         return (
-            f"Joints stick: below {values['velocity']:.2f} rad/s their friction is greater, {told}; "
+            f"Joints stick: below {values['velocity']:.2f} rad/s their friction is greater, {sizes}; "
             "the nominal model has no stiction."
         )

@@ -30,5 +30,5 @@ class ViscousFriction(Effect):
         return each_joint(efforts(recorded).velocity)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
-        told = listed(recorded, [values[f"damping_{i}"] for i in numbers(recorded)], "N m s/rad")
-        return f"Joints need torque in proportion to their speed: {told}; the nominal model has no viscous friction."
+        sizes = listed(recorded, [values[f"damping_{i}"] for i in numbers(recorded)], "N m s/rad")
+        return f"Joints need torque in proportion to their speed: {sizes}; the nominal model has no viscous friction."

@@ -1,4 +1,4 @@
-"""RecordedMotion force: something pulls on the load with a constant force, fixed in the world."""
+"""World force: something pulls on the load with a constant force, fixed in the world."""
 
 from collections.abc import Iterable
 
@@ -12,7 +12,7 @@ from poise.types import Array
 _POINT = ("x", "y", "z")
 _FORCE = ("force_x", "force_y", "force_z")
 _REACH = 0.5
-"""m from the sensor within which the force attacks."""
+"""m from the sensor within which the force acts."""
 
 
 class WorldForce(Effect):

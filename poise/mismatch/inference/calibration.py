@@ -1,7 +1,7 @@
-"""What every honest robot has: small errors of payload, sensor, joints and clock, inside the declared tolerances.
+"""Calibration errors of every real robot: of payload, sensor, joints and clock, inside the declared tolerances.
 
-They are fitted under every hypothesis with tight priors, so that no hypothesis wins by mending them. A calibration
-effect (`widens`) is the same columns with a wide prior: then the tolerance itself is what the data speak against.
+They are fitted under every hypothesis with tight priors, so that no hypothesis wins by correcting them. A
+calibration effect (`widens`) has these columns with a wide prior: it wins where the data contradict the tolerance.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from poise.mismatch.recorded import RecordedMotion, at_times
 from poise.types import Array
 
 PRIOR_SIGMA = 0.5
-"""One sigma of the prior in units of the tolerance: two sigma is what is declared good enough."""
+"""One sigma of the prior in units of the tolerance: the tolerance is two sigma."""
 
 _CROSS = 0.1
-"""Gain across axes (within force, within torque) in units of that along them: what is left after calibration."""
+"""Gain across axes (within force, within torque) in units of that along them: typical after calibration."""
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,15 @@ class CalibrationGroup:
 
 
 _BLURS = (0.02, 0.05, 0.12)
-"""s: what of the prediction is faster than these may be noise of the encoders, differentiated twice. To take some of it
-back, without delay, is no physics; without this a part that swings would win by filtering the noise out."""
+"""s: faster parts of the prediction may be encoder noise, differentiated twice. Smoothing it without delay is no
+physics; without these columns an oscillating part would win by filtering the noise."""
 
 _TORQUE_CONSTANT = 0.01
 """Relative tolerance of the motors' torque constants."""
 
 
 def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
-    """All groups for a world; the wrench that gain, rotation and clock act on is `recorded.prediction`."""
+    """All groups for a recording; the wrench that gain, rotation and clock act on is `recorded.prediction`."""
     wrench = recorded.prediction
     middle = (recorded.seconds[0] + recorded.seconds[-1]) / 2
     ramp = (recorded.seconds - middle) / max(recorded.duration, 1e-9)
@@ -69,12 +69,12 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
 
 
 def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
-    """Calibration errors as joint efforts show them: payload, joint offsets, torque constants; (M, J, k) columns."""
+    """Calibration errors of joint efforts: payload, joint offsets, torque constants; (M, J, k) columns."""
     track, joints = recorded.effort, recorded.joints
     if track is None or joints is None:
         return ()
     chosen = [joints.names.index(name) for name in track.names]
-    # What pushes the sensor one way asks the joints for the opposite: tau = -J^T w.
+    # A wrench on the sensor needs the opposite effort of the joints: tau = -J^T w.
     felt = payload_columns(recorded, tolerance)
     along = -np.einsum("ncj,nck->njk", joints.jacobian_in_sensor[:, :, chosen], felt)
     count = len(chosen)
@@ -101,7 +101,7 @@ def gain_columns(wrench: Array) -> Array:
 def payload_columns(recorded: RecordedMotion, tolerance: Tolerance) -> Array:
     """(N, 6, 10) response to one tolerance of mass, centre of mass (3) and inertia about it (6).
 
-    The mass varies with the body's shape held: its inertia grows with it.
+    The mass varies for a fixed shape: the inertia is proportional to it.
     """
     matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
     return np.asarray(matrix @ payload_steps(recorded.phi, tolerance))

@@ -1,4 +1,4 @@
-"""A recording at a fifth of its rate, for looking through many hypotheses before few are fitted in full."""
+"""A recording at a fifth of its rate, to screen many hypotheses before few are fitted in full."""
 
 from dataclasses import replace
 
@@ -9,16 +9,16 @@ from poise.mismatch.inference.noise import NoiseColour, SignalNoise
 from poise.mismatch.inference.problem import Problem, SampleBlocks
 
 _TOGETHER = 5
-"""Samples that become one. Odd, so that one of them is in the middle."""
+"""Samples that are averaged. Odd, so that one is in the middle."""
 _ENOUGH = 500
-"""Samples that a thinned recording has at the least; shorter ones stay as they are."""
+"""Least number of samples after thinning; shorter recordings are not thinned."""
 
 
 def thinned(problem: Problem) -> Problem:
-    """The problem with every five samples made one.
+    """The problem with every five samples averaged.
 
-    Measurement, prediction and responses are averaged alike, after they were made at the full rate: nothing but what
-    is faster than the averages is lost.
+    Measurement, prediction and responses are averaged alike, after evaluation at the full rate: only what is faster
+    than the averages is lost.
     """
     seconds = problem.seconds
     count = len(seconds) // _TOGETHER

@@ -1,7 +1,7 @@
-"""How well a linear model with priors explains whitened data, from small matrices: the algebra of the competition.
+"""Evidence of linear models with priors for whitened data, from small matrices.
 
 Whitened data t (R,) and columns C (k, R), one per row, with t = C'c + e, e white, c normal about `mean` with
-`precision`. What other columns X can add is told by two small quantities once C is projected out: the information
+`precision`. Two small quantities describe what other columns X can add once C is projected out: the information
 S = XX' - XC' A^-1 CX' and the vector s = Xt - XC' A^-1 b, with A = CC' + diag(precision).
 """
 
@@ -55,7 +55,7 @@ class WhitenedRegression:
 
     @cached_property
     def log_evidence(self) -> float:
-        """log p(t) up to what all models of the same data share; columns without a prior count as unit width."""
+        """log p(t) up to a constant of the data; columns without a prior count as unit width."""
         factor, _, square = self._solved
         prior = float(np.log(self.precision[self.precision > 0]).sum())
         return -0.5 * square - float(np.log(np.diag(factor)).sum()) + 0.5 * prior
@@ -69,17 +69,17 @@ class WhitenedRegression:
         """(k, k) of c."""
         return np.asarray(cho_solve((self._solved[0], True), np.eye(len(self.mean))))
 
-    def beside(self, extra: Array) -> "ProjectedColumns":
-        """What further columns (m, R) can add."""
+    def project(self, extra: Array) -> "ProjectedColumns":
+        """Further columns (m, R), with these columns projected out."""
         factor, half, _ = self._solved
         across = solve_triangular(factor, self.columns @ extra.T, lower=True)
         whole = extra @ extra.T
-        # What the frame has already cancels, but for the rounding of large numbers: that much is not known.
+        # Known columns cancel up to the rounding of large numbers: this much is not known.
         left = whole - across.T @ across + _ROUNDING * np.diag(np.diag(whole))
         return ProjectedColumns(left, extra @ self.target - across.T @ half)
 
     def extended(self, extra: Array, precision: Array, mean: Array) -> "WhitenedRegression":
-        """With further columns that are fitted under every hypothesis from now on."""
+        """With further columns that every later hypothesis includes."""
         return WhitenedRegression(
             np.vstack([self.columns, extra]),
             np.concatenate([self.precision, precision]),
@@ -88,19 +88,19 @@ class WhitenedRegression:
         )
 
     def with_target(self, target: Array) -> "WhitenedRegression":
-        """The same columns before another residual (R,); their factorisation is kept."""
+        """These columns with another residual (R,); their factorisation is reused."""
         made = WhitenedRegression(self.columns, self.precision, self.mean, target)
         made.__dict__["_factor"] = self._factor
         return made
 
     def rows(self, keep: Array) -> "WhitenedRegression":
-        """The same on a part of the data: a mask (R,) of rows."""
+        """Restricted to a mask (R,) of the data."""
         return WhitenedRegression(self.columns[:, keep], self.precision, self.mean, self.target[keep])
 
 
 @dataclass(frozen=True, eq=False)
 class ProjectedColumns:
-    """Columns beside a frame: information S (m, m) and vector s (m,)."""
+    """Columns with those of a regression projected out: information S (m, m) and vector s (m,)."""
 
     information: Array
     vector: Array
@@ -110,11 +110,11 @@ class ProjectedColumns:
         return np.asarray(cho_solve(cho_factor(self._posterior(precision), lower=True), self.vector))
 
     def drop(self, coefficients: Array) -> float:
-        """By how much the square falls when the columns get these coefficients."""
+        """Decrease of the square for these coefficients."""
         return float(2.0 * self.vector @ coefficients - coefficients @ self.information @ coefficients)
 
     def gain(self, precision: Array) -> float:
-        """log evidence won by the columns with normal priors about zero."""
+        """log evidence of the columns with normal priors about zero."""
         factor = np.linalg.cholesky(self._posterior(precision))
         half = solve_triangular(factor, self.vector, lower=True)
         return float(0.5 * half @ half - np.log(np.diag(factor)).sum() + 0.5 * np.log(precision).sum())
@@ -131,7 +131,7 @@ class ProjectedColumns:
 
 
 def flat_width(information: Array) -> float:
-    """log of the volume that data leave of a unit cube of parameters with this information; never more than all."""
+    """log of the posterior volume in a unit cube of parameters with this information; at most zero."""
     if not len(information):
         return 0.0
     strength = np.linalg.eigvalsh((information + information.T) / 2)
@@ -139,19 +139,19 @@ def flat_width(information: Array) -> float:
 
 
 def laplace_evidence(
-    frame: WhitenedRegression, beside: ProjectedColumns, precision: Array, mean: Array, linear: Mask
+    regression: WhitenedRegression, projected: ProjectedColumns, precision: Array, mean: Array, linear: Mask
 ) -> float:
     """Of a linearised hypothesis: exact in the linear parameters, Laplace's in the others."""
     if not len(linear):
-        return frame.log_evidence
+        return regression.log_evidence
     first, other = np.flatnonzero(linear), np.flatnonzero(~linear)
-    across = beside.information[np.ix_(first, other)]
+    across = projected.information[np.ix_(first, other)]
     won = 0.0
     if len(first):
-        factor = np.linalg.cholesky(beside.information[np.ix_(first, first)] + np.diag(precision[first]))
-        half = solve_triangular(factor, beside.vector[first] + (precision * mean)[first], lower=True)
+        factor = np.linalg.cholesky(projected.information[np.ix_(first, first)] + np.diag(precision[first]))
+        half = solve_triangular(factor, projected.vector[first] + (precision * mean)[first], lower=True)
         won = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
         won += 0.5 * float(np.log(precision[first]).sum()) - 0.5 * float((precision * mean**2)[first].sum())
         across = solve_triangular(factor, across, lower=True)
-    bent = beside.information[np.ix_(other, other)] - across.T @ across
-    return frame.log_evidence + won + flat_width(bent)
+    bent = projected.information[np.ix_(other, other)] - across.T @ across
+    return regression.log_evidence + won + flat_width(bent)

@@ -20,11 +20,11 @@ from poise.types import Array
 
 _MOST_STEPS = 12
 _HOPE = 5.0
-"""How much more a step may bring than the linear model promises."""
+"""Largest ratio of the gain of a step to the prediction of the linear model."""
 _SETTLED = 0.1
-"""Fall of the square below which a fit has settled."""
+"""Decrease of the square at which a fit has converged."""
 _NEARLY = 2.0
-"""The same for taking the calibration anew about what a fit says."""
+"""Decrease of the square below which the calibration is not linearised again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +33,9 @@ class HypothesisFit:
 
     Args:
         parts: effects with values.
-        log_evidence: comparable between fits of one problem, whatever their noise.
+        log_evidence: comparable between fits of one problem, for any noise.
         square: least weighted square of residual and priors.
-        frame: calibration and the linearised parts about the fit, with their priors: what more effects build on.
+        regression: calibration and the linearised parts about the fit, with priors; the basis of further effects.
         response: (N, C) of the parts.
         calibrated: (N, C) of the calibration errors.
         covariance: of each part's parameters, in the order of `Effect.parameters`.
@@ -44,7 +44,7 @@ class HypothesisFit:
     parts: tuple[FittedEffect, ...]
     log_evidence: float
     square: float
-    frame: WhitenedRegression
+    regression: WhitenedRegression
     response: Array
     calibrated: Array
     covariance: tuple[Array, ...]
@@ -52,50 +52,50 @@ class HypothesisFit:
 
 @dataclass(frozen=True, eq=False)
 class EffectCandidate:
-    """One effect beside a frame: its values, and by how much it raises the log evidence.
+    """One effect added to a regression: its values, and its gain of log evidence.
 
     Args:
         effect, values, gain, drop: its most likely values; log evidence won, and fall of the square.
-        hope: log evidence that it might win yet.
-        shown: sigmas by which it would stand out at its typical size.
+        potential: upper estimate of the log evidence that it can win.
+        visibility: sigmas of its response at its typical size.
     """
 
     effect: Effect
     values: Values
     gain: float
     drop: float
-    hope: float
-    shown: float = np.inf
+    potential: float
+    visibility: float = np.inf
 
 
 def refine(
     problem: Problem,
-    frame: WhitenedRegression,
+    regression: WhitenedRegression,
     recorded: RecordedMotion,
     effect: Effect,
     start: Values,
     steps: int = _MOST_STEPS,
     least: float = -np.inf,
 ) -> EffectCandidate:
-    """The most likely parameters of one effect beside a frame that stays as it is, from a starting point.
+    """The most likely parameters of one effect beside a fixed regression, from a starting point.
 
     Args:
         problem: whitens.
-        frame: what is fitted besides.
+        regression: the columns fitted beside it.
         recorded: that the effect acts in.
         effect: to fit.
         start: non-linear values.
         steps: at the most.
-        least: gain below which it is of no interest: the search ends as soon as that much is not in sight.
+        least: gain of interest: the search ends as soon as it is out of reach.
     """
     parameters = effect.parameters(recorded)
     moving = [p for p in parameters if not p.linear and not p.choice and not p.resolution]
     weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
-    at = _linear(problem, frame, recorded, effect, dict(start), weak)
+    at = _linear(problem, regression, recorded, effect, dict(start), weak)
     damping = Damping()
     for _ in range(steps if moving else 0):
         slopes = _slopes(problem, recorded, effect, at, moving)
-        moved = _stepped(problem, frame, recorded, effect, at, moving, slopes, weak, damping, least)
+        moved = _stepped(problem, regression, recorded, effect, at, moving, slopes, weak, damping, least)
         if moved is None:
             break
         settled = moved.drop - at.drop < _SETTLED
@@ -103,31 +103,31 @@ def refine(
         if settled:
             break
     slopes = _slopes(problem, recorded, effect, at, moving)
-    gain = _evidence_gain(frame, at, parameters, slopes)
+    gain = _evidence_gain(regression, at, parameters, slopes)
     return EffectCandidate(effect, at.values, gain, at.drop, gain)
 
 
 def score_start(
-    problem: Problem, frame: WhitenedRegression, recorded: RecordedMotion, effect: Effect, start: Values
+    problem: Problem, regression: WhitenedRegression, recorded: RecordedMotion, effect: Effect, start: Values
 ) -> EffectCandidate:
-    """One effect beside a frame at a starting point; its hope is what it explains there beyond chance."""
+    """One effect beside a regression at a starting point; its potential is the gain there beyond chance."""
     parameters = effect.parameters(recorded)
     weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
-    at = _linear(problem, frame, recorded, effect, dict(start), weak)
+    at = _linear(problem, regression, recorded, effect, dict(start), weak)
     free = sum(not p.choice for p in parameters)
     slopes = np.zeros((0, len(at.response)))
-    gain = _evidence_gain(frame, at, parameters, slopes)
+    gain = _evidence_gain(regression, at, parameters, slopes)
     moving = any(not p.linear for p in parameters)
     typical = np.array([p.scale for p in parameters if p.linear])
-    shown = float(np.sqrt(np.max(at.information * typical**2))) if len(typical) else np.inf
-    # Without linear parameters a starting point says nothing: all is in the slopes there.
-    hope = np.inf if not len(typical) else 0.5 * (at.drop - free) if moving else gain
-    return EffectCandidate(effect, at.values, gain, at.drop, hope, shown)
+    visibility = float(np.sqrt(np.max(at.information * typical**2))) if len(typical) else np.inf
+    # Without linear parameters the value at a starting point says nothing; only the slopes do.
+    potential = np.inf if not len(typical) else 0.5 * (at.drop - free) if moving else gain
+    return EffectCandidate(effect, at.values, gain, at.drop, potential, visibility)
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """An effect at some values: its whitened columns and response, and how far the square falls."""
+    """An effect at some values: its whitened columns and response, and the decrease of the square."""
 
     values: dict[str, float]
     columns: Array
@@ -138,7 +138,7 @@ class _Point:
 
 def _linear(
     problem: Problem,
-    frame: WhitenedRegression,
+    regression: WhitenedRegression,
     recorded: RecordedMotion,
     effect: Effect,
     nonlinear: dict[str, float],
@@ -147,15 +147,15 @@ def _linear(
     """The most likely linear parameters at given non-linear ones."""
     if not len(weak):
         response = problem.whiten(effect.simulate(recorded, nonlinear))
-        drop = frame.beside(response[None]).drop(np.ones(1))
+        drop = regression.project(response[None]).drop(np.ones(1))
         return _Point(nonlinear, np.zeros((0, len(response))), response, drop, np.zeros(0))
     columns = problem.whiten(effect.columns(recorded, nonlinear))
-    beside = frame.beside(columns)
-    linear = beside.solve(weak)
+    projected = regression.project(columns)
+    linear = projected.solve(weak)
     names = [p.name for p in effect.parameters(recorded) if p.linear]
     values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
-    drop = beside.drop(linear) - float(weak @ linear**2)
-    return _Point(values, columns, linear @ columns, drop, np.diag(beside.information))
+    drop = projected.drop(linear) - float(weak @ linear**2)
+    return _Point(values, columns, linear @ columns, drop, np.diag(projected.information))
 
 
 def _slopes(
@@ -170,7 +170,7 @@ def _slopes(
 
 def _stepped(
     problem: Problem,
-    frame: WhitenedRegression,
+    regression: WhitenedRegression,
     recorded: RecordedMotion,
     effect: Effect,
     at: _Point,
@@ -180,17 +180,17 @@ def _stepped(
     damping: Damping,
     least: float,
 ) -> _Point | None:
-    """A Levenberg-Marquardt step in all parameters, damped until the fit is better; None when it cannot be."""
+    """A Levenberg-Marquardt step in all parameters, damped until the fit improves; None when it cannot."""
     count = len(at.columns)
-    slope = _downhill(frame, effect, recorded, at, slopes, weak)
+    slope = _downhill(regression, effect, recorded, at, slopes, weak)
     if 0.5 * at.drop + _HOPE * slope.promised < least:
         return None
     for strength in damping.tries():
-        held = strength * np.diag(slope.beside.information)[count:]
+        held = strength * np.diag(slope.projected.information)[count:]
         precision = np.concatenate([weak, held + 1e-9])
-        step = slope.beside.solve(precision)[count:]
+        step = slope.projected.solve(precision)[count:]
         values = {p.name: _shifted(p, at.values[p.name], float(s)) for p, s in zip(moving, step, strict=True)}
-        trial = _linear(problem, frame, recorded, effect, {**at.values, **values}, weak)
+        trial = _linear(problem, regression, recorded, effect, {**at.values, **values}, weak)
         if trial.drop > at.drop:
             damping.eased(strength)
             return trial
@@ -199,46 +199,46 @@ def _stepped(
 
 @dataclass(frozen=True, eq=False)
 class _Downhill:
-    """The linear model of an effect about a point, and the log likelihood that it promises."""
+    """The linear model of an effect about a point, and its predicted gain of log likelihood."""
 
-    beside: ProjectedColumns
+    projected: ProjectedColumns
     promised: float
 
 
 def _downhill(
-    frame: WhitenedRegression, effect: Effect, recorded: RecordedMotion, at: _Point, slopes: Array, weak: Array
+    regression: WhitenedRegression, effect: Effect, recorded: RecordedMotion, at: _Point, slopes: Array, weak: Array
 ) -> _Downhill:
     count = len(at.columns)
-    beside = frame.beside(np.vstack([at.columns, slopes, at.response[None]]))
-    # What is left when the response as it is has been taken away.
-    vector = beside.vector[:-1] - beside.information[:-1, -1]
+    projected = regression.project(np.vstack([at.columns, slopes, at.response[None]]))
+    # The remainder after the present response is subtracted.
+    vector = projected.vector[:-1] - projected.information[:-1, -1]
     vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(recorded) if p.linear])
-    quick = ProjectedColumns(beside.information[:-1, :-1], vector)
+    quick = ProjectedColumns(projected.information[:-1, :-1], vector)
     return _Downhill(quick, 0.5 * float(vector @ quick.solve(np.concatenate([weak, np.full(len(slopes), 1.0)]))))
 
 
 def _shifted(p: EffectParameter, value: float, step: float) -> float:
-    """The value a step further in its prior; at its edge it stops."""
+    """The value after a step in its prior, limited to its range."""
     return p.from_unit(float(np.clip(p.to_unit(value) + step, 1e-6, 1.0 - 1e-6)))
 
 
 def _evidence_gain(
-    frame: WhitenedRegression, at: _Point, parameters: Sequence[EffectParameter], slopes: Array
+    regression: WhitenedRegression, at: _Point, parameters: Sequence[EffectParameter], slopes: Array
 ) -> float:
-    """log evidence won: exact in the linear parameters, Laplace in the others, averaged over the width of priors."""
+    """Gain of log evidence: exact in the linear parameters, Laplace in the others, averaged over prior widths."""
     linear = [p for p in parameters if p.linear]
     if any(p.positive and at.values[p.name] < 0.0 for p in linear):
         return -np.inf
     count = len(linear)
-    beside = frame.beside(np.vstack([at.columns, slopes]))
-    inner = beside.pick(slice(0, count))
+    projected = regression.project(np.vstack([at.columns, slopes]))
+    inner = projected.pick(slice(0, count))
     scores = []
     for scale in PRIOR_SCALES if count else (1.0,):
         precision = np.array([(scale * p.scale) ** -2.0 for p in linear])
         won = inner.gain(precision) if count else 0.5 * at.drop
-        across = beside.information[:count, count:]
+        across = projected.information[:count, count:]
         held = inner.information + np.diag(precision)
-        own = beside.information[count:, count:] - (across.T @ np.linalg.solve(held, across) if count else 0.0)
+        own = projected.information[count:, count:] - (across.T @ np.linalg.solve(held, across) if count else 0.0)
         scores.append(won + flat_width(own))
     known = sum(
         float(np.log(min(p.resolution / (p.high - p.low), 1.0))) for p in parameters if p.resolution and not p.linear
@@ -248,21 +248,21 @@ def _evidence_gain(
 
 @dataclass(frozen=True, eq=False)
 class LinearizationPoint:
-    """What one more effect is tried beside.
+    """The model about which one more effect is tried.
 
     Args:
-        frame: calibration and the present parts, linearised.
+        regression: calibration and the present parts, linearised.
         recorded: after the present parts.
         residual: (N, C) measured minus all that.
     """
 
-    frame: WhitenedRegression
+    regression: WhitenedRegression
     recorded: RecordedMotion
     residual: Array
 
 
 def linearization_point(problem: Problem, parts: Sequence[FittedEffect]) -> LinearizationPoint:
-    """The ground about some parts at their values."""
+    """The linearization about some parts at their values."""
     about = linearised(problem, tuple(parts), None)
     precision, mean = about.priors(1.0)
     calibrated = problem.calibrated(problem.groups(about.whole, parts), about.calibration.coefficients())
@@ -274,7 +274,7 @@ def linearization_point(problem: Problem, parts: Sequence[FittedEffect]) -> Line
 
 
 def fit(problem: Problem, parts: Sequence[FittedEffect], steps: int = 12) -> HypothesisFit:
-    """The most likely parameters of several effects at once, the calibration taken about what they say.
+    """The most likely parameters of several effects at once, the calibration linearised about their prediction.
 
     Args:
         problem: the signal.
@@ -287,13 +287,13 @@ def fit(problem: Problem, parts: Sequence[FittedEffect], steps: int = 12) -> Hyp
         if current.square - settled.square < _NEARLY:
             current = settled
             break
-        # The calibration's own response changes a little with what the sensor is said to feel.
+        # The response of the calibration changes slightly with the predicted wrench.
         current = linearised(problem, settled.parts, None)
     return _finished(problem, current)
 
 
 def _settled(problem: Problem, at: Linearised, steps: int) -> Linearised:
-    """Levenberg-Marquardt steps in all parameters, the calibration's columns held."""
+    """Levenberg-Marquardt steps in all parameters, with fixed columns of the calibration."""
     damping = Damping()
     for _ in range(steps):
         moved = _all_stepped(problem, at, damping)
@@ -301,18 +301,18 @@ def _settled(problem: Problem, at: Linearised, steps: int) -> Linearised:
             return at
         if at.square - moved.square < _SETTLED:
             return replace(moved, columns=at.columns)
-        at = replace(moved, columns=columns_of(problem, moved.parts, moved.worlds))
+        at = replace(moved, columns=columns_of(problem, moved.parts, moved.inputs))
     return at
 
 
 def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearised | None:
     precision, mean = at.priors(PRIOR_SCALES[-1])
     own = at.parameters()
-    beside = at.calibration.beside(at.columns)
-    vector = beside.vector + precision * mean
+    projected = at.calibration.project(at.columns)
+    vector = projected.vector + precision * mean
     for strength in damping.tries():
-        held = strength * np.diag(beside.information) + 1e-9
-        step = ProjectedColumns(beside.information, vector).solve(np.where(precision > 0, precision, held))
+        held = strength * np.diag(projected.information) + 1e-9
+        step = ProjectedColumns(projected.information, vector).solve(np.where(precision > 0, precision, held))
         values = [dict(part.values) for part in at.parts]
         for (i, p), s in zip(own, step, strict=True):
             old = values[i][p.name]
@@ -328,7 +328,7 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
 def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     own = at.parameters()
     linear = np.array([p.linear for _, p in own], dtype=bool)
-    calibration = at.calibration.beside(at.columns)
+    calibration = at.calibration.project(at.columns)
     scores = []
     for scale in PRIOR_SCALES if linear.any() else (1.0,):
         precision, mean = at.priors(scale)
@@ -336,7 +336,7 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     best = int(np.argmax(scores))
     known = sum(
         float(np.log(min(p.resolution / (p.high - p.low), 1.0)))
-        for part, recorded in zip(at.parts, at.worlds, strict=True)
+        for part, recorded in zip(at.parts, at.inputs, strict=True)
         for p in part.effect.parameters(recorded)
         if p.resolution and not p.linear
     )
@@ -352,12 +352,12 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
 
 
 def _covariances(at: Linearised, whole: WhitenedRegression) -> tuple[Array, ...]:
-    """Of each part's parameters; what was not fitted has its resolution."""
+    """Of each part's parameters; parameters that were not fitted have their resolution."""
     size = len(at.calibration.columns)
     covariance = whole.covariance()[size:, size:]
     own = at.parameters()
     found = []
-    for i, (part, recorded) in enumerate(zip(at.parts, at.worlds, strict=True)):
+    for i, (part, recorded) in enumerate(zip(at.parts, at.inputs, strict=True)):
         parameters = part.effect.parameters(recorded)
         matrix = np.diag([p.resolution**2 / 12.0 for p in parameters])
         rows = [k for k, (j, _) in enumerate(own) if j == i]

@@ -1,4 +1,4 @@
-"""The proof: a model fitted without some samples, held against them."""
+"""The proof: a model fitted without some samples, compared with them."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.types import Array, Mask
 
 _STEPS = 4
-"""Of a fit without the held-out samples; it starts from one with them."""
+"""Steps of the fit without the held-out samples, which starts from the fit with them."""
 _TAIL = 0.3
 """Share of a single recording, at its end, that is held out."""
 
@@ -21,8 +21,8 @@ class HeldOutProof:
 
     Args:
         floor: of the augmented model on the samples that it was fitted to.
-        nominal, augmented: on the others; both with calibration errors fitted, within their tolerances, elsewhere.
-        as_given: of the nominal model without even that.
+        nominal, augmented: on the others; both with calibration errors fitted elsewhere, within their tolerances.
+        as_given: of the nominal model without calibration.
         by_channel: (3, C) nominal, augmented and as given, in the signal's units.
     """
 
@@ -36,7 +36,7 @@ class HeldOutProof:
 def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     """Fit the model without some samples, and measure its error there.
 
-    Events that happen among the held-out samples cannot be foretold: they are taken as the whole recording shows them.
+    Events among the held-out samples cannot be predicted: they are taken from the fit of the whole recording.
 
     Args:
         problem: with the noise that the best model leaves.
@@ -46,8 +46,8 @@ def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     seconds = problem.seconds
     fixed = [part for part in best.parts if _happens_in(problem, part, seconds[last])]
     learnt = [part for part in best.parts if part not in fixed]
-    told = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.recorded) if fixed else 0.0
-    measured = problem.measured - told
+    events = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.recorded) if fixed else 0.0
+    measured = problem.measured - events
     train = _reading(replace(problem, judged=~last), measured)
     plain, full = fit(thinned(replace(problem, judged=~last)), ()), fit(thinned(train), learnt, _STEPS)
     given = problem.measured - problem.predicted(problem.recorded)
@@ -80,7 +80,7 @@ def _reading(problem: Problem, measured: Array) -> Problem:
 
 
 def _happens_in(problem: Problem, part: FittedEffect, held: Array) -> bool:
-    """Whether an event reaches into the held-out samples, but began there."""
+    """Whether an event lies among the held-out samples and began there."""
     if part.effect.transfers or not len(held):
         return False
     recorded = problem.compose([part])[0][0]

@@ -1,4 +1,4 @@
-"""A hypothesis linearised at its values: what the fit's steps and its evidence are made from."""
+"""A hypothesis linearised at its values: the basis of the fit's steps and its evidence."""
 
 from dataclasses import dataclass, replace
 
@@ -17,10 +17,10 @@ SLOPE_STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A hypothesis linearised at its values; the columns count from there."""
+    """A hypothesis linearised at its values; coefficients count from there."""
 
     parts: tuple[FittedEffect, ...]
-    worlds: list[RecordedMotion]
+    inputs: list[RecordedMotion]
     whole: RecordedMotion
     calibration: WhitenedRegression
     columns: Array
@@ -30,8 +30,8 @@ class Linearised:
         """(part, parameter) of the columns."""
         return [
             (i, p)
-            for i, (part, recorded) in enumerate(zip(self.parts, self.worlds, strict=True))
-            for p in shown(part.effect, recorded)
+            for i, (part, recorded) in enumerate(zip(self.parts, self.inputs, strict=True))
+            for p in continuous_parameters(part.effect, recorded)
         ]
 
     def priors(self, scale: float) -> tuple[Array, Array]:
@@ -45,29 +45,29 @@ class Linearised:
 def linearised(
     problem: Problem, parts: tuple[FittedEffect, ...], calibration: WhitenedRegression | None, slopes: bool = True
 ) -> Linearised:
-    """Linearise; a calibration frame that is given is kept, with the residual of these parts as its target."""
-    worlds, whole = problem.compose(parts)
+    """Linearise; a given calibration is kept, with the residual of these parts as its target."""
+    inputs, whole = problem.compose(parts)
     if calibration is None:
-        calibration = problem.frame(parts, whole)
+        calibration = problem.regression(parts, whole)
     else:
         target = problem.whiten(problem.measured - problem.predicted(whole))
         calibration = calibration.with_target(target)
-    columns = columns_of(problem, parts, worlds) if slopes else np.zeros((0, len(calibration.target)))
-    about = Linearised(parts, worlds, whole, calibration, columns, 0.0)
+    columns = columns_of(problem, parts, inputs) if slopes else np.zeros((0, len(calibration.target)))
+    about = Linearised(parts, inputs, whole, calibration, columns, 0.0)
     precision, mean = about.priors(PRIOR_SCALES[-1])
     return replace(about, square=calibration.square + float(precision @ mean**2))
 
 
-def shown(effect: Effect, recorded: RecordedMotion) -> list[EffectParameter]:
-    """Its parameters that have a column: all but those that move in steps."""
+def continuous_parameters(effect: Effect, recorded: RecordedMotion) -> list[EffectParameter]:
+    """Its parameters that have a column: all but discrete ones."""
     return [p for p in effect.parameters(recorded) if p.linear or not (p.choice or p.resolution)]
 
 
-def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], worlds: list[RecordedMotion]) -> Array:
+def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], inputs: list[RecordedMotion]) -> Array:
     """(k, R) whitened response to each parameter of each part."""
     columns: list[Array] = []
-    for part, recorded in zip(parts, worlds, strict=True):
-        effect, values, own = part.effect, part.values, shown(part.effect, recorded)
+    for part, recorded in zip(parts, inputs, strict=True):
+        effect, values, own = part.effect, part.values, continuous_parameters(part.effect, recorded)
         straight = iter(np.moveaxis(effect.columns(recorded, values), 2, 0) if any(p.linear for p in own) else ())
         here = np.zeros(0) if all(p.linear for p in own) else effect.simulate(recorded, values)
         columns += [next(straight) if p.linear else slope_of(effect, recorded, values, p, here) for p in own]

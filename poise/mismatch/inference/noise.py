@@ -1,8 +1,8 @@
-"""What the sensor's noise is like: white, plus a coloured part that grows with speed; and the filter that whitens it.
+"""The noise model of a signal: white, plus a coloured part that grows with speed; and its whitening filter.
 
 Each channel is n_t = sigma (e_t + g_t x_t): e white, x an Ornstein-Uhlenbeck process of unit variance and
-correlation time tau, g_t = floor + slope * speed_t, all of the channel's own. Whitening is the
-Kalman filter's innovation, exact for stamps that are not even.
+correlation time tau, g_t = floor + slope * speed_t, each channel with its parameters. Whitening is
+the innovation of a Kalman filter, exact for stamps that are not uniform.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ from poise.types import Array
 _FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
 _SLOPES = (0.0, 0.15, 0.3, 0.5, 0.8)
 _TAUS = (0.04, 0.08, 0.16, 0.32)
-"""What is tried: coloured noise of up to the white noise's size at rest, and somewhat more at speed.
+"""Tried values: coloured noise up to the size of the white noise at rest, and more at speed.
 
-These are caps too. A slow residual that is larger is no sensor noise, however well a filter would whiten it.
+They are limits too: a larger slow residual is no sensor noise, even if a filter could whiten it.
 """
 _EXCESS = 1.15
-"""The white level may exceed what neighbouring samples differ by, by this much."""
+"""Largest ratio of the white level to the differences of neighbouring samples."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,14 @@ class SignalNoise:
 
     @cached_property
     def log_divisor(self) -> Array:
-        """(N,) logarithm of what the channels of a sample are divided by: minus this belongs to a log likelihood."""
+        """(N,) logarithm of the divisor of a sample over all channels: minus it is a term of the log likelihood."""
         sizes = [len(self.sigma[channels]) for channels in self.groups]
         spread = [size * np.log(one.deviation) for size, one in zip(sizes, self._filters, strict=True)]
         return np.asarray(np.log(self.sigma).sum() + np.sum(spread, axis=0))
 
     @cached_property
     def total(self) -> Array:
-        """(N, C) one sigma of everything: what a sample may be off by."""
+        """(N, C) one sigma of the white and the coloured part together."""
         out = np.empty((len(self.seconds), len(self.sigma)))
         for channels, colour in zip(self.groups, self.colours, strict=True):
             gain = colour.floor + colour.slope * self.speed
@@ -126,14 +126,14 @@ def fit_noise(
     white: bool = False,
     coarse: bool = True,
 ) -> SignalNoise:
-    """The noise of the most likely kind for a residual that should be nothing else.
+    """The most likely noise model for a residual that is noise alone.
 
     Args:
         seconds, speed: (N,).
         residual: (N, C) measured minus predicted.
         groups: channels of one unit.
-        given: stated white level of each group, or None; the measured one counts, unless it is less than half of it.
-        white: look for no colour.
+        given: stated white level of each group, or None; the measured level, but at least half of the stated.
+        white: without a coloured part.
         coarse: see `white_level`.
     """
     level = white_level(residual, coarse)
@@ -147,7 +147,7 @@ def fit_noise(
 
 
 def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[tuple[NoiseColour, ...], Array]:
-    """Each channel's colour and white level: every kind is run through its Kalman filter side by side."""
+    """Each channel's colour and white level: all candidates run through their Kalman filters in parallel."""
     kinds = [
         NoiseColour(*kind) for kind in product(_FLOORS, _SLOPES, _TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == _TAUS[0]
     ]
@@ -165,7 +165,7 @@ def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) ->
         state = a * (state + k * innovation)
         p = a * a * (p - k * g * p) + 1.0 - a * a
     n, channels = residual.shape
-    # Most likely level given the kind, kept near what neighbouring samples say.
+    # Most likely level for each candidate, kept near the level of neighbouring samples.
     sigma2 = np.clip(square / n, (level[:, None] / _EXCESS) ** 2, (level[:, None] * _EXCESS) ** 2)
     loglik = -0.5 * (square / sigma2 + n * np.log(sigma2)) - 0.5 * log_variance
     best = np.argmax(loglik, axis=1)

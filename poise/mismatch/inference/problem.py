@@ -1,4 +1,4 @@
-"""One signal of one recording, held against the nominal model: what every hypothesis about it starts from."""
+"""One signal of one recording with its noise model: the basis of every hypothesis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -17,27 +17,27 @@ from poise.mismatch.recorded import RecordedMotion, lattice
 from poise.types import Array, Mask
 
 _BREAK = 2.0
-"""s without a sample after which a recording begins anew."""
+"""s without a sample that separate two recordings."""
 _RUN_UP, _RUN_OUT = 0.4, 0.1
-"""s at the start and the end of a recording that are predicted, but not judged."""
+"""s at the start and the end of a recording that are predicted, but not compared."""
 
 
 @dataclass(frozen=True, eq=False)
 class FittedEffect:
-    """An effect with values for its parameters: one piece of a hypothesis."""
+    """An effect with values for its parameters; a hypothesis is a set of them."""
 
     effect: Effect
     values: Values
 
     @property
     def order(self) -> tuple[int, int, str]:
-        """In which the parts of a hypothesis act."""
+        """Sort key: the sequence in which the parts of a hypothesis act."""
         return LAYERS.index(self.effect.layer), self.effect.order, self.effect.name
 
 
 @dataclass(frozen=True, eq=False)
 class SampleBlocks:
-    """Samples that are averaged before they are judged: (M, b) rows of each block, and the noise of the averages."""
+    """Samples that are averaged before comparison: (M, b) rows of each block, and the noise of the averages."""
 
     rows: NDArray[np.intp]
     noise: SignalNoise
@@ -58,8 +58,8 @@ class Problem:
         model: tolerances and stated noise.
         noise: of the signal.
         signal: wrench or effort.
-        judged: (N,) samples that count besides those at the ends that never do; None: all.
-        blocks: samples that are judged as one; None: each by itself.
+        judged: (N,) samples that count, apart from the ends, which never do; None: all.
+        blocks: averaged samples; None: each sample counts by itself.
     """
 
     recorded: RecordedMotion
@@ -83,7 +83,7 @@ class Problem:
 
     @cached_property
     def active(self) -> Mask:
-        """(N,) samples that count: at both ends filters and shifts would need what came before or after."""
+        """(N,) samples that count: at both ends filters and shifts would need samples beyond."""
         at = self.seconds
         begun = np.concatenate([[0], np.flatnonzero(np.diff(at) > _BREAK) + 1])
         first = at[begun][np.searchsorted(begun, np.arange(len(at)), side="right") - 1]
@@ -97,7 +97,7 @@ class Problem:
 
     @cached_property
     def _rows(self) -> slice | NDArray[np.intp]:
-        """Those, as a slice when they are in a row."""
+        """Their indices, as a slice when they are contiguous."""
         index = np.flatnonzero(self._counting)
         in_a_row = len(index) == index[-1] - index[0] + 1
         return slice(int(index[0]), int(index[-1]) + 1) if in_a_row else index
@@ -108,7 +108,7 @@ class Problem:
 
     @cached_property
     def log_scale(self) -> float:
-        """What whitening divides by, see `SignalNoise.log_divisor`."""
+        """log of the divisors of the whitening, see `SignalNoise.log_divisor`."""
         return float(self._judging.log_divisor[self._counting].sum())
 
     @cached_property
@@ -117,32 +117,36 @@ class Problem:
         return self.noise.seconds
 
     def predicted(self, recorded: RecordedMotion) -> Array:
-        """(N, C) what a world says."""
+        """(N, C) the prediction of the signal."""
         return recorded.prediction if recorded.effort is None or self.signal == "wrench" else recorded.effort.prediction
 
-    def said(self, recorded: RecordedMotion, prediction: Array) -> RecordedMotion:
-        """The world that says this of the signal."""
+    def with_prediction(self, recorded: RecordedMotion, prediction: Array) -> RecordedMotion:
+        """The recording with another prediction (N, C) of the signal."""
         return recorded.with_prediction(prediction) if self.signal == "wrench" else recorded.with_effort(prediction)
 
     def compose(self, parts: Sequence[FittedEffect]) -> tuple[list[RecordedMotion], RecordedMotion]:
-        """The world that each part acts in, in the order given, and the world after all of them."""
+        """The recording that each part acts on, in the order given, and the recording after all of them."""
         recorded = self.recorded
         before: dict[int, RecordedMotion] = {}
         for index, part in sorted(enumerate(parts), key=lambda item: item[1].order):
             before[index] = recorded
-            recorded = self.said(recorded, self.predicted(recorded) + part.effect.simulate(recorded, part.values))
+            recorded = self.with_prediction(
+                recorded, self.predicted(recorded) + part.effect.simulate(recorded, part.values)
+            )
         return [before[index] for index in range(len(parts))], recorded
 
     def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
-        """The calibration errors around a world, without those whose tolerance a part exceeds."""
+        """The calibration errors about a prediction, without those whose tolerance a part exceeds."""
         widened = {part.effect.widens for part in parts} - {""}
         if not self._made or self._made[0][0] is not recorded:
             make = calibration if self.signal == "wrench" else effort_calibration
             self._made[:] = [(recorded, make(recorded, self.model.tolerance))]
         return tuple(group for group in self._made[0][1] if group.name not in widened)
 
-    def frame(self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None) -> WhitenedRegression:
-        """Whitened residual of these parts, with the calibration columns around what they say."""
+    def regression(
+        self, parts: Sequence[FittedEffect] = (), recorded: RecordedMotion | None = None
+    ) -> WhitenedRegression:
+        """Whitened residual of these parts, with the calibration columns about their prediction."""
         recorded = self.compose(parts)[1] if recorded is None else recorded
         groups = self.groups(recorded, parts)
         columns = np.concatenate([group.columns for group in groups], axis=2)
@@ -163,12 +167,12 @@ class Problem:
         return kept[0] if values.ndim == 2 else kept
 
     def calibrated(self, groups: Sequence[CalibrationGroup], coefficients: Array) -> Array:
-        """(N, C) response of calibration errors, in the signal's units, for the coefficients that `frame` gives."""
+        """(N, C) response of calibration errors, in the signal's units, for the coefficients of `regression`."""
         columns = np.concatenate([group.columns for group in groups], axis=2)
         return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
 
     def with_noise(self, noise: SignalNoise) -> "Problem":
-        """The same under other noise."""
+        """The problem with another noise model."""
         return replace(self, noise=noise)
 
     def fitted_noise(self, residual: Array) -> SignalNoise:
@@ -177,12 +181,12 @@ class Problem:
 
 
 def _seen(columns: Array) -> Mask:
-    """(k,) which calibration errors show at all."""
+    """(k,) which calibration errors have a response."""
     return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
 
 
 def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
-    """The wrench against the nominal model; its noise as after a first fit of the calibration."""
+    """The wrench against the nominal model; its noise from a first fit of the calibration."""
     return _begun(recorded, model, "wrench")
 
 
@@ -194,7 +198,7 @@ def effort_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
 def _begun(recorded: RecordedMotion, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
     rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal)
     groups = rough.groups(recorded)
-    fitted = rough.calibrated(groups, rough.frame().coefficients())
+    fitted = rough.calibrated(groups, rough.regression().coefficients())
     return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted))
 
 
@@ -205,7 +209,7 @@ def signal_noise(
     residual: Array | None,
     active: Mask | None = None,
 ) -> SignalNoise:
-    """Noise of a signal: white of the measured level when `residual` is None, else of the most likely kind."""
+    """Noise of a signal: white of the measured level when `residual` is None, else the most likely noise model."""
     if signal == "wrench" or recorded.effort is None:
         seconds, speed, measured = recorded.seconds, recorded.speed, recorded.wrench - recorded.prediction
         groups: tuple[slice, ...] = (slice(0, 3), slice(3, 6))
@@ -216,9 +220,9 @@ def signal_noise(
         measured = track.measured - track.prediction
         groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
         given = (None,) * len(groups)
-    coarse = signal == "wrench"  # gears knock, and motor currents are finely resolved
+    coarse = signal == "wrench"  # motor currents are finely resolved, and gears knock
     if signal == "wrench":
-        # What is rounded off is noise as well, even where readings stand still.
+        # Rounding is noise as well, even where readings are constant.
         given = tuple(
             max(stated or 0.0, 2.0 * lattice(recorded.wrench[:, part]) / np.sqrt(12.0)) or None
             for stated, part in zip(given, groups, strict=True)

@@ -1,6 +1,6 @@
-"""Which effects a recording speaks for: one, then two, then three, each against everything else that could be.
+"""The search for the effects in a recording: one, then two, then three, each against all other hypotheses.
 
-Hypotheses are compared by their evidence, each under the noise that suits it best (of those that came up on the way):
+Hypotheses are compared by their evidence, each under the noise that suits it best (of the noise models found so far):
 a slow residual may be coloured noise under one hypothesis and physics under the next. Effects are first tried beside
 the present best model with the noise and the calibration linearised there; the promising ones are then fitted in full.
 """
@@ -28,40 +28,40 @@ from poise.types import Array
 _PROMISING = 3
 """Candidates of a round that are fitted."""
 _LOOK, _STEPS, WARM_STEPS = 7, 4, 2
-"""Steps of a first look, of a fit from where that led, and of one from where another fit did."""
+"""Steps of the screening, of a fit from its result, and of a fit from another fit."""
 _REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
 _NEAR = 20.0
-"""log evidence within which hypotheses are judged more closely."""
+"""log evidence within which hypotheses are compared in full."""
 _VISIBLE = 3.0
-"""Sigmas by which an effect of typical size must stand out to be testable."""
+"""Least response, in sigmas, of an effect of typical size that is testable."""
 _BRIEF, _BESIDE = 0.3, 0.2
-"""Share of a recording up to which an event's window is left out when more is looked for, and s on its sides."""
+"""Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
 _MOST_PARTS = 3
 _THRESHOLD = 3.0
-"""log evidence from which a hypothesis is looked at closely."""
+"""log evidence from which a hypothesis is refined."""
 _WIDER = 1.3
-"""log evidence that a tolerance that is exceeded must win over one that is kept."""
+"""log evidence that an exceeded tolerance must win."""
 _NEW_PHYSICS = 6.0
-"""The same for physics that the nominal model lacks altogether."""
+"""log evidence that physics missing in the nominal model must win."""
 _UNKNOWN = 20.0
-"""The same for a free curve over a state, which may also follow noise that is not quite as the model has it."""
+"""log evidence that a free curve over a state must win; it may also follow noise outside the noise model."""
 _NEXT_THRESHOLD, _NEXT_MORE = 8.0, 5.0
-"""The same for dropping an effect, and what a second and third effect need beyond a first."""
+"""log evidence to keep an effect, and what a second and third effect need in addition."""
 _LOOKALIKE = 0.005
-"""Share of all the evidence won by which an effect must better one that it is confused with: a model is never exact,
-and where much is to be explained, a look-alike with more parameters mends the details."""
+"""Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
+similar effect with more parameters fits the remaining details."""
 
 
 @dataclass
 class HypothesisSearch:
-    """What was tried, and how it came out.
+    """The hypotheses that were tried, and their fits.
 
     Args:
         problem: the signal; its noise is that of the nominal model.
-        fast: hypotheses are judged at the full rate, for there are fast effects among them.
+        fast: hypotheses are compared at the full rate, because fast effects are among them.
         fits: best fit of every hypothesis, by the names of its effects.
-        gains: log evidence that an effect was seen to add to a hypothesis, where it was not fitted in full.
+        gains: log evidence that an effect adds to a hypothesis, estimated without a full fit.
         untestable: effects that this recording cannot show, and why.
     """
 
@@ -74,11 +74,11 @@ class HypothesisSearch:
 
     @property
     def judging(self) -> Problem:
-        """What hypotheses are judged on: the recording, thinned while all that is in sight is slow."""
+        """The data of the comparison: the recording, thinned as long as all candidates are slow."""
         return self.problem if self.fast else thinned(self.problem)
 
     def under(self, best: HypothesisFit) -> Problem:
-        """The same with the noise that a fit leaves."""
+        """The data with the noise that a fit leaves."""
         if not best.parts:
             return self.judging
         key = id(best), self.fast
@@ -88,7 +88,7 @@ class HypothesisSearch:
         return self._under[key][1]
 
     def quicken(self) -> None:
-        """From now on judge at the full rate."""
+        """Compare at the full rate from now on."""
         self.fast = True
         known = list(self.fits.values())
         self.fits.clear()
@@ -96,7 +96,7 @@ class HypothesisSearch:
             self.offer(fit(self.under(each), each.parts, WARM_STEPS))
 
     def offer(self, found: HypothesisFit) -> None:
-        """Keep a fit when its hypothesis had none as good."""
+        """Keep a fit when it is the best of its hypothesis."""
         key = names(found)
         if key not in self.fits or self.fits[key].log_evidence < found.log_evidence:
             self.fits[key] = found
@@ -108,10 +108,10 @@ def names(found: HypothesisFit) -> tuple[str, ...]:
 
 
 def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[HypothesisSearch, HypothesisFit]:
-    """Find the effects that earn their place.
+    """Find the effects that the evidence supports.
 
     Returns:
-        Everything that was tried, and the best fit: that of the nominal model when nothing earned a place.
+        All hypotheses, and the best fit: that of the nominal model when no effect is supported.
     """
     state = HypothesisSearch(problem)
     effects = []
@@ -137,7 +137,7 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[H
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
-    """log evidence by which a model must be better than one with an effect less."""
+    """log evidence by which a model must exceed one with an effect less."""
     known = {part.effect.name for part in best.parts}
     new = next((part.effect for part in found.parts if part.effect.name not in known), None)
     if new is None:
@@ -150,7 +150,7 @@ def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
 
 
 def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit:
-    """The best model, or one with the simple effects in place of one that is made of them, when nearly as good."""
+    """The best model, or one with the simple effects in place of their combination, when nearly as good."""
     known = {part.effect.name for part in best.parts}
     for part in best.parts:
         pieces = [each for each in effects if each.name in part.effect.made_of and each.name not in known]
@@ -176,7 +176,7 @@ def _identified(problem: Problem, effect: Effect) -> str:
 
 
 def _pruned(state: HypothesisSearch, best: HypothesisFit) -> HypothesisFit:
-    """Without parts that later ones made needless."""
+    """Without parts that later ones made redundant."""
     while len(best.parts) > 1:
         problem = state.under(best)
         shorter = []
@@ -192,7 +192,7 @@ def _pruned(state: HypothesisSearch, best: HypothesisFit) -> HypothesisFit:
 
 
 def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit | None:
-    """The best model with one more effect that earns its place, under the noise that suits it."""
+    """The best model with one more supported effect, under its noise model."""
     chosen = prescreen(state, best, effects)
     if not chosen:
         return None
@@ -201,7 +201,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     for each in found:
         state.offer(each)
     found.sort(key=lambda each: -each.log_evidence)
-    # The noise that the best one leaves; all near it, and the model before, are judged under that too.
+    # The noise model of the best fit; fits near it, and the previous model, are evaluated with it too.
     quieter = state.under(found[0])
     top = [each for each in found if each.log_evidence > found[0].log_evidence - _NEAR]
     for each in (*top, best):
@@ -218,13 +218,13 @@ def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     near = best.log_evidence - _LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
     alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
-    return min((best, *alike), key=lambda each: each.frame.columns.shape[0])
+    return min((best, *alike), key=lambda each: each.regression.columns.shape[0])
 
 
 def prescreen(
     state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]
 ) -> list[tuple[FittedEffect, ...]]:
-    """Each effect beside the present best model: the few hypotheses that are worth a fit."""
+    """Each effect added to the present best model: the few hypotheses that deserve a full fit."""
     taken = {part.effect.name for part in best.parts}
     free = [effect for effect in effects if effect.name not in taken]
     problem = _calm(state.under(best), best)
@@ -234,7 +234,7 @@ def prescreen(
     found = sorted((*slow, *fast), key=lambda each: -each.gain)
     for each in found:
         state.gains[names(best), each.effect.name] = each.gain
-        if not best.parts and each.shown < _VISIBLE and not isinstance(each.effect, Dependence):
+        if not best.parts and each.visibility < _VISIBLE and not isinstance(each.effect, Dependence):
             state.untestable[each.effect.name] = (
                 f"this motion does not show it; this would: {each.effect.separating_motion}"
             )
@@ -248,10 +248,10 @@ def prescreen(
 
 
 def _calm(problem: Problem, best: HypothesisFit) -> Problem:
-    """The problem without the moments of the events that a model has: what remains there is their detail."""
-    worlds = problem.compose(best.parts)[0]
+    """The problem without the windows of the model's events: residuals there are their details."""
+    inputs = problem.compose(best.parts)[0]
     keep = np.ones(len(problem.seconds), dtype=bool)
-    for part, recorded in zip(best.parts, worlds, strict=True):
+    for part, recorded in zip(best.parts, inputs, strict=True):
         for begin, end in () if part.effect.transfers else part.effect.windows(recorded, part.values):
             if end - begin < _BRIEF * recorded.duration:
                 keep &= (problem.seconds < begin - _BESIDE) | (problem.seconds > end + _BESIDE)
@@ -259,45 +259,45 @@ def _calm(problem: Problem, best: HypothesisFit) -> Problem:
 
 
 def _few_unknown(candidates: list[EffectCandidate]) -> list[EffectCandidate]:
-    """Without the pseudo-effects behind the first two: states resemble one another."""
+    """Without the pseudo-effects after the first two: states are similar."""
     unknown = [each for each in candidates if isinstance(each.effect, Dependence)]
     return [each for each in candidates if each not in unknown[2:]]
 
 
 def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect]) -> list[EffectCandidate]:
-    """Each effect beside some parts, at its most likely values; the most promising first.
+    """Each effect added to some parts, at its most likely values; the most promising first.
 
-    A score_start at each shows what it might come to; those that cannot come near the best so far are left at that.
+    The score at its starting points bounds its gain; effects that cannot approach the best so far are not refined.
     """
     here = linearization_point(problem, parts)
-    frame = here.frame
+    regression = here.regression
     few = here.recorded
     if problem.blocks is not None and problem.signal == "wrench":
         few = few.select(problem.blocks.middle(len(few)))
     seen = []
     for effect in effects:
-        # Of states the columns are many, and as good when made at the blocks' middles.
+        # States have many columns; the middles of the blocks suffice for them.
         recorded = few if isinstance(effect, Dependence) else here.recorded
         starts = _starts(effect, recorded, here.residual)
-        tried = [score_start(problem, frame, recorded, effect, start) for start in starts]
+        tried = [score_start(problem, regression, recorded, effect, start) for start in starts]
         if tried:
             seen.append(max(tried, key=lambda each: each.drop))
     recorded = here.recorded
     found, top = [], 0.0
-    for each in sorted(seen, key=lambda each: -each.hope):
+    for each in sorted(seen, key=lambda each: -each.potential):
         least = max(_THRESHOLD, _REACH * top)
         done, nonlinear = each, {}
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-        if nonlinear and each.hope > least:
-            done = refine(problem, frame, recorded, each.effect, nonlinear, _LOOK, least)
-        found.append(replace(done, shown=each.shown))
+        if nonlinear and each.potential > least:
+            done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+        found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
 
 
 def _starts(effect: Effect, recorded: RecordedMotion, residual: Array) -> Iterator[Values]:
-    """Where to begin; events are looked for in every recording by itself."""
+    """Starting points; events are searched in each recording separately."""
     if effect.transfers or not recorded.begins:
         yield from effect.starts(recorded, residual)
         return
@@ -307,5 +307,5 @@ def _starts(effect: Effect, recorded: RecordedMotion, residual: Array) -> Iterat
 
 
 def residual_of(problem: Problem, found: HypothesisFit) -> Array:
-    """(N, C) residual of a fit, calibration errors taken out."""
+    """(N, C) residual of a fit, calibration errors removed."""
     return np.asarray(problem.measured - problem.predicted(problem.recorded) - found.response - found.calibrated)

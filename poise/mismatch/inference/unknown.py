@@ -1,6 +1,6 @@
-"""Physics outside the library: a wrench that depends smoothly on some state, whatever the reason.
+"""Physics outside the library: a wrench that depends smoothly on some state, for any reason.
 
-Each state gives a pseudo-effect that competes with the named ones by the same evidence: six free curves over the state.
+Each state gives a pseudo-effect that competes with the named ones by its evidence: six free curves over the state.
 Where one of them wins, the answer is `unknown`, with the state and the shape of the curve.
 """
 
@@ -16,30 +16,30 @@ from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, white_level
 from poise.types import Array
 
 _CURVE = 8
-"""Hat functions over the range of a scalar state."""
+"""Linear B-splines over the range of a scalar state."""
 _TURNS = 24
-"""The same over a joint's angle: what catches or is magnetised repeats itself several times in a turn."""
+"""Linear B-splines over a joint's angle: mechanical and magnetic effects repeat several times per revolution."""
 _TIME_STEP, _MOMENT = 4.0, 1.0
-"""s between the knots of a slow course in time, and of pushes from outside."""
+"""s between the knots of a slow curve in time, and of external pushes."""
 _PLACES = 10
-"""Places along the path around which a force that depends on the place may differ."""
+"""Places along the path that carry a force which depends on the place."""
 _TYPICAL = 3.0
 """Typical size of a curve, in units of the white noise."""
 _LEVER = 0.1
-"""m: typical distance of what pushes from the sensor."""
+"""m, typical lever arm of an external push."""
 _SLOW = 0.02
-"""m/s: dry friction turns around within this."""
+"""m/s, the width of the transition of dry friction."""
 
 
 @dataclass(frozen=True, eq=False)
 class VaryingState:
-    """Something that a residual may depend on, and how.
+    """A state that a residual may depend on.
 
     Args:
         name: as in the answer: gravity_direction, joint_position, joint_velocity, joint_acceleration (each also with
             :NAME), base_acceleration, load or time.
         values: (N, d) of the state itself, for drawing.
-        columns: (N, 6, k) wrenches that follow from it, each of about one unit of white noise in size.
+        columns: (N, 6, k) its wrenches, each with a size of about one unit of white noise.
     """
 
     name: str
@@ -48,7 +48,7 @@ class VaryingState:
 
 
 def states(recorded: RecordedMotion, level: Array) -> dict[str, Callable[[], VaryingState]]:
-    """What a residual of this recording may depend on, as far as it varies; made when it is asked for.
+    """The states of this recording that vary; each is computed on demand.
 
     Args:
         recorded: the recording.
@@ -96,7 +96,7 @@ def _of_time(recorded: RecordedMotion, level: Array) -> VaryingState:
 
 
 def _of_time_and_attitude(recorded: RecordedMotion, level: Array) -> VaryingState:
-    """Forces and torques in world axes, faster than `_of_time`: what comes from outside does not turn with the tool."""
+    """Forces and torques in world axes, faster than `_of_time`: external forces do not rotate with the tool."""
     course, turn = _course(recorded, _MOMENT), recorded.rotation_world_sensor.swapaxes(1, 2)
     half = (turn[:, :, None, :] * course[:, None, :, None]).reshape(len(recorded), 3, -1)
     out = np.zeros((len(recorded), 6, 2 * half.shape[2]))
@@ -120,7 +120,7 @@ def _of_time_and_turning(recorded: RecordedMotion, level: Array) -> VaryingState
     turned = np.stack([cross(rate, np.broadcast_to(axis, rate.shape)) for axis in np.eye(3)], axis=2)
     out = np.zeros((len(recorded), 6, 3 * (course.shape[1] + 1)))
     out[:, 3:, 3:] = (turned[:, :, None, :] * course[:, None, :, None]).reshape(len(recorded), 3, -1) * level[5]
-    # A changing momentum also pushes back by its rate, whatever turns.
+    # A changing angular momentum also acts by its rate, for any rotation of the tool.
     out[:, 3:, :3] = np.eye(3) * level[5]
     return VaryingState("time", recorded.seconds[:, None], out)
 
@@ -152,7 +152,7 @@ def _each(basis: Array, level: Array) -> Array:
 
 
 def _own(wrench: Array, level: Array) -> Array:
-    """(N, 6, 6 b): in every channel functions of what that channel feels."""
+    """(N, 6, 6 b): in every channel functions of the load of that channel."""
     curves = [linear_bspline_basis(wrench[:, channel], _CURVE) for channel in range(6)]
     out = np.zeros((len(wrench), 6, 6 * _CURVE))
     for channel, basis in enumerate(curves):
@@ -161,7 +161,7 @@ def _own(wrench: Array, level: Array) -> Array:
 
 
 def _pushes(recorded: RecordedMotion, forces_in_world: Array, level: Array) -> Array:
-    """(N, 6, 4 k) wrenches of forces (N, k, 3) in the world that attack anywhere on the tool, or at its origin."""
+    """(N, 6, 4 k) wrenches of forces (N, k, 3) in the world that act anywhere on the tool, or at its origin."""
     force = np.einsum("nji,nkj->nki", recorded.rotation_world_sensor, forces_in_world)
     at_origin = np.concatenate([force, np.zeros_like(force)], axis=2)
     levers = [
@@ -174,7 +174,7 @@ def _pushes(recorded: RecordedMotion, forces_in_world: Array, level: Array) -> A
 def _anywhere(recorded: RecordedMotion, level: Array) -> Array:
     """(N, 6, k) forces in the world that depend on where the sensor is: Gaussian bumps around places of the path."""
     place = recorded.position_in_world
-    # Places far from one another: each next one is the farthest from those before.
+    # Places far from one another: each is the farthest from those before.
     chosen = [int(np.argmax(np.linalg.norm(place - place.mean(axis=0), axis=1)))]
     apart = np.linalg.norm(place - place[chosen[0]], axis=1)
     while len(chosen) < _PLACES:
@@ -217,7 +217,7 @@ def harmonics(direction: Array) -> Array:
 
 
 class Dependence(Effect):
-    """The wrench has a part that is some function of one state: what is known of physics that is not in the library.
+    """The wrench has a part that is some function of one state: the description of physics that is not in the library.
 
     Args:
         state: its name, see `states`.
@@ -226,7 +226,7 @@ class Dependence(Effect):
     layer = "sensor"
     order = 9
     equation = "w_read = w + c(s), c: six free curves over the state s"
-    source = "piecewise linear regression with a normal prior (a Gaussian process with a hat-function kernel)"
+    source = "piecewise linear regression with a normal prior (a Gaussian process with a linear B-spline kernel)"
     excited_by = "the state"
     separating_motion = "vary this state alone, the others held still"
 
@@ -237,7 +237,7 @@ class Dependence(Effect):
         self._known: list[tuple[Array, VaryingState | None]] = []
 
     def at(self, recorded: RecordedMotion) -> VaryingState | None:
-        """The state in a recording, the same under every model of it; None when it does not vary there."""
+        """The state in a recording, cached for all models; None when it does not vary."""
         for seconds, state in self._known:
             if np.array_equal(seconds, recorded.seconds):
                 return state
@@ -265,7 +265,7 @@ class Dependence(Effect):
         channel = int(np.argmax(size))
         unit = "N" if channel < 3 else "N m"
         return (
-            f"Something that is not in the library adds up to {np.abs(response[:, channel]).max():.2g} {unit} to "
+            f"An effect outside the library adds up to {np.abs(response[:, channel]).max():.2g} {unit} to "
             f"{WRENCH_CHANNELS[channel]} and depends on {state_description(self.state)}."
         )
 
@@ -303,7 +303,7 @@ def shape(effect: Dependence, recorded: RecordedMotion, values: Values, points: 
 
 
 def _level(recorded: RecordedMotion) -> Array:
-    """(6,) white noise of the wrench; an FT-300's in a world that is only simulated."""
+    """(6,) white noise of the wrench; that of an FT-300 in a simulated motion."""
     if not np.isfinite(recorded.wrench).all():
         return np.repeat([0.1, 0.005], 3)
     return np.maximum(white_level(recorded.wrench - recorded.nominal), 1e-9)
@@ -315,7 +315,7 @@ def dependences(recorded: RecordedMotion) -> list[Effect]:
 
 
 def state_description(state: str) -> str:
-    """A state's name as people say it."""
+    """A state in words."""
     kind, _, joint = state.partition(":")
     words = {
         "gravity_direction": "the direction of gravity in the sensor",
@@ -330,7 +330,7 @@ def state_description(state: str) -> str:
 
 
 def _spread(component: Array, course: Array) -> float:
-    """Scatter of a course about its mean at equal values of a component."""
+    """Scatter of a curve about its mean at equal values of a component."""
     order = np.argsort(component)
     parts = np.array_split(course[order], 20)
     return float(np.mean([part.var() for part in parts]))

@@ -1,4 +1,4 @@
-"""From tf, and an accelerometer where there is one, to a `RecordedMotion`: no joints are known."""
+"""From tf, and from an accelerometer if present, to a `RecordedMotion` without joints."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ _ACCELEROMETER_GAP = 0.1
 def recorded_from_frames(
     recording: Recording, frame: str, wrench: WrenchStream, phi: Array, gravity: float
 ) -> tuple[RecordedMotion, list[str]]:
-    """A world from the sensor's poses alone: no joints, and accelerations as far as poses or an accelerometer tell."""
+    """The motion from the sensor's poses alone: accelerations from poses or from an accelerometer."""
     kinematics = find_kinematics(recording, frame)
     kinematics.feed(None, None)
     newest = kinematics.source.newest
@@ -64,14 +64,14 @@ def recorded_from_frames(
 
 
 def _measured_acceleration(recording: Recording, frame: str, start: int, seconds: Array, down: Array) -> Array | None:
-    """(N, 3) acceleration of the sensor by an accelerometer that rides on it, without its offset; None without one."""
+    """(N, 3) acceleration by an accelerometer on the sensor, without its offset; None without one."""
     imu = find_imu(recording, frame)
     if imu is None:
         return None
     stamps = seconds_since(imu.stamps, start)
     if len(stamps) < 10 or stamps[0] > seconds[0] + _ACCELEROMETER_GAP or stamps[-1] < seconds[-1] - _ACCELEROMETER_GAP:
         return None
-    # A wrench sample is an average over about its period: so is what it is held against.
+    # A wrench sample is an average over about its period: the acceleration is averaged likewise.
     period = float(np.median(np.diff(seconds)))
     parts = [at_times(stamps, imu.specific, seconds + shift * period) for shift in (-1 / 3, 0.0, 1 / 3)]
     felt = down - np.mean(parts, axis=0)

@@ -1,4 +1,4 @@
-"""Several recordings as one world, one after the other, with a break between them."""
+"""Several recordings as one, in sequence, with a break between them."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -14,22 +14,22 @@ RECORDING_GAP = 5.0
 """s between the last sample of a recording and the first of the next, on the joint clock."""
 
 
-def joined(worlds: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
-    """One world, and (N,) which of its samples are the last recording's.
+def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
+    """One recording, and (N,) the mask of the samples of the last part.
 
     Seconds count from the first recording's first sample; what only some recordings have (joints, effort) is dropped.
 
     Raises:
         InputError: BAD_INPUT when the recordings' joints differ.
     """
-    if len(worlds) == 1:
-        return worlds[0], np.zeros(len(worlds[0]), dtype=bool)
+    if len(recordings) == 1:
+        return recordings[0], np.zeros(len(recordings[0]), dtype=bool)
     for kind in ("joints", "effort"):
-        named = {getattr(recorded, kind).names for recorded in worlds if getattr(recorded, kind) is not None}
+        named = {getattr(recorded, kind).names for recorded in recordings if getattr(recorded, kind) is not None}
         if len(named) > 1:
             raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
     moved = []
-    for recorded, (begin, _) in zip(worlds, spans(worlds), strict=True):
+    for recorded, (begin, _) in zip(recordings, spans(recordings), strict=True):
         shift = begin - float(recorded.seconds[0])
         effort = recorded.effort
         moved.append(
@@ -39,28 +39,28 @@ def joined(worlds: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
                 effort=None if effort is None else replace(effort, seconds=effort.seconds + shift),
             )
         )
-    whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(worlds)[1:]))
-    last = np.arange(len(whole)) >= len(whole) - len(worlds[-1])
+    whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(recordings)[1:]))
+    last = np.arange(len(whole)) >= len(whole) - len(recordings[-1])
     return whole, last
 
 
-def spans(worlds: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
-    """(first, last) s of each recording on the clock of the joined world; of a single one as it is."""
-    if len(worlds) == 1:
-        return [(float(worlds[0].seconds[0]), float(worlds[0].seconds[-1]))]
+def spans(recordings: Sequence[RecordedMotion]) -> list[tuple[float, float]]:
+    """(first, last) s of each recording on the clock of the joined recording; a single one is unchanged."""
+    if len(recordings) == 1:
+        return [(float(recordings[0].seconds[0]), float(recordings[0].seconds[-1]))]
     found, begin = [], 0.0
-    for recorded in worlds:
+    for recorded in recordings:
         found.append((begin, begin + recorded.duration))
         begin += recorded.duration + RECORDING_GAP
     return found
 
 
 def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
-    """The world without its last recording, joint efforts too.
+    """The joined recording without its last part, joint efforts included.
 
     Args:
-        recorded: of several recordings.
-        last: (N,) the samples of the last.
+        recorded: of several parts.
+        last: (N,) the samples of the last part.
     """
     kept, effort = recorded.select(~last), recorded.effort
     end = recorded.begins[-1]
@@ -72,7 +72,7 @@ def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
 
 
 def _stacked(parts: Sequence[Any]) -> Any:
-    """Dataclasses of one kind: arrays (N, ...) one after the other, tracks likewise, all else as in the first."""
+    """Dataclasses of one kind: arrays (N, ...) concatenated, tracks likewise, other fields as in the first."""
     first = parts[0]
     changes: dict[str, Any] = {}
     for field in fields(first):

@@ -9,46 +9,39 @@ from numpy.typing import ArrayLike
 from poise.geometry import STANDARD_GRAVITY, cross
 from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
+from poise.simulation import JointMotion
 from poise.types import Array
 
 _STILL = 1e-3
-"""m/s or rad/s below which a base rests."""
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Position, velocity and acceleration (N, J) of a robot's joints, and of its root link when that moves."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-    base: BaseMotion | None = None
+"""m/s or rad/s below which a base is at rest."""
 
 
 def recorded_from_motion(
     robot: RobotModel,
     seconds: Array,
-    motion: Motion,
+    joints: JointMotion,
     phi: ArrayLike,
     wrench: Array | None = None,
     *,
+    base: BaseMotion | None = None,
     gravity: float = STANDARD_GRAVITY,
     start: int = 0,
     effort: EffortTrack | None = None,
 ) -> RecordedMotion:
-    """A world along a known motion.
+    """The recording of a known motion.
 
     Args:
-        robot: with `base="floating"` when `motion.base` is given.
+        robot: with `base="floating"` when `base` is given.
         seconds: (N,).
-        motion: at these times, joints in the robot's order.
+        joints: (N, J) at these times, in the robot's order.
         phi: (10,) everything that the sensor carries.
-        wrench: (N, 6) measured; None: NaN, a world that is only simulated.
+        wrench: (N, 6) measured; None: NaN, for a motion that is only simulated.
+        base: motion of the root link (N), when it moves.
         gravity: m/s2, downwards.
         start: ns, the stamp of second zero.
         effort: joint efforts, see `effort_track`.
     """
-    rows = _forward(robot, motion)
+    rows = _forward(robot, joints, base)
     down = np.array([0.0, 0.0, -gravity])
     payload = np.asarray(phi, dtype=np.float64)
     rotation = rows.rotation
@@ -66,53 +59,57 @@ def recorded_from_motion(
         rotation_world_sensor=rotation,
         position_in_world=rows.position,
         velocity_in_world=rows.velocity,
-        joints=_joint_track(robot, motion, rows),
+        joints=_joint_track(robot, joints, rows),
         base=rows.base if rows.base is not None and _moves(rows.base) else None,
         effort=effort,
     )
 
 
-def _joint_track(robot: RobotModel, motion: Motion, rows: "_Rows") -> JointTrack | None:
-    """The arm's own joints, and how the sensor hangs on them; None for a sensor on a base alone."""
-    arm = slice(base_joints(robot), None)
+def _joint_track(robot: RobotModel, joints: JointMotion, rows: "_Rows") -> JointTrack | None:
+    """The joints of the arm, and the sensor's derivatives by them; None for a sensor on a base alone."""
+    arm = slice(robot.base_joints, None)
     if not robot.joint_names[arm]:
         return None
     coupling = robot.coupling[:, arm]
     return JointTrack(
         robot.joint_names[arm],
-        motion.position[:, arm],
-        motion.velocity[:, arm],
-        motion.acceleration[:, arm],
+        joints.position[:, arm],
+        joints.velocity[:, arm],
+        joints.acceleration[:, arm],
         rows.jacobian @ coupling,
         rows.by_position @ coupling,
     )
 
 
-def base_joints(robot: RobotModel) -> int:
-    """How many of the first joints belong to a mobile base (x, y, turn) or to a rail, not to the arm."""
-    kinds = [joint.shortname() for joint in robot.pinocchio.joints[robot.pinocchio.njoints - len(robot.coupling) :]]
-    straight = next((i for i, kind in enumerate(kinds) if not kind.startswith("JointModelP")), len(kinds))
-    turning = straight < len(kinds) and straight >= 2  # after x and y, the next one turns the base
-    return straight + int(turning)
-
-
-def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Array, phi: ArrayLike) -> EffortTrack:
-    """What the joints gave, and what a rigid arm with its payload needs (Featherstone 2008, section 5.3).
+def effort_track(
+    robot: RobotModel,
+    seconds: Array,
+    joints: JointMotion,
+    measured: Array,
+    phi: ArrayLike,
+    base: BaseMotion | None = None,
+    *,
+    gravity: float = STANDARD_GRAVITY,
+) -> EffortTrack:
+    """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
 
     With its derivatives (Carpentier and Mansard 2018).
 
     Args:
-        robot: fixed base, or the root link's motion in `motion.base`.
+        robot: with `base="floating"` when `base` is given.
         seconds: (M,).
-        motion: of the joints at these times.
+        joints: (M, J) at these times.
         measured: (M, J) N m of all the robot's joints; columns with NaN are left out.
-        phi: (10,) the payload; what the URDF fixes beyond the sensor is carried besides.
+        phi: (10,) the payload, in addition to the links that the URDF fixes beyond the sensor.
+        base: motion of the root link (M), when it moves.
+        gravity: m/s2, downwards.
     """
     loaded = robot.pinocchio.copy()
     frame = loaded.frames[robot.frame_id(robot.sensor_frame)]
     loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(phi))
+    loaded.gravity.linear = np.array([0.0, 0.0, -gravity])
     data = loaded.createData()
-    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, base)
     moving = len(robot.coupling)
     torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
@@ -121,11 +118,11 @@ def effort_track(robot: RobotModel, seconds: Array, motion: Motion, measured: Ar
         by_q[i] = slopes[0][-moving:, -moving:]
         upper = np.triu(slopes[2][-moving:, -moving:])
         inertia[i] = upper + np.triu(upper, 1).T
-    known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= base_joints(robot)))
+    known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= robot.base_joints))
     rigid = (torque @ robot.coupling)[:, known]
     slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
-    parts = (motion.position[:, known], motion.velocity[:, known], motion.acceleration[:, known])
+    parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes)
 
 
@@ -142,22 +139,24 @@ class _Rows:
     base: BaseTrack | None
 
 
-def _forward(robot: RobotModel, motion: Motion) -> _Rows:
+def _forward(robot: RobotModel, joints: JointMotion, moving_base: BaseMotion | None) -> _Rows:
     """Everything about the sensor's frame, in one pass."""
-    whole = pinocchio_state(robot, motion.position, motion.velocity, motion.acceleration, motion.base)
+    whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, moving_base)
     model, frame = robot.pinocchio, robot.frame_id(robot.sensor_frame)
     data, n, moving = model.createData(), len(whole.q), len(robot.coupling)
     rotation, position = np.empty((n, 3, 3)), np.empty((n, 3))
     velocity, acceleration = np.empty((n, 6)), np.empty((n, 6))
     by_q, jacobian, a_by_q = (np.empty((n, 6, moving)) for _ in range(3))
-    base = _BaseRows(robot, n) if base_joints(robot) or motion.base is not None else None
+    base = _BaseRows(robot, n) if robot.base_joints or moving_base is not None else None
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
         pose = pin.updateFramePlacement(model, data, frame)
         rotation[i], position[i] = pose.rotation, pose.translation
         velocity[i] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).vector
         acceleration[i] = pin.getFrameAcceleration(model, data, frame, pin.LOCAL).vector
-        v_by_q, a_by_position, _, a_by_a = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
+        found = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
+        # pinocchio gives rows for a single joint
+        v_by_q, a_by_position, _, a_by_a = (np.reshape(each, (6, len(v))) for each in found)
         by_q[i], a_by_q[i], jacobian[i] = v_by_q[:, -moving:], a_by_position[:, -moving:], a_by_a[:, -moving:]
         if base is not None:
             base.take(i, model, data)
@@ -186,7 +185,7 @@ class _BaseRows:
 
     def __init__(self, robot: RobotModel, n: int) -> None:
         first = robot.pinocchio.njoints - len(robot.coupling)
-        self._joint = first - 1 + base_joints(robot)
+        self._joint = first - 1 + robot.base_joints
         self._rotation, self._place = np.empty((n, 3, 3)), np.empty((n, 3))
         self._rates = np.empty((2, n, 6))
 

@@ -1,4 +1,4 @@
-"""The effects that a model carries, at work in a world: the same `simulate` that found them."""
+"""The effects of a model, applied to a recording by the `simulate` that found them."""
 
 from collections.abc import Sequence
 
@@ -11,9 +11,9 @@ from poise.mismatch.recorded import RecordedMotion
 def with_model_effects(
     recorded: RecordedMotion, components: Sequence[ModelEffect], *, events: bool = False
 ) -> RecordedMotion:
-    """The world with the effects of a model added to its predictions, in the order in which their layers act.
+    """The recording with the effects of a model added to its predictions, layer by layer.
 
-    An effect that needs what the world does not have (joint efforts, a base that moves) is left out.
+    An effect whose inputs are missing (joint efforts, a base that moves) is left out.
 
     Args:
         recorded: a recording, or a simulated motion.
@@ -52,7 +52,7 @@ def effect_of(component: ModelEffect) -> Effect:
 
 
 def absent(effect: Effect, recorded: RecordedMotion, events: bool) -> str:
-    """Why an effect of a model is not at work in a world; "" when it is."""
+    """Why an effect of a model does not act in a recording; "" when it does."""
     if not events and not effect.transfers:
         return "it belongs to the recording that it was found in"
     if effect.signal == "effort" and recorded.effort is None:

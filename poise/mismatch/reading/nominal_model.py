@@ -1,4 +1,4 @@
-"""model.yaml: the nominal simulation that a recording is held against, and how far it may be off."""
+"""model.yaml: the nominal model that a recording is compared with, and its tolerances."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,11 +18,11 @@ _MAX_BYTES = 1_000_000
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What is declared good enough: a deviation inside it is no finding.
+    """Declared tolerances: a deviation inside them is no finding.
 
     Args:
         payload_mass: relative. payload_com: m. payload_inertia: relative, of the trace.
-        bias_force, bias_torque: N, N m, each axis. drift_force, drift_torque: the same, over the recording.
+        bias_force, bias_torque: N, N m, each axis. drift_force, drift_torque: N, N m, over the recording.
         sensor_gain: relative, of each axis and across axes. sensor_rotation, joint_offset: rad. clock_offset: s.
     """
 
@@ -39,7 +39,7 @@ class Tolerance:
     clock_offset: float = 0.004
 
 
-# Where each tolerance stands in the file.
+# The keys of each tolerance in the file.
 TOLERANCE_KEYS = {
     "payload_mass": ("payload", "mass"),
     "payload_com": ("payload", "com"),
@@ -66,17 +66,17 @@ class ModelEffect:
 
 @dataclass(frozen=True, eq=False)
 class NominalModel:
-    """What the simulation knows.
+    """The nominal model.
 
     Args:
-        sensor_frame: None: what the wrench messages say.
+        sensor_frame: None: the frame of the wrench messages.
         urdf: None: the recording's robot_description.
         phi: (10,) payload about the sensor's origin, sensor axes; None: identified from the recording.
-        gravity: m/s2; None: what the recording's metadata says, else the standard.
-        tool_in_wrench: the wrench also carries what the URDF fixes beyond the sensor (a gripper that was not tared).
+        gravity: m/s2; None: from the recording's metadata, else the standard.
+        tool_in_wrench: the wrench also carries what the URDF fixes beyond the sensor (a gripper that was not zeroed).
         noise_force, noise_torque: N and N m of one sample; None: estimated.
-        effects: what an earlier diagnosis added.
-        payload_identified: the payload is the recording's own: it cannot be found wrong there.
+        effects: added by an earlier diagnosis.
+        payload_identified: the payload was identified from the recording, which then cannot show it wrong.
     """
 
     sensor_frame: str | None = None
@@ -100,7 +100,7 @@ def load_model(path: Path) -> NominalModel:
     """Read model.yaml.
 
     Raises:
-        InputError: FILE_UNREADABLE; BAD_INPUT for anything in it that makes no sense, with its place.
+        InputError: FILE_UNREADABLE; BAD_INPUT for an invalid entry, with its place.
     """
     try:
         if path.stat().st_size > _MAX_BYTES:
@@ -143,7 +143,7 @@ def parse_model(content: Any, folder: Path = Path()) -> NominalModel:
 
 
 def dump_model(model: NominalModel) -> str:
-    """The text of model.yaml; `parse_model` of it is the same model."""
+    """The text of model.yaml; `parse_model` of it gives an equal model."""
     content: dict[str, Any] = {}
     if model.sensor_frame is not None:
         content["sensor_frame"] = model.sensor_frame

@@ -1,4 +1,4 @@
-"""A payload that nobody stated: identified from the recording itself."""
+"""The payload, identified from the recording when the model does not state it."""
 
 from dataclasses import replace
 
@@ -11,14 +11,14 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _SCALE = np.array([3.0, *[0.3] * 3, *[0.05] * 6, *[10.0] * 3, *[1.0] * 3])
-"""One sigma of weak priors on mass, first moments, inertia and bias: what the motion does not show stays small."""
+"""One sigma of weak priors on mass, first moments, inertia and bias: unobservable ones stay small."""
 _LOOSER = 10.0
 _FARTHEST = 5.0
-"""m from the sensor at which no payload has its centre of mass."""
+"""m from the sensor beyond which no centre of mass is plausible."""
 
 
 def identified(recorded: RecordedMotion) -> Array:
-    """(10,) the payload that explains the wrench best, beside a bias; robust (Huber's weights, three rounds).
+    """(10,) the payload that explains the wrench best, beside a bias; robust (Huber weights, three rounds).
 
     Raises:
         InputError: BAD_INPUT when its mass comes out negative: the wrench has the opposite sign.
@@ -46,7 +46,7 @@ def identified(recorded: RecordedMotion) -> Array:
 
 
 def _check_units(recorded: RecordedMotion) -> None:
-    """Refuse torques that would put the centre of mass far beyond any tool: least squares on each unit by itself."""
+    """Refuse torques that imply an implausibly distant centre of mass; least squares for each unit separately."""
     matrix = regressor(recorded.specific, recorded.angular_velocity, recorded.angular_acceleration)
     mass = _slope(matrix[:, :3, :1], recorded.wrench[:, :3])[0]
     lever = _slope(matrix[:, 3:, 1:4], recorded.wrench[:, 3:]) / max(abs(float(mass)), 0.05)
@@ -67,7 +67,7 @@ def _slope(columns: Array, measured: Array) -> Array:
 
 
 def loosened(tolerance: Tolerance) -> Tolerance:
-    """With a payload that is only known as well as a first fit does."""
+    """Wider tolerances for a payload that a first fit identified."""
     return replace(
         tolerance,
         payload_mass=_LOOSER * tolerance.payload_mass,

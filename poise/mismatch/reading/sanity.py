@@ -1,4 +1,4 @@
-"""Wrenches that cannot be what they claim: wrong units, the opposite sign, single samples that jump out."""
+"""Input checks: wrong units, the opposite sign, implausible joint positions, single outliers."""
 
 import warnings
 
@@ -11,18 +11,18 @@ from poise.robot import RobotModel
 from poise.types import Array
 
 _NEIGHBOURS = (-6, -5, -4, -3, -2, 2, 3, 4, 5, 6)
-"""Samples that say what one in their middle should be like."""
+"""Offsets of the samples that predict the one in their middle."""
 _PARTS = ("force", "torque")
 _OUTSIDE = 1.0
-"""rad or m beyond its range at which a joint cannot be; ranges in descriptions are often a little narrow."""
+"""rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
 _SHORTEST, _SLOWEST = 4.0, 15.0
-"""s of wrenches, and Hz of joint states, at the least."""
+"""Least duration of the wrench, s, and least rate of joint states, Hz."""
 _MAX_SPIKES = 0.03
-"""Share of samples that may be spikes; more of them are no accidents."""
+"""Largest share of samples that may be spikes; more of them are not accidental."""
 
 
 def check_wrench(recorded: RecordedMotion, name: str) -> None:
-    """Refuse a wrench whose units or sign are not the contract's.
+    """Refuse a wrench whose units or sign violate the contract.
 
     Force and torque are each regressed on the prediction, both without their means.
 
@@ -33,13 +33,13 @@ def check_wrench(recorded: RecordedMotion, name: str) -> None:
     if len(stuck):
         raise InputError(
             ErrorCode.BAD_INPUT,
-            f"{name}: {', '.join(WRENCH_CHANNELS[c] for c in stuck)} of the wrench reads the same in every sample: is "
+            f"{name}: {', '.join(WRENCH_CHANNELS[c] for c in stuck)} of the wrench is constant: is "
             "the sensor on, and its driver running?",
         )
-    read, said = (values - values.mean(axis=0) for values in (recorded.wrench, recorded.prediction))
+    read, expected = (values - values.mean(axis=0) for values in (recorded.wrench, recorded.prediction))
     gains, likeness = [], []
     for part in (slice(0, 3), slice(3, 6)):
-        a, b = read[:, part], said[:, part]
+        a, b = read[:, part], expected[:, part]
         gains.append(float(np.sum(a * b) / max(np.sum(b * b), 1e-12)))
         likeness.append(float(np.sum(a * b) / max(np.sqrt(np.sum(a * a) * np.sum(b * b)), 1e-12)))
     turned = [
@@ -83,7 +83,7 @@ def check_positions(robot: RobotModel, position: Array) -> None:
 
 
 def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
-    """Refuse what is too short, or too coarse for accelerations.
+    """Refuse recordings that are too short, or too slow for accelerations.
 
     Raises:
         InputError: TOO_FEW_SAMPLES.
@@ -98,18 +98,18 @@ def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
     if period > 1.0 / _SLOWEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"joint states come every {period:.2f} s, which tells no accelerations: record at 50 Hz or more, "
+            f"joint states come every {period:.2f} s, too slow for accelerations: record at 50 Hz or more, "
             f"{_SLOWEST:.0f} Hz at the least",
         )
 
 
 def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]:
-    """The world without single samples that stand far out of their neighbours (lost bits, not physics)."""
+    """The recording without single samples far from their neighbours (transmission errors, not physics)."""
     residual = recorded.wrench - recorded.prediction
     out = np.zeros(len(recorded), dtype=bool)
-    for _ in range(2):  # what was found does not hide its neighbours
+    for _ in range(2):  # spikes found first must not hide their neighbours
         calm = np.where(out[:, None], np.nan, residual)
-        with warnings.catch_warnings():  # where no neighbour is good, nothing is known: NaN is right
+        with warnings.catch_warnings():  # NaN is right where no neighbour is valid
             warnings.simplefilter("ignore", RuntimeWarning)
             around = np.nanmedian(np.stack([np.roll(calm, shift, axis=0) for shift in _NEIGHBOURS]), axis=0)
         off = residual - around
@@ -120,4 +120,4 @@ def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]
     out &= ~beside
     if not out.any() or out.mean() > _MAX_SPIKES:
         return recorded, []
-    return recorded.select(~out), [f"{int(out.sum())} wrench samples stand alone far out of line and were left out"]
+    return recorded.select(~out), [f"{int(out.sum())} wrench samples are single outliers and were left out"]

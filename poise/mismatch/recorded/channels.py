@@ -1,4 +1,4 @@
-"""Numbers with a direction as a person says them."""
+"""Names of the wrench channels, and vectors in words."""
 
 from collections.abc import Sequence
 

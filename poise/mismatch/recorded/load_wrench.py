@@ -1,4 +1,4 @@
-"""The wrench of a rigid load, and what a change of its parameters or of its motion does to it."""
+"""The wrench of a rigid load, and its derivatives by motion."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,7 @@ def load_wrench(phi: ArrayLike, specific: Array, angular_velocity: Array, angula
     f = m u - alpha x h - omega x (omega x h), tau = h x u - I alpha - omega x I omega, with h = m c.
 
     Args:
-        phi: (10,) or (N, 10) when it changes on the way.
+        phi: (10,), or (N, 10) when it changes over time.
         specific: (N, 3) m/s2, u = gravity minus acceleration of the sensor's origin.
         angular_velocity, angular_acceleration: (N, 3) rad/s, rad/s2.
     """

@@ -6,13 +6,13 @@ from poise.types import Array
 
 
 def white_level(values: Array, coarse: bool = True) -> Array:
-    """(C,) one sigma of white noise in (N, C), from third differences: blind to what changes slowly.
+    """(C,) one sigma of white noise in (N, C), from third differences, which slow changes do not affect.
 
-    The median over stretches of 100 samples; bursts and quiet stretches do not matter.
+    The median over stretches of 100 samples, robust against bursts and quiet stretches.
 
     Args:
         values: the signal.
-        coarse: it may be rounded to a coarse grid. Where it is not, knocks are told from noise.
+        coarse: the values may be rounded to a coarse grid; if not, knocks are distinguished from noise.
     """
     differences = np.diff(values, n=3, axis=0) / np.sqrt(20.0)
     length = 100
@@ -23,7 +23,7 @@ def white_level(values: Array, coarse: bool = True) -> Array:
     if not coarse:
         return np.asarray(found)
     spread = np.median([np.sqrt(np.mean(np.square(part), axis=0)) for part in stretches], axis=0)
-    # Numbers on a coarse grid make differences of nearly zero: their spread is then the better measure. Knocks widen
+    # Values on a coarse grid have differences of nearly zero: the spread is then the better measure. Knocks widen
     # the spread too, but leave the small differences as they are.
     low, middle = np.quantile(np.abs(differences), [0.25, 0.5], axis=0)
     return np.asarray(np.where((found > 0.3 * spread) | (low > 0.3 * middle), found, spread))
@@ -32,8 +32,8 @@ def white_level(values: Array, coarse: bool = True) -> Array:
 def lattice(values: Array) -> float:
     """The step of which all values are whole multiples, 0 when there is none.
 
-    A grid that was rounded once more, to one much finer, still counts; readings at the largest magnitude may be those
-    of a limit and do not. On a grid many readings are equal, which those of a fine converter are not.
+    A grid that was rounded again to a much finer one still counts; readings at the largest magnitude may belong to a
+    limit and do not count. On a grid many readings are equal, unlike those of a fine converter.
 
     Args:
         values: any shape; NaN are left out.

@@ -1,4 +1,4 @@
-"""One recording as effects see it: what the sensor read, what the model predicts, and every motion behind it."""
+"""One recording as effects see it: measured wrench, predicted wrench, and the motion behind them."""
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -51,12 +51,12 @@ class EffortTrack:
     """Joint efforts, at the stamps of the joint states (M); N m, or N of prismatic joints.
 
     Args:
-        seconds: (M,) on the clock of the world.
+        seconds: (M,) on the clock of the recording.
         names: (J) joints with a measured effort.
         position, velocity, acceleration: (M, J).
         measured: (M, J) what was recorded.
         rigid: (M, J) what the arm and its payload need without friction, by the recursive Newton-Euler algorithm.
-        prediction: (M, J) what the model says so far; begins as `rigid`.
+        prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
     """
 
@@ -81,9 +81,9 @@ class RecordedMotion:
     Args:
         start: int ns, the stamp that `seconds` count from.
         seconds: (N,) s, ascending.
-        wrench: (N, 6) N and N m that the sensor read; NaN in a world that is only simulated.
+        wrench: (N, 6) N and N m that the sensor read; NaN in a motion that is only simulated.
         phi: (10,) the nominal payload (m, m c, I about the sensor's origin).
-        prediction: (N, 6) what the model says so far; begins as the nominal wrench.
+        prediction: (N, 6) what the model predicts so far; begins as the nominal wrench.
         gravity: (N, 3) m/s2, in sensor axes.
         linear_acceleration: (N, 3) m/s2 of the sensor's origin, without gravity.
         angular_velocity, angular_acceleration: (N, 3).
@@ -92,8 +92,8 @@ class RecordedMotion:
         joints: None when the motion came from tf.
         base: None when the base rests.
         effort: None when joint efforts were not recorded.
-        accelerometer: (N, 3) m/s2 that one on the sensor felt of its acceleration, gravity and offset taken out; its
-            clock is its own. None without one.
+        accelerometer: (N, 3) m/s2 acceleration of the sensor as an accelerometer on it measured, without gravity and
+            offset; its clock may be offset. None without an accelerometer.
         begins: s at which further recordings begin, where there are several.
     """
 
@@ -130,7 +130,7 @@ class RecordedMotion:
 
     @cached_property
     def specific(self) -> Array:
-        """(N, 3) m/s2: gravity minus acceleration, what a load feels."""
+        """(N, 3) m/s2: gravity minus acceleration: the specific force on a load."""
         return self.gravity - self.linear_acceleration
 
     @cached_property
@@ -140,31 +140,31 @@ class RecordedMotion:
 
     @cached_property
     def speed(self) -> Array:
-        """(N,) rad/s: the norm of the joints' speeds (or of the sensor's turning, without joints)."""
+        """(N,) rad/s: the norm of the joints' speeds (without joints, of the sensor's angular velocity)."""
         rates = self.angular_velocity if self.joints is None else self.joints.velocity
         return np.asarray(np.linalg.norm(rates, axis=1))
 
     def has(self, what: str) -> bool:
-        """Whether the recording holds "joints", "effort", a "base" that moves, or a "load" that weighs anything."""
+        """Whether the recording holds "joints", "effort", a "base" that moves, or a "load" that is not massless."""
         held = {"joints": self.joints, "effort": self.effort, "base": self.base}
         return held[what] is not None if what in held else bool(abs(self.phi[0]) > 1e-3)
 
     def recording_of(self, time: float) -> Mask:
-        """(N,) the samples of the recording that a moment falls into."""
+        """(N,) the samples of the recording that contains a time, s."""
         edges = np.array([-np.inf, *self.begins, np.inf])
         place = int(np.clip(np.searchsorted(edges, time, side="right"), 1, len(edges) - 1))
         return np.asarray((self.seconds >= edges[place - 1]) & (self.seconds < edges[place]))
 
     def with_prediction(self, prediction: Array) -> "RecordedMotion":
-        """The same recording under a model that says something else."""
+        """The recording with another predicted wrench (N, 6)."""
         return replace(self, prediction=prediction)
 
     def with_effort(self, prediction: Array) -> "RecordedMotion":
-        """The same recording under a model that says something else of the joint efforts (M, J)."""
+        """The recording with other predicted joint efforts (M, J)."""
         return self if self.effort is None else replace(self, effort=replace(self.effort, prediction=prediction))
 
     def select(self, rows: Mask) -> "RecordedMotion":
-        """The samples that a mask (N,) picks; joint efforts, which have stamps of their own, are kept."""
+        """The samples of a mask (N,); joint efforts, which have other stamps, are kept."""
         arrays = {
             field.name: getattr(self, field.name)[rows]
             for field in fields(self)

@@ -1,4 +1,4 @@
-"""Values at other times than their stamps."""
+"""Values interpolated at other times."""
 
 import numpy as np
 from scipy.interpolate import make_interp_spline

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.part_wrench import chart
-from poise.mismatch.reading import Motion, effort_track, recorded_from_motion
+from poise.mismatch.reading import effort_track, recorded_from_motion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, WaypointTrajectory
 
@@ -37,7 +37,7 @@ def recorded(motion="fourier", seed=1, duration=20.0, period=0.01, jitter=3e-4):
     rng = np.random.default_rng(seed + 100)
     seconds = np.arange(0.0, duration, period)
     seconds = np.sort(seconds + rng.normal(size=len(seconds)) * jitter)
-    made = recorded_from_motion(ROBOT, seconds, Motion(*trajectory(motion, seed, duration).at(seconds)), PAYLOAD.phi)
+    made = recorded_from_motion(ROBOT, seconds, trajectory(motion, seed, duration).at(seconds), PAYLOAD.phi)
     return replace(made, wrench=made.prediction)
 
 
@@ -45,7 +45,7 @@ def recorded(motion="fourier", seed=1, duration=20.0, period=0.01, jitter=3e-4):
 def effort_world(motion="fourier", seed=1, duration=20.0, period=0.008):
     """The same with joint efforts at 125 Hz, those of a rigid arm."""
     seconds = np.arange(0.0, duration, period)
-    moved = Motion(*trajectory(motion, seed, duration).at(seconds))
+    moved = trajectory(motion, seed, duration).at(seconds)
     track = effort_track(ROBOT, seconds, moved, np.zeros((len(seconds), 9)), PAYLOAD.phi)
     return replace(recorded(motion, seed, duration), effort=replace(track, measured=track.rigid))
 

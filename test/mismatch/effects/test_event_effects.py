@@ -5,7 +5,8 @@ import pytest
 from effect_worlds import PAYLOAD, ROBOT, TYPICAL, filled, recorded, trajectory
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import Motion, recorded_from_motion
+from poise.mismatch.reading import recorded_from_motion
+from poise.simulation import JointMotion
 
 SECONDS = np.arange(0.0, 20.0, 0.005)
 
@@ -23,11 +24,11 @@ def moved(shift=None, turn=0.0):
     if shift is not None:
         for part, extra in zip((position, velocity, acceleration), shift, strict=True):
             part[:, :2] += extra
-    return recorded_from_motion(ROBOT, SECONDS, Motion(position, velocity, acceleration), PAYLOAD.phi)
+    return recorded_from_motion(ROBOT, SECONDS, JointMotion(position, velocity, acceleration), PAYLOAD.phi)
 
 
 def with_payload(phi):
-    return recorded_from_motion(ROBOT, SECONDS, Motion(*trajectory().at(SECONDS)), phi)
+    return recorded_from_motion(ROBOT, SECONDS, trajectory().at(SECONDS), phi)
 
 
 def point_phi(mass, place):
@@ -90,9 +91,9 @@ def test_a_base_that_shakes_is_a_base_that_shakes():
     np.testing.assert_allclose((still.prediction + found)[inside], true.prediction[inside], atol=1e-8)
     assert not found[(SECONDS < 3.9) | (SECONDS > 10.1)].any()
     effect = effect_named("external_vibration")
-    told = effect.derived(still, filled(effect, still, {"sine_x": 0.4, "cosine_x": 0.2}))
-    assert told["amplitude"][0] == pytest.approx(np.hypot(0.4, 0.2))
-    assert abs(told["direction_x"][0]) == pytest.approx(1.0)
+    derived = effect.derived(still, filled(effect, still, {"sine_x": 0.4, "cosine_x": 0.2}))
+    assert derived["amplitude"][0] == pytest.approx(np.hypot(0.4, 0.2))
+    assert abs(derived["direction_x"][0]) == pytest.approx(1.0)
 
 
 def test_a_contact_is_a_force_at_a_point_that_comes_and_goes():

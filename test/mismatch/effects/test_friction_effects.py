@@ -8,7 +8,8 @@ from effect_worlds import HOME, PAYLOAD, ROBOT, TYPICAL, effort_world, filled
 from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.joint_friction import COULOMB_TRANSITION
 from poise.mismatch.effects.part_motion import between_stops
-from poise.mismatch.reading import Motion, effort_track
+from poise.mismatch.reading import effort_track
+from poise.simulation import JointMotion
 
 JOINTS = range(1, 7)
 
@@ -95,9 +96,9 @@ def test_a_ripple_stands_in_the_joints_position():
     effect = effect_named("gear_ripple")
     values = {"joint": 2.0, "order": 24.0, "sine": 1.2, "cosine": -1.6}
     found = effect.simulate(at, values)
-    told = effect.derived(at, values)
-    assert told["amplitude"][0] == pytest.approx(2.0)
-    phase = told["phase"][0]
+    derived = effect.derived(at, values)
+    assert derived["amplitude"][0] == pytest.approx(2.0)
+    phase = derived["phase"][0]
     np.testing.assert_allclose(found[:, 1], 2.0 * np.sin(24.0 * at.effort.position[:, 1] + phase), atol=1e-12)
 
 
@@ -117,7 +118,7 @@ def test_with_backlash_the_efforts_are_those_of_the_links_true_motion():
     for part, extra in zip(parts, play, strict=True):
         part[:, 3] += extra
     whole = np.zeros((len(track.seconds), 9))
-    true = effort_track(ROBOT, track.seconds, Motion(*parts), whole, PAYLOAD.phi).rigid - track.rigid
+    true = effort_track(ROBOT, track.seconds, JointMotion(*parts), whole, PAYLOAD.phi).rigid - track.rigid
     size = np.abs(true).max()
     assert size > 1.0
     # What is left is the speed of the play times that of the arm (Coriolis): small beside the knocks.

@@ -23,7 +23,7 @@ from poise.mismatch.effects import effect_named
 from poise.mismatch.effects.grasp_compliance import _turns
 from poise.mismatch.effects.part_motion import between_stops, hanging
 from poise.mismatch.effects.part_wrench import point_wrench, specific_at
-from poise.mismatch.reading import Motion, recorded_from_motion
+from poise.mismatch.reading import recorded_from_motion
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
 
 DOWN = np.array([0.0, 0.0, -STANDARD_GRAVITY])
@@ -37,14 +37,14 @@ def fine(duration=6.0):
     )
     moved = FourierTrajectory(HOME, made.sine * REACH, made.cosine * REACH, made.frequency, 30.0, made.ramp)
     seconds = np.arange(3.0, 3.0 + duration, 0.002)
-    return recorded_from_motion(ROBOT, seconds - 3.0, Motion(*moved.at(seconds)), PAYLOAD.phi)
+    return recorded_from_motion(ROBOT, seconds - 3.0, moved.at(seconds), PAYLOAD.phi)
 
 
 def at_rest(duration=8.0, period=0.002, pose=HOME):
     """The arm stands still."""
     seconds = np.arange(0.0, duration, period)
     still = np.zeros((len(seconds), len(HOME)))
-    return recorded_from_motion(ROBOT, seconds, Motion(still + pose, still, still), PAYLOAD.phi)
+    return recorded_from_motion(ROBOT, seconds, JointMotion(still + pose, still, still), PAYLOAD.phi)
 
 
 def response(name, at, **given):
@@ -158,7 +158,9 @@ def test_joint_offsets_are_those_of_the_true_pose_but_for_second_order(size):
     joints, still = at.joints, np.zeros((len(at), 3))
     offsets = size * np.array([1.0, -0.8, 0.6, 1.0, -1.0, 0.7])
     parts = (joints.position - offsets, joints.velocity, joints.acceleration)
-    true = recorded_from_motion(ROBOT, at.seconds, Motion(*(np.hstack([still, part]) for part in parts)), PAYLOAD.phi)
+    true = recorded_from_motion(
+        ROBOT, at.seconds, JointMotion(*(np.hstack([still, part]) for part in parts)), PAYLOAD.phi
+    )
     found = response("joint_offset", at, **{f"offset_{i}": float(d) for i, d in enumerate(offsets, start=1)})
     exact = true.prediction - at.prediction
     # What was recorded is of the true pose; the nominal model takes the encoders at their word.

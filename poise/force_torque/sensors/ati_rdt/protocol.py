@@ -16,7 +16,7 @@ from poise.errors import ErrorCode, SensorError
 from poise.types import Mask
 
 PORT = 49152
-HEADER = 0x1234
+_HEADER = 0x1234
 RECORD = np.dtype([("rdt_sequence", ">u4"), ("ft_sequence", ">u4"), ("status", ">u4"), ("counts", ">i4", (6,))])
 """One sample: 36 bytes, network order, forces then torques."""
 
@@ -34,7 +34,7 @@ class RdtCommand(IntEnum):
 
 def request(command: RdtCommand, count: int = 0) -> bytes:
     """Encode a request; `count` records are asked for, 0 for no end."""
-    return struct.pack(">HHI", HEADER, command, count)
+    return struct.pack(">HHI", _HEADER, command, count)
 
 
 def parse_records(datagrams: bytes) -> NDArray[np.void]:
@@ -52,13 +52,13 @@ def parse_records(datagrams: bytes) -> NDArray[np.void]:
     return np.frombuffer(datagrams, dtype=RECORD)
 
 
-ERROR_SUMMARY = 1 << 31
-MONITOR_CONDITION = 1 << 16
+_ERROR_SUMMARY = 1 << 31
+_MONITOR_CONDITION = 1 << 16
 """A threshold that the user set on the device's web page was passed: no fault of the measurement."""
 
 
 class RdtFamily(Enum):
-    """Devices that speak RDT give the bits of the status word different meanings."""
+    """The meaning of the status bits differs between families of RDT devices."""
 
     NET_FT = "net_ft"
     AXIA = "axia"
@@ -74,17 +74,17 @@ class RdtFamily(Enum):
         return 1 << 30 | 1 << 27 if self is RdtFamily.AXIA else 1 << 17
 
     def describe(self, status: int) -> str:
-        """Say in words what a status word reports ("healthy" for 0)."""
+        """The text of a status word ("healthy" for 0)."""
         bits = _AXIA_BITS if self is RdtFamily.AXIA else _NET_FT_BITS
         names = [bits.get(bit, f"reserved bit {bit}") for bit in range(31) if status >> bit & 1]
-        if status & ERROR_SUMMARY and not names:
+        if status & _ERROR_SUMMARY and not names:
             names = ["error, not specified"]
         return ", ".join(names) or "healthy"
 
 
 def is_fault(status: NDArray[np.uint32]) -> Mask:
-    """Which status words call their sample wrong: the error summary, for more than a threshold that was passed."""
-    fault: Mask = (status >= ERROR_SUMMARY) & (status != (ERROR_SUMMARY | MONITOR_CONDITION))
+    """Which status words mark their sample as wrong: the error summary, unless only a user threshold was exceeded."""
+    fault: Mask = (status >= _ERROR_SUMMARY) & (status != (_ERROR_SUMMARY | _MONITOR_CONDITION))
     return fault
 
 

@@ -34,7 +34,7 @@ OUTPUT_STREAM = 0x0200
 STOP_STREAM = b"\xff" * 50
 """Sent while the device streams, it returns to Modbus."""
 
-STREAM_HEADER = b"\x20\x4e"
+_STREAM_HEADER = b"\x20\x4e"
 STREAM_LENGTH = 16
 
 
@@ -50,7 +50,7 @@ def write_request(register: int, value: int, slave: int = SLAVE) -> bytes:
 
 def stream_message(counts: Sequence[int]) -> bytes:
     """Encode a message of the stream from six int16 counts."""
-    body = STREAM_HEADER + struct.pack("<6h", *counts)
+    body = _STREAM_HEADER + struct.pack("<6h", *counts)
     return body + struct.pack("<H", crc(body))
 
 
@@ -58,7 +58,7 @@ class StreamParser:
     """Finds and numbers the valid messages of the stream, see `FrameParser`."""
 
     def __init__(self) -> None:
-        self._frames = FrameParser(STREAM_HEADER, STREAM_LENGTH, _is_valid)
+        self._frames = FrameParser(_STREAM_HEADER, STREAM_LENGTH, _is_valid)
 
     @property
     def rejected(self) -> int:
@@ -73,7 +73,7 @@ class StreamParser:
             counts: (N, 6).
         """
         found = self._frames.feed(data)
-        counts = [struct.unpack_from("<6h", frame, len(STREAM_HEADER)) for _, frame in found]
+        counts = [struct.unpack_from("<6h", frame, len(_STREAM_HEADER)) for _, frame in found]
         number = np.array([number for number, _ in found], dtype=np.uint32)
         return number, np.array(counts, dtype=np.int16).reshape(-1, 6)
 

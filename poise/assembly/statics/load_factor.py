@@ -1,27 +1,27 @@
-"""How near a load brings a block to collapse: the gauge, its collapse mechanism, and the program that gives both."""
+"""The inverse of the factor at which a load makes a block collapse, its mechanism, and the program for both."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from poise.assembly.statics.block import Sparse
-from poise.assembly.statics.solvers import TOLERANCE, Cones, ConicProgram, Outcome
+from poise.assembly.statics.solvers import SOLVER_TOLERANCE, Cones, ConicProgram, Outcome
 from poise.types import Array
 
-NEVER = 1e-7
-"""Gauges below this mean never: the load would have to exceed ten million times the block's weight."""
+UNLIMITED = 1e-7
+"""Inverse load factors below this mean never: the load would have to exceed ten million times the block's weight."""
 
 
 @dataclass(frozen=True, eq=False)
-class Gauge:
+class InverseLoadFactor:
     """1 / (the factor at which a load makes a block give way), everything in the block's units.
 
     Args:
         value: 0 for loads that may grow for ever, inf for loads that nothing resists.
-        upper: contact forces prove that the gauge is at most this.
-        twist: (6 n,) the collapse mechanism, scaled so that it takes power 1 against gravity. The gauge of EVERY load w
-            is at least twist @ w, and equal for this one. Where the value is inf: a motion that nothing resists,
-            scaled so that this load has power 1.
+        upper: contact forces prove that the inverse load factor is at most this.
+        twist: (6 n,) the collapse mechanism, scaled so that it takes power 1 against gravity. The inverse load factor
+            of EVERY load w is at least twist @ w, and equal for this one. Where the value is inf: a motion that
+            nothing resists, scaled so that this load has power 1.
         multipliers: of the program's rows (contact forces, in the program's own order); None when the value is inf.
     """
 
@@ -31,20 +31,22 @@ class Gauge:
     multipliers: Array | None = None
 
 
-class GaugeProgram:
-    """Gauges of any number of loads on one block.
+class LoadFactorProgram:
+    """Inverse load factors of any number of loads on one block.
 
     With contact forces f in a convex cone K, and their wrenches G f on the bodies, a load w is sustained at the factor
     s when G f + gravity + s w = 0 has a solution (static theorem; thesis eq. 4.44-4.48). Divided by s, the least 1/s
     is a support function,
 
-        gauge(w) = max { y.w : G'y in K*, -y.gravity <= 1 },
+        f(w) = max { y.w : G'y in K*, -y.gravity <= 1 },
 
     and its maximiser y is the collapse mechanism (kinematic theorem). The set does not depend on the load: one solver
     is kept, only the objective changes, and every y found is a bound for all other loads.
     """
 
-    def __init__(self, matrix: Sparse, right: Array, cones: Cones, size: int, tolerance: float = TOLERANCE) -> None:
+    def __init__(
+        self, matrix: Sparse, right: Array, cones: Cones, size: int, tolerance: float = SOLVER_TOLERANCE
+    ) -> None:
         """Take rows A x <= b of y in K*, the first for gravity; x is y (size,) and whatever else the rows need."""
         self._program = ConicProgram(matrix, right, cones, tolerance=tolerance)
         self._objective = np.zeros(matrix.shape[1])
@@ -58,19 +60,19 @@ class GaugeProgram:
         """
         self._program.set_matrix(data)
 
-    def gauge(self, load: Array) -> Gauge:
-        """Gauge of a load (6 n,) in the block's units.
+    def inverse_factor(self, load: Array) -> InverseLoadFactor:
+        """InverseLoadFactor of a load (6 n,) in the block's units.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
         """
         size = float(np.abs(load).max())
         if size == 0:
-            return Gauge(0.0, 0.0, np.zeros_like(load))
+            return InverseLoadFactor(0.0, 0.0, np.zeros_like(load))
         self._objective[: self.size] = load / -size
         solution = self._program.solve(self._objective)
         twist = solution.x[: self.size]
         if solution.outcome is Outcome.UNBOUNDED:
-            return Gauge(np.inf, np.inf, twist / (twist @ load))
+            return InverseLoadFactor(np.inf, np.inf, twist / (twist @ load))
         lower, upper = -solution.value * size, -solution.dual_value * size
-        return Gauge(max(lower, 0.0), max(upper, lower, 0.0), twist, solution.z * size)
+        return InverseLoadFactor(max(lower, 0.0), max(upper, lower, 0.0), twist, solution.z * size)

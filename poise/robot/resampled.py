@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.reading.clocks import regular
-from poise.robot import Design, Grid, SplineFit
+from poise.robot.regular_clock import regular_clock
+from poise.robot.rest import find_rests
+from poise.robot.splines import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
 _GAP = 6.0
@@ -18,24 +19,24 @@ _EDGE = 0.08
 _SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
 """s between knots that are tried: 0.03 to 0.51."""
 _LOCAL = 0.7
-"""s around a sample that say which spline suits it."""
+"""s around a sample that decide which spline fits it best."""
 _LOUD = 0.8
-"""Quantile of the noise around a sample that stands for all."""
+"""Quantile of the local noise that represents the whole signal."""
 _FINER = 2.5
-"""How much closer than the knots that suit the whole recording those of some moment may be."""
+"""Largest ratio of the knot density at a moment to that of the whole recording."""
 _PRICE = 2.0
-"""log likelihood that a coefficient must win; Akaike's 1 buys noise where it is louder than elsewhere."""
+"""log likelihood that a coefficient must win; Akaike's 1 would fit noise where it is locally larger."""
 _HONEST = 2.5
-"""Measured rates whose means over 25 samples scatter by this much more than white noise would are not used."""
+"""Measured rates are not used when their means over 25 samples scatter by more than this factor over white noise."""
 
 
 @dataclass(frozen=True, eq=False)
-class Smoothed:
-    """Values (N, J), rates and second rates at the wanted times; NaN where the samples do not reach.
+class ResampledSignal:
+    """Values (N, J), rates and second rates at the wanted times; NaN outside the samples.
 
     Args:
         known: (N,) where there are values.
-        jitter: s, one sigma of the stamps' error that was taken out; 0 when they were used as they are.
+        jitter: s, one sigma of the removed stamp jitter; 0 when the stamps were used unchanged.
         noise: (J,) one sigma of a sample about the spline.
     """
 
@@ -47,12 +48,12 @@ class Smoothed:
     noise: Array
 
 
-def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> Smoothed:
+def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> ResampledSignal:
     """Differentiate samples and evaluate at other times, never across a gap.
 
-    Splines with close knots follow a jerk, splines with wide knots are quiet: each is used where it suits the samples
-    around (a weighted mean by local likelihood). The stamps are taken as they are or as those of a regular clock with
-    jitter, whichever the splines follow better.
+    Splines with close knots follow a jerk, splines with wide knots have little noise: they are averaged with weights
+    by their local likelihood. The stamps are used unchanged or as those of a regular clock with jitter, depending on
+    which of the two the splines fit better.
 
     Args:
         seconds: (M,) not descending.
@@ -66,7 +67,7 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
     fresh = np.concatenate([[True], np.diff(seconds) > 0])
     seconds, values = seconds[fresh], values[fresh]
     rates = None if rates is None else rates[fresh]
-    seconds, jitter = taken(seconds, values)
+    seconds, jitter = sampling_times(seconds, values)
     out = np.full((3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
     for part in _stretches(seconds):
@@ -74,20 +75,26 @@ def smooth(seconds: Array, values: Array, wanted: Array, rates: Array | None = N
         inside = (wanted >= begin + _EDGE) & (wanted <= end - _EDGE)
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
         noise = np.maximum(noise, blend.noise)
-        out[:, inside] = blend(wanted[inside])
-    return Smoothed(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+        found = blend(wanted[inside])
+        for column, samples in enumerate(values[part].T):
+            for rest in find_rests(seconds[part], samples, blend.shortest_rest[column]):
+                ends = seconds[part][[rest.begin, rest.end - 1]]
+                still = (wanted[inside] >= ends[0]) & (wanted[inside] <= ends[1])
+                found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
+        out[:, inside] = found
+    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
 
 
-def taken(seconds: Array, values: Array) -> tuple[Array, float]:
+def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
     """When samples (M, C) were taken, by a regular clock or as their stamps say, and the stamps' jitter, s."""
-    even = regular(seconds)
+    even = regular_clock(seconds)
     if even is None or _roughness(even, values) >= _roughness(seconds, values):
         return seconds, 0.0
     return even, float(np.std(seconds - even))
 
 
 class _Blend:
-    """Splines of several knot spacings through one stretch, and how well each suits each moment, column by column."""
+    """Splines of several knot spacings through one stretch, weighted by their local likelihood, column by column."""
 
     def __init__(self, seconds: Array, values: Array, rates: Array | None) -> None:
         span = float(seconds[-1] - seconds[0])
@@ -98,8 +105,10 @@ class _Blend:
         columns = np.arange(values.shape[1])
         self.noise = np.array([fit.sigma for fit in plain])[best, columns]
         self.noise = np.maximum(self.noise, 1e-12)
+        self.shortest_rest = 1.5 * np.array([grid.spacing for grid in grids])[best]
+        """(J,) s; a shorter stretch without motion may be a turning point."""
         self._seconds = seconds
-        # A base's odometry is loud while it drives and silent while it rests: what counts is the former.
+        # A base's odometry has more noise while it drives than at rest: the former counts.
         local = self._around((values - plain[-1](seconds)) ** 2)
         self.noise *= np.sqrt(
             np.maximum(np.quantile(local, _LOUD, axis=0) / np.maximum(local.mean(axis=0), 1e-30), 1.0)
@@ -109,12 +118,12 @@ class _Blend:
             plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
         )
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
-        # What is much finer than what suits the whole follows noise wherever it is a little louder.
+        # Much closer knots than the whole signal needs would fit noise where it is locally larger.
         fine = np.array([grid.size for grid in grids])
         self._score -= 1e9 * (fine[:, None] > _FINER * fine[best])[:, None]
 
     def _local(self, fit: SplineFit, values: Array) -> Array:
-        """(M, J) local log likelihood, less `_PRICE` for every coefficient that is spent around."""
+        """(M, J) local log likelihood, less `_PRICE` for every coefficient spent nearby."""
         square = ((values - fit(self._seconds)) / self.noise) ** 2
         spent = float(self._window(len(values)).sum()) * fit.grid.size / len(values)
         return self._around(-0.5 * square) - _PRICE * spent
@@ -147,7 +156,7 @@ class _Blend:
 def _trusted(
     seconds: Array, rates: Array | None, fits: list[SplineFit], best: Array, noise: Array
 ) -> tuple[Array | None, float]:
-    """Measured rates to use, with the weight (s2) that their noise earns them; None when they are no white noise."""
+    """Measured rates to use, with the weight (s2) of their noise; None when the noise is not white."""
     if rates is None or not np.isfinite(rates).all():
         return None, 0.0
     off = np.stack([rates[:, j] - fits[i](seconds, 1)[:, j] for j, i in enumerate(best)], axis=1)
@@ -162,7 +171,7 @@ def _trusted(
 
 
 def _roughness(seconds: Array, values: Array) -> float:
-    """How badly smooth splines follow the samples with these stamps (log, summed over the columns that move)."""
+    """Residual of smooth splines for these stamps (log, summed over the columns that move)."""
     stretch = max(_stretches(seconds), key=lambda part: part.stop - part.start)
     part = slice(stretch.start, min(stretch.stop, stretch.start + 1500))
     moving = np.ptp(values[part], axis=0) > 1e-4

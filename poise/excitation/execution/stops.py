@@ -7,19 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, PoiseError
-from poise.excitation.certificate import certify
-from poise.excitation.limits import Guard, MotionLimits
+from poise.excitation import Guard, MotionLimits, certify
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
 STOP_SPACING = 0.02
 """s of a motion between two instants at which a stop can begin."""
-STOP_TIMES = (0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
+_STOP_TIMES = (0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 """s, tried from the shortest."""
-WAYPOINT_SPACING = 0.02
+_WAYPOINT_SPACING = 0.02
 """s between the waypoints of a stop: quintics through them stay on the path."""
-HARDER = 1.25
+_HARDER = 1.25
 """Factor on the limit of joint acceleration: a stop may be harder than the motion."""
 
 
@@ -83,9 +82,9 @@ class ReadyStops:
 def brake(model: RobotModel, motion: WaypointTrajectory, at: float, guard: Guard, limits: MotionLimits) -> Stop:
     """The shortest stop from `at` s of a motion on, along its path, that keeps the limits; at rest already: staying.
 
-    If none of `STOP_TIMES` keeps them, the longest is returned, and its `excess` names what it exceeds.
+    If none of `_STOP_TIMES` keeps them, the longest is returned, and its `excess` names what it exceeds.
     """
-    for stop_time in STOP_TIMES:
+    for stop_time in _STOP_TIMES:
         stop = stop_along(motion, at, stop_time)
         excess = _excess(model, stop, guard, limits)
         if not excess:
@@ -96,8 +95,8 @@ def brake(model: RobotModel, motion: WaypointTrajectory, at: float, guard: Guard
 def _excess(model: RobotModel, stop: WaypointTrajectory, guard: Guard, limits: MotionLimits) -> str:
     found = certify(model, stop, guard)
     over = []
-    if found.acceleration > HARDER * limits.acceleration:
-        over.append(f"joint acceleration {found.acceleration:.3g} of {HARDER * limits.acceleration:.3g} rad/s2")
+    if found.acceleration > _HARDER * limits.acceleration:
+        over.append(f"joint acceleration {found.acceleration:.3g} of {_HARDER * limits.acceleration:.3g} rad/s2")
     if found.speed > limits.speed * (1 + 1e-6):
         over.append(f"speed {found.speed:.4g} of {limits.speed:.4g} m/s")
     return ", ".join(over)
@@ -111,7 +110,7 @@ def stop_along(motion: WaypointTrajectory, at: float, stop_time: float) -> Waypo
     if at <= 0.0 or at >= motion.duration:
         there = motion.at(np.clip([at], 0.0, motion.duration)).position
         return WaypointTrajectory(np.array([0.0, stop_time]), np.repeat(there, 2, axis=0))
-    count = max(int(np.ceil(stop_time / WAYPOINT_SPACING)), 4)
+    count = max(int(np.ceil(stop_time / _WAYPOINT_SPACING)), 4)
     u: Array = np.linspace(0.0, 1.0, count + 1)
     place = at + stop_time * (u - u**3 + u**4 / 2)
     rate, change = (1 - 3 * u**2 + 2 * u**3)[:, None], ((-6 * u + 6 * u**2) / stop_time)[:, None]

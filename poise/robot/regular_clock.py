@@ -1,4 +1,4 @@
-"""Stamps of a regular clock that came with jitter: when the samples were really taken, through lost samples."""
+"""Stamps of a regular clock with jitter: the true sampling times, also with lost samples."""
 
 import numpy as np
 from scipy.optimize import isotonic_regression
@@ -6,17 +6,17 @@ from scipy.optimize import isotonic_regression
 from poise.types import Array
 
 _MAX_JITTER = 0.27
-"""Periods; stamps without any clock behind them would have 0.29."""
+"""Periods; random stamps would have 0.29."""
 _SHORT, _LONG = 128, 512
-"""Samples over which a period is found roughly, and then finely; also those whose mean phase is followed."""
+"""Samples for the coarse and the fine estimate of the period; `_SHORT` also for the mean phase."""
 
 
-def regular(seconds: Array) -> Array | None:
-    """(N,) the times of a clock that ticks evenly and drifts slowly, or None when the stamps are not like that.
+def regular_clock(seconds: Array) -> Array | None:
+    """(N,) the times of a clock that ticks evenly and drifts slowly, or None when no regular clock fits.
 
-    Samples are numbered by the phase of the clock, which the mean over many stamps tells however badly each of them
-    is late (a lost sample skips a number; counting rows or rounding differences does not survive loss and jitter
-    together); a line with a slow wander (one knot in 10 s) is then fitted to the numbers.
+    Samples are numbered by the phase of the clock. The mean over many stamps gives this phase even when single stamps
+    are late, and a lost sample skips a number (counting rows or rounding differences fails with loss and jitter
+    together). A line with slow drift (one knot in 10 s) is then fitted to the numbers.
     """
     steps = np.diff(seconds)
     if len(seconds) < 50 or not (steps > 0).all():
@@ -31,13 +31,13 @@ def regular(seconds: Array) -> Array | None:
 
 
 def _phasors(seconds: Array, period: float, length: int) -> Array:
-    """(W,) mean of exp(2 pi i t / period) over stretches of samples: as long as the stamps are even."""
+    """(W,) mean of exp(2 pi i t / period) over stretches of samples: of length one for even stamps."""
     turns = np.exp(2j * np.pi * (seconds - seconds[0]) / period)
     return np.asarray([part.mean() for part in np.array_split(turns, max(len(turns) // length, 1))])
 
 
 def _period(seconds: Array, rough: float) -> float:
-    """s, the period under which stretches of stamps are most even."""
+    """s, the period for which the stamps are most even."""
     for length, reach in ((_SHORT, 0.1), (_LONG, 0.002)):
         tried = rough * (1.0 + np.arange(-reach, reach, 0.2 / length))
         rough = float(max(tried, key=lambda period: np.sum(np.abs(_phasors(seconds, period, length)) ** 2)))
@@ -56,7 +56,7 @@ def _numbered(seconds: Array, period: float) -> Array:
 
 
 def _wandering(ticks: Array, seconds: Array) -> Array:
-    """(N,) least-squares line with hat functions of 10 s, twice: stamps that are far off do not pull."""
+    """(N,) least-squares line with linear B-splines of 10 s, twice: the second time without outliers."""
     knots = np.linspace(ticks[0], ticks[-1], max(int((seconds[-1] - seconds[0]) / 10.0), 1) + 1)
     place = np.clip(np.searchsorted(knots, ticks, side="right") - 1, 0, len(knots) - 2)
     share = (ticks - knots[place]) / (knots[place + 1] - knots[place])

@@ -12,16 +12,16 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import plane_axes, unit, wrench_of_force
 from poise.types import Array
 
-TOLERANCE = 0.02
+_TOLERANCE = 0.02
 """Relative; between the certified bounds of a robustness."""
-ASKED = 16
+_ASKED = 16
 """Programs solved for each body of a block for an estimate, at the most."""
-MEDIAN_POINTS, MEDIAN_TOLERANCE = 200, 0.1
+_MEDIAN_POINTS, _MEDIAN_TOLERANCE = 200, 0.1
 CRITERIA = ("least", "median", "volume", "compactness")
 
 
 @dataclass(frozen=True)
-class Merit:
+class PlacementScore:
     """Of an assembly after a placement.
 
     Args:
@@ -36,7 +36,7 @@ class Merit:
     volume: float
     compactness: float
 
-    def better_than(self, other: "Merit", criterion: str) -> bool:
+    def better_than(self, other: "PlacementScore", criterion: str) -> bool:
         """By one criterion; within 1 % of it the least robustness decides."""
         mine, theirs = self._score(criterion), other._score(criterion)
         if abs(mine - theirs) > 0.01 * max(abs(mine), abs(theirs)):
@@ -48,7 +48,7 @@ class Merit:
         return value if criterion in ("least", "median") else -value
 
 
-def judge(analysis: Analysis, median: bool = False) -> Merit:
+def evaluate(analysis: Analysis, median: bool = False) -> PlacementScore:
     """Judge an assembly that stands: the least robustness by the weaker of `limit` and `patch`, certified everywhere.
 
     Args:
@@ -59,33 +59,33 @@ def judge(analysis: Analysis, median: bool = False) -> Merit:
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     surface = _corners(analysis)
-    least = min(float(robustness_map(analysis, surface, TOLERANCE, model).lower.min()) for model in ("limit", "patch"))
+    least = min(float(robustness_map(analysis, surface, _TOLERANCE, model).lower.min()) for model in ("limit", "patch"))
     return replace(_rest(analysis, median), least=least)
 
 
-def _rest(analysis: Analysis, median: bool) -> Merit:
+def _rest(analysis: Analysis, median: bool) -> PlacementScore:
     """All but the least robustness, which is left at 0."""
     objects = [analysis.assembly.objects[i] for i in analysis.structure.movable]
     middling = float("nan")
     if median:
-        middling = float(np.median(robustness_map(analysis, MEDIAN_POINTS, MEDIAN_TOLERANCE, "limit").lower))
+        middling = float(np.median(robustness_map(analysis, _MEDIAN_POINTS, _MEDIAN_TOLERANCE, "limit").lower))
     corners = np.concatenate([item.vertices for item in objects])
     coms = np.array([item.com_in_world for item in objects])
     spread = float(np.linalg.norm(coms - coms.mean(axis=0), axis=1).mean())
     volume = _box_volume(corners, analysis.assembly.gravity)
-    return Merit(0.0, middling, volume, spread)
+    return PlacementScore(0.0, middling, volume, spread)
 
 
-def estimate(analysis: Analysis, median: bool = False) -> Merit:
-    """As `judge`, in a fraction of the time: the least robustness is by `limit`, from above, and most often exact."""
-    merit = _rest(analysis, median)
+def estimate_score(analysis: Analysis, median: bool = False) -> PlacementScore:
+    """As `evaluate`, in a fraction of the time: an upper bound of the least robustness by `limit`, most often exact."""
+    score = _rest(analysis, median)
     surface = _corners(analysis)
     wrenches = wrench_of_force(surface.directions, surface.points)
-    gauge = max((_largest_gauge(block, surface, wrenches) for block in analysis.blocks), default=0.0)
-    return replace(merit, least=1 / gauge if gauge > 0 else float("inf"))
+    inverse = max((_largest_inverse(block, surface, wrenches) for block in analysis.blocks), default=0.0)
+    return replace(score, least=1 / inverse if inverse > 0 else float("inf"))
 
 
-def _largest_gauge(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array) -> float:
+def _largest_inverse(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array) -> float:
     """1/N of the corner that brings a block nearest to collapse, as far as a few programs tell.
 
     Every collapse mechanism found bounds all corners from below; the one it says most of is asked next.
@@ -102,15 +102,15 @@ def _largest_gauge(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array
         on = np.flatnonzero(body == number)
         queue += [*on[scaled[on].argmax(axis=0)].tolist(), *on[scaled[on].argmin(axis=0)].tolist()]
     known, best, asked = np.zeros(len(rows)), 0.0, set[int]()
-    while queue and len(asked) < ASKED * block.geometry.count:
+    while queue and len(asked) < _ASKED * block.geometry.count:
         row = queue.pop()
         if row not in asked:
             asked.add(row)
-            gauge = block.solvers.rough_limit.gauge(loads[row])
-            best = max(best, gauge.upper)
+            inverse = block.solvers.rough_limit.inverse_factor(loads[row])
+            best = max(best, inverse.upper)
             if not np.isfinite(best):
                 return best
-            known = np.maximum(known, loads @ gauge.twist)
+            known = np.maximum(known, loads @ inverse.twist)
         if not queue and int(known.argmax()) not in asked:
             queue.append(int(known.argmax()))
     return best

@@ -1,0 +1,58 @@
+"""Recordings with joint efforts: the tool and gravity in them, no payload, several recordings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from poise.inertia import InertialParameters
+from poise.mismatch import NominalModel, diagnose, joined
+from poise.mismatch.answer import effects_called
+from poise.mismatch.reading import MeasuredStreams, ReadRecording, read_streams
+from poise.robot import RobotModel, find_urdf, read_urdf
+from poise.simulation import FourierTrajectory, IdealRobot, WrenchNoise, record
+
+URDF = read_urdf(find_urdf("ridgeback_ur10"))
+ROBOT = RobotModel.from_urdf(URDF, "ft_sensor")
+PHI = InertialParameters(2.0, np.array([0.0, 0.01, 0.1]), 0.01 * np.eye(3)).phi
+NOISE = WrenchNoise(rate=100.0, force=0.1, torque=0.005)
+
+
+def read(model: NominalModel, seed: int = 2, phi: np.ndarray = PHI, seconds: float = 8.0) -> ReadRecording:
+    """A recording of the ideal robot with effort noise, read."""
+    motion = FourierTrajectory.random(ROBOT, np.random.default_rng(seed), duration=seconds, speed=0.3)
+    ideal = IdealRobot(ROBOT, phi, [0.0, 0.0, -(model.gravity or 9.80665)], model.tool_in_wrench)
+    made = record(ideal, motion, np.random.default_rng(seed), NOISE)
+    noise = np.random.default_rng(seed).normal(size=made.joints.effort.shape) * 0.1
+    joints = replace(made.joints, effort=made.joints.effort + noise)
+    streams = MeasuredStreams("test", made.wrench, lambda _: joints, None, lambda: URDF)
+    return read_streams(streams, model)
+
+
+@pytest.mark.parametrize("tool", [False, True])
+@pytest.mark.parametrize("gravity", [None, 1.62])
+def test_efforts_contain_the_tool_once_and_the_gravity_of_the_model(tool, gravity):
+    model = NominalModel(sensor_frame="ft_sensor", phi=PHI, tool_in_wrench=tool, gravity=gravity)
+    effort = read(model).recorded.effort
+    assert effort is not None
+    error = effort.measured - effort.prediction
+    assert np.abs(error.mean(axis=0)).max() < 0.05
+    assert error.std() < 0.15
+
+
+def test_a_hand_without_a_payload_is_diagnosed_from_wrench_and_efforts():
+    reading = read(NominalModel(sensor_frame="ft_sensor", phi=np.zeros(10)), phi=np.zeros(10))
+    found = diagnose(reading.recorded, reading.model, library=effects_called(["sensor_bias", "viscous_friction"]))
+    assert {each.problem.signal for each in found.examinations} == {"wrench", "effort"}
+    assert not found.findings
+
+
+def test_the_last_of_two_recordings_with_efforts_is_held_out_in_both_signals():
+    model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
+    parts = [read(model, seed).recorded for seed in (2, 3)]
+    whole, last = joined(parts)
+    found = diagnose(whole, model, last, effects_called(["sensor_bias", "viscous_friction"]))
+    assert parts[1].effort is not None
+    lengths = {each.problem.signal: int(each.held_out.sum()) for each in found.examinations}
+    assert lengths == {"wrench": len(parts[1]), "effort": len(parts[1].effort.seconds)}
+    assert not found.findings
