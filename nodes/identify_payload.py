@@ -121,7 +121,7 @@ class IdentifyPayload:
             return
         try:
             session = self._begin(goal.request)
-        except Exception as failure:  # whatever it is, the caller must not wait for ever
+        except Exception as failure:  # of any kind: the caller must not wait for ever
             error = failure if isinstance(failure, PoiseError) else PoiseError(ErrorCode.INTERNAL, repr(failure))
             goal.execute(lambda handle: self._conclude(handle, error, None))
             return

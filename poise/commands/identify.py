@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
-from poise.commands.identify_model import say, told, without_effects
+from poise.commands.identify_model import compensation_fields, say, without_effects
 from poise.commands.output import (
     BAG_HELP,
     JsonOption,
@@ -149,7 +149,10 @@ def identify(
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
         limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
         recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
-    content = as_json(bag, recording, answer) | {"object": None if shape is None else shape.words, **told(taken)}
+    content = as_json(bag, recording, answer) | {
+        "object": None if shape is None else shape.words,
+        **compensation_fields(taken),
+    }
     for warning in content["warnings"]:
         warn(warning)
     written = [] if report is None else write_report(report, bag, answer)

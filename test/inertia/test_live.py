@@ -198,9 +198,9 @@ def test_clocks_that_are_apart_are_told_with_their_distance(scene):
         live.add_joint_state(int(stamp), scene.joints.names, scene.joints.position[k], [], 0.01 * k)
         live.add_wrench(int(stamp) + 37 * 10**9, "ft_sensor", scene.wrench.wrench_in_sensor[k], 0.01 * k)
         live.update(0.01 * k)
-    told = status_of(live, 5.0)
-    assert told.level is Level.WARN
-    assert "37.0 s ahead of the kinematics" in told.message
+    status = status_of(live, 5.0)
+    assert status.level is Level.WARN
+    assert "37.0 s ahead of the kinematics" in status.message
 
 
 def test_mostly_unusable_samples_are_a_warning_that_names_the_reason(scene):
@@ -211,9 +211,9 @@ def test_mostly_unusable_samples_are_a_warning_that_names_the_reason(scene):
         live.add_joint_state(stamp, scene.joints.names, scene.joints.position[k], [], 0.01 * k)
         live.add_wrench(stamp, "ft_sensor", np.full(6, np.nan) if k % 3 else np.zeros(6), 0.01 * k)
         live.update(0.01 * k)
-    told = status_of(live, 1.0)
-    assert told.level is Level.WARN
-    assert "not_finite" in told.message
+    status = status_of(live, 1.0)
+    assert status.level is Level.WARN
+    assert "not_finite" in status.message
 
 
 # -- a stream full of rubbish ------------------------------------------------------------------------------------

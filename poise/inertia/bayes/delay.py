@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from poise.types import Array
 
 LAG_STEP = 0.02
-"""s: what a robot does hardly changes in this time, so that three lags tell what lies between them."""
+"""s: what a robot does hardly changes in this time, so that a parabola through three lags is enough."""
 
 PROFILE_DEGREE = 4
 """Of the polynomial through the log evidence: its curvature counts, and not how noise differs from lag to lag."""

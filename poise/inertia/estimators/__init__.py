@@ -10,6 +10,7 @@ See docs/add_an_estimator.md.
 - `noise`: the noise of the samples. `change_watch`: changes of the payload.
 """
 
+from poise.inertia.estimators.answer import answer
 from poise.inertia.estimators.change_watch import WATCH, WATCH_NOISE, ChangeWatch
 from poise.inertia.estimators.entry import EstimatorEntry, MotionNeed
 from poise.inertia.estimators.information import InformationAccumulator
@@ -25,6 +26,7 @@ from poise.inertia.estimators.registry import (
     estimator_named,
     method_choices,
 )
+from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.estimators.streaming import Prior, SampleEvidence, StreamingEstimator, joined, model_matrix
 
 __all__ = [
@@ -42,8 +44,10 @@ __all__ = [
     "NoiseMeter",
     "Prior",
     "SampleEvidence",
+    "SampleWindow",
     "StreamingEstimator",
     "all_estimators",
+    "answer",
     "check_method",
     "estimator_named",
     "joined",

@@ -50,7 +50,7 @@ def geo(
         raise NoAnswerError(ErrorCode.TOO_FEW_SAMPLES, "geo: no samples; a prior alone is not an estimate")
     prior = homogeneous_prior(problem) if prior is None else prior
     if not prior.is_consistent:
-        raise InputError(ErrorCode.NOT_CONSISTENT, "geo: the prior is no body that can exist; mend its inertia")
+        raise InputError(ErrorCode.NOT_CONSISTENT, "geo: the prior is no body that can exist; correct its inertia")
     rows = (problem.regressor / problem.noise.wrench[:, None]).reshape(-1, 10)
     gamma = alpha * float(np.sum(rows**2))
     normal, right, bias_of = _without_bias(problem)
@@ -66,7 +66,7 @@ def homogeneous_prior(problem: IdentificationProblem) -> InertialParameters:
     Its inertia about the sensor's origin is that of the shape about the same origin, once. Erratum: the thesis' public
     code takes second moments about the sensor's origin and then adds the parallel-axis term m (c c 1 - c c^T) to them
     as if they were about the centre of mass, so that the offset counts twice (and all of its tetrahedra alike,
-    whatever their volumes). That code also takes the true mass; nobody has it before the object was weighed.
+    whatever their volumes). That code also takes the true mass, which is not known before the object was weighed.
 
     Raises:
         InputError: UNSUPPORTED when the problem has neither parts nor shape points.

@@ -11,7 +11,7 @@ from poise.inertia.model import IdentificationProblem, InertialSolution, regress
 from poise.types import Array
 
 MAX_PARTS = 4
-"""At rest the data matrix has rank four (thesis, footnote 3): more parts cannot be told apart."""
+"""At rest the data matrix has rank four (thesis, footnote 3): more parts cannot be distinguished."""
 
 STANDSTILL = 1.0
 """m/s2 and rad/s2: samples below both count as standing still (thesis section 3.2.4)."""
