@@ -17,10 +17,10 @@ from poise.robot.scatter import scatter
 from poise.robot.sources import StampedPoses
 from poise.types import Array, Stamps
 
-LARGEST_GAP = 0.1
+_LARGEST_GAP = 0.1
 """s between samples across which nothing is interpolated."""
 
-LEVELS = 20
+_LEVELS = 20
 """Frames that are climbed in search of the mounting."""
 
 """(3, 3) rotation and (3,) m translation."""
@@ -62,7 +62,7 @@ class Imu:
 
         A point at r feels a + alpha x r + omega x (omega x r).
         """
-        specific = interpolate(self.stamps, self.specific, motion.stamps, max_gap=LARGEST_GAP).values
+        specific = interpolate(self.stamps, self.specific, motion.stamps, max_gap=_LARGEST_GAP).values
         omega, alpha = motion.angular_velocity_in_sensor, motion.angular_acceleration_in_sensor
         by_turning = np.cross(alpha, self.place) + np.cross(omega, np.cross(omega, self.place))
         linear = motion.gravity_in_sensor(gravity) - specific - by_turning

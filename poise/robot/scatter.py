@@ -4,10 +4,10 @@ import numpy as np
 
 from poise.types import Array
 
-QUIET = 25
+_QUIET = 25
 """Percentile over blocks that counts: others may hold shaking, which is no noise."""
 
-BLOCK = 40
+_BLOCK = 40
 """Samples."""
 
 
@@ -17,8 +17,8 @@ def scatter(values: Array) -> float:
     A smooth signal hardly has second differences; white noise of variance s^2 has them with variance 6 s^2.
     """
     bends = np.diff(values, n=2, axis=0)
-    count = len(bends) // BLOCK
+    count = len(bends) // _BLOCK
     if not count:
         return np.nan
-    blocks = bends[: count * BLOCK].reshape(count, -1)
-    return float(np.sqrt(np.percentile(np.mean(blocks**2, axis=1), QUIET) / 6))
+    blocks = bends[: count * _BLOCK].reshape(count, -1)
+    return float(np.sqrt(np.percentile(np.mean(blocks**2, axis=1), _QUIET) / 6))

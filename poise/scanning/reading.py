@@ -28,9 +28,9 @@ from poise.scanning.poses import CameraPoses, camera_poses, hand_eye_of
 
 MOST_FRAMES = 127
 """As many as the thesis' scan had (section 3.2.4)."""
-TOGETHER = 0.04
+FRAMES_TOGETHER = 0.04
 """s between a depth image and the colours that belong to it."""
-DEPTHS = ("16UC1", "mono16", "32FC1")
+_DEPTHS = ("16UC1", "mono16", "32FC1")
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ def find_topics(recording: Recording, options: SweepOptions) -> dict[str, str]:
         return {"kind": CLOUD, "depth": recording.topic(options.depth).name, "colour": "", "info": ""}
     images = [name for name, kind in recording.topics.items() if kind == IMAGE and recording.counts[name]]
     encodings = {name: str(next(messages_of(recording, name)).encoding) for name in images}
-    depths = [name for name in images if encodings[name] in DEPTHS]
+    depths = [name for name in images if encodings[name] in _DEPTHS]
     depth = recording.topic(options.depth, IMAGE).name if options.depth else _best(depths, ("aligned", "depth"))
     if not depth:
         clouds = [name for name, kind in recording.topics.items() if kind == CLOUD and recording.counts[name]]
@@ -253,7 +253,7 @@ def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dic
     wanted: dict[int, list[int]] = {}
     for stamp in chosen.tolist():
         nearest = int(stamps[np.argmin(np.abs(stamps - stamp))])
-        if abs(nearest - stamp) < TOGETHER * 1e9:
+        if abs(nearest - stamp) < FRAMES_TOGETHER * 1e9:
             wanted.setdefault(nearest, []).append(stamp)
     found = {}
     for message in messages_of(recording, topic):

@@ -10,7 +10,7 @@ from poise.inertia.bayes import NOT_FINITE, SATURATED
 from poise.inertia.estimators import AUTO, OLS, STATIC, WATCH, Prior, StreamingEstimator, check_method, weigher
 from poise.inertia.model import RejectionLog
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.robot import USED, MotionBuffer, Reasons, SensorMotion, SharedBuffers, StampedBuffer
+from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, SharedBuffers, StampedBuffer
 from poise.types import Array, Stamps
 
 REST_SHARE = 0.5
@@ -24,7 +24,7 @@ class PairedSamples:
     stamps: Stamps
     wrench: Array
     motion: SensorMotion
-    reasons: Reasons
+    reasons: PairingReasons
 
 
 NOTHING = SensorMotion.at_rest(np.zeros(0, dtype=np.int64), np.zeros((0, 3, 3))), np.zeros(0, dtype="<U16")

@@ -17,8 +17,8 @@ from poise.robot import (
     JointSource,
     Kinematics,
     MotionSource,
+    PairingReasons,
     PairingSettings,
-    Reasons,
     SensorMotion,
     SmoothedMotion,
     StaticPoseBuffer,
@@ -61,8 +61,8 @@ class RecordedSamples:
     stamps: Stamps
     wrench: Array
     motion: SensorMotion
-    reasons: Reasons
-    lost: tuple[Stamps, Reasons]
+    reasons: PairingReasons
+    lost: tuple[Stamps, PairingReasons]
     noise: NoiseLevels
     gravity: Array
     source: str
@@ -135,7 +135,7 @@ _RATES = ("angular_velocity_in_sensor", "angular_acceleration_in_sensor", "linea
 
 def _paired(
     stamps: Stamps, kinematics: Kinematics, settings: PairingSettings, progress: Progress
-) -> tuple[SensorMotion, Reasons, Mask]:
+) -> tuple[SensorMotion, PairingReasons, Mask]:
     """Motion at stamps (N,), NaN where there is none; why; and where it is a pose held still."""
     moving, still = SmoothedMotion(kinematics.source, settings), StaticPoseBuffer(kinematics.source, settings)
     ends = [int(part[-1]) for part in np.array_split(stamps, CHUNKS) if len(part)]
