@@ -27,7 +27,9 @@ PARAMETERS = (
         _UNKNOWN,
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
-    Parameter("sweep", "", "trajectory file (YAML, CSV) sent to joint_trajectory; empty: somebody else moves the arm"),
+    Parameter(
+        "sweep", "", "trajectory file (YAML, CSV) sent to joint_trajectory; empty: another program moves the arm"
+    ),
     Parameter("start_tolerance", 0.05, "rad that the arm may be off where the sweep begins", (0.0, 3.2)),
     Parameter("near", _NOWHERE, "m in the robot's base: of several objects, the one nearest to it; NaN: in the middle"),
     Parameter("voxel", 0.0015, "m, spacing of the points", (2e-4, 0.05)),
@@ -35,7 +37,7 @@ PARAMETERS = (
     Parameter("refine", "auto", "poses by ICP: when views disagree (auto), always or never", _REFINE),
     Parameter("complete", True, "fill what no view saw, down to the table"),
     Parameter(
-        "independent_parts", True, "at most four parts, which a sensor at rest can tell apart; false: all of them"
+        "independent_parts", True, "at most four parts, which a sensor at rest can distinguish; false: all of them"
     ),
 )
 

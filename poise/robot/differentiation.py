@@ -185,7 +185,7 @@ def differentiate_rotations(
         knot_spacing, gap, within, errors: as `differentiate`.
 
     Raises:
-        InputError: as `differentiate`; NOT_FINITE also when a matrix is no rotation.
+        InputError: as `differentiate`; NOT_FINITE also when a matrix is not a rotation.
     """
     matrices = np.asarray(rotation, dtype=np.float64)
     stamps, _ = _check(stamps, matrices.reshape(len(matrices), -1))
@@ -337,7 +337,9 @@ def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[Stamps, Array]:
         raise InputError(ErrorCode.TIME_BACKWARDS, f"time runs backwards at sample {back[0] + 1}; sort the samples")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
-        raise InputError(ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out the {bad.size} such samples")
+        raise InputError(
+            ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out all {bad.size} samples that are not finite"
+        )
     return times, array
 
 

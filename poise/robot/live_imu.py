@@ -1,4 +1,4 @@
-"""An IMU on the running robot: what the sensor's motion lacks of linear acceleration, measured."""
+"""An IMU on the running robot measures the linear acceleration of the sensor."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -49,7 +49,7 @@ class LiveImu:
             self._buffer.extend(np.array([stamp], dtype=np.int64), measured[None])
 
     def rides_on(self, sensor_frame: str) -> bool:
-        """Whether it has spoken, and tf_static joins it to the sensor; from then on it is known how it is mounted."""
+        """Whether it has sent samples, and tf_static joins it to the sensor; its mounting is then known."""
         mounting = self._frames.pose(self.frame_id, sensor_frame, fixed_only=True)
         if self.newest is None or mounting is None:
             return False

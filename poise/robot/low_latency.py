@@ -1,4 +1,4 @@
-"""The sensor's motion a few hundredths of a second behind the newest pose: less accurate, but soon enough to act on."""
+"""The sensor's motion a few hundredths of a second after the newest pose: less accurate, with low latency."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ _LAG = 50_000_000
 
 
 class LowLatencyMotion:
-    """A `MotionBuffer` that splines the newest poses again and again, and takes of it what is no longer quite new."""
+    """A `MotionBuffer` that fits a spline to the newest poses at each update, and keeps what is older than a short lag."""
 
     def __init__(self, source: MotionSource, settings: PairingSettings) -> None:
         self._source, self._settings = source, settings

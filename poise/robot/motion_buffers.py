@@ -1,4 +1,4 @@
-"""The sensor's motion as it becomes known, sample by sample, and a wrench's place in it."""
+"""Buffers of the sensor's motion, filled sample by sample, and the motion at the stamp of a wrench."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -25,7 +25,7 @@ class PairingSettings:
 
     Args:
         max_gap: s between kinematic samples across which nothing is interpolated.
-        rest_gap: the same for attitudes held still: poses that agree are trusted further.
+        rest_gap: s between samples of an attitude at rest across which it is interpolated; equal poses allow a longer gap.
         rest_window: s before and after a sample in which the sensor has to hold still to count as at rest.
         rest_turning: rad/s, and
         rest_speed: m/s below which it does.

@@ -1,11 +1,11 @@
-"""The white noise of a stream, told from how it zigzags from sample to sample."""
+"""The white noise of a stream, estimated from its second differences."""
 
 import numpy as np
 
 from poise.types import Array
 
 _QUIET = 25
-"""Percentile over blocks that counts: others may hold shaking, which is no noise."""
+"""Percentile over blocks that counts: others may contain vibration, which is not noise."""
 
 _BLOCK = 40
 """Samples."""

@@ -67,7 +67,7 @@ class MotionSource(Protocol):
 
 
 class JointSource:
-    """Joint states of a robot whose root link is upright and at rest, or moves as odometry says.
+    """Joint states of a robot whose root link is upright and at rest, or is moved by odometry.
 
     Args:
         model: the robot, with its sensor frame; with a floating base, odometry has to be added too.

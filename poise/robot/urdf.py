@@ -1,4 +1,4 @@
-"""The door for robot descriptions: text that may come from anyone becomes a checked tree of links and joints."""
+"""Robot descriptions as untrusted input: text becomes a checked tree of links and joints."""
 
 import math
 from collections.abc import Iterable

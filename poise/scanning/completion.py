@@ -43,7 +43,7 @@ class Completed:
         normals: (M, 3) out of the object.
         area: m2 of the object's surface that they make up.
         hidden: the share of it that this is.
-        hidden_sides: the same of the surface without its underside.
+        hidden_sides: as `hidden`, of the surface without its underside.
         unknown: m2 of the table, inside and beside the object, of which nothing is known at all: glass, or shadow.
         footprint: m2 that the object covers.
     """
@@ -99,11 +99,11 @@ def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low:
 
     def ask(view: View) -> tuple[Mask, Array]:
         beyond = look(view, asked).beyond
-        tells = beyond > -BAND  # deeper is hidden
-        return tells, np.where(tells, np.minimum(beyond, BAND), 0.0)
+        informative = beyond > -BAND  # deeper is hidden
+        return informative, np.where(informative, np.minimum(beyond, BAND), 0.0)
 
-    told = each(chosen, ask)
-    count, distance = (np.sum([part[i] for part in told], axis=0) for i in (0, 1))
+    answers = each(chosen, ask)
+    count, distance = (np.sum([part[i] for part in answers], axis=0) for i in (0, 1))
     free = (count >= min(_FREE_VIEWS, len(views))) & (distance > _FREE * count)
     carved = solid.copy()
     carved[tuple(index[free].T)] = False
@@ -143,6 +143,6 @@ def _under_thin(points: Array, normals: Array, seen: Array, seen_normals: Array,
 
 
 def _unknown(footprint: Footprint) -> float:
-    """m2 around and inside the footprint of which no view says anything."""
+    """m2 around and inside the footprint that no view covers."""
     around = ndimage.binary_dilation(footprint.cells, iterations=2)
     return float(np.count_nonzero(around & ~footprint.known)) * CELL**2

@@ -41,7 +41,7 @@ class SweepOptions:
         depth: topic of a depth image or a PointCloud2; empty: found by its type.
         colour, info: topics; empty: found.
         description: URDF; None: the bag's.
-        hand_eye: the camera's optical frame in a link of the robot; None: what robot_description and tf_static say.
+        hand_eye: the camera's optical frame in a link of the robot; None: from robot_description and tf_static.
         frames: the most that are used, evenly over the sweep.
         unit: m, of integer depth.
         delay: s that the images' stamps are late.
@@ -79,7 +79,7 @@ def read_sweep(
 
     Raises:
         InputError: TOPIC_MISSING, TYPE_MISMATCH, ROBOT_DESCRIPTION_MISSING, ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN,
-            JOINT_MISSING, UNSUPPORTED, BAD_INPUT, EMPTY: what the bag lacks, and the mend.
+            JOINT_MISSING, UNSUPPORTED, BAD_INPUT, EMPTY: what the bag lacks, and how to fix it.
     """
     topics = find_topics(recording, options)
     stamps = stamps_of(recording, topics["depth"])
@@ -96,12 +96,12 @@ def place(
     joints_of: Callable[[tuple[str, ...]], JointStream],
     options: SweepOptions,
 ) -> Sweep:
-    """Give frames their poses; those without are left out and told.
+    """Give frames their poses; those without are left out and reported.
 
     Args:
         frames: of one camera.
         description: URDF.
-        fixed: what tf_static tells.
+        fixed: from tf_static.
         joints_of: the states of joints by their names.
         options: `hand_eye` and `delay` count here.
 
@@ -149,7 +149,7 @@ def find_topics(recording: Recording, options: SweepOptions) -> dict[str, str]:
     """Which topics carry what: depth (or a cloud), camera info, and colours ("" without).
 
     Raises:
-        InputError: TOPIC_MISSING, naming what there is.
+        InputError: TOPIC_MISSING, naming the topics of the bag.
     """
     if options.depth and recording.topic(options.depth).type == CLOUD:
         return {"kind": CLOUD, "depth": recording.topic(options.depth).name, "colour": "", "info": ""}
@@ -265,7 +265,7 @@ def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dic
 
 
 def fixed_transforms(recording: Recording) -> list[Mounting]:
-    """What tf_static tells."""
+    """The transforms of tf_static."""
     names = [name for name in recording.topics if name.strip("/").rpartition("/")[2] == "tf_static"]
     found = []
     for name in names:

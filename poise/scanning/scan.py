@@ -162,7 +162,7 @@ def _wants_refinement(views: Sequence[View], plane: Plane, options: ScanOptions)
 
 
 def _check_depth(views: Sequence[View], options: ScanOptions) -> None:
-    """Say what is wrong with depth that cannot be used at all."""
+    """Report depth that cannot be used."""
     if not views:
         raise InputError(ErrorCode.EMPTY, "scan: there is no view; record depth, camera_info and joint_states together")
     shares = [float(np.mean(view.frame.depth > 0)) for view in views]
@@ -183,7 +183,7 @@ def _check_depth(views: Sequence[View], options: ScanOptions) -> None:
 
 
 def _look(views: Sequence[View], options: ScanOptions) -> tuple[Plane, Footprint, int, list[str]]:
-    """The table, the object's place on it, how many stand there, and what to say about that."""
+    """The table, the object's place on it, how many stand there, and notes."""
     points = coarse_points(views, options.farthest)
     up = np.array(options.up) / np.linalg.norm(options.up)
     plane = find_plane(points, up, np.random.default_rng(options.seed))

@@ -28,7 +28,7 @@ class SessionOptions:
     Args:
         frames: how many.
         period: s between frames, at the least.
-        duration: s after which it goes on with what there is.
+        duration: s after which it continues with the frames it has.
         patience: s without a (further) frame after which it does.
     """
 
@@ -49,7 +49,9 @@ class RobotLog:
     def add_joint_state(self, stamp: int, names: Sequence[str], position: Sequence[float]) -> None:
         """Take in a joint state; one without positions is left out."""
         if names and len(names) == len(position):
-            if self._states and stamp < self._states[-1][0] - 10**9:  # a clock that was set back, a bag that began anew
+            if (
+                self._states and stamp < self._states[-1][0] - 10**9
+            ):  # a clock that was set back, a bag that started over
                 self._states.clear()
             self._states.append((stamp, dict(zip(names, position, strict=True))))
 

@@ -1,4 +1,4 @@
-"""The table an object lies on: found with gravity's help, and what stands on it told apart."""
+"""The table under an object, found with gravity, and the separate objects on it."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ NEAR = 0.006
 _LEAST_SHARE = 0.15
 """Of the points, that have to lie in the support plane."""
 _THICKEST = 0.003
-"""m, one sigma: more is no plane, but a slice of something."""
+"""m, one sigma: a larger value is not a plane but a cut through a body."""
 _SAMPLE, _TRIES = 6000, 400
 _FITTED = 100_000
 CELL = 0.003
@@ -26,9 +26,9 @@ _LOWEST = 0.0008
 """m: what rises less over the table is the table."""
 _TALLEST = 0.6
 _LEAST_AREA = 6e-5
-"""m2: what is smaller is no object."""
+"""m2: smaller clusters are not objects."""
 _MOST = 50
-"""Objects that are told apart, the largest."""
+"""Number of objects that are distinguished, the largest."""
 _JOIN = 2
 """Cells between two pieces of one object that may be empty."""
 _REMEDY = (

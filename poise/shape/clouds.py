@@ -1,4 +1,4 @@
-"""The one door for point clouds, from files or arrays: checked, in metres, and without what is no point."""
+"""Point clouds from files or arrays: validated, in metres, invalid points removed."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ class Cloud:
     notes: tuple[str, ...] = ()
 
     def spread(self, labels: Indices) -> Indices:
-        """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are no point."""
+        """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are not a point."""
         everywhere = np.full(self.n_rows, -1)
         everywhere[self.rows] = labels
         return everywhere
@@ -80,7 +80,7 @@ def check_cloud(
 
     Raises:
         InputError: TYPE_MISMATCH for shapes, EMPTY without a finite point, BAD_INPUT for a size that no object has
-            (millimetres) or a scale that is no positive number, UNSUPPORTED for too many points.
+            (millimetres) or a scale that is not a positive number, UNSUPPORTED for too many points.
     """
     if not np.isfinite(scale) or scale <= 0:
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: scale {scale:g} is not a positive number")
@@ -112,6 +112,6 @@ def _check_size(points: Array, name: str) -> None:
     if diagonal < _SMALLEST:
         raise InputError(
             ErrorCode.BAD_INPUT,
-            f"{name}: {diagonal:.3g} m across, too small for an object; are these its metres? Mend --scale",
+            f"{name}: {diagonal:.3g} m across, too small for an object; are these metres? Fix --scale",
             diagonal=diagonal,
         )

@@ -1,4 +1,4 @@
-"""Was the object seen from all sides? What a solid tells about the cloud it was carved from."""
+"""Was the object seen from all sides? Checks of a carved solid against its cloud."""
 
 import numpy as np
 from scipy.sparse import coo_array

@@ -1,7 +1,7 @@
 """Hierarchical tetrahedral clustering: merge what is most convex together (Attene 2008; thesis eq. 3.27).
 
 Three things keep two clusters apart: how much hollow their merging adds to the hollow that each has already (Attene
-asks for the hollow of the whole, so that whatever is not convex by itself can never grow), the step of colour between
+asks for the hollow of the whole, so that a part that is not convex can never grow), the step of colour between
 them, which likely is a step of density, and how far the surface folds inwards along their border (the minima rule).
 """
 

@@ -1,4 +1,4 @@
-"""Parsing of mesh files in a process of its own, with little memory and time: what breaks it breaks nothing else.
+"""Parsing of mesh files in a separate process with limited memory and time, so that a bad file cannot harm the caller.
 
 A request is a line of JSON (format, name, size) and the file's bytes; an answer is a line of JSON and the two arrays.
 """

@@ -1,4 +1,4 @@
-"""Robot descriptions at the door: what they mean is understood, what is wrong is named, nothing else is opened."""
+"""Robot descriptions: valid ones are understood, errors are named, other files are not opened."""
 
 import contextlib
 

@@ -1,4 +1,4 @@
-"""SensorMotion: shapes checked at the door, gravity seen from the sensor, samples picked."""
+"""SensorMotion: shapes are validated, gravity seen from the sensor, samples picked."""
 
 import numpy as np
 import pytest
