@@ -28,7 +28,7 @@ PARAMETERS = (
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
     Parameter(
-        "sweep", "", "trajectory file (YAML, CSV) sent to joint_trajectory; empty: another program moves the arm"
+        "sweep", "", "trajectory file (YAML, CSV) for joint_trajectory; empty: another program moves the arm"
     ),
     Parameter("start_tolerance", 0.05, "rad that the arm may be off where the sweep begins", (0.0, 3.2)),
     Parameter("near", _NOWHERE, "m in the robot's base: of several objects, the one nearest to it; NaN: in the middle"),

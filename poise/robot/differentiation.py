@@ -338,7 +338,7 @@ def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[Stamps, Array]:
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
         raise InputError(
-            ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out all {bad.size} samples that are not finite"
+            ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out all {bad.size} of them"
         )
     return times, array
 
