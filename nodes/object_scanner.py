@@ -19,7 +19,13 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.excitation.execution import stop_along
 from poise.nodes.jobs import Jobs, run_with_jobs
-from poise.nodes.object_scanner_parameters import PARAMETERS, near_of, scan_options, session_options, sweep_options
+from poise.nodes.object_scanner_parameters import (
+    SCANNER_PARAMETERS,
+    near_of,
+    scan_options,
+    session_options,
+    sweep_options,
+)
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
@@ -62,7 +68,7 @@ class ObjectScanner(Node):
 
     def __init__(self) -> None:
         super().__init__("object_scanner")
-        self._values = declare_parameters(self, PARAMETERS)
+        self._values = declare_parameters(self, SCANNER_PARAMETERS)
         sweep_options(self._values)  # invalid parameters are reported at the start
         near_of(self._values)
         self._robot = RobotLog()

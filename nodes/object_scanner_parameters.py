@@ -12,7 +12,7 @@ from poise.scanning import MOST_FRAMES, STATIONARY_FRAMES, ScanOptions, SessionO
 _REFINE = ("auto", "always", "never")
 _NOWHERE, _UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
 
-PARAMETERS = (
+SCANNER_PARAMETERS = (
     Parameter("object_id", "scanned_object", "id and frame of the object when the goal gives none"),
     Parameter("max_frames", MOST_FRAMES, "frames of a scan, at the most", (1, 600)),
     Parameter("frame_period", 0.2, "s between frames, at the least", (0.0, 10.0)),
@@ -27,9 +27,7 @@ PARAMETERS = (
         _UNKNOWN,
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
-    Parameter(
-        "sweep", "", "trajectory file (YAML, CSV) for joint_trajectory; empty: another program moves the arm"
-    ),
+    Parameter("sweep", "", "trajectory file (YAML, CSV) for joint_trajectory; empty: another program moves the arm"),
     Parameter("start_tolerance", 0.05, "rad that the arm may be off where the sweep begins", (0.0, 3.2)),
     Parameter("near", _NOWHERE, "m in the robot's base: of several objects, the one nearest to it; NaN: in the middle"),
     Parameter("voxel", 0.0015, "m, spacing of the points", (2e-4, 0.05)),

@@ -337,9 +337,7 @@ def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[Stamps, Array]:
         raise InputError(ErrorCode.TIME_BACKWARDS, f"time runs backwards at sample {back[0] + 1}; sort the samples")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
-        raise InputError(
-            ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out all {bad.size} of them"
-        )
+        raise InputError(ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out all {bad.size} of them")
     return times, array
 
 

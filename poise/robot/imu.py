@@ -84,8 +84,8 @@ class ImuSource:
         if not known.any():
             raise InputError(
                 ErrorCode.TOPIC_MISSING,
-                f"{imu.topic} has no angular velocity, and no other topic gives the attitude of the sensor: record tf up to it,"
-                " or joint_states with robot_description",
+                f"{imu.topic} has no angular velocity, and no other topic gives the sensor's attitude: record tf up"
+                " to it, or joint_states with robot_description",
             )
         self._imu = replace(
             imu, stamps=imu.stamps[known], specific=imu.specific[known], angular_velocity=imu.angular_velocity[known]

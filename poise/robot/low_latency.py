@@ -20,7 +20,7 @@ _LAG = 50_000_000
 
 
 class LowLatencyMotion:
-    """A `MotionBuffer` that fits a spline to the newest poses at each update, and keeps what is older than a short lag."""
+    """A `MotionBuffer` that fits a spline to the newest poses at each update and keeps what is older than a lag."""
 
     def __init__(self, source: MotionSource, settings: PairingSettings) -> None:
         self._source, self._settings = source, settings

@@ -25,7 +25,7 @@ class PairingSettings:
 
     Args:
         max_gap: s between kinematic samples across which nothing is interpolated.
-        rest_gap: s between samples of an attitude at rest across which it is interpolated; equal poses allow a longer gap.
+        rest_gap: s, max_gap for an attitude at rest; equal poses allow a longer gap.
         rest_window: s before and after a sample in which the sensor has to hold still to count as at rest.
         rest_turning: rad/s, and
         rest_speed: m/s below which it does.

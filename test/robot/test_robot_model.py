@@ -1,4 +1,4 @@
-"""Robot descriptions: valid ones are understood, errors are named, other files are not opened."""
+"""Robot descriptions as input: they are parsed, errors are named, no other file is opened."""
 
 import contextlib
 

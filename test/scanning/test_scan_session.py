@@ -1,4 +1,4 @@
-"""Messages of a scan in any order, and errors for those that are missing."""
+"""Messages of a scan in any order, and what is said of those that are missing."""
 
 from pathlib import Path
 
@@ -23,7 +23,7 @@ def bag():
 
 
 def heard(bag, without=()):
-    """The robot that the bag describes."""
+    """A robot with the joint states of the bag."""
     robot = RobotLog()
     robot.description = "" if "description" in without else bag.robot_description()
     for transform in () if "tf" in without else fixed_transforms(bag):

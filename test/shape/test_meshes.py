@@ -1,4 +1,4 @@
-"""Meshes: every format gives the same body, repairs are reported, bad files are refused."""
+"""Mesh input: every format gives the same body, broken meshes are repaired and reported, bad ones are refused."""
 
 import struct
 from pathlib import Path
