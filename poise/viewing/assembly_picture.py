@@ -16,7 +16,7 @@ from poise.assembly.robustness import RobustnessMap
 from poise.geometry import Pose
 from poise.types import Array, Mask
 from poise.viewing.canvas import PALETTE
-from poise.viewing.z_buffer import NO_TRIANGLE, ProjectionCamera, see
+from poise.viewing.z_buffer import NOTHING, PictureCamera, see
 
 _TOWARD = (-1.0, -1.7, 0.9)
 """From the middle of the picture to the viewer."""
@@ -66,7 +66,7 @@ class Stage:
     """
 
     axes: Axes
-    camera: ProjectionCamera
+    camera: PictureCamera
 
     def at(self, points: Array) -> Array:
         """(N, 2) where points (N, 3) are in the picture."""
@@ -101,7 +101,7 @@ def stage(
     movable = [item.vertices for item in assembly.objects if not item.fixed]
     movable += [item.vertices for item in (shown or assembly).objects if not item.fixed]
     movable += [] if beside is None else [beside]
-    camera = ProjectionCamera.around(np.concatenate(movable), _TOWARD, width, height, 0.07)
+    camera = PictureCamera.around(np.concatenate(movable), _TOWARD, width, height, 0.07)
     fine = _PIXELS_PER_POINT * _SUPERSAMPLED
     sharp = replace(camera, scale=fine * camera.scale, width=fine * width, height=fine * height)
     picture = _painted(shown or assembly, sharp, colours or {}, surface)
@@ -141,12 +141,12 @@ class SurfaceColours:
 
 
 def _painted(
-    assembly: Assembly, camera: ProjectionCamera, colours: Mapping[int, str], surface: SurfaceColours | None
+    assembly: Assembly, camera: PictureCamera, colours: Mapping[int, str], surface: SurfaceColours | None
 ) -> Array:
     """(H, W, 3) of 0..1."""
     bodies, objects = Bodies.of(assembly), assembly.objects
     seen = see(camera, bodies.triangles)
-    hit = seen.triangle != NO_TRIANGLE
+    hit = seen.triangle != NOTHING
     place, normals = bodies.place[seen.triangle], bodies.normals[seen.triangle]
     base = np.array([to_rgb(colours.get(i, FIXED if item.fixed else MOVABLE)) for i, item in enumerate(objects)])
     picture = np.where(hit[..., None], base[place], 1.0)
@@ -162,7 +162,7 @@ def _painted(
         picture = np.where(movable[..., None], _enlarged(coarse), picture)
     shade = 1 - strength * (1 - np.clip(normals @ _LIGHT, 0, 1))
     picture = np.where(hit[..., None], picture * shade[..., None], 1.0)
-    edges = _edges(np.where(hit, place, NO_TRIANGLE), np.where(hit[..., None], normals, 0.0))
+    edges = _edges(np.where(hit, place, NOTHING), np.where(hit[..., None], normals, 0.0))
     picture[edges] = 0.35 * picture[edges] + 0.65 * np.array(to_rgb(PALETTE["ink"]))
     return picture
 
@@ -180,7 +180,7 @@ def _edges(place: NDArray[np.int64], normals: Array) -> Mask:
         here[axis], there[axis] = slice(None, -1), slice(1, None)
         first, second = tuple(here), tuple(there)
         turns = np.einsum("hwc,hwc->hw", normals[first], normals[second]) < 0.9
-        change = (place[first] != place[second]) | (turns & (place[first] != NO_TRIANGLE))
+        change = (place[first] != place[second]) | (turns & (place[first] != NOTHING))
         edges[first] |= change
         edges[second] |= change
     return edges

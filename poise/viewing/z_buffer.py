@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 
 from poise.types import Array, Indices
 
-NO_TRIANGLE = -1
+NOTHING = -1
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectionCamera:
+class PictureCamera:
     """A parallel view.
 
     Args:
@@ -29,9 +29,7 @@ class ProjectionCamera:
     height: int
 
     @classmethod
-    def around(
-        cls, points: Array, toward: Sequence[float], width: int, height: int, margin: float
-    ) -> "ProjectionCamera":
+    def around(cls, points: Array, toward: Sequence[float], width: int, height: int, margin: float) -> "PictureCamera":
         """See all points (N, 3) from a direction, upright (z up), with a margin as a share of the picture."""
         view = np.asarray(toward, dtype=np.float64) / np.linalg.norm(toward)
         right = np.cross([0.0, 0.0, 1.0], view)
@@ -53,7 +51,7 @@ class Seen:
     """What each pixel sees, row 0 at the bottom.
 
     Args:
-        triangle: (H, W) number, or `NO_TRIANGLE`.
+        triangle: (H, W) number, or `NOTHING`.
         points: (H, W, 3) m; NaN where nothing is seen.
     """
 
@@ -61,10 +59,10 @@ class Seen:
     points: Array
 
 
-def see(camera: ProjectionCamera, triangles: Array) -> Seen:
+def see(camera: PictureCamera, triangles: Array) -> Seen:
     """Draw triangles (T, 3, 3), m; of two at the same depth, the later one is seen."""
     depth = np.full((camera.height, camera.width), -np.inf)
-    seen = np.full((camera.height, camera.width), NO_TRIANGLE, dtype=np.int64)
+    seen = np.full((camera.height, camera.width), NOTHING, dtype=np.int64)
     corners, depths = camera.project(triangles), triangles @ camera.axes[2]
     a, b, c = np.moveaxis(corners, 1, 0)
     areas = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
