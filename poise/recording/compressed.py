@@ -1,6 +1,5 @@
 """Zstd as rosbag2 uses it: whole files are unpacked to a temporary file, single messages when they are read."""
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +11,14 @@ import zstandard
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import PIECE, Loss, LossKind, decompress, longest_chunk
-from poise.recording.contents import Contents, MessageBlock, UnpackingBudget, message_table
+from poise.recording.contents import Contents, MessageBlock, TemporaryFolder, UnpackingBudget, message_table
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # RFC 8878, section 3.1.1; CDR begins with a zero byte
 _ENDING = ".zstd"
-UNKNOWN_SIZES = (-1, 2**64 - 1)  # of a frame that does not state how long its content is
+_UNKNOWN_SIZES = (-1, 2**64 - 1)  # of a frame that does not state how long its content is
 
 
-def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, list[Loss]]:
+def unpack_file(path: Path) -> tuple[TemporaryFolder, Path, list[Loss]]:
     """Decompress a file into a temporary folder, which is deleted when it is no longer referenced.
 
     A file that is cut gives what its last whole block holds, and a loss.
@@ -28,8 +27,8 @@ def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, lis
         InputError: FILE_UNREADABLE, FILE_UNWRITABLE (no space for the temporary file), FILE_CORRUPT (damaged),
             UNSUPPORTED (unpacks beyond `longest_file`).
     """
-    folder = tempfile.TemporaryDirectory(prefix="poise-unpacked-")
-    target = Path(folder.name) / path.name.removesuffix(_ENDING)
+    folder = TemporaryFolder()
+    target = folder.path / path.name.removesuffix(_ENDING)
     try:
         size = path.stat().st_size
         with path.open("rb") as source:
@@ -45,14 +44,14 @@ def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, lis
         sentence = f"{path} is cut before the end of its first zstd block: copy it again from its source"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence)
     losses = []
-    if expected not in (*UNKNOWN_SIZES, written):
+    if expected not in _UNKNOWN_SIZES and written < expected:
         sentence = f"{path.name}: the file is cut: {written} of {expected} decompressed bytes were read"
         losses.append(Loss(LossKind.TRUNCATED, size, None, None, sentence, None, path))
     return folder, target, losses
 
 
 def _pieces(path: Path, source: Any, budget: UnpackingBudget) -> Iterator[bytes]:
-    reader = zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(source)
+    reader = zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(source, read_across_frames=True)
     while piece := reader.read(PIECE):
         budget.spend(len(piece))
         yield piece
@@ -153,7 +152,7 @@ class _Unpacker:
         """Return a whole message; nothing when it is damaged, cut or unpacks to more than `longest` bytes."""
         try:
             expected = zstandard.get_frame_parameters(payload).content_size
-            if expected in UNKNOWN_SIZES:
+            if expected in _UNKNOWN_SIZES:
                 data = decompress(payload, "zstd", max(longest, 0))
             else:
                 data = self._zstd.decompress(payload) if expected <= longest else b""
