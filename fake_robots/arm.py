@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.gripper import SimulatedGripper
 from poise.fake_robots.stream import Message, TopicInfo, in_order
-from poise.recording.encoding import encode_stream, encode_text, typestore
-from poise.recording.streams import JointStream, WrenchStream
+from poise.recording import JointStream, WrenchStream, encode_stream, encode_text, typestore
 from poise.simulation import (
     IdealRobot,
     JointMotion,

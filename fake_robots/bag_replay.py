@@ -9,8 +9,7 @@ import yaml
 
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.stream import Message, TopicInfo
-from poise.recording import open_recording
-from poise.recording.encoding import LATCHED_TOPICS
+from poise.recording import LATCHED_TOPICS, open_recording
 
 
 class BagSource:
@@ -19,7 +18,7 @@ class BagSource:
     Args:
         path: the bag.
         topics: those to replay, as in the bag; empty: all.
-        refuse_unknown: raise for a topic whose type is not installed; otherwise it is left out and told in `remarks`.
+        refuse_unknown: raise for a topic whose type is not installed; otherwise it is left out and named in `remarks`.
 
     Raises:
         InputError: as `open_recording`; TOPIC_MISSING when the bag lacks a topic; UNSUPPORTED when a type is not

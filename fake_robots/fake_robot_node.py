@@ -29,7 +29,7 @@ from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 
 _ACKNOWLEDGED = Duration(seconds=2)
 """How long the end waits for subscribers to confirm the last messages."""
@@ -46,7 +46,7 @@ class FakeRobot(Node):
     pauses. An arm heeds `joint_trajectory` (trajectory_msgs/JointTrajectory), its gripper `gripper_trajectory`.
 
     Args:
-        failed: told what went wrong when the node has to end because of it.
+        failed: called with the error when the node has to end because of it.
     """
 
     def __init__(self, failed: Callable[[PoiseError], None]) -> None:

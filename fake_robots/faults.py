@@ -12,7 +12,7 @@ import yaml
 
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.stream import CLOCK, Message
-from poise.recording.encoding import typestore
+from poise.recording import typestore
 
 _NANO = 1_000_000_000
 Types = Mapping[str, str]

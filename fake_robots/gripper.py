@@ -1,4 +1,4 @@
-"""A simulated gripper: one joint that goes where it is told, no faster than it can."""
+"""A simulated gripper: one joint that follows its command, with a limited speed."""
 
 import numpy as np
 

@@ -20,7 +20,7 @@ class Player:
         publish: called in the player's thread.
         rate: how many times faster than the stream's own clock.
         loop: begin again at the end.
-        playing: whether to start at once, or when told to `play`.
+        playing: whether to start at once, or when `play` is called.
         ready: the first message waits until this is true.
         ready_timeout: s after which that counts as a failure; 0: never.
         finished: called in the player's thread each time the stream has ended.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.scanning.camera import Camera
+from poise.scanning import Camera
 from poise.types import Array, Indices
 
 _NEAR = 0.02

@@ -11,12 +11,9 @@ from scipy.spatial import ConvexHull
 
 from poise.fake_robots.depth_noise import D435, StereoNoise, measured
 from poise.fake_robots.rasteriser import Scene, render
-from poise.recording import JointStream, PoseStream, RecordingWriter
-from poise.recording.encoding import encode_stream, encode_text, typestore
+from poise.recording import JointStream, PoseStream, RecordingWriter, encode_stream, encode_text, typestore
 from poise.robot import Mounting, RobotModel, find_urdf, frame_poses
-from poise.scanning.camera import Camera
-from poise.scanning.frames import Frame, View, depth_in_metres
-from poise.scanning.sweep import Ring, plan_sweep
+from poise.scanning import Camera, Frame, Ring, View, depth_in_metres, plan_sweep
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 

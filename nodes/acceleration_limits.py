@@ -19,7 +19,7 @@ from poise.nodes.assembly_message import assembly_of
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import weighed
 from poise.nodes.runtime import LATCHED, guarded, run, to_message
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise_msgs.msg import AccelerationLimits as AccelerationLimitsMessage
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import InertialEstimate

@@ -17,7 +17,7 @@ from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.assembly.scene import read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.shape.meshes import check_mesh
+from poise.shape import check_mesh
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject
 from poise_msgs.msg import FrictionPair as FrictionPairMessage

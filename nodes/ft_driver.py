@@ -156,7 +156,7 @@ class SamplePublisher:
         self._wrench = node.create_lifecycle_publisher(WrenchStamped, "wrench", _WRENCH_QOS)
         self._batch = node.create_lifecycle_publisher(WrenchBatch, "wrench_batch", _BATCH_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
-        # One message of each kind, filled anew every time: publish() has serialised it when it returns.
+        # One message of each kind, filled again for every publish(), which has serialised it when it returns.
         self._wrench_message = WrenchStamped()
         self._wrench_message.header.frame_id = frame_id
         self._batch_message = WrenchBatch()

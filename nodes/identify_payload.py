@@ -20,7 +20,7 @@ from poise.excitation import (
     plan_stop_and_go,
     tool_centre,
 )
-from poise.excitation.session import IdentificationTask, Plan, Session, SessionPhase, TimedMotion
+from poise.excitation.execution import IdentificationTask, Plan, Session, SessionPhase, TimedMotion
 from poise.inertia import InertialEstimate
 from poise.inertia.estimators import check_method
 from poise.inertia.model import NoiseLevels, Parts
@@ -30,7 +30,7 @@ from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.payload_shape import accuracy_of
 from poise.nodes.runtime import end_goal, guarded, to_message
 from poise.nodes.trajectory_message import trajectory_message
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise.robot import RobotModel
 from poise.types import Array
 from poise_msgs.action import IdentifyPayload as Action
@@ -57,7 +57,7 @@ PARAMETERS = (
 )
 
 
-class LiveScale:
+class LivePayloadEstimator:
     """The node's live estimator, with a window of its own for one goal.
 
     Args:
@@ -163,7 +163,7 @@ class IdentifyPayload:
                 )
             task = IdentificationTask(self._planner(model, request, guard, limits, parts), guard, limits)
         accuracy = accuracy_of(request.object[0]) if request.object else None
-        scale = LiveScale(self._live, request.method, parts, accuracy)
+        scale = LivePayloadEstimator(self._live, request.method, parts, accuracy)
         return Session(model, task, scale, self._send, time.monotonic())
 
     def _model(self) -> RobotModel:

@@ -21,7 +21,7 @@ from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
 UPDATE_PERIOD = 0.05

@@ -37,7 +37,7 @@ class Job:
     Args:
         work: fills a response; an error it raises becomes the response's code.
         kind: of the service.
-        due: when the caller is answered DEADLINE, whatever the work does; on the monotonic clock, s.
+        due: when the caller is answered DEADLINE, done or not; on the monotonic clock, s.
         answer: of the caller.
     """
 
@@ -154,7 +154,7 @@ class Jobs:
             return error
         except Exception as error:
             if rclpy.ok():
-                self._node.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=1.0)
+                self._node.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=1.0)
             return coded(error)
         return None
 

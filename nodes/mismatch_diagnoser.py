@@ -1,4 +1,4 @@
-"""Node: holds a running robot, or bags, against the simulation, and says what physics was left out."""
+"""Node: compares a running robot, or bags, with the simulation, and reports the missing physics."""
 
 import sys
 import time
@@ -24,15 +24,14 @@ from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
-from poise.recording import open_recording
-from poise.recording.streams import stamp_of
+from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
 
 _DEEP = QoSProfile(depth=2000)
 _LOOK_PERIOD = 0.25
-"""s between looks whether the next window is due."""
+"""s between checks whether the next window is due."""
 _FULL = 0.95
-"""Share of the window that has to have come."""
+"""Share of the window that must be filled."""
 _GIL_SLICE = 5e-4
 """s that the thread of the diagnosis may hold the interpreter while a message waits; Python's own 5 ms is too long."""
 
@@ -40,18 +39,18 @@ _PARAMETERS = (
     Parameter("model", "", "model.yaml: payload, tolerances, noise; empty: the payload is identified from each window"),
     Parameter("bags", WORDS, "bags to diagnose instead of topics, once; of several the last is held out"),
     Parameter("window", 35.0, "s of messages that are examined together", (8.0, 600.0)),
-    Parameter("period", 10.0, "s from the start of one examination to the next, at the least", (0.1, 3600.0)),
+    Parameter("period", 10.0, "least time from the start of one examination to the next, s", (0.1, 3600.0)),
     Parameter("share", 0.4, "of a core that examinations may take on average", (0.01, 1.0)),
     Parameter("effects", WORDS, "effects to look for; empty: the whole library"),
     Parameter("keep", "", "folder in which windows with a mismatch are kept as bags; empty: nowhere"),
-    Parameter("save", "", "model.yaml to write, with what was found added, after each finding; empty: none"),
+    Parameter("save", "", "model.yaml to write, with the effects found, after each finding; empty: none"),
 )
 
 
 class MismatchDiagnoser(Node):
     """Subscribes to wrench, joint_states, odom, robot_description; publishes mismatch_report (latched), diagnostics.
 
-    Examinations belong to the thread of the jobs, one at a time; the executor only takes in and hands out.
+    Examinations run one at a time in a worker thread; the executor only receives and publishes.
     """
 
     def __init__(self) -> None:
@@ -90,7 +89,7 @@ class MismatchDiagnoser(Node):
         self.create_timer(_LOOK_PERIOD, guarded(self, self._look))
 
     def destroy_node(self) -> None:
-        """End the thread before the node goes."""
+        """Stop the thread before the node is destroyed."""
         if hasattr(self, "_jobs"):
             self._jobs.close()
         super().destroy_node()
@@ -121,7 +120,7 @@ class MismatchDiagnoser(Node):
         return response
 
     def _look(self) -> None:
-        """Begin an examination when the window has what it takes and there is something new in it."""
+        """Start an examination when the window is full and holds new messages."""
         window = self._window
         full = not window.lacks and window.seconds > _FULL * self._full
         if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
@@ -131,7 +130,7 @@ class MismatchDiagnoser(Node):
         self._start(lambda: self._examine_window(streams))
 
     def _start(self, work: Any) -> None:
-        self._busy = True  # before the thread can say that it is done
+        self._busy = True  # set before the thread can reset it
         if not self._jobs.do(work):
             self._busy = False
 
@@ -185,7 +184,7 @@ class MismatchDiagnoser(Node):
         self._report(work, 0, "")
 
     def _report(self, work: Any, newest: int, frame: str) -> None:
-        """Publish what comes of the work, and rest for as long as its share of a core asks for."""
+        """Publish the result of the work, and pause to keep to the share of a core."""
         begin, used = time.monotonic(), time.thread_time()
         try:
             message = work()
@@ -193,7 +192,7 @@ class MismatchDiagnoser(Node):
             self.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=10.0)
             message = no_report_message(error, newest, frame)
         except Exception as error:
-            self.get_logger().error(f"a fault of ours: {error!r}", throttle_duration_sec=10.0)
+            self.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=10.0)
             message = no_report_message(coded(error), newest, frame)
         finally:
             self._spent = time.monotonic() - begin
@@ -201,7 +200,7 @@ class MismatchDiagnoser(Node):
             self._count += 1
             self._busy = False
         self._last = message
-        if not rclpy.ok():  # the node is on its way out
+        if not rclpy.ok():  # the node is being shut down
             return
         self._reports.publish(message)
         self.get_logger().info(f"examined in {self._spent:.1f} s: {self._status()[1]}")

@@ -1,4 +1,4 @@
-"""A diagnosis of the core -> the message MismatchReport."""
+"""Convert a diagnosis to the message MismatchReport."""
 
 from poise.errors import PoiseError
 from poise.mismatch.answer import Diagnosis, NamedEffect
@@ -15,7 +15,7 @@ _VERDICTS = {
 
 
 def report_message(found: Diagnosis, start: int, newest: int, frame_id: str) -> MismatchReport:
-    """Turn a diagnosis into a message.
+    """Convert a diagnosis to a message.
 
     Args:
         found: the diagnosis.
@@ -34,7 +34,7 @@ def report_message(found: Diagnosis, start: int, newest: int, frame_id: str) -> 
 
 
 def no_report_message(error: PoiseError, newest: int, frame_id: str) -> MismatchReport:
-    """Say with a message that a window could not be examined, and why."""
+    """The message for a window that could not be examined, with the reason."""
     message = MismatchReport(error=to_message(error))
     message.header.stamp, message.header.frame_id = time_message(newest), frame_id
     message.holdout_nominal = message.holdout_augmented = float("nan")

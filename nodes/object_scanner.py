@@ -17,21 +17,17 @@ from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.excitation.brake import stop_along
+from poise.excitation.execution import stop_along
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.object_scanner_parameters import PARAMETERS, near_of, scan_options, session_options, sweep_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
 from poise.nodes.trajectory_message import trajectory_message
-from poise.recording.images import image_of
-from poise.recording.streams import stamp_of
+from poise.recording import image_of, stamp_of
 from poise.robot import RobotModel
-from poise.scanning.cloud_frames import frame_of_cloud
-from poise.scanning.reading import camera_of, transform_of
-from poise.scanning.session import RobotLog, ScanSession, scan_session
-from poise.shape.independent import independent_parts
-from poise.shape.segmentation import segment
+from poise.scanning import RobotLog, ScanSession, camera_of, frame_of_cloud, scan_session, transform_of
+from poise.shape import independent_parts, segment
 from poise.simulation import WaypointTrajectory, read_trajectory
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject

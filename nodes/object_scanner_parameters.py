@@ -7,9 +7,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.nodes.parameters import Parameter
 from poise.robot import Mounting
-from poise.scanning import ScanOptions, SweepOptions
-from poise.scanning.reading import MOST_FRAMES
-from poise.scanning.session import STATIONARY_FRAMES, SessionOptions
+from poise.scanning import MOST_FRAMES, STATIONARY_FRAMES, ScanOptions, SessionOptions, SweepOptions
 
 REFINE = ("auto", "always", "never")
 NOWHERE, UNKNOWN = [float("nan")] * 3, [float("nan")] * 7

@@ -33,7 +33,7 @@ from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
 from poise.placement import Options, Placement, PlacementPlanner, PlacementProgress
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 

@@ -79,10 +79,10 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def coded(failure: Exception) -> PoiseError:
-    """What a caller is told of a failure: its own code, or INTERNAL when it has none."""
+    """The error that a caller gets for a failure: a PoiseError as it is, INTERNAL for any other exception."""
     if isinstance(failure, PoiseError):
         return failure
-    return PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {failure!r}; please report it")
+    return PoiseError(ErrorCode.INTERNAL, f"internal error: {failure!r}; please report it")
 
 
 def end_goal(goal: Any, succeeded: bool) -> None:

@@ -12,8 +12,7 @@ from shape_msgs.msg import Mesh, MeshTriangle
 from poise.inertia.model import InertialParameters, parts_of_solid
 from poise.nodes.estimate_message import inertia_message, time_message
 from poise.scanning import Scan
-from poise.shape.part_surfaces import part_surface
-from poise.shape.segmentation import Segmentation
+from poise.shape import Segmentation, part_surface
 from poise_msgs.msg import Part, SegmentedObject
 
 FIELDS = (("x", "<f4", 7), ("y", "<f4", 7), ("z", "<f4", 7), ("rgb", "<u4", 7), ("label", "<u4", 6), ("seen", "u1", 2))

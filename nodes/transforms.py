@@ -4,7 +4,7 @@ from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import rotation_of_quaternion
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise.robot import FrameTree
 
 

@@ -17,9 +17,8 @@ from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
 from poise.scanning import Scan, SweepOptions, read_sweep
 from poise.scanning import scan as _scan
-from poise.shape.clouds import read_cloud
-from poise.shape.segmentation import Segmentation
-from poise.shape.segmentation import segment as _segment
+from poise.shape import Segmentation, read_cloud
+from poise.shape import segment as _segment
 from poise.types import Array
 
 Source = str | Path

@@ -21,8 +21,8 @@ from poise.excitation import (
     plan_excitation,
     plan_stop_and_go,
     tool_centre,
+    write_plan,
 )
-from poise.excitation.plan_file import write_plan
 from poise.inertia.model import Parts, about_com_jacobian
 from poise.robot import RobotModel
 from poise.simulation import home
@@ -101,8 +101,8 @@ def excite(
     begin = home(model) if start is None else _numbers(start)
     planner = plan_stop_and_go if stop_and_go else plan_excitation
     with Progress(console=people, transient=True) as bar:
-        tell = partial(bar.update, bar.add_task("planning", total=1.0))
-        plan = planner(model, begin, guard, limits, options, parts=parts, progress=lambda share: tell(completed=share))
+        show = partial(bar.update, bar.add_task("planning", total=1.0))
+        plan = planner(model, begin, guard, limits, options, parts=parts, progress=lambda done: show(completed=done))
     kind = "stop_and_go" if stop_and_go else "excitation"
     remark = f"{kind} of {robot}: poise excite, seed {seed}, at most {speed:g} m/s"
     written = [] if out is None else [write_plan(out, plan, remark)]

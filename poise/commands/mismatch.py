@@ -1,4 +1,4 @@
-"""`poise mismatch`: what physics a recording shows that the simulation lacks."""
+"""`poise mismatch`: the physics that a recording shows and the simulation lacks."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -18,8 +18,8 @@ from poise.recording import open_recording
 from poise.viewing import readable, rounded
 
 _MISSED = 1.5
-"""Held-out error, in units of what fits leave, from which the last recording is said to differ from the others."""
-_MISSED_SENTENCE = "{} is off by more than that: what happened in it alone is not looked for; diagnose it by itself."
+"""Held-out error over the error of the fits, from which the last recording is reported to differ from the others."""
+_MISSED_SENTENCE = "{} deviates by more than that: effects in it alone are not searched; diagnose it separately."
 
 _ModelOption = Annotated[
     Path | None,
@@ -42,14 +42,14 @@ _ReportOption = Annotated[
 ]
 SaveOption = Annotated[
     Path | None,
-    typer.Option("--save", metavar="FILE", help="Write the model with what was found.", show_default=False),
+    typer.Option("--save", metavar="FILE", help="Write the model with the effects found.", show_default=False),
 ]
 SeparateOption = Annotated[
     Path | None,
     typer.Option(
         "--separate",
         metavar="FILE",
-        help="Design the motion that tells apart what this recording cannot, and write it (YAML).",
+        help="Design the motion that discriminates between the remaining explanations, and write it (YAML).",
         show_default=False,
     ),
 ]
@@ -66,8 +66,8 @@ def mismatch(
     """Identify the physical effects that a recording shows and the simulation lacks.
 
     The recordings need the wrench, joint_states and robot_description (or tf up to the sensor); odom and joint efforts
-    are used where they are. Effects of a library compete by evidence, with small calibration errors always allowed
-    for; where none fits, the answer is `unknown`, with the state that it depends on.
+    are used if present. The effects of a library compete by evidence; small calibration errors are always fitted. When
+    no effect fits, the answer is `unknown`, with the state that the residual depends on.
 
     Example:  poise mismatch run.mcap --model model.yaml --json answer.json --report out --save augmented.yaml
     """
@@ -100,7 +100,7 @@ def mismatch(
 
 
 def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[str, Any]]) -> None:
-    """Of several, from when to when each lies, and whether the last differs from the others."""
+    """The time span of each recording, and whether the last differs from the others."""
     if len(recordings) == 1:
         return
     for entry in recordings:
@@ -110,7 +110,7 @@ def print_recordings(people: Console, found: Diagnosis, recordings: list[dict[st
 
 
 def read_all(bags: list[Path], nominal: NominalModel) -> list[ReadRecording]:
-    """Every recording as a world, all with the payload of the model or, without one, that of the first recording.
+    """Every recording, read with the payload of the model or, without one, of the first recording.
 
     Raises:
         InputError: as `read_recording`.
@@ -125,7 +125,7 @@ def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagno
     Raises:
         InputError: FILE_UNWRITABLE.
     """
-    # Drawing libraries load slowly: only now.
+    # Drawing libraries load slowly: they are imported on use.
     from poise.viewing import write_mismatch_report, write_mismatch_scene
 
     title = f"Mismatch of {', '.join(bag.name for bag in bags)}"
@@ -134,7 +134,7 @@ def write_report(folder: Path, bags: list[Path], notes: list[str], found: Diagno
 
 
 def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
-    """The fields of the contract, and what else is known; seconds count from the first wrench sample."""
+    """The fields of the contract and further ones; seconds count from the first wrench sample."""
     proof, rest = found.main.proof, found.main.residual_test
     unknown = found.unknown
     return {
@@ -194,8 +194,8 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(f"{escape(finding.sentence)} ({100 * finding.belief.probability:.1f} %)", soft_wrap=True)
         if finding.belief.alike:
             people.print(
-                f"  Not to be told from {', '.join(finding.belief.alike)} here; "
-                f"this would: {escape(finding.effect.separating_motion)}",
+                f"  Indistinguishable here from {', '.join(finding.belief.alike)} here; "
+                f"a motion that discriminates: {escape(finding.effect.separating_motion)}",
                 soft_wrap=True,
             )
         people.print(_table(finding))
@@ -203,7 +203,7 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(escape(readable(found.unknown.sentence, 500)), soft_wrap=True)
     people.print(
         f"Held-out error, in units of the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} calibrated within "
-        f"the tolerances, {proof.augmented:.2f} with what was found.",
+        f"the tolerances, {proof.augmented:.2f} with the effects found.",
         soft_wrap=True,
     )
     clock = next(

@@ -1,4 +1,4 @@
-"""The designed motion of `poise mismatch --separate`: found, written as a trajectory, and told."""
+"""The designed motion of `poise mismatch --separate`: searched, written as a trajectory, and reported."""
 
 from pathlib import Path
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poise.commands.output import progress_bar
-from poise.excitation.plan_file import write_waypoints
+from poise.excitation import write_waypoints
 from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, separating_motion
 from poise.robot import RobotModel
 
@@ -15,7 +15,7 @@ _STEP = 0.1
 
 
 def designed(found: Diagnosis, robot: RobotModel | None) -> DiscriminatingMotion | None:
-    """The motion for the first signal that leaves something open; None without one, or without joint states."""
+    """The motion for the first signal with an ambiguous answer; None without one, or without joint states."""
     if robot is None:
         return None
     with progress_bar("designing a motion") as progress:
@@ -39,17 +39,17 @@ def write_design(path: Path, design: DiscriminatingMotion) -> Path:
 
 
 def design_sentence(design: DiscriminatingMotion | None) -> str:
-    """What it is for, and how far it will go."""
+    """The purpose of the motion, and its expected evidence."""
     if design is None:
-        return "Nothing that a motion of the joints could tell apart is open."
+        return "The answer has no ambiguity that a motion of the joints could resolve."
     first, *rivals = design.names
-    said = f"{design.trajectory.duration:.0f} s of joint motion tell {first} from {', '.join(rivals)}"
+    purpose = f"{design.trajectory.duration:.0f} s of joint motion distinguish {first} from {', '.join(rivals)}"
     speed = float(np.abs(design.trajectory.at(np.linspace(0, design.trajectory.duration, 1401)).velocity).max())
-    told = f"(expected log evidence {design.expected:.0f}; at most {speed:.2f} rad/s; not checked for collisions)."
+    outlook = f"(expected log evidence {design.expected:.0f}; at most {speed:.2f} rad/s; not checked for collisions)."
     return (
-        f"{said} {told}"
+        f"{purpose} {outlook}"
         if design.enough
-        else f"The best motion found tells {first} from {', '.join(rivals)} only weakly {told}"
+        else f"The best motion found distinguishes {first} from {', '.join(rivals)} only weakly {outlook}"
     )
 
 

@@ -13,12 +13,9 @@ from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
 from poise.recording import open_recording
 from poise.robot import Mounting, find_urdf, read_urdf
-from poise.scanning import Scan, ScanOptions, Sweep, SweepOptions, read_sweep
+from poise.scanning import MOST_FRAMES, Scan, ScanOptions, Sweep, SweepOptions, read_sweep, scan_ply
 from poise.scanning import scan as scan_views
-from poise.scanning.cloud_files import scan_ply
-from poise.scanning.reading import MOST_FRAMES
-from poise.shape.segmentation import Segmentation, segment
-from poise.shape.surface_files import labelled_ply, surface_ply
+from poise.shape import Segmentation, labelled_ply, segment, surface_ply
 
 BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP)]
 CloudOption = Annotated[

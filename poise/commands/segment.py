@@ -10,10 +10,8 @@ from rich.table import Table
 
 from poise.commands.output import console, refuse_folder, warn, write_json
 from poise.files import write_whole
-from poise.shape.clouds import Cloud, read_cloud
-from poise.shape.segmentation import Segmentation
-from poise.shape.segmentation import segment as segment_cloud
-from poise.shape.surface_files import labelled_ply, surface_ply
+from poise.shape import Cloud, Segmentation, labelled_ply, read_cloud, surface_ply
+from poise.shape import segment as segment_cloud
 
 CloudArgument = Annotated[
     Path, typer.Argument(metavar="CLOUD", help="PLY, PCD, XYZ, CSV or NPY, with colours or without.")
@@ -91,7 +89,7 @@ def write_picture(path: Path, found: Segmentation, title: str) -> Path:
     Raises:
         InputError: UNSUPPORTED for another ending, FILE_UNWRITABLE.
     """
-    from poise.viewing.parts_picture import draw_parts  # drawing libraries load slowly: only now
+    from poise.viewing import draw_parts  # drawing libraries load slowly: only now
 
     return write_whole(path, draw_parts([(title, found)], path.suffix))
 

@@ -1,4 +1,4 @@
-"""`poise simulate`: the simulation, with what a diagnosis added to it, run along a recorded or a planned motion."""
+"""`poise simulate`: the simulation with the effects of a diagnosis, along a recorded or a planned motion."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -33,7 +33,7 @@ def simulate(
         typer.Option(
             "--motion",
             metavar="FILE",
-            help="A recording whose motion is run again, or a trajectory (.csv, .yaml; see docs/fake_robots.md).",
+            help="A recording whose motion is repeated, or a trajectory (.csv, .yaml; see docs/fake_robots.md).",
             show_default=False,
         ),
     ],
@@ -53,10 +53,10 @@ def simulate(
 ) -> None:
     """Simulate the sensor and the joints along a motion and write a recording.
 
-    With a model that `poise mismatch --save` wrote, the effects that were found act: the recording made here is then
-    what the diagnosis expects, and holding it against the plain model finds them again. Of a recording the wrench is
-    replaced, and joint efforts where it holds some; everything else stays as it was. Along a trajectory wrench (100
-    Hz), joint states with efforts (125 Hz) and robot_description are written.
+    With a model that `poise mismatch --save` wrote, the effects that were found act: the simulated recording is what
+    the diagnosis expects, and its comparison with the plain model finds them again. In a recording the wrench and
+    measured joint efforts are replaced; all other topics are unchanged. Along a trajectory, wrench (100 Hz), joint
+    states with efforts (125 Hz) and robot_description are written.
 
     Example:  poise simulate augmented.yaml --motion run.mcap --out expected.mcap --json -
 
@@ -102,7 +102,7 @@ def _metadata(known: NominalModel) -> dict[str, dict[str, str]]:
 
 
 def summary(made: SimulatedRun, known: NominalModel, out: Path, noisy: bool) -> dict[str, Any]:
-    """What was written: SI units; sizes are of the whole difference that an effect makes."""
+    """The summary of what was written, in SI units; sizes are of an effect's whole response."""
     recorded = made.recorded
     effects = []
     for component in known.effects:

@@ -1,15 +1,18 @@
-"""Motions that weigh a payload: as much information as the limits allow, and proof that they are kept.
+"""Motions that weigh a payload: as much information as the limits allow, and bounds that prove the limits.
 
-- `limits`: `MotionLimits`, and `Guard`, the points that have to stay slow.
-- `hand`: how the hand moves with the joints, with derivatives; `clamped_spline`: from rest to rest in the same place.
-- `information`: what a motion's wrenches will tell. `search`: the motion that tells most. `stop_and_go`: the safe case.
-- `certificate`: bounds that hold at every instant. `plan`: all of it together.
+- `limits`: `MotionLimits`, and `Guard`, the points whose speed is limited.
+- `hand`: the motion of the hand by the joints, with derivatives; `clamped_spline`: from rest back to rest.
+- `information`: what the wrenches of a motion will show. `search`: the most informative motion.
+- `stop_and_go`: a few poses at rest. `certificate`: bounds that hold at every instant.
+- `plan`: all of it together; `plan_file`: a plan as YAML. `execution`: a plan carried out.
 """
 
 from poise.excitation.certificate import Certificate, certify, slowed
+from poise.excitation.hand import HandMotion, hand_motion
 from poise.excitation.information import Information, PayloadBelief
 from poise.excitation.limits import COLLABORATIVE_SPEED, Guard, MotionLimits, tool_centre
 from poise.excitation.plan import ExcitationOptions, ExcitationPlan, plan_excitation, plan_stop_and_go
+from poise.excitation.plan_file import write_plan, write_waypoints
 from poise.excitation.search import SearchEffort
 
 __all__ = [
@@ -18,13 +21,17 @@ __all__ = [
     "ExcitationOptions",
     "ExcitationPlan",
     "Guard",
+    "HandMotion",
     "Information",
     "MotionLimits",
     "PayloadBelief",
     "SearchEffort",
     "certify",
+    "hand_motion",
     "plan_excitation",
     "plan_stop_and_go",
     "slowed",
     "tool_centre",
+    "write_plan",
+    "write_waypoints",
 ]

@@ -1,4 +1,4 @@
-"""Proof that a motion keeps to its limits at every instant, not only where somebody looked."""
+"""Bounds that prove that a motion keeps its limits at every instant, also between samples."""
 
 import functools
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a motion will tell about a payload before it is made: the information its wrenches hold, as one number."""
+"""The information of a motion about a payload, as one number, before the motion is executed."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from poise.inertia.model import ENTRIES, InertialParameters, NoiseLevels, Parts,
 from poise.types import Array
 
 SENSOR = NoiseLevels(force_bias=5.0, torque_bias=0.25)
-"""The noise of thesis table 3.2, moderate, on a sensor that nobody has zeroed."""
+"""The noise of thesis table 3.2, moderate, on a sensor that was not zeroed."""
 
 _SLACK = 0.2
 """Share of the mass whose place a known shape leaves open: parts are not of one density."""

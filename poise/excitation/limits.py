@@ -13,7 +13,7 @@ COLLABORATIVE_SPEED = 0.25
 """m/s: the reduced speed of ISO 10218-1, which ISO/TS 15066 takes over for work beside people."""
 
 _ACCELERATION = 10.0
-"""rad/s2 or m/s2 of a joint, where nobody says more: what the maker of the FR3 allows each of its joints."""
+"""rad/s2 or m/s2 of a joint, by default: what the maker of the FR3 allows each of its joints."""
 
 _MARGIN = 0.05
 """rad or m kept from the ends of a joint's range."""

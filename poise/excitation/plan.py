@@ -115,7 +115,7 @@ def plan_excitation(
     progress: Progress = lambda _: None,
     cancelled: Cancelled = lambda: False,
 ) -> ExcitationPlan:
-    """The motion that tells most about a payload in a given time: D-optimal B-splines in joint space.
+    """The most informative motion about a payload in a given time: D-optimal B-splines in joint space.
 
     Args:
         model: the robot.
@@ -200,7 +200,7 @@ def finish(
     if plan.mass_std > _WORTHWHILE * options.mass:
         raise NoAnswerError(
             ErrorCode.NOT_IDENTIFIABLE,
-            f"no motion of {options.duration:g} s under {limits.speed:g} m/s tells the mass of an object that reaches"
+            f"no motion of {options.duration:g} s under {limits.speed:g} m/s shows the mass of an object that reaches"
             f" {guard.reach:.2f} m from the sensor better than to {plan.mass_std / options.mass:.0%}: take more time,"
             " or stop-and-go",
         )

@@ -1,4 +1,4 @@
-"""Finds the joint motion that tells most about a payload within its limits: barriers and quasi-Newton steps."""
+"""Search for the most informative joint motion within its limits: barriers and quasi-Newton steps."""
 
 import time
 from dataclasses import dataclass
@@ -91,8 +91,8 @@ class ExcitationObjective:
         by_hand, felt = self._hand_barrier(hand, slopes)
         if not np.isfinite(by_hand):
             return np.inf, gradient.ravel()
-        nats, told = self._told(hand, slopes)
-        parts = [fear * f - t for f, t in zip(felt, told, strict=True)]
+        nats, gained = self._gained(hand, slopes)
+        parts = [fear * f - t for f, t in zip(felt, gained, strict=True)]
         slope = sum(basis.T @ part[:, self._columns] for basis, part in zip(self._spline.values, parts, strict=True))
         return fear * (barrier + by_hand) - nats, ((fear * gradient + slope) * self.scale).ravel()
 
@@ -140,7 +140,7 @@ class ExcitationObjective:
             self._tool: Array = hand.position[0] + hand.rotation[0] @ self._guard.tcp
         return self._tool
 
-    def _told(self, hand: HandMotion, slopes: HandSlopes) -> tuple[float, list[Array]]:
+    def _gained(self, hand: HandMotion, slopes: HandSlopes) -> tuple[float, list[Array]]:
         """Information, and its derivative by joint positions, velocities and accelerations (N, J)."""
         signals = motion_signals(hand.specific, hand.omega, hand.alpha)
         nats, by_signal = self._information.slope(signals, self._spline.duration / len(signals))
@@ -190,7 +190,7 @@ def search(
 
 
 def check(cancelled: Cancelled) -> None:
-    """Raise PoiseError CANCELLED when somebody has said so."""
+    """Raise PoiseError CANCELLED when the caller asks for it."""
     if cancelled():
         raise PoiseError(ErrorCode.CANCELLED, "the planning of the motion was cancelled")
 

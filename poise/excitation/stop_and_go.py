@@ -1,4 +1,4 @@
-"""Few poses to rest in: gravity from directions that tell most about mass, centre of mass and bias, by short ways."""
+"""Few poses to rest in: gravity from the most informative directions for mass, centre of mass and bias; short moves."""
 
 import itertools
 
@@ -61,7 +61,7 @@ def tilted(
 
 
 def choose(model: RobotModel, poses: Array, count: int, information: Information, dwell: float) -> list[int]:
-    """Which poses, the first among them, tell most together: greedily, then by exchange (Fedorov 1972)."""
+    """The most informative set of poses, the first among them: greedily, then by exchange (Fedorov 1972)."""
     zeros = np.zeros_like(poses)
     hand = hand_motion(model, poses, zeros, zeros)
     signals = motion_signals(hand.specific, hand.omega, hand.alpha)

@@ -1,4 +1,4 @@
-"""One thread that reads a device and hands on averages, batches and reports; it connects, and connects again."""
+"""One thread that reads a device, delivers averages, batches and reports, and reconnects."""
 
 import threading
 import time
@@ -196,7 +196,7 @@ class Acquisition:
         self._link.close()
 
     def _guard(self, act: Callable[[], None]) -> None:
-        """Let a fault of ours, or of the sink, show in the reports and not end the stream."""
+        """Report an exception of this code or of the sink, and go on with the stream."""
         try:
             act()
         except Exception as error:
@@ -284,7 +284,7 @@ class Acquisition:
             if counter.lost > before[0]:
                 self._health.note("losing", f"{counter.lost} of {counter.lost + counter.received} samples lost", now)
             if counter.restarts > before[1]:
-                self._health.note("restarted", "the device began its count anew", now)
+                self._health.note("restarted", "the device restarted its count", now)
                 self._averager.clear()
                 if self._clock is not None:
                     self._clock.restart()

@@ -19,7 +19,7 @@ _BUCKETS = 100
 _LEAST_BUCKETS = 5
 """Below this the nominal period is used."""
 _JUMP = 50_000_000
-"""ns; a host clock that was set is told from a delay by this."""
+"""ns; a larger step means that the host clock was set."""
 
 
 class SampleClock:
@@ -68,7 +68,7 @@ class SampleClock:
         return stamps
 
     def restart(self) -> None:
-        """Forget the relation of count and time, but not the period (the device counts anew)."""
+        """Forget the relation of count and time, but not the period (the device restarted its count)."""
         self._bucket = None
 
     def _restart(self, position: int, arrival: int) -> None:

@@ -1,18 +1,18 @@
-"""Which samples of a numbered stream are new, late, doubled or lost."""
+"""Which samples of a numbered stream are new, late, duplicate or lost."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 REORDER_WINDOW = 4096
-"""How far back, in samples, a late one is told from a doubled one."""
+"""How far back, in samples, a late sample is distinguished from a duplicate."""
 MAX_GAP = 1 << 24
-"""A longer step forward (40 min at 7 kHz) is a device that started anew."""
+"""A longer step forward (40 min at 7 kHz) is a restart of the device."""
 
 
 class SequenceCounter:
     """Accounts for every number of a 32-bit wrapping sequence.
 
-    While the device does not start anew, received + lost is what it has sent since the first sample that arrived,
+    As long as the device does not restart, received + lost is what it has sent since the first sample that arrived,
     up to the newest one.
 
     Attributes:
@@ -20,7 +20,7 @@ class SequenceCounter:
         lost: numbers that were skipped and have not come since.
         out_of_order: samples that came after a later one (a part of `received`).
         duplicates: copies of samples that had come already (no part of `received`).
-        restarts: how often the numbers began anew.
+        restarts: how often the numbers restarted.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class SequenceCounter:
         self._restart_expected = False
 
     def expect_restart(self) -> None:
-        """The device was asked to start its stream: the next number that is not larger than the last begins anew."""
+        """The device was asked to start its stream: the next number that is not larger than the last is a restart."""
         self._restart_expected = True
 
     def account(self, sequence: NDArray[np.uint32]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:

@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
-from poise.excitation.brake import stop_along
-from poise.excitation.joint_watch import Jointed, JointWatch
-from poise.excitation.session import HELD_UP, LAG, LEAD, MOVED, PATIENCE, STALE, STOP_LEAD
+from poise.excitation.execution import ExecutionOptions, Jointed, JointWatch, stop_along
 from poise.manipulation.carrying import Transfer
 from poise.manipulation.gripper import FingerWatch, Gripper
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
+_OPTIONS = ExecutionOptions()
 _STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "return": "placing"}
 """Of the phases of a transfer; those before are picking."""
 _STOP_TIME = 0.4
@@ -128,7 +127,7 @@ class RobotPort:
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
         if problem is None:
             return self.joints.position.copy()
-        if now - since > PATIENCE:
+        if now - since > _OPTIONS.patience:
             raise problem
         return None
 
@@ -161,8 +160,8 @@ class TransferExecution:
         """Go on; never blocks, never raises."""
         if self.done:
             return
-        if now - self._ticked > HELD_UP:  # messages wait that would prove the joints alive
-            self._trusting_until = now + STALE
+        if now - self._ticked > _OPTIONS.held_up:  # messages wait that would prove the joints alive
+            self._trusting_until = now + _OPTIONS.stale
         self._ticked = now
         try:
             if now >= self._trusting_until and (problem := self._robot.joints.problem(now)) is not None:
@@ -187,7 +186,7 @@ class TransferExecution:
 
     def _require_start(self) -> None:
         away = np.abs(self._robot.joints.position - self._start)
-        if away.max() > MOVED:
+        if away.max() > _OPTIONS.moved:
             name = self._robot.joint_names[int(away.argmax())]
             raise PoiseError(
                 ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the way was planned: stop what moves it"
@@ -204,7 +203,7 @@ class TransferExecution:
             self._robot.grip(self._target(step))
         else:
             self._sent = self._robot.joints.stamp
-            self._begin = self._robot.joints.clock(now) + round(LEAD * 1e9)
+            self._begin = self._robot.joints.clock(now) + round(_OPTIONS.lead * 1e9)
             self._robot.move(step.motion, self._begin)
 
     def _target(self, step: TransferStep) -> float:
@@ -228,7 +227,7 @@ class TransferExecution:
         on_the_way = seconds < motion.duration
         if not on_the_way and off.max() <= tolerances.arrival:
             return True
-        allowed = tolerances.path + LAG * np.abs(there.velocity[0])
+        allowed = tolerances.path + _OPTIONS.lag * np.abs(there.velocity[0])
         late = seconds > motion.duration + tolerances.slack
         if late or (on_the_way and (off > allowed).any()):
             index = int(np.argmax(off if late else off - allowed))
@@ -244,7 +243,7 @@ class TransferExecution:
         fingers, gripper, waited = self._robot.fingers, self._robot.gripper, now - self._since
         if not self._felt:
             return waited > gripper.seconds
-        if now >= self._trusting_until and now - fingers.heard > STALE:
+        if now >= self._trusting_until and now - fingers.heard > _OPTIONS.stale:
             raise SensorError(
                 ErrorCode.SENSOR_STALE, f"{gripper.joint} has gone from joint_states: the gripper's driver has stopped"
             )
@@ -286,7 +285,7 @@ class TransferExecution:
         if step is None or step.motion is None:
             return
         joints = self._robot.joints
-        stamp = joints.clock(now) + round(STOP_LEAD * 1e9)
+        stamp = joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
         if on_path:
             stop = stop_along(step.motion, (stamp - self._begin) * 1e-9, step.stop_time)
         else:

@@ -10,14 +10,21 @@ from poise.recording.alignment import (
     resample,
 )
 from poise.recording.blocks import Loss, LossKind
+from poise.recording.encoding import LATCHED_TOPICS, encode_stream, encode_text, typestore
 from poise.recording.folders import find_recordings
+from poise.recording.images import CLOUD, IMAGE, INFO, Image, image_of, messages_of, stamps_of
 from poise.recording.reading import RawMessage, Recording, Topic, open_recording
 from poise.recording.rewriting import rewrite_recording
-from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
+from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream, stamp_of
 from poise.recording.trajectories import joint_commands
 from poise.recording.writing import RecordingWriter, write_recording
 
 __all__ = [
+    "CLOUD",
+    "IMAGE",
+    "INFO",
+    "LATCHED_TOPICS",
+    "Image",
     "ImuStream",
     "Interpolated",
     "JointStream",
@@ -32,13 +39,20 @@ __all__ = [
     "Stream",
     "Topic",
     "WrenchStream",
+    "encode_stream",
+    "encode_text",
     "find_recordings",
+    "image_of",
     "interpolate",
     "interpolate_rotations",
     "joint_commands",
+    "messages_of",
     "nearest",
     "open_recording",
     "resample",
     "rewrite_recording",
+    "stamp_of",
+    "stamps_of",
+    "typestore",
     "write_recording",
 ]

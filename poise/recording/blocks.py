@@ -126,7 +126,7 @@ def longest_file(size: int) -> int:
 
 
 def decompress(payload: bytes, compression: str, length: int) -> bytes:
-    """Decompress as far as possible, and never beyond `length` (one byte more tells that there is more).
+    """Decompress as far as possible, and never beyond `length` (one byte more shows that there is more).
 
     A payload that is cut gives what its last whole block holds, a damaged one little or nothing: compare the checksum.
     """

@@ -40,6 +40,9 @@ def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, lis
         raise InputError(ErrorCode.FILE_CORRUPT, sentence) from error
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
+    if not written:
+        sentence = f"{path} is cut before the end of its first zstd block: copy it again from its source"
+        raise InputError(ErrorCode.FILE_CORRUPT, sentence)
     losses = []
     if expected not in (-1, 2**64 - 1, written):
         sentence = f"{path.name}: the file is cut: {written} of {expected} decompressed bytes were read"

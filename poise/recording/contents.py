@@ -134,6 +134,11 @@ class UnpackingBudget:
             )
 
 
+def reason_of(error: Exception) -> str:
+    """What a library says about an error, in one line of bounded length."""
+    return " ".join(str(error).split())[:120]
+
+
 def message_table(
     channels: npt.ArrayLike, log_times: npt.ArrayLike, sizes: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.void]:

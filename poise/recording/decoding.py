@@ -66,7 +66,7 @@ def _joint_columns(topic: str, index: npt.NDArray[np.int64], values: Array, join
     if values.shape[1] == joints:
         return values
     if values.shape[1]:
-        sentence = f"{topic}: message {index[0]} has {values.shape[1]} values for {joints} joints: mend its publisher"
+        sentence = f"{topic}: message {index[0]} has {values.shape[1]} values for {joints} joints: fix its publisher"
         raise InputError(ErrorCode.TYPE_MISMATCH, sentence)
     return np.full((len(values), joints), np.nan)
 

@@ -90,7 +90,7 @@ def _read_summary(summary: bytes, ending: Ending) -> None:
 
 
 def _chunks_fit(ending: Ending) -> bool:
-    """Tell whether the indexed chunks follow each other inside the data section."""
+    """Whether the indexed chunks follow each other inside the data section."""
     behind = len(MAGIC)
     for offset, chunk in sorted(ending.chunks.items()):
         if offset < behind or chunk.compressed_size + head_size(chunk.compression) != chunk.chunk_length:

@@ -80,7 +80,7 @@ def image_of(message: Any, name: str) -> Image:
     if step < row or len(data) < step * height or not height * width:
         raise InputError(
             ErrorCode.TYPE_MISMATCH,
-            f"{name}: {len(data)} bytes for {width} x {height} {encoding} with a step of {step}: mend its publisher",
+            f"{name}: {len(data)} bytes for {width} x {height} {encoding} with a step of {step}: fix its publisher",
         )
     rows = data[: step * height].reshape(height, step)[:, :row]
     pixels = np.ascontiguousarray(rows).view((">" if message.is_bigendian else "<") + kind)

@@ -8,6 +8,7 @@ import numpy as np
 import yaml
 
 from poise.errors import ErrorCode, InputError
+from poise.recording.contents import reason_of
 from poise.recording.units import PER_GAIN, TICKS, TIME, UNITS_BY_QUANTITY
 from poise.types import Array
 
@@ -191,8 +192,7 @@ def load_mapping(path: Path) -> TableMapping:
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(ErrorCode.BAD_INPUT, f"{path} is not YAML: {reason}") from error
+        raise InputError(ErrorCode.BAD_INPUT, f"{path} is not YAML: {reason_of(error)}") from error
     top = Section(path, "", content, ("topics", "robot_description", "gravity", *SHARED))
     listed = top.content.get("topics")
     if not isinstance(listed, dict) or not listed:

@@ -46,7 +46,7 @@ class Topic(NamedTuple):
 def open_recording(path: str | Path, *, strict: bool = False) -> "Recording":
     """Open a bag, check every checksum in it, and find every intact message.
 
-    What is damaged or cut off is skipped and told in `Recording.losses`, never passed silently.
+    What is damaged or cut off is skipped and listed in `Recording.losses`, never passed silently.
 
     Args:
         path: an .mcap or .db3 file (or either with .zstd), a rosbag2 folder, a ROS 1 .bag, or a table or folder of
@@ -215,14 +215,14 @@ class Recording:
         return decoding.pose_stream(found, batches, self._note_late)
 
     def poses(self, child: str, parent: str | None = None) -> PoseStream:
-        """Read where a frame is in its parent, from tf, or from tf_static when tf does not tell of it.
+        """Read where a frame is in its parent, from tf, or from tf_static when tf does not hold it.
 
         Args:
             child: the frame.
             parent: its direct parent; None when it has only one in the bag.
 
         Raises:
-            InputError: as `wrench`; FRAME_UNKNOWN when the bag does not tell of this frame under this parent.
+            InputError: as `wrench`; FRAME_UNKNOWN when the bag does not hold this frame under this parent.
         """
         known: set[tuple[str, str]] = set()
         for name in ("tf", "tf_static"):
@@ -236,7 +236,7 @@ class Recording:
             known |= frames
         there = ", ".join(f"{above} -> {below}" for above, below in sorted(known)) or "no frames"
         wanted = child if parent is None else f"{parent} -> {child}"
-        raise InputError(ErrorCode.FRAME_UNKNOWN, f"{self.path}: no pose of {wanted}; the bag tells of {there}")
+        raise InputError(ErrorCode.FRAME_UNKNOWN, f"{self.path}: no pose of {wanted}; the bag holds {there}")
 
     def robot_description(self, topic: str = "robot_description") -> str:
         """Return the last URDF in the bag.
@@ -249,8 +249,8 @@ class Recording:
         except InputError as error:
             if error.code != ErrorCode.TOPIC_MISSING:
                 raise
-            mend = "record it too, or give a URDF file"
-            sentence = f"{self.path} has no {topic}: {mend}"
+            fix = "record it too, or give a URDF file"
+            sentence = f"{self.path} has no {topic}: {fix}"
             raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, sentence) from error
         last = max(batches, key=lambda batch: int(batch.index[-1]), default=None)
         if last is None:

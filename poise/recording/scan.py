@@ -220,7 +220,7 @@ class _Scan:
         return data
 
     def _take_definition(self, opcode: int, content: bytes) -> None:
-        """Remember a schema or a channel, unless the index has told of it."""
+        """Remember a schema or a channel, unless the index holds it."""
         if opcode == Opcode.SCHEMA:
             schema: Schema = parse_record(Schema, content)
             self.contents.schemas.setdefault(schema.id, schema)
@@ -243,7 +243,7 @@ class _Scan:
             self._lose(LossKind.TRUNCATED, position, sentence, (self.last_log_time, None))
 
     def _data_section_is_sound(self) -> bool | None:
-        """Tell whether the checksum of the data section holds; None when it was not written or is cut off."""
+        """Whether the checksum of the data section holds; None when it was not written or is cut off."""
         if self.data_end is None:
             return None
         self.file.seek(self.data_end)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import PIECE, LossKind
-from poise.recording.contents import Contents, message_table
+from poise.recording.contents import Contents, message_table, reason_of
 from poise.recording.encoding import definition_of
 from poise.types import Indices
 
@@ -59,7 +59,7 @@ class RowBlock:
                 rows = database.execute(ROWS, (int(self.ids[0]), int(self.ids[-1])))
                 data = b"".join(row[3] for row in rows if row[0] in wanted and isinstance(row[3], bytes))
         except sqlite3.Error as error:
-            raise InputError(ErrorCode.FILE_UNREADABLE, f"{self.path} cannot be read: {error}") from error
+            raise InputError(ErrorCode.FILE_UNREADABLE, f"{self.path} cannot be read: {reason_of(error)}") from error
         if zlib.crc32(data) != self.crc:
             raise InputError(
                 ErrorCode.FILE_CORRUPT, f"{self.path} changed while it was being read: let its writer finish, reopen it"
@@ -79,7 +79,7 @@ def scan_sqlite(path: Path) -> Contents[RowBlock]:
         with closing(_connect(file)) as database:
             contents = _Scan(path, file, database).run()
     except sqlite3.Error as error:
-        sentence = f"{path} is damaged: its tables cannot be read ({error}); copy it again from its source"
+        sentence = f"{path} is damaged: its tables cannot be read ({reason_of(error)}); copy it again from its source"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence) from error
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
@@ -119,10 +119,15 @@ def _connect(path: Path) -> sqlite3.Connection:
     journal = path.with_name(path.name + JOURNAL)
     mode = "mode=ro" if journal.exists() and journal.stat().st_size else "immutable=1"
     database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True)
+    database.text_factory = _text
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, max(path.stat().st_size, 1 << 20))  # of a value
     database.execute("PRAGMA trusted_schema=OFF")
     database.execute("PRAGMA writable_schema=ON")  # else SQLite refuses a file that is cut
     return database
+
+
+def _text(data: bytes) -> str:
+    return data.decode(errors="replace")
 
 
 class _Scan:

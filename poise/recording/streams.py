@@ -84,7 +84,7 @@ class Stream:
     def _freeze(self, name: str, dtype: type, shape: tuple[int, ...]) -> None:
         """Replace a field by a read-only copy of it with this type, once its shape is right."""
         try:
-            array: npt.NDArray[Any] = np.array(getattr(self, name), dtype=dtype)
+            array: npt.NDArray[Any] = np.array(getattr(self, name), dtype=dtype, order="C")
         except (TypeError, ValueError) as error:
             raise InputError(
                 ErrorCode.TYPE_MISMATCH, f"{type(self).__name__}.{name} is not an array of numbers: {error}"

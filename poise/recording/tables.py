@@ -5,7 +5,7 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, TextIO
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import PIECE, Loss, LossKind
-from poise.recording.contents import UnpackingBudget
+from poise.recording.contents import UnpackingBudget, reason_of
 from poise.recording.mapping import Clock, TextFormat
 from poise.types import Array, Stamps
 
@@ -65,7 +65,7 @@ def read_table(path: Path, names: Sequence[str], clock: Clock | None, text: Text
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is not a text table: {error}") from error
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is not a text table: {reason_of(error)}") from error
 
 
 class _TextTable:
@@ -138,7 +138,8 @@ class _TextTable:
         try:
             return np.array([self._cell(cell) for _, cell in cells], dtype=np.float64)
         except ValueError:
-            return np.array([self._checked_cell(name, line, cell) for line, cell in cells], dtype=np.float64)
+            width = self.parts[name][0].shape[1] if self.parts[name] else cells[0][1].count(",") + 1
+            return np.array([self._checked_cell(name, line, cell, width) for line, cell in cells], dtype=np.float64)
 
     def _cell(self, cell: str) -> list[float]:
         if cell[:1] in "[(":
@@ -149,16 +150,14 @@ class _TextTable:
     def _number(self, cell: str) -> float:
         return np.nan if cell in self.missing else float(cell)
 
-    def _checked_cell(self, name: str, line: int, cell: str) -> list[float]:
-        """As `_cell`, with the line in the error, and all cells of one length."""
+    def _checked_cell(self, name: str, line: int, cell: str, width: int) -> list[float]:
+        """As `_cell`, with the line in the error, for cells that hold `width` values."""
         try:
             values = self._cell(cell)
         except ValueError as error:
             missing = "list it under `missing` if it stands for no value, or correct the line"
             sentence = f"{self.path}: line {line}, column {name}: {cell[:40]!r} is not a number: {missing}"
             raise InputError(ErrorCode.FILE_CORRUPT, sentence) from error
-        parts = self.parts[name]
-        width = parts[0].shape[1] if parts else len(values)
         if len(values) != width:
             sentence = f"{self.path}: line {line}, column {name} holds {len(values)} values for {width}: correct it"
             raise InputError(ErrorCode.FILE_CORRUPT, sentence)
@@ -170,7 +169,7 @@ class _TextTable:
             if abs(value) < MAX_STAMP:
                 return round(value)
             problem = "is beyond the year 2038: correct time.unit"
-        except (InvalidOperation, ValueError):
+        except (ArithmeticError, ValueError):
             problem = "is not a time: correct the line"
         raise InputError(ErrorCode.FILE_CORRUPT, f"{self.path}: line {line}: {cell[:40]!r} {problem}")
 
@@ -197,8 +196,12 @@ def _read_arrays(path: Path, names: Sequence[str], clock: Clock | None) -> Table
     read = _read_mat if path.suffix.lower() == ".mat" else _read_npz
     try:
         arrays = read(path, wanted)
-    except (zipfile.BadZipFile, zlib.error, ValueError, TypeError, NotImplementedError, EOFError) as error:
-        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is damaged ({error}): copy it again") from error
+    except InputError:
+        raise
+    except Exception as error:  # the libraries raise errors of many kinds for damaged files
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise InputError(ErrorCode.FILE_CORRUPT, f"{path} is damaged ({reason_of(error)}): copy it again") from error
     rows = {name: array.shape[0] for name, array in arrays.items()}
     if len(set(rows.values())) != 1 or not min(rows.values()):
         listed = ", ".join(f"{name} {count}" for name, count in rows.items())

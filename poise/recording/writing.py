@@ -141,7 +141,7 @@ class RecordingWriter:
 
     @contextlib.contextmanager
     def _reported(self) -> Iterator[None]:
-        """Discard the draft when anything fails, and tell a failing file system's error in our terms."""
+        """Discard the draft when anything fails, and turn an error of the file system into an InputError."""
         try:
             yield
         except OSError as error:

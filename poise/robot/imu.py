@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.recording import Recording
-from poise.recording.alignment import interpolate
+from poise.recording import Recording, interpolate
 from poise.robot.differentiation import differentiate
 from poise.robot.frame_tree import FrameTree
 from poise.robot.motion import SensorMotion

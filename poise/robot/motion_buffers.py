@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.recording.alignment import interpolate, interpolate_rotations
+from poise.recording import interpolate, interpolate_rotations
 from poise.robot.differentiation import GAP
 from poise.robot.motion import SensorMotion
 from poise.robot.sources import MotionSource

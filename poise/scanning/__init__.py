@@ -9,8 +9,35 @@
 """
 
 from poise.scanning.camera import Camera
-from poise.scanning.frames import Frame, View
-from poise.scanning.reading import Sweep, SweepOptions, read_sweep
+from poise.scanning.cloud_files import scan_ply
+from poise.scanning.cloud_frames import frame_of_cloud
+from poise.scanning.frames import Frame, View, depth_in_metres
+from poise.scanning.reading import MOST_FRAMES, Sweep, SweepOptions, camera_of, read_sweep, transform_of
 from poise.scanning.scan import Scan, ScanOptions, scan
+from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions, scan_session
+from poise.scanning.sweep import Ring, plan_sweep
 
-__all__ = ["Camera", "Frame", "Scan", "ScanOptions", "Sweep", "SweepOptions", "View", "read_sweep", "scan"]
+__all__ = [
+    "MOST_FRAMES",
+    "STATIONARY_FRAMES",
+    "Camera",
+    "Frame",
+    "Ring",
+    "RobotLog",
+    "Scan",
+    "ScanOptions",
+    "ScanSession",
+    "SessionOptions",
+    "Sweep",
+    "SweepOptions",
+    "View",
+    "camera_of",
+    "depth_in_metres",
+    "frame_of_cloud",
+    "plan_sweep",
+    "read_sweep",
+    "scan",
+    "scan_ply",
+    "scan_session",
+    "transform_of",
+]

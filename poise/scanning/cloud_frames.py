@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.recording.streams import stamp_of
+from poise.recording import stamp_of
 from poise.scanning.camera import Camera
 from poise.scanning.frames import FARTHEST, NEAREST, SANE, Frame
 from poise.types import Array, Mask

@@ -8,9 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import JointStream, Recording
-from poise.recording.images import CLOUD, IMAGE, INFO, Image, image_of, messages_of, stamps_of
-from poise.recording.streams import stamp_of
+from poise.recording import (
+    CLOUD,
+    IMAGE,
+    INFO,
+    Image,
+    JointStream,
+    Recording,
+    image_of,
+    messages_of,
+    stamp_of,
+    stamps_of,
+)
 from poise.robot import Mounting, RobotModel
 from poise.scanning.camera import Camera
 from poise.scanning.cloud_frames import frame_of_cloud

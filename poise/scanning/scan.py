@@ -13,7 +13,7 @@ from poise.scanning.frames import View
 from poise.scanning.fusion import Surface, coarse_points, fuse
 from poise.scanning.registration import MISFIT, refined, table_misfit
 from poise.scanning.support import Footprint, Plane, find_plane, objects_on
-from poise.shape.solid import Solid
+from poise.shape import Solid
 from poise.types import Array, Cancelled, Mask, Progress
 
 LEAST_DEPTH = 0.05

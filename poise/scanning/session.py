@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import JointStream
-from poise.recording.images import Image
+from poise.recording import Image, JointStream
 from poise.robot import Mounting
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame

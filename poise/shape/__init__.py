@@ -1,1 +1,32 @@
-"""Shapes of objects."""
+"""Shapes of objects: from point clouds and meshes to closed solids and their parts.
+
+- `clouds`, `meshes`: files and messages in, checked and repaired within limits.
+- `solid`, `segmentation`: a closed tetrahedral solid of surface points, cut into parts that likely have one density.
+- `independent`: at most four parts whose masses a sensor at rest distinguishes. `part_surfaces`, `surface_files`: out.
+"""
+
+from poise.shape.clouds import Cloud, read_cloud
+from poise.shape.independent import independent_parts
+from poise.shape.meshes import MESH_FORMATS, check_mesh, read_mesh, read_triangles
+from poise.shape.part_surfaces import part_surface
+from poise.shape.segmentation import Segmentation, segment
+from poise.shape.solid import Solid, tetrahedron_moments
+from poise.shape.surface_files import colour_of, labelled_ply, surface_ply
+
+__all__ = [
+    "MESH_FORMATS",
+    "Cloud",
+    "Segmentation",
+    "Solid",
+    "check_mesh",
+    "colour_of",
+    "independent_parts",
+    "labelled_ply",
+    "part_surface",
+    "read_cloud",
+    "read_mesh",
+    "read_triangles",
+    "segment",
+    "surface_ply",
+    "tetrahedron_moments",
+]

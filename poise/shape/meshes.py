@@ -14,7 +14,7 @@ from poise.shape.mesh_worker import MeshWorker
 from poise.types import Array, Indices
 
 MAX_BYTES = 100_000_000
-FORMATS = (".stl", ".obj", ".ply")
+MESH_FORMATS = (".stl", ".obj", ".ply")
 _worker = MeshWorker()
 
 
@@ -71,8 +71,8 @@ def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1
     Raises:
         InputError: UNSUPPORTED for other formats, FILE_CORRUPT, and what `check_mesh` raises.
     """
-    if suffix.lower() not in FORMATS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: expected a mesh in {', '.join(FORMATS)}")
+    if suffix.lower() not in MESH_FORMATS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: expected a mesh in {', '.join(MESH_FORMATS)}")
     if len(content) > MAX_BYTES:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
     return check_mesh(*_worker.parse(content, suffix.lower(), name), scale, name)
@@ -81,11 +81,13 @@ def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1
 def _content(source: str, folder: Path) -> tuple[bytes, str]:
     """What a file holds, and its ending."""
     path = resolve(source, folder)
-    if path.suffix.lower() not in FORMATS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{source}: expected a mesh in {', '.join(FORMATS)}")
+    if path.suffix.lower() not in MESH_FORMATS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{source}: expected a mesh in {', '.join(MESH_FORMATS)}")
     try:
         if not path.is_file():
-            raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a mesh in {', '.join(FORMATS)}")
+            raise InputError(
+                ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a mesh in {', '.join(MESH_FORMATS)}"
+            )
         size = path.stat().st_size
         if size > MAX_BYTES:
             raise InputError(ErrorCode.MESH_INVALID, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")

@@ -1,6 +1,6 @@
-"""The nominal world that recordings are compared with, and that fake robots live in.
+"""Ideal robots and their sensors: the reference for recordings, and the plant of fake robots.
 
-- `trajectories`: how joints are told to move.
+- `trajectories`: commanded motions of joints.
 - `world`: robot, payload and gravity -> joint efforts and the wrench on the sensor.
 - `noise`: what sensors add, as published.
 - `recorded`: all of it, as a bag would hold it.

@@ -1,4 +1,4 @@
-"""The nominal world: a rigid robot with a rigid load in a uniform gravity, and what its joints and sensor feel."""
+"""An ideal robot: rigid, with a rigid load in uniform gravity; its joint efforts and the wrench on its sensor."""
 
 from dataclasses import dataclass
 
@@ -39,9 +39,9 @@ class IdealRobot:
         model: the robot.
         payload: (10,) phi = (m, m c, I) about the sensor's origin, in sensor axes.
         gravity: (3,) m/s2 in the world.
-        tool_in_wrench: whether the sensor feels what the URDF fixes beyond it (the gripper, `model.load_in_sensor`)
-            besides the payload. False stands for the usual case that the driver takes the weighed, empty gripper off
-            in every attitude and motion. Zeroing a sensor takes it off in one attitude only: then this is True.
+        tool_in_wrench: whether the sensor carries the links that the URDF fixes beyond it (`model.load_in_sensor`)
+            in addition to the payload. False: the driver subtracts the identified empty gripper in every attitude and
+            motion, the usual case. Zeroing a sensor subtracts it in one attitude only: then this is True.
             Joint efforts always carry the gripper.
     """
 

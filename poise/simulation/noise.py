@@ -1,4 +1,4 @@
-"""What sensors add to the truth, as published: white noise, bias, drift, resolution, clocks."""
+"""Published errors of sensors: white noise, bias, drift, resolution, clocks."""
 
 from dataclasses import dataclass, replace
 
@@ -11,10 +11,10 @@ from poise.types import Array
 
 @dataclass(frozen=True)
 class WrenchNoise:
-    """How a force-torque sensor's report differs from the wrench on it.
+    """Errors of a force-torque sensor.
 
     Args:
-        source: where the numbers are from.
+        source: of the numbers.
         rate: Hz of its samples.
         force, torque: one-sigma white noise of a sample, N and N m.
         bias: constant offset, six numbers, N and N m.
@@ -39,7 +39,7 @@ class WrenchNoise:
 
 @dataclass(frozen=True)
 class JointNoise:
-    """How joint states differ from the joints.
+    """Errors of joint states.
 
     Args:
         rate: Hz.
@@ -91,7 +91,7 @@ WRENCH_NOISE = {
         torque=0.0011,
     ),
 }
-"""Named sensors. Biases are left at zero: they are what the last zeroing left; drifts are not published."""
+"""Named sensors. Biases are zero, as they depend on the last zeroing; drifts are not published."""
 
 
 def wrench_noise(name: str, **changes: object) -> WrenchNoise:
@@ -113,11 +113,11 @@ def wrench_noise(name: str, **changes: object) -> WrenchNoise:
 
 
 class NoisyWrench:
-    """A sensor that is asked block by block; the answers do not depend on how the samples are cut into blocks.
+    """A sensor that is read block by block; its readings do not depend on the size of the blocks.
 
     Args:
-        noise: what it adds.
-        rng: where chance comes from.
+        noise: its errors.
+        rng: source of randomness.
     """
 
     def __init__(self, noise: WrenchNoise, rng: np.random.Generator) -> None:
@@ -126,7 +126,7 @@ class NoisyWrench:
         self._drift = np.zeros(6)
 
     def report(self, wrench_in_sensor: Array) -> Array:
-        """What the sensor says of the next (N, 6) wrenches on it, taken at its rate."""
+        """Readings of the next (N, 6) wrenches, sampled at its rate."""
         noise, shape = self.noise, wrench_in_sensor.shape
         sigma = np.repeat([noise.force, noise.torque], 3)
         step = np.repeat([noise.drift_force, noise.drift_torque], 3) / np.sqrt(noise.rate)
@@ -138,26 +138,26 @@ class NoisyWrench:
         return said
 
     def stamps(self, taken: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(N,) ns: the stamps of samples that were taken at these times."""
+        """(N,) ns: the stamps of samples at these times."""
         late = np.int64(round(self.noise.latency * 1e9))
         return taken + late + jitter(len(taken), self.noise.stamp_jitter, self.noise.rate, self._clock)
 
 
 class NoisyJoints:
-    """Encoders and motor currents, asked block by block like `NoisyWrench`."""
+    """Encoders and motor currents, read block by block like `NoisyWrench`."""
 
     def __init__(self, noise: JointNoise, rng: np.random.Generator) -> None:
         self.noise = noise
         self._white, self._clock = rng.spawn(2)
 
     def report(self, position: Array, velocity: Array, effort: Array) -> tuple[Array, Array, Array]:
-        """What joint states say of the next (N, J) samples."""
+        """Joint states of the next (N, J) samples."""
         noise, white = self.noise, self._white.normal(size=(len(position), 3, position.shape[1]))
         said = rounded(position + white[:, 0] * noise.position, noise.resolution)
         return said, velocity + white[:, 1] * noise.velocity, effort + white[:, 2] * noise.effort
 
     def stamps(self, taken: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(N,) ns: the stamps of samples that were taken at these times."""
+        """(N,) ns: the stamps of samples at these times."""
         return taken + jitter(len(taken), self.noise.stamp_jitter, self.noise.rate, self._clock)
 
 

@@ -1,10 +1,10 @@
-"""A simulated recording: what a bag would hold of a motion, with the sensors' noise."""
+"""A simulated recording: the streams of a motion, with the sensors' noise."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from poise.recording.streams import JointStream, WrenchStream
+from poise.recording import JointStream, WrenchStream
 from poise.simulation.ideal_robot import IdealRobot
 from poise.simulation.noise import JointNoise, NoisyJoints, NoisyWrench, WrenchNoise
 from poise.simulation.trajectories import Trajectory
@@ -29,9 +29,9 @@ def record(
     """Let the robot move along a trajectory and record it.
 
     Args:
-        world: robot, payload, gravity.
+        ideal: robot, payload, gravity.
         trajectory: of the model's joints.
-        rng: where chance comes from; the same one gives the same recording.
+        rng: source of randomness; equal seeds give equal recordings.
         wrench_noise, joint_noise: of the sensors; None: none.
         start: stamp of the first sample, ns.
 

@@ -1,4 +1,4 @@
-"""How joints are told to move: Fourier series, quintic segments between waypoints, splines through samples."""
+"""Commanded motions of joints: Fourier series, quintic segments between waypoints, splines through samples."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -70,7 +70,7 @@ class FourierTrajectory:
 
         Args:
             model: the robot.
-            rng: where chance comes from.
+            rng: source of randomness.
             duration: s.
             speed: largest share of a joint's velocity limit.
             amplitude: largest distance from the centre, rad or m.
@@ -227,13 +227,13 @@ class SplineTrajectory:
 
 
 def home(model: RobotModel) -> Array:
-    """(J,) where a robot rests: the middle of the range of joints that turn less than a full turn, zero for others."""
+    """(J,) the home position: the middle of the range of joints that turn less than a full turn, zero for others."""
     narrow = model.upper - model.lower < 2 * np.pi
     return np.where(narrow, (np.where(narrow, model.upper, 0.0) + np.where(narrow, model.lower, 0.0)) / 2, 0.0)
 
 
 def check_limits(model: RobotModel, trajectory: Trajectory, names: Sequence[str] | None = None) -> None:
-    """Refuse a motion that the robot could not make.
+    """Refuse a motion outside the robot's limits.
 
     Raises:
         InputError: JOINT_LIMIT, naming a joint that leaves its range or exceeds its speed, when and by how much.

@@ -3,8 +3,7 @@
 import numpy as np
 from matplotlib.figure import FigureBase
 
-from poise.excitation import ExcitationPlan, Guard
-from poise.excitation.hand import HandMotion, hand_motion
+from poise.excitation import ExcitationPlan, Guard, HandMotion, hand_motion
 from poise.inertia.model import PARAMETER_NAMES
 from poise.robot import RobotModel
 from poise.types import Array

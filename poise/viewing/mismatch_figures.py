@@ -1,4 +1,4 @@
-"""The figures of a diagnosis: when, by how much, what was weighed against what, and what remains."""
+"""The figures of a diagnosis: residuals over time, evidence of the hypotheses, autocorrelations."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,17 +13,17 @@ from poise.viewing.mismatch_summary import ScaledResiduals, correlations, ladder
 _WIDE = 1110
 """Points: the width of a page."""
 _WHOLE = 0.9
-"""Share of a recording from which a window is not shaded: it is all."""
+"""Share of a recording from which a window is not shaded, as it covers nearly all."""
 _TITLES = {"fx": "Force x", "fy": "Force y", "fz": "Force z", "tx": "Torque x", "ty": "Torque y", "tz": "Torque z"}
 
 
 def marked(examination: SignalDiagnosis) -> tuple[ResidualWindow, ...]:
-    """The windows worth a mark: none where nothing was found."""
+    """The windows to mark: none when nothing was found."""
     return examination.windows if examination.findings or examination.unknown else ()
 
 
 def _shaded(examination: SignalDiagnosis, left: ScaledResiduals) -> Array:
-    """(K, 2) s: windows, but for those that are nearly all of the recording."""
+    """(K, 2) s: windows, except those that cover nearly all of the recording."""
     whole = _WHOLE * float(left.seconds[-1] - left.seconds[0])
     spans = [(window.start, window.end) for window in marked(examination) if window.end - window.start < whole]
     return np.array(spans).reshape(-1, 2)
@@ -61,7 +61,7 @@ def timeline_panel(examination: SignalDiagnosis, key: str) -> Panel:
 
 
 def _mark_held(axes: Axes, left: ScaledResiduals) -> None:
-    """A line under what was held out from the fits of the proof."""
+    """A line under the samples that were held out from the fits of the proof."""
     if not left.held.any():
         return
     begin, end = left.seconds[left.held][[0, -1]]
@@ -155,7 +155,7 @@ def ladder_panel(examination: SignalDiagnosis, key: str) -> Panel:
 
 
 def correlation_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
-    """Autocorrelations of what remains, whitened, at one to twenty samples, with the bound that noise keeps to."""
+    """Autocorrelations of the whitened residual at one to twenty samples, with the bound of white noise."""
     white, verdicts = remaining(examination)
     values = correlations(white)
     bound = max(0.1, 3.5 / float(np.sqrt(len(white))))
@@ -181,9 +181,7 @@ def correlation_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
 def shape_panel(shape: DependenceCurve, key: str) -> Panel:
     """The curve of an unknown dependence."""
     what = state_description(shape.state)
-    alt = (
-        f"What was found of the unknown: {shape.channel} over {what}, {np.ptp(shape.response):.3g} {shape.unit} in all."
-    )
+    alt = f"The unknown dependence: {shape.channel} over {what}, {np.ptp(shape.response):.3g} {shape.unit} in all."
 
     def draw(figure: FigureBase) -> None:
         title = f"{_TITLES.get(shape.channel, shape.channel)}, {shape.unit}, over {what}"

@@ -31,24 +31,24 @@ def write_mismatch_report(
     command: str | None = None,
     now: datetime | None = None,
 ) -> Path:
-    """Write `mismatch.html`: the verdict, when and by how much, the evidence, the held-out proof, what remains.
+    """Write `mismatch.html`: the verdict, residuals over time, the evidence, the held-out proof, the remainder.
 
-    The file is self-contained and forbids itself the network; the same arguments give the same bytes.
+    The file is self-contained and loads nothing from the network; equal arguments give equal bytes.
 
     Args:
         directory: made when missing.
-        found: what `diagnose` says.
+        found: the result of `diagnose`.
         title: heading, any text.
         sources: paths or names of the recordings; of files, the SHA-256 is shown.
-        notes: what was said when they were read.
-        command: how it was made; default: this process's command line.
+        notes: sentences of the reading.
+        command: that made it; default: this process's command line.
         now: date shown; default: the current time.
 
     Returns:
         The file's path.
 
     Raises:
-        InputError: FILE_UNWRITABLE; an earlier report is then as it was.
+        InputError: FILE_UNWRITABLE; an earlier report is then unchanged.
     """
     command = shlex.join(sys.argv) if command is None else command
     now = datetime.now(UTC) if now is None else now
@@ -135,7 +135,7 @@ def _unknown(found: Diagnosis) -> dict[str, Any] | None:
 
 
 def _model_lines(found: Diagnosis) -> list[tuple[str, str]]:
-    """What the recording was held against."""
+    """The nominal model of the comparison."""
     problem = found.main.problem
     recorded, model = problem.recorded, problem.model
     held = ", ".join(component.name for component in model.effects) or "none"

@@ -13,13 +13,13 @@ from poise.viewing.page import Finding
 from poise.viewing.summary import WHITENESS_LAGS, Whiteness, whiteness
 
 _STRETCH = 0.25
-"""s over which a residual's size is averaged for the eye."""
+"""s over which a residual's size is averaged for display."""
 _ALONE, _BESIDE = 8, 3
-"""Hypotheses that are drawn: of single effects, and of as many effects as the answer has or one more."""
+"""Hypotheses that are drawn: single effects, and those with as many effects as the answer or one more."""
 _SURE = 0.9
-"""Probability below which a name is said with a warning."""
+"""Probability below which a name is reported with a warning."""
 _MUCH = 1.25
-"""Held-out error, in units of the noise, from which a model is said to miss something."""
+"""Held-out error, in units of the noise, from which a model is reported as incomplete."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,10 @@ class ScaledResiduals:
         seconds: (N,).
         names: (C) of the channels.
         units: (C).
-        before, after: (N, C) measured minus predicted by the nominal and by the best model. Calibration errors, as the
-            best model shows them, are taken out of both: fitted without what was found they would be bent by it.
+        before, after: (N, C) measured minus predicted by the nominal and by the best model. The calibration
+            errors of the best model are removed from both: a fit without the findings would bias them.
         noise: (N, C) one sigma.
-        held: (N,) what no fit of the proof saw.
+        held: (N,) samples that no fit of the proof used.
     """
 
     seconds: Array
@@ -54,7 +54,7 @@ class ScaledResiduals:
 
 
 def residuals(examination: SignalDiagnosis) -> ScaledResiduals:
-    """What the models leave of a signal."""
+    """The residuals of a signal under both models."""
     problem = examination.problem
     effort = problem.recorded.effort if problem.signal == "effort" else None
     channels = WRENCH_CHANNELS if effort is None else effort.names
@@ -97,7 +97,7 @@ def ladder(examination: SignalDiagnosis) -> list[Rung]:
 
 
 def labelled(parts: tuple[str, ...]) -> str:
-    """The names of a hypothesis' effects as people read them."""
+    """The names of a hypothesis' effects for display."""
     return " + ".join(_label(part) for part in parts) or "nothing: the nominal model"
 
 

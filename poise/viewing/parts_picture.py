@@ -9,8 +9,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.segmentation import Segmentation
-from poise.shape.surface_files import colour_of
+from poise.shape import Segmentation, colour_of
 from poise.types import Array
 
 _FORMATS = {".png": "png", ".svg": "svg", ".pdf": "pdf"}

@@ -8,7 +8,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
-from poise.excitation.session import IdentificationTask, Session, SessionPhase, TimedMotion
+from poise.excitation.execution import IdentificationTask, Session, SessionPhase, TimedMotion
 from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
 from poise.inertia.model.problem import NoiseLevels
 from poise.inertia.pipeline.live import LiveEstimator, LiveOptions
@@ -27,7 +27,7 @@ TYPES = {
 }
 
 
-class LiveScale:
+class LivePayloadEstimator:
     """As in the node."""
 
     def __init__(self, live: LiveEstimator) -> None:
@@ -95,7 +95,7 @@ class Rehearsal:
             IdealRobot(self.model, self.payload), find_urdf(self.robot).read_text(), self.moving, options
         )
         self.live = LiveEstimator(LiveOptions(method="poise", noise=self.noise))
-        self.scale = LiveScale(self.live) if self.weighs else DeafScale()
+        self.scale = LivePayloadEstimator(self.live) if self.weighs else DeafScale()
         self.commands: list[TimedMotion] = []
         self.phases: list[tuple[float, SessionPhase]] = []
         self.stamps: list[int] = []
@@ -182,5 +182,5 @@ class Rehearsal:
 
 
 def ready(plan: ExcitationPlan):
-    """A planner that has its answer already, whatever the start."""
+    """A planner that has its answer already, for any start."""
     return lambda start: lambda progress, cancelled: plan

@@ -18,9 +18,8 @@ from poise.excitation import (
     plan_stop_and_go,
     tool_centre,
 )
-from poise.excitation import brake as brake_module
-from poise.excitation.brake import ReadyStops, brake
-from poise.excitation.session import SessionPhase
+from poise.excitation.execution import ReadyStops, SessionPhase, brake
+from poise.excitation.execution import stops as brake_module
 from poise.inertia import InertialParameters
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, home

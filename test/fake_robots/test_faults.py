@@ -1,4 +1,4 @@
-"""Faults do what they say to the messages they are told to, the same for the same seed, and nothing to the others."""
+"""Faults do what they say to the messages they name, the same for the same seed, and nothing to the others."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The player keeps the schedule, pauses without losing anything, and ends when told."""
+"""The player keeps the schedule, pauses without losing anything, and ends when stopped."""
 
 import threading
 import time

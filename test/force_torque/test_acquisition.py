@@ -230,7 +230,7 @@ def test_a_device_that_does_not_zero_itself_is_found_out(sensor: FakeRdtSensor) 
         bias = session.acquisition.zero(50, timeout=20.0, hardware=True)
         assert bias.count == 50
         report = session.acquisition.report()
-        assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream began anew
+        assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream restarted
         sensor._source = WrenchSource(WRENCH)
         received = session.acquisition.report().received
         session.witness.wait_for(lambda: session.acquisition.report().received > received + 200)
@@ -337,7 +337,7 @@ def test_the_worst_condition_is_named_and_passing_ones_are_held() -> None:
 def test_silence_is_judged_by_reads_and_not_by_the_clock() -> None:
     health = Health(silence=1.0, now=0.0)
     health.take(samples(), 0.0)
-    assert health.condition(10.0, "").kind == "streaming"  # nobody has looked since
+    assert health.condition(10.0, "").kind == "streaming"  # not checked since
     health.check(10.0)
     assert health.condition(10.0, "").kind == "silent"
 

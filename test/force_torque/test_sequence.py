@@ -1,4 +1,4 @@
-"""Every number of a wrapping sequence is accounted for, whatever the network does to it."""
+"""Every number of a wrapping sequence is accounted for, with losses, copies and reordering."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""What the diagnosis stands on: stamps with much jitter, the level of noise beside knocks and steps, how sure it is."""
+"""Inputs of the diagnosis: stamps with large jitter, the noise level beside knocks and steps, and its confidence."""
 
 from dataclasses import replace
 

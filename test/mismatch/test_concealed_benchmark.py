@@ -294,7 +294,7 @@ def answer(verdict: str, *names: str, probability: float = 0.9, **more: object) 
         (label("twin", "low_pass", accept=["low_pass", "clock_offset"]), answer("named", "clock_offset"), True, False),
     ],
 )
-def test_right_and_wrong_answers_are_told_apart(truth: dict, said: dict | None, right: bool, extra: bool) -> None:
+def test_right_and_wrong_answers_are_distinguished(truth: dict, said: dict | None, right: bool, extra: bool) -> None:
     verdict = judge("case", truth, said)
     assert (verdict.right, verdict.extra) == (right, extra)
 

@@ -1,5 +1,6 @@
 """The diagnosis on recordings with a known effect in them, beside what every honest robot has."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -50,6 +51,13 @@ def test_the_augmented_model_removes_most_of_the_held_out_excess(name: str) -> N
     before, after = proof.nominal**2 - 1.0, max(proof.augmented**2 - 1.0, 0.0)
     # An event that is over before the held-out samples leaves nothing there to remove.
     assert after < 0.15 if before < 0.3 else after < 0.2 * before
+
+
+def test_a_named_effect_is_not_listed_as_untestable() -> None:
+    found = examined("sensor_bias")[2]
+    search = replace(found.main.search, untestable={"sensor_bias": "too weak alone", "cable": "too weak"})
+    doubtful = replace(found, examinations=(replace(found.main, search=search),))
+    assert set(doubtful.untestable) == {"cable"}
 
 
 def test_a_contact_is_found_in_time() -> None:

@@ -27,8 +27,8 @@ def asked(folder: Path, model: dict[str, object], *more: str) -> dict[str, list[
     known.write_text(yaml.safe_dump(model))
     ways = folder / "ways.json"
     ways.write_text("[[1, 0, 0], [-1, 0, 0]]")
-    told = ["--directions", str(ways), "--load", "cube", "--model", str(known), "--json", str(answer), *more]
-    assert run(["msa", str(scene), *told]) == 0
+    options = ["--directions", str(ways), "--load", "cube", "--model", str(known), "--json", str(answer), *more]
+    assert run(["msa", str(scene), *options]) == 0
     content: dict[str, list[float]] = json.loads(answer.read_text())
     return content
 

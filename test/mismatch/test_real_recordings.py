@@ -55,7 +55,7 @@ def test_the_bias_is_that_of_the_static_poses(run: str, request: pytest.FixtureR
     bias = identify(open_recording(BAGS / "kuka_static_poses.mcap")).estimate.bias
     parameters = found(request.getfixturevalue(run), "sensor_bias").parameters
     force = np.array([parameters[f"force_{axis}"].value for axis in "xyz"])
-    # The sensor was warm and zeroed anew between the two: its bias is the same to 5 %.
+    # The sensor was warm and zeroed again between the two recordings: the biases agree to 5 %.
     assert np.linalg.norm(force - bias[:3]) < 0.05 * np.linalg.norm(bias[:3])
 
 

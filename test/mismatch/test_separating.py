@@ -1,4 +1,4 @@
-"""The designed excitation: a motion along which the recording tells what the first one could not."""
+"""The designed excitation: a motion whose recording resolves what the first one left ambiguous."""
 
 import json
 from dataclasses import replace

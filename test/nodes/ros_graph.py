@@ -50,7 +50,7 @@ class NodeProcess:
         return self._log.read_text(errors="replace")
 
     def send(self, number: signal.Signals) -> None:
-        """Send a signal to the node (and whatever it has started)."""
+        """Send a signal to the node (and the processes it has started)."""
         os.killpg(self.process.pid, number)
 
     def wait(self, timeout: float = TIMEOUT) -> int:

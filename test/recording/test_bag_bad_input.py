@@ -1,4 +1,4 @@
-"""What is wrong with a bag is said in one sentence: what, where, how to mend it."""
+"""What is wrong with a bag is said in one sentence: what, where, how to fix it."""
 
 import os
 import tracemalloc
@@ -54,7 +54,7 @@ def test_no_permission_is_said(bag, tmp_path, what):
     target.chmod(0)
     try:
         if user == 0:
-            os.seteuid(65534)  # root may read everything: be nobody for a moment
+            os.seteuid(65534)  # root may read everything: drop its rights for a moment
         error = refused(lambda: open_recording(path), ErrorCode.FILE_UNREADABLE, path, "Permission denied")
     finally:
         os.seteuid(user)

@@ -1,4 +1,4 @@
-"""Damaged bags: every intact message is given, every damage is told, nothing hangs."""
+"""Damaged bags: every intact message is given, every damage is reported, nothing hangs."""
 
 import re
 from collections import Counter
@@ -46,7 +46,7 @@ def test_a_truncated_bag_gives_every_intact_message(sample):
         path.write_bytes(content[:cut])
         found, losses = read(path)
         assert Counter((message.log_time, message.data) for message in found.elements()) == expected, f"cut at {cut}"
-        assert losses, f"cut at {cut}: the loss is not told"
+        assert losses, f"cut at {cut}: the loss is not reported"
 
 
 def test_a_truncated_bag_says_what_was_lost(sample):

@@ -1,4 +1,4 @@
-"""Decoding CDR as columns gives what rosbags decodes one by one, whatever the layouts."""
+"""Decoding CDR as columns gives what rosbags decodes one by one, for all layouts."""
 
 import numpy as np
 import pytest

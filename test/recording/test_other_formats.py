@@ -301,6 +301,12 @@ def test_a_cut_compressed_file_gives_what_is_before_the_cut(long_bag, tmp_path):
     assert 500 < len(recording.joint_states()) < 3000
 
 
+def test_a_compressed_file_that_is_cut_at_once_is_refused(long_bag, tmp_path):
+    path = tmp_path / "run.db3.zstd"
+    path.write_bytes(zstandard.ZstdCompressor().compress(long_bag.read_bytes())[:20])
+    refused(lambda: open_recording(path), ErrorCode.FILE_CORRUPT, path, "first zstd block")
+
+
 def test_a_damaged_compressed_file_is_refused(long_bag, tmp_path):
     file = tmp_path / "long.mcap.zstd"
     content = bytearray(zstandard.ZstdCompressor(write_checksum=True).compress(long_bag.read_bytes()))

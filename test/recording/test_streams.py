@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import WrenchStream
+from poise.recording import JointStream, WrenchStream, open_recording, write_recording
 from poise.recording.timeline import MAX_LATENESS, in_time_order
 
 MS = 1_000_000
@@ -78,3 +78,11 @@ def test_a_message_later_than_any_network_delays_is_refused():
     with pytest.raises(InputError) as caught:
         in_time_order(stamps, "wrench")
     assert caught.value.data["index"] == 500
+
+
+def test_arrays_that_are_stored_column_by_column_are_written_and_read(tmp_path):
+    values = np.asfortranarray(np.random.default_rng(1).normal(size=(10, 3)))
+    stream = JointStream(np.arange(10) * MS, ("a", "b", "c"), values, values, values)
+    write_recording(tmp_path / "joints.mcap", {"joint_states": stream})
+    read = open_recording(tmp_path / "joints.mcap").joint_states()
+    np.testing.assert_array_equal(read.effort, values)

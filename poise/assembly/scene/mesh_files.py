@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from poise.assembly.scene.shapes import Mesh
-from poise.shape.meshes import read_mesh
+from poise.shape import read_mesh
 
 
 def load_mesh(source: str, folder: Path = Path(), scale: float = 1.0) -> Mesh:

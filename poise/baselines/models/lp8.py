@@ -3,7 +3,7 @@
 from functools import partial
 
 from poise.assembly.robustness import RobustnessModel
-from poise.baselines.robustness.linear import linear_model
+from poise.baselines.robustness import linear_model
 
 # Friction circles as inscribed octagons: limit loads are underestimated by up to 8 %.
 entry = RobustnessModel(

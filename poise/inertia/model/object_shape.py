@@ -14,11 +14,16 @@ from scipy.spatial.transform import Rotation
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model.parts import Parts, cells_of, likeness_of_colours, surface_moments
 from poise.inertia.model.spread_points import spread
-from poise.shape.clouds import read_cloud
-from poise.shape.independent import independent_parts
-from poise.shape.meshes import FORMATS, read_triangles
-from poise.shape.segmentation import Segmentation, segment
-from poise.shape.solid import Solid, tetrahedron_moments
+from poise.shape import (
+    MESH_FORMATS,
+    Segmentation,
+    Solid,
+    independent_parts,
+    read_cloud,
+    read_triangles,
+    segment,
+    tetrahedron_moments,
+)
 from poise.types import Array
 
 SAMPLED = 6000
@@ -80,7 +85,7 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
         InputError: what `read_triangles` and `read_cloud` raise, FILE_CORRUPT for a mesh without triangles,
             OBJECT_INVALID (flat, or not of the size of something held); naming the file and the mend.
     """
-    mesh = _read_mesh(path, scale) if path.suffix.lower() in FORMATS else None
+    mesh = _read_mesh(path, scale) if path.suffix.lower() in MESH_FORMATS else None
     try:
         if mesh is None:
             cloud = read_cloud(path, scale)

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model.parameters import frame_change, phi_of_pseudo_inertia, pseudo_inertia
-from poise.shape.solid import tetrahedron_moments
+from poise.shape import tetrahedron_moments
 from poise.types import Array
 
 # Cells that a shape is cut into before each is given to a part.

@@ -5,7 +5,7 @@ import numpy as np
 from poise.inertia.bayes.delay import Delay
 from poise.inertia.model import N_SIGNALS, NoiseLevels, motion_signals, normal_equations, residual_moments
 from poise.inertia.pipeline.samples import RecordedSamples
-from poise.recording.alignment import interpolate
+from poise.recording import interpolate
 from poise.types import Array, Stamps
 
 LONGEST, STEP = 0.06, 0.002

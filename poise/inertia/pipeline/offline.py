@@ -13,7 +13,7 @@ from poise.inertia.model import EstimateFinding, IdentificationProblem, Inertial
 from poise.inertia.pipeline.clock_offset import clock_offset
 from poise.inertia.pipeline.estimate import Identification, InertialEstimate
 from poise.inertia.pipeline.samples import LEAST_NOISE, RecordedSamples
-from poise.recording.alignment import interpolate, interpolate_rotations
+from poise.recording import interpolate, interpolate_rotations
 from poise.robot import USED, SensorMotion
 from poise.types import Array
 

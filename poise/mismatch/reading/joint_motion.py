@@ -86,17 +86,13 @@ def recorded_from_streams(
         notes.append(f"{int((~known).sum())} wrench samples have no joint motion around them and were left out")
     if moved.jitter > 0:
         notes.append(f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used")
-    return recorded_from_motion(
-        robot,
-        seconds[known],
-        _where(moved, known),
-        phi + np.asarray(tool),
-        wrench.wrench_in_sensor[known],
-        base=_base_where(base, known),
-        gravity=gravity,
-        start=start,
-        effort=_efforts(robot, samples, phi, gravity),
-    ), notes
+    effort, carried = _efforts(robot, samples, phi, gravity), phi + np.asarray(tool)
+    measured, moving = wrench.wrench_in_sensor[known], _base_where(base, known)
+    motion = _where(moved, known)
+    recorded = recorded_from_motion(
+        robot, seconds[known], motion, carried, measured, base=moving, gravity=gravity, start=start, effort=effort
+    )
+    return recorded, notes
 
 
 def _efforts(robot: RobotModel, samples: _JointSamples, phi: Array, gravity: float) -> EffortTrack | None:

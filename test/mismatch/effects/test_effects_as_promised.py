@@ -70,7 +70,7 @@ def test_without_strength_there_is_no_effect(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_response_follows_each_parameter_smoothly(name):
-    """Or says that it does not: else a search by derivatives would go astray."""
+    """Or declares that it does not: a search by derivatives would fail."""
     knocks = name in KNOCKING  # sharper than a sample: only small steps are smooth
     effect, at, values = typical(name, MOTION.get(name, "fourier"))
     for p in effect.parameters(at):

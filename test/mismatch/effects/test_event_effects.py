@@ -91,9 +91,9 @@ def test_a_base_that_shakes_is_a_base_that_shakes():
     np.testing.assert_allclose((still.prediction + found)[inside], true.prediction[inside], atol=1e-8)
     assert not found[(SECONDS < 3.9) | (SECONDS > 10.1)].any()
     effect = effect_named("external_vibration")
-    told = effect.derived(still, filled(effect, still, {"sine_x": 0.4, "cosine_x": 0.2}))
-    assert told["amplitude"][0] == pytest.approx(np.hypot(0.4, 0.2))
-    assert abs(told["direction_x"][0]) == pytest.approx(1.0)
+    derived = effect.derived(still, filled(effect, still, {"sine_x": 0.4, "cosine_x": 0.2}))
+    assert derived["amplitude"][0] == pytest.approx(np.hypot(0.4, 0.2))
+    assert abs(derived["direction_x"][0]) == pytest.approx(1.0)
 
 
 def test_a_contact_is_a_force_at_a_point_that_comes_and_goes():

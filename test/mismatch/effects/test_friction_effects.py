@@ -96,9 +96,9 @@ def test_a_ripple_stands_in_the_joints_position():
     effect = effect_named("gear_ripple")
     values = {"joint": 2.0, "order": 24.0, "sine": 1.2, "cosine": -1.6}
     found = effect.simulate(at, values)
-    told = effect.derived(at, values)
-    assert told["amplitude"][0] == pytest.approx(2.0)
-    phase = told["phase"][0]
+    derived = effect.derived(at, values)
+    assert derived["amplitude"][0] == pytest.approx(2.0)
+    phase = derived["phase"][0]
     np.testing.assert_allclose(found[:, 1], 2.0 * np.sin(24.0 * at.effort.position[:, 1] + phase), atol=1e-12)
 
 

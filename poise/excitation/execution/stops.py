@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, PoiseError
-from poise.excitation.certificate import certify
-from poise.excitation.limits import Guard, MotionLimits
+from poise.excitation import Guard, MotionLimits, certify
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array

@@ -60,14 +60,16 @@ class JointWatch:
             if self.foreign:
                 return SensorError(
                     ErrorCode.JOINT_MISSING,
-                    f"joint_states are of another robot: they have {self._foreign_names}; the robot description has"
+                    f"joint_states belong to another robot: they have {self._foreign_names}; the robot description has"
                     f" {', '.join(self._model.joint_names)}",
                 )
-            return SensorError(ErrorCode.TOPIC_MISSING, "no joint_states have come: start the robot's state publisher")
+            return SensorError(
+                ErrorCode.TOPIC_MISSING, "no joint_states have arrived: start the robot's state publisher"
+            )
         if self.age(now) > _OLD:
             return SensorError(
                 ErrorCode.SENSOR_STALE,
-                f"the last joint state came {self.age(now):.2f} s ago: the robot's driver has stopped",
+                f"the last joint state arrived {self.age(now):.2f} s ago: the robot's driver has stopped",
             )
         return None
 
@@ -86,9 +88,9 @@ class JointWatch:
         return self._recent[-1][2]
 
     def clock(self, now: float) -> int:
-        """ns: what the clock of the stamps says now, as far as the messages' delay allows to tell.
+        """ns: the present time on the clock of the stamps, up to the least delay of the messages.
 
-        The message that came with the least delay tells best.
+        The message with the least delay gives it.
         """
         if not self._recent:
             return 0

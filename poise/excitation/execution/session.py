@@ -1,12 +1,12 @@
-"""An identification from goal to answer: plans, moves, watches, weighs; stops the arm whenever something is wrong.
+"""An identification from goal to answer: plan, move, watch, estimate; any problem stops the arm.
 
-Knows nothing of ROS: joint states and the time go in, commands for the arm come out. Nothing in it waits: every phase
-has a deadline, and `tick` returns at once.
+There is no ROS in it: joint states and the time go in, commands for the arm come out. It never blocks: every phase has
+a deadline, and `tick` returns at once.
 """
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple, Protocol
 
@@ -14,35 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
-from poise.excitation.brake import ReadyStops
-from poise.excitation.joint_watch import JointWatch
-from poise.excitation.limits import Guard, MotionLimits
-from poise.excitation.plan import ExcitationPlan
+from poise.excitation import ExcitationPlan, Guard, MotionLimits
+from poise.excitation.execution.joint_watch import JointWatch
+from poise.excitation.execution.options import ExecutionOptions
+from poise.excitation.execution.stops import ReadyStops
 from poise.inertia import InertialEstimate
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Cancelled, Progress
-
-PATIENCE = 2.0
-"""s that joint states, wrenches, and an arm that stands still are waited for."""
-STALE = 0.5
-"""s without joint states or wrenches after which the arm is stopped."""
-HELD_UP = 0.1
-"""s between two ticks from which the process was held up, and messages wait that would prove the streams alive."""
-PLANNING = 40.0
-"""s that planning may take; the search has its own, shorter limit."""
-LEAD = 0.15
-"""s between sending a motion and its begin: it must have arrived by then."""
-STOP_LEAD = 0.06
-"""s, the same for a stop, which is urgent."""
-_SETTLE = 0.15
-"""s of rest after the motion that still belong to it."""
-MOVED = 0.01
-"""rad or m: an arm that is farther from where its motion was planned from has been moved by somebody else."""
-OFF_PATH, LAG = 0.03, 0.15
-"""rad or m, and s of the joint's speed, that an arm may be off its path."""
-_STOPPING = 3.0
-"""s that an arm may take to come to rest."""
 
 Plan = Callable[[Progress, Cancelled], ExcitationPlan]
 
@@ -59,28 +38,28 @@ class SessionPhase(Enum):
     DONE = "done"
 
 
-class Scale(Protocol):
-    """What weighs: an estimator with a window of samples."""
+class PayloadEstimatorPort(Protocol):
+    """An estimator with a window of samples."""
 
     def begin(self) -> None:
-        """From here on."""
+        """Open the window: samples count from here on."""
 
     def estimate(self) -> InertialEstimate:
-        """Of the samples since.
+        """The payload by the samples in the window.
 
         Raises:
             NoAnswerError: TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
         """
 
     def settled(self, stamp: int) -> bool:
-        """All samples up to a stamp (ns) are in."""
+        """Whether all samples up to a stamp (ns) are in the window."""
 
     def heard(self) -> float | None:
-        """When the last wrench came, s of the clock of `now`; None: never."""
+        """When the last wrench arrived, s of the clock of `now`; None: never."""
 
 
 class TimedMotion(NamedTuple):
-    """A motion for the arm, to begin at `stamp` ns of the joint states' clock."""
+    """A motion for the arm that begins at `stamp` ns of the joint states' clock."""
 
     motion: WaypointTrajectory
     stamp: int
@@ -88,18 +67,20 @@ class TimedMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class IdentificationTask:
-    """What is to be done.
+    """What an identification has to do.
 
     Args:
-        plan: makes the motion from where the arm is; None: listen only, for `duration` s.
-        guard, limits: what the motion and every stop keep to.
-        duration: s to listen for.
+        plan: plans the motion from the present joint positions (J,); None: listen without a motion.
+        guard, limits: bounds of the motion and of every stop.
+        duration: s to listen, without a motion.
+        options: times and tolerances.
     """
 
     plan: "Callable[[np.ndarray[tuple[int], np.dtype[np.float64]]], Plan] | None"
     guard: Guard
     limits: MotionLimits
     duration: float = 3.0
+    options: ExecutionOptions = field(default_factory=ExecutionOptions)
 
 
 class Session:
@@ -109,15 +90,21 @@ class Session:
     Args:
         model: the robot.
         task: what to do.
-        scale: what weighs.
-        send: hands a command to the arm.
-        now: s of a clock that never goes back, the one of all calls.
+        estimator: estimates the payload.
+        send: sends a command to the arm.
+        now: s of a monotonic clock, which all calls share.
     """
 
     def __init__(
-        self, model: RobotModel, task: IdentificationTask, scale: Scale, send: Callable[[TimedMotion], None], now: float
+        self,
+        model: RobotModel,
+        task: IdentificationTask,
+        estimator: PayloadEstimatorPort,
+        send: Callable[[TimedMotion], None],
+        now: float,
     ) -> None:
-        self._model, self._task, self._scale, self._send = model, task, scale, send
+        self._model, self._task, self._estimator, self._send = model, task, estimator, send
+        self._options = task.options
         self.joints = JointWatch(model)
         self.phase, self.progress = SessionPhase.WAITING, 0.0
         self.error: PoiseError | None = None
@@ -141,25 +128,28 @@ class Session:
         }
 
     def add_joint_state(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
-        """Take a joint state; another robot's is left out."""
+        """Take a joint state; those of another robot are ignored."""
         self.joints.add(stamp, names, position, now)
 
     def tick(self, now: float) -> None:
-        """Go on; never blocks, never raises."""
+        """Advance; never blocks, never raises."""
         if self.phase is SessionPhase.DONE:
             return
-        if now - self._ticked > HELD_UP:
-            self._trusting_until = now + STALE
+        if now - self._ticked > self._options.held_up:
+            self._trusting_until = now + self._options.stale
         self._ticked = now
         try:
             self._steps[self.phase](now)
         except PoiseError as error:
             self._fail(error, now)
-        except Exception as error:  # of ours; the arm has to stop all the same
-            self._fail(PoiseError(ErrorCode.INTERNAL, f"identification: {error!r}"), now)
+        except Exception as error:  # an internal error; the arm has to stop too
+            self._fail(
+                PoiseError(ErrorCode.INTERNAL, f"internal error of the identification: {error!r}; please report it"),
+                now,
+            )
 
     def cancel(self, now: float, reason: str = "the goal was cancelled") -> None:
-        """Stop the arm, then be done."""
+        """Stop the arm and end."""
         if self.phase not in (SessionPhase.DONE, SessionPhase.STOPPING):
             self._fail(PoiseError(ErrorCode.CANCELLED, reason), now)
 
@@ -169,19 +159,20 @@ class Session:
         self.phase, self._since = phase, now
 
     def _wait(self, now: float) -> None:
-        """For joint states, wrenches and, before a motion, an arm at rest."""
-        late = now - self._since > PATIENCE
+        """Wait for joint states, wrenches and, before a motion, an arm at rest."""
+        late = now - self._since > self._options.patience
         problem = self.joints.problem(now) or self._silent(now)
         if problem is None and self._task.plan is not None and not self.joints.at_rest():
             problem = PoiseError(
-                ErrorCode.BUSY, "the arm is moving: something else commands it; stop that, or ask for MOTION_NONE"
+                ErrorCode.BUSY,
+                "the arm is moving: another program commands it; stop that program, or ask for MOTION_NONE",
             )
         if problem is not None:
             if late:
                 raise problem
             return
         if self._task.plan is None:
-            self._scale.begin()
+            self._estimator.begin()
             self._enter(SessionPhase.LISTENING, now)
             return
         self._start = self.joints.position.copy()
@@ -209,21 +200,22 @@ class Session:
     def _await_plan(self, now: float) -> None:
         self._require_streams(now)
         if not self._planned:
-            if now - self._since > PLANNING:
-                raise PoiseError(ErrorCode.DEADLINE, f"no motion was found within {PLANNING:g} s")
+            if now - self._since > self._options.planning:
+                raise PoiseError(ErrorCode.DEADLINE, f"no motion was found within {self._options.planning:g} s")
             return
         planned = self._planned[0]
         if isinstance(planned, PoiseError):
             raise planned
         away = np.abs(self.joints.position - self._start)
-        if away.max() > MOVED:
+        if away.max() > self._options.moved:
             name = self._model.joint_names[int(away.argmax())]
             raise PoiseError(
-                ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the motion was planned: stop what moves it"
+                ErrorCode.BUSY,
+                f"{name} has moved by {away.max():.3f} while the motion was planned: stop the program that moves it",
             )
-        self._scale.begin()
+        self._estimator.begin()
         self.planned, self._stops = planned
-        self._begin = self.joints.clock(now) + round(LEAD * 1e9)
+        self._begin = self.joints.clock(now) + round(self._options.lead * 1e9)
         self._send(TimedMotion(self.planned.motion, self._begin))
         self._enter(SessionPhase.MOVING, now)
 
@@ -233,14 +225,14 @@ class Session:
         seconds = (self.joints.stamp - self._begin) * 1e-9
         self._require_on_path(seconds)
         self.progress = 0.3 + 0.6 * float(np.clip(seconds / plan.motion.duration, 0.0, 1.0))
-        if seconds >= plan.motion.duration + _SETTLE:
+        if seconds >= plan.motion.duration + self._options.settle:
             self._enter(SessionPhase.SETTLING, now)
 
     def _settle(self, now: float) -> None:
-        """Until the last samples are in."""
+        """Wait until the last samples are in the window."""
         self.progress = 0.95
-        end = self._begin + round((self._the_plan().motion.duration + 0.8 * _SETTLE) * 1e9)
-        if not self._scale.settled(end) and now - self._since < PATIENCE:
+        end = self._begin + round((self._the_plan().motion.duration + 0.8 * self._options.settle) * 1e9)
+        if not self._estimator.settled(end) and now - self._since < self._options.patience:
             self._require_streams(now)
             return
         self._weigh(now)
@@ -252,21 +244,25 @@ class Session:
             self._weigh(now)
 
     def _weigh(self, now: float) -> None:
-        self.answer = self._scale.estimate()
+        self.answer = self._estimator.estimate()
         self.progress = 1.0
         self._enter(SessionPhase.DONE, now)
 
     def _await_rest(self, now: float) -> None:
         if not self._stop_sent:
             self._try_to_stop(now)
-        if self.joints.age(now) < STALE and now - self._since > STOP_LEAD and self.joints.at_rest():
+        if (
+            self.joints.age(now) < self._options.stale
+            and now - self._since > self._options.stop_lead
+            and self.joints.at_rest()
+        ):
             self._enter(SessionPhase.DONE, now)
-        elif now - self._since > _STOPPING:
+        elif now - self._since > self._options.stopping:
             failure = "" if self._stop_failure is None else f"the stop could not be sent: {self._stop_failure!r}; "
             self._amend(f"{failure}the arm was not seen to come to rest")
             self._enter(SessionPhase.DONE, now)
 
-    # -- what can go wrong ---------------------------------------------------------------------------------------
+    # -- problems -----------------------------------------------------------------------------------------------
 
     def _fail(self, error: PoiseError, now: float) -> None:
         self.error = error
@@ -282,7 +278,7 @@ class Session:
         if self._stops is None or self.error is None:
             return
         try:
-            stamp = self.joints.clock(now) + round(STOP_LEAD * 1e9)
+            stamp = self.joints.clock(now) + round(self._options.stop_lead * 1e9)
             stop = self._stops.after((stamp - self._begin) * 1e-9)
             self._send(TimedMotion(stop.motion, self._begin + round(stop.begin * 1e9)))
         except Exception as error:
@@ -297,13 +293,15 @@ class Session:
         self.error = PoiseError(error.code, f"{error.message}; {remark}")
 
     def _silent(self, now: float) -> PoiseError | None:
-        heard = self._scale.heard()
+        heard = self._estimator.heard()
         if heard is None:
-            return SensorError(ErrorCode.TOPIC_MISSING, "no wrench has come: start the force-torque sensor's driver")
-        if now - heard > STALE:
+            return SensorError(
+                ErrorCode.TOPIC_MISSING, "no wrench has arrived: start the driver of the force-torque sensor"
+            )
+        if now - heard > self._options.stale:
             return SensorError(
                 ErrorCode.SENSOR_STALE,
-                f"the last wrench came {now - heard:.2f} s ago: the sensor has stopped, or is not read any more",
+                f"the last wrench arrived {now - heard:.2f} s ago: check the sensor and its driver",
             )
         return None
 
@@ -317,16 +315,16 @@ class Session:
     def _require_on_path(self, seconds: float) -> None:
         motion = self._the_plan().motion.at(np.array([seconds]))
         off = np.abs(self.joints.position - motion.position[0])
-        allowed = OFF_PATH + LAG * np.abs(motion.velocity[0])
+        allowed = self._options.off_path + self._options.lag * np.abs(motion.velocity[0])
         if (off > allowed).any():
             index = int(np.argmax(off - allowed))
             raise PoiseError(
                 ErrorCode.NOT_FOLLOWING,
                 f"{self._model.joint_names[index]} is {off[index]:.3f} off its path {seconds:.2f} s into the motion:"
-                " is its controller active, and does it listen to joint_trajectory?",
+                " check that its controller is active and subscribes to joint_trajectory",
             )
 
     def _the_plan(self) -> ExcitationPlan:
         if self.planned is None:
-            raise PoiseError(ErrorCode.INTERNAL, "there is no plan in a phase that needs one")
+            raise PoiseError(ErrorCode.INTERNAL, "a phase that needs a plan has none")
         return self.planned
