@@ -81,7 +81,8 @@ def hand_slopes(
         change = pin.getFrameAcceleration(pinocchio, data, frame, pin.LOCAL)
         rotation[i] = pose.rotation
         rows[i] = pose.translation, twist.linear, twist.angular, change.linear, change.angular
-        slopes[i] = pin.getFrameAccelerationDerivatives(pinocchio, data, frame, pin.LOCAL)
+        found = pin.getFrameAccelerationDerivatives(pinocchio, data, frame, pin.LOCAL)
+        slopes[i] = [np.reshape(each, (6, m)) for each in found]  # pinocchio gives rows for a single joint
     v_q, a_q, a_v, a_a = (slopes @ model.coupling).swapaxes(0, 1)
     where, v, omega, spatial, alpha = rows.swapaxes(0, 1)
     moving, turning = a_a[:, :3], a_a[:, 3:]

@@ -45,7 +45,7 @@ def descend(arm: Arm, target: pin.SE3, start: Array, iterations: int = _ITERATIO
             if size > before / 2:
                 return None  # it rests against joint limits, or in a local minimum
             before = size
-        slope = pin.Jlog6(offset.inverse()) @ pin.getFrameJacobian(model, data, tcp, pin.LOCAL)
+        slope = pin.Jlog6(offset.inverse()) @ np.reshape(pin.getFrameJacobian(model, data, tcp, pin.LOCAL), (6, -1))
         square = slope @ slope.T
         square.flat[::7] += min(_DAMPING, size) * _DAMPING  # its diagonal
         # LAPACK by itself: numpy's checks take longer than six equations do, and this is asked thousands of times.

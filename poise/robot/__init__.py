@@ -3,9 +3,10 @@
 - `motion`: `SensorMotion`, the motion that every wrench model needs.
 - `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
-- `splines`, `differentiation`: positions or rotations -> velocities and accelerations with their noise.
+- `splines`, `differentiation`, `rest`: positions or rotations -> velocities and accelerations with their covariance.
 - `resampled`, `regular_clock`: positions and their derivatives at other times, by splines that suit each moment, with
   the jitter of a regular clock removed; `odometry`: the motion of a base.
+- `frame_tree`, `recorded_frames`: the tree of frames of tf, and the transforms of a recording.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
 - `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
   recording; `imu`, `live_imu` take accelerations from an IMU.
@@ -30,8 +31,8 @@ from poise.robot.motion_buffers import (
     SmoothedMotion,
     StaticPoseBuffer,
 )
-from poise.robot.odometry import base_motion_at
-from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic
+from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_at
+from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of
 from poise.robot.regular_clock import regular_clock
 from poise.robot.resampled import ResampledSignal, resample, sampling_times
 from poise.robot.scatter import scatter
@@ -57,6 +58,7 @@ __all__ = [
     "JointSource",
     "Kinematics",
     "LiveImu",
+    "MeasuredBase",
     "MeasuredMotion",
     "MotionBuffer",
     "MotionSource",
@@ -73,6 +75,7 @@ __all__ = [
     "StampedBuffer",
     "StampedPoses",
     "StaticPoseBuffer",
+    "base_from_odometry",
     "base_motion_at",
     "differentiate",
     "differentiate_rotations",
@@ -92,6 +95,7 @@ __all__ = [
     "read_urdf",
     "regular_clock",
     "resample",
+    "robot_of",
     "sampling_times",
     "scatter",
     "sensor_motion",

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from poise.errors import ErrorCode, InputError
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
-from poise.types import Array
+from poise.types import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,10 @@ class BaseMotion:
     angular_velocity_in_base: Array
     linear_acceleration_in_base: Array
     angular_acceleration_in_base: Array
+
+    def select(self, mask: Mask) -> "BaseMotion":
+        """The samples that a mask (N,) picks."""
+        return BaseMotion(*(value[mask] for value in vars(self).values()))
 
     @classmethod
     def planar(cls, pose: Array, velocity: Array, acceleration: Array) -> "BaseMotion":
@@ -153,7 +157,11 @@ def frame_poses(
 
 
 def motion_sigma(
-    model: RobotModel, position: ArrayLike, velocity_sigma: ArrayLike, acceleration_sigma: ArrayLike
+    model: RobotModel,
+    position: ArrayLike,
+    velocity_sigma: ArrayLike,
+    acceleration_sigma: ArrayLike,
+    base_sigma: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array, Array]:
     """One-sigma noise of a sensor motion (angular velocity, angular acceleration, linear acceleration), each (N, 3).
 
@@ -161,18 +169,25 @@ def motion_sigma(
     quadratic in the joint velocities is left out, which is small wherever these are known to a few per cent.
 
     Args:
-        model: a robot with a fixed base.
+        model: the robot.
         position: (N, J).
         velocity_sigma, acceleration_sigma: (N, J) as `differentiate` gives them.
+        base_sigma: (N, 6) errors of the base's velocity and of its acceleration, linear and angular in its own axes;
+            None: of a base that is at rest or fixed.
     """
     q = pinocchio_state(model, position, velocity_sigma, acceleration_sigma).q
     pinocchio, data, frame = model.pinocchio, model.pinocchio.createData(), model.frame_id(model.sensor_frame)
-    jacobian = np.array([pin.computeFrameJacobian(pinocchio, data, q_i, frame, pin.LOCAL) for q_i in q])
-    squared = (jacobian @ model.coupling) ** 2
+    rows = [pin.computeFrameJacobian(pinocchio, data, q_i, frame, pin.LOCAL) for q_i in q]
+    jacobian = np.array(rows).reshape(len(q), 6, pinocchio.nv)  # pinocchio gives a row for a single joint
+    own = jacobian.shape[2] - len(model.coupling)
+    squared = (jacobian[:, :, own:] @ model.coupling) ** 2
     variance = [
         np.einsum("nij,nj->ni", squared, np.asarray(sigma, dtype=np.float64) ** 2)
         for sigma in (velocity_sigma, acceleration_sigma)
     ]
+    if base_sigma is not None:
+        for total, sigma in zip(variance, base_sigma, strict=True):
+            total += np.einsum("nij,nj->ni", jacobian[:, :, :own] ** 2, sigma**2)
     return np.sqrt(variance[0][:, 3:]), np.sqrt(variance[1][:, 3:]), np.sqrt(variance[1][:, :3])
 
 

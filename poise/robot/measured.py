@@ -10,6 +10,7 @@ from poise.robot.differentiation import Derivatives, differentiate, differentiat
 from poise.robot.kinematics import motion_sigma, sensor_motion
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
+from poise.robot.odometry import MeasuredBase
 from poise.types import Array
 
 
@@ -58,14 +59,31 @@ def motion_from_joints(
     )
 
 
-def motion_from_derivatives(model: RobotModel, joints: Derivatives) -> MeasuredMotion:
-    """The motion of the sensor from differentiated joint positions, ordered as the model's joints."""
+def motion_from_derivatives(model: RobotModel, joints: Derivatives, base: MeasuredBase | None = None) -> MeasuredMotion:
+    """The motion of the sensor from differentiated joint positions, ordered as the model's joints.
+
+    Args:
+        model: the robot; floating where the base moves.
+        joints: (N, J).
+        base: the motion of the root link at the joints' stamps; None: it rests at the world's origin.
+    """
     known = np.isfinite(joints.acceleration).all(axis=1)
+    if base is not None:
+        known = np.asarray(known & base.known)
     position = joints.position[known]
-    motion = sensor_motion(model, joints.stamps[known], position, joints.velocity[known], joints.acceleration[known])
+    motion = sensor_motion(
+        model,
+        joints.stamps[known],
+        position,
+        joints.velocity[known],
+        joints.acceleration[known],
+        None if base is None else base.motion.select(np.asarray(known)),
+    )
     sigmas = joints.velocity_sigma[known], joints.acceleration_sigma[known]
     errors = bool(np.isfinite(sigmas[1]).all())
-    sigma = motion_sigma(model, position, *sigmas) if errors else np.full((3, len(position), 3), np.nan)
+    base_sigma = None if base is None else (base.velocity_sigma[known], base.acceleration_sigma[known])
+    nothing = np.full((3, len(position), 3), np.nan)
+    sigma = motion_sigma(model, position, *sigmas, base_sigma) if errors else nothing
     return MeasuredMotion(motion, *sigma)
 
 

@@ -1,8 +1,9 @@
 """A robot as its force-torque sensor sees it: the joints that move the sensor, and what hangs beyond it."""
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -55,9 +56,19 @@ class RobotModel:
 
     @classmethod
     def from_urdf(
-        cls, text: str, sensor_frame: str = "ft_sensor", base: Literal["fixed", "floating"] = "fixed"
+        cls,
+        text: str,
+        sensor_frame: str = "ft_sensor",
+        base: Literal["fixed", "floating"] = "fixed",
+        locked: Collection[str] = (),
     ) -> "RobotModel":
         """Build from the text of a URDF; meshes are not opened.
+
+        Args:
+            text: the URDF.
+            sensor_frame: a link.
+            base: floating when odometry gives the motion of the root link.
+            locked: joints that are held at zero, since odometry contains their motion.
 
         Raises:
             InputError: ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN when there is no such sensor frame, or UNSUPPORTED
@@ -68,8 +79,8 @@ class RobotModel:
         _require_frame(full, sensor_frame)
         reference = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
         moving = _joints_that_move(full, sensor_frame, tree.mimics)
-        locked = [i for i in range(1, full.njoints) if full.names[i] not in moving]
-        reduced = pin.buildReducedModel(full, locked, reference) if locked else full
+        held = [i for i in range(1, full.njoints) if full.names[i] not in moving or full.names[i] in locked]
+        reduced = pin.buildReducedModel(full, held, reference) if held else full
         return cls._assemble(tree, reduced, sensor_frame, base, _load_beyond(tree, full, sensor_frame, reference))
 
     @classmethod
@@ -156,6 +167,36 @@ class RobotModel:
             angle = moving[:, column]
             columns += [np.cos(angle), np.sin(angle)] if joint.nq == 2 else [angle]
         return np.stack(columns, axis=1) if columns else np.zeros((len(position), 0))
+
+    @cached_property
+    def base_joints(self) -> int:
+        """How many of the first joints are a mobile base: two horizontal prismatic joints and a vertical turning one.
+
+        A single prismatic joint, such as a rail or a lift under an arm, is part of the arm.
+        """
+        data = self.pinocchio.createData()
+        pin.computeJointJacobians(self.pinocchio, data, pin.neutral(self.pinocchio))
+        kinds: list[str] = []
+        for index, joint in enumerate(self._moving_joints()):
+            if joint.nv != 1 or index > 2:
+                break
+            first = 1 if self.base == "fixed" else 2
+            columns = np.reshape(
+                pin.getJointJacobian(self.pinocchio, data, first + index, pin.LOCAL_WORLD_ALIGNED), (6, -1)
+            )
+            linear, angular = columns[:3, joint.idx_v], columns[3:, joint.idx_v]
+            slides = np.linalg.norm(angular) < 0.5
+            level = abs(linear[2]) < 0.1 if slides else abs(angular[2]) > 0.99
+            kinds.append(("slide" if slides else "turn") if level else "other")
+        if kinds[:2] != ["slide", "slide"]:
+            return 0
+        return 3 if kinds[2:3] == ["turn"] else 2
+
+    @property
+    def slides_first(self) -> bool:
+        """The first joint is prismatic."""
+        joints = self._moving_joints()
+        return bool(joints) and str(joints[0].shortname()).startswith("JointModelP")
 
     def _moving_joints(self) -> list[pin.JointModel]:
         return [self.pinocchio.joints[i] for i in range(1 if self.base == "fixed" else 2, self.pinocchio.njoints)]

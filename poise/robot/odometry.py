@@ -1,18 +1,63 @@
-"""The motion of a robot's root link from odometry."""
+"""The motion of a robot's root link from odometry, with its errors."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.recording import PoseStream
+from poise.robot.differentiation import differentiate
 from poise.robot.kinematics import BaseMotion
 from poise.robot.resampled import resample
-from poise.types import Array, Mask
+from poise.types import Array, Mask, Stamps
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredBase:
+    """The motion of a base with its one-sigma errors.
+
+    Args:
+        motion: (N) of the root link.
+        known: (N,) where it is known.
+        velocity_sigma, acceleration_sigma: (N, 6) linear and angular, in base axes.
+    """
+
+    motion: BaseMotion
+    known: Mask
+    velocity_sigma: Array
+    acceleration_sigma: Array
+
+
+def base_from_odometry(stamps: Stamps, rotation: Array, translation: Array, wanted: Stamps) -> MeasuredBase:
+    """The motion of a base at the wanted stamps; a base at rest has no velocity and no acceleration.
+
+    The noise of the odometry is that which its samples have about a spline.
+
+    Args:
+        stamps: (M,) ns of the odometry.
+        rotation: (M, 3, 3), takes base axes to world axes.
+        translation: (M, 3) m.
+        wanted: (N,) ns.
+
+    Raises:
+        InputError: as `differentiate`.
+    """
+    found = differentiate(stamps, _pose_columns(rotation, translation))
+
+    def at(values: Array) -> Array:
+        columns = [np.interp(wanted, found.stamps, column, np.nan, np.nan) for column in values.T]
+        return np.stack(columns, axis=1)
+
+    motion, known = _base_motion(at(found.position), at(found.velocity), at(found.acceleration))
+    sigmas = []
+    for sigma in (at(found.velocity_sigma), at(found.acceleration_sigma)):
+        linear = np.sqrt(np.einsum("nji,nj->ni", motion.rotation_world_base**2, sigma[:, :3] ** 2))
+        sigmas.append(np.hstack([linear, sigma[:, :2:-1]]))  # yaw, pitch, roll turn about z, y, x
+    return MeasuredBase(motion, known, sigmas[0], sigmas[1])
 
 
 def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, Mask]:
     """The root link's motion at other times, and the mask (N,) where it is known.
-
-    Attitude is differentiated in yaw, pitch and roll: a base may turn many times, and never pitches by 90 degrees.
 
     Args:
         odometry: poses of the root link in the world.
@@ -22,14 +67,27 @@ def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> tuple[Ba
     Raises:
         InputError: TOO_FEW_SAMPLES.
     """
-    sampled = np.asarray((odometry.stamps - start) * 1e-9)
-    angles = np.unwrap(Rotation.from_matrix(odometry.rotation_parent_child).as_euler("ZYX"), axis=0)
-    moved = resample(sampled, np.hstack([odometry.translation_parent_child, angles]), seconds)
-    place, rate, second = (values[:, :3] for values in (moved.position, moved.velocity, moved.acceleration))
-    angle, turn, change = (values[:, 3:] for values in (moved.position, moved.velocity, moved.acceleration))
-    known = moved.known
-    rotation = np.full((len(seconds), 3, 3), np.nan)
-    rotation[known] = Rotation.from_euler("ZYX", angle[known]).as_matrix()
+    columns = _pose_columns(odometry.rotation_parent_child, odometry.translation_parent_child)
+    moved = resample(np.asarray((odometry.stamps - start) * 1e-9), columns, seconds)
+    return _base_motion(moved.position, moved.velocity, moved.acceleration)
+
+
+def _pose_columns(rotation: Array, translation: Array) -> Array:
+    """(N, 6) x, y, z in m and yaw, pitch, roll in rad without jumps, of poses (N, 3, 3), (N, 3).
+
+    A base may turn many times, and never pitches by 90 degrees.
+    """
+    angles = Rotation.from_matrix(rotation).as_euler("ZYX")
+    return np.hstack([translation, np.unwrap(angles, axis=0)])
+
+
+def _base_motion(position: Array, velocity: Array, acceleration: Array) -> tuple[BaseMotion, Mask]:
+    """The motion of the root link from the derivatives (N, 6) of `_pose_columns`, and where it is known (N,)."""
+    known = np.asarray(np.isfinite(acceleration).all(axis=1))
+    angle, turn, change = position[:, 3:], velocity[:, 3:], acceleration[:, 3:]
+    rotation = np.full((len(position), 3, 3), np.nan)
+    if known.any():
+        rotation[known] = Rotation.from_euler("ZYX", angle[known]).as_matrix()
     # omega = E(angles) d angles / dt in base axes, E by pitch and roll (Siciliano et al. 2009, section 2.4).
     matrix, matrix_rate = _euler_rates(angle, turn)
     omega = np.einsum("nij,nj->ni", matrix, turn)
@@ -38,7 +96,8 @@ def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> tuple[Ba
     def in_base(values: Array) -> Array:
         return np.asarray(np.einsum("nji,nj->ni", rotation, values))
 
-    return BaseMotion(rotation, place, in_base(rate), omega, in_base(second), alpha), known
+    linear, second = in_base(velocity[:, :3]), in_base(acceleration[:, :3])
+    return BaseMotion(rotation, position[:, :3], linear, omega, second, alpha), known
 
 
 def _euler_rates(angle: Array, turn: Array) -> tuple[Array, Array]:

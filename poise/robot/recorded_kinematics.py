@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import PoseStream, Recording
+from poise.recording import JointStream, PoseStream, Recording
 from poise.robot.model import RobotModel
 from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.sources import FrameSource, JointSource, MotionSource
@@ -45,14 +45,19 @@ def find_kinematics(
         InputError: when the recording has neither, or the sensor frame is in neither.
     """
     joints, frames = has_topic(recording, "joint_states"), has_topic(recording, "tf")
+    odometry = recording.odometry() if joints and has_topic(recording, "odom") else None
+    if odometry is not None and is_constant(odometry):
+        odometry = None
     if robot_model is None and joints and has_topic(recording, "robot_description"):
         try:
-            robot_model = RobotModel.from_urdf(recording.robot_description(), sensor_frame)
+            text = recording.robot_description()
+            streams = robot_of(text, sensor_frame, lambda names: recording.joint_states(names=names), odometry)
+            return _joint_kinematics(*streams)
         except InputError as error:
             if error.code is not ErrorCode.FRAME_UNKNOWN or not frames:
                 raise InputError(error.code, f"{recording.path}: {error.message}", **error.data) from error
     if robot_model is not None:
-        return _joint_kinematics(recording, robot_model)
+        return _joint_kinematics(recording.joint_states(names=robot_model.joint_names), robot_model, None)
     if frames:
         return _frame_kinematics(recording, sensor_frame, base_frame)
     if joints:
@@ -78,14 +83,59 @@ def has_topic(recording: Recording, topic: str) -> bool:
     return True
 
 
-def _joint_kinematics(recording: Recording, model: RobotModel) -> Kinematics:
-    stream = recording.joint_states(names=model.joint_names)
+def robot_of(
+    text: str,
+    sensor_frame: str,
+    joint_states: Callable[[tuple[str, ...]], JointStream],
+    odometry: PoseStream | None,
+) -> tuple[JointStream, RobotModel, PoseStream | None]:
+    """The robot of a URDF, with the joint states that move it, and odometry where that moves its root link.
+
+    Odometry is not needed when the joint states contain the joints of a mobile base. When they lack the first joints
+    of the robot, a base or a rail, odometry contains their motion.
+
+    Args:
+        text: the URDF.
+        sensor_frame: a link.
+        joint_states: reads the states of these joints.
+        odometry: of the root link; None: it does not move.
+
+    Raises:
+        InputError: JOINT_MISSING, or as `RobotModel.from_urdf`.
+    """
+    robot = RobotModel.from_urdf(text, sensor_frame)
+    if odometry is None:
+        return joint_states(robot.joint_names), robot, None
+    try:
+        joints = joint_states(robot.joint_names)
+    except InputError as error:
+        leading = robot.base_joints or int(robot.slides_first)
+        if error.code is not ErrorCode.JOINT_MISSING or not leading:
+            raise
+        joints = joint_states(robot.joint_names[leading:])
+        locked = robot.joint_names[:leading]
+        return joints, RobotModel.from_urdf(text, sensor_frame, base="floating", locked=locked), odometry
+    if robot.base_joints:
+        return joints, robot, None
+    return joints, RobotModel.from_urdf(text, sensor_frame, base="floating"), odometry
+
+
+def _joint_kinematics(stream: JointStream, model: RobotModel, odometry: PoseStream | None) -> Kinematics:
     source = JointSource(model)
 
     def add(part: slice) -> None:
         source.extend(stream.stamps[part], stream.names, stream.position[part], stream.velocity[part])
 
-    return Kinematics(source, [(stream.stamps, add)])
+    parts: list[tuple[Stamps, Callable[[slice], None]]] = [(stream.stamps, add)]
+    if odometry is not None:
+        poses = odometry
+
+        def add_odometry(part: slice) -> None:
+            rotation, translation = poses.rotation_parent_child[part], poses.translation_parent_child[part]
+            source.add_odometry(poses.stamps[part], rotation, translation)
+
+        parts.append((poses.stamps, add_odometry))
+    return Kinematics(source, parts)
 
 
 def _frame_kinematics(recording: Recording, sensor_frame: str, base_frame: str | None) -> Kinematics:

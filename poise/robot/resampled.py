@@ -7,6 +7,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.regular_clock import regular_clock
+from poise.robot.rest import find_rests
 from poise.robot.splines import Design, Grid, SplineFit
 from poise.types import Array, Mask
 
@@ -74,7 +75,13 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
         inside = (wanted >= begin + _EDGE) & (wanted <= end - _EDGE)
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
         noise = np.maximum(noise, blend.noise)
-        out[:, inside] = blend(wanted[inside])
+        found = blend(wanted[inside])
+        for column, samples in enumerate(values[part].T):
+            for rest in find_rests(seconds[part], samples, blend.shortest_rest[column]):
+                ends = seconds[part][[rest.begin, rest.end - 1]]
+                still = (wanted[inside] >= ends[0]) & (wanted[inside] <= ends[1])
+                found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
+        out[:, inside] = found
     return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
 
 
@@ -98,6 +105,8 @@ class _Blend:
         columns = np.arange(values.shape[1])
         self.noise = np.array([fit.sigma for fit in plain])[best, columns]
         self.noise = np.maximum(self.noise, 1e-12)
+        self.shortest_rest = 1.5 * np.array([grid.spacing for grid in grids])[best]
+        """(J,) s; a shorter stretch without motion may be a turning point."""
         self._seconds = seconds
         # A base's odometry has more noise while it drives than at rest: the former counts.
         local = self._around((values - plain[-1](seconds)) ** 2)

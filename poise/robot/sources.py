@@ -8,14 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import Pose
+from poise.geometry import Pose, are_rotations
+from poise.recording import interpolate, interpolate_rotations
+from poise.robot.differentiation import differentiate
 from poise.robot.frame_tree import FrameTree
 from poise.robot.kinematics import frame_poses
-from poise.robot.measured import MeasuredMotion, motion_from_joints, motion_from_poses
+from poise.robot.measured import MeasuredMotion, motion_from_derivatives, motion_from_poses
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
+from poise.robot.odometry import base_from_odometry
 from poise.robot.stamped_buffer import StampedBuffer, went_back
 from poise.types import Stamps
+
+ODOMETRY_GAP = 0.5
+"""s between samples of odometry across which poses are interpolated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +67,10 @@ class MotionSource(Protocol):
 
 
 class JointSource:
-    """Joint states of a robot whose root link stands upright and still.
+    """Joint states of a robot whose root link is upright and at rest, or moves as odometry says.
 
     Args:
-        model: the robot, with its sensor frame.
+        model: the robot, with its sensor frame; with a floating base, odometry has to be added too.
 
     Raises:
         InputError: ROBOT_DESCRIPTION_INVALID when no joint moves the sensor.
@@ -78,6 +84,7 @@ class JointSource:
             )
         self.model = model
         self._buffer = StampedBuffer(2 * len(model.joint_names))
+        self._odometry = StampedBuffer(12) if model.base == "floating" else None
         self.foreign = 0
         """Messages that lack joints of this robot: another robot's, or a gripper's."""
         self.not_finite = 0
@@ -86,7 +93,8 @@ class JointSource:
 
     @property
     def words(self) -> str:
-        return f"joint_states and the robot description ({self.model.base_frame} to {self.model.sensor_frame})"
+        base = "" if self._odometry is None else " with odom"
+        return f"joint_states{base} and the robot description ({self.model.base_frame} to {self.model.sensor_frame})"
 
     def extend(
         self, stamps: ArrayLike, names: Sequence[str], position: ArrayLike, velocity: ArrayLike | None = None
@@ -120,33 +128,67 @@ class JointSource:
             self._buffer.extend(times[finite], np.hstack([places, rates])[finite])
         return bool(finite.any())
 
+    def add_odometry(self, stamps: ArrayLike, rotation: ArrayLike, translation: ArrayLike) -> None:
+        """Add poses of the root link in the world, for a model with a floating base; invalid ones are left out.
+
+        Args:
+            stamps: (N,) int64 ns.
+            rotation: (N, 3, 3).
+            translation: (N, 3) m.
+        """
+        turns, shifts = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+        good = are_rotations(turns) & np.isfinite(shifts).all(axis=1)
+        self.not_finite += int(np.count_nonzero(~good))
+        if self._odometry is not None:
+            rows = np.hstack([turns.reshape(-1, 9), shifts])
+            self._odometry.extend(np.asarray(stamps, dtype=np.int64)[good], rows[good])
+
     @property
     def newest(self) -> int | None:
-        return self._buffer.newest
+        if self._odometry is None or self._buffer.newest is None or self._odometry.newest is None:
+            return self._buffer.newest if self._odometry is None else None
+        return min(self._buffer.newest, self._odometry.newest)
 
     def stamps(self, begin: int, end: int) -> Stamps:
         return self._buffer.between(begin, end)[0]
 
     def poses(self, begin: int, end: int) -> StampedPoses:
         stamps, rows = self._buffer.between(begin, end)
-        return StampedPoses(*frame_poses(self.model, np.hsplit(rows, 2)[0]), stamps)
+        pose = Pose(*frame_poses(self.model, np.hsplit(rows, 2)[0]))
+        if self._odometry is None:
+            return StampedPoses(pose.rotation, pose.translation, stamps)
+        samples, odometry = self._odometry.stamps, self._odometry.rows
+        turns = interpolate_rotations(samples, odometry[:, :9], stamps, max_gap=ODOMETRY_GAP)
+        shifts = interpolate(samples, odometry[:, 9:], stamps, max_gap=ODOMETRY_GAP)
+        pose, known = Pose(turns.values, shifts.values) @ pose, turns.found
+        return StampedPoses(pose.rotation[known], pose.translation[known], stamps[known])
 
     def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
         return self.measured(begin, end, margin, errors=False).motion
 
     def measured(self, begin: int, end: int, margin: int = 0, errors: bool = True) -> MeasuredMotion:
         """The motion with its uncertainty; NaN without `errors`."""
-        stamps, rows = self._buffer.between(begin - margin, end + margin)
+        first, last = begin - margin, end + margin
+        stamps, rows = self._buffer.between(first, last)
         position, velocity = np.hsplit(rows, 2)
-        return motion_from_joints(
-            self.model, stamps, self.model.joint_names, position, velocity, within=(begin, end), errors=errors
-        )
+        joints = differentiate(stamps, position, velocity, within=(begin, end), errors=errors)
+        base = None
+        if self._odometry is not None:
+            samples, odometry = self._odometry.between(first, last)
+            base = base_from_odometry(samples, odometry[:, :9].reshape(-1, 3, 3), odometry[:, 9:], joints.stamps)
+        return motion_from_derivatives(self.model, joints, base)
 
     def forget_before(self, stamp: int) -> None:
-        self._buffer.forget_before(stamp)
+        for buffer in self._buffers:
+            buffer.forget_before(stamp)
 
     def clear(self) -> None:
-        self._buffer.clear()
+        for buffer in self._buffers:
+            buffer.clear()
+
+    @property
+    def _buffers(self) -> list[StampedBuffer]:
+        return [self._buffer] if self._odometry is None else [self._buffer, self._odometry]
 
 
 class FrameSource:

@@ -194,7 +194,8 @@ def _finite(robot: ElementTree.Element) -> None:
                 value = element.get(key)
                 if value is not None and not _are_finite(value.split()):
                     raise _invalid(f"{owner.tag} {_name(owner)}: <{element.tag}> has {key}='{value[:40]}'")
-            if element.tag == "axis" and not any(float(part) for part in element.get("xyz", "1 0 0").split()):
+            fixed = owner.get("type") == "fixed"  # its axis means nothing, and exporters write zeros
+            if element.tag == "axis" and not (fixed or any(map(float, element.get("xyz", "1 0 0").split()))):
                 raise _invalid(f"joint {_name(owner)} has an axis of length zero")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from poise.mismatch.answer.diagnosis import NamedEffect, SignalDiagnosis
 from poise.mismatch.effects import Effect, effect_named
 from poise.mismatch.inference import FittedEffect, Problem, linearization_point, refine
-from poise.mismatch.reading import base_joints, recorded_from_motion
+from poise.mismatch.reading import recorded_from_motion
 from poise.mismatch.recorded import RecordedMotion
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
@@ -149,7 +149,7 @@ def _motions(recorded: RecordedMotion, robot: RobotModel, rng: np.random.Generat
     if recorded.joints is not None:
         for name, values in zip(recorded.joints.names, recorded.joints.position.T, strict=True):
             middle[robot.joint_names.index(name)] = float(np.clip(np.median(values), -1e3, 1e3))
-    still = base_joints(robot)
+    still = robot.base_joints
     inside = np.where(np.isfinite(robot.lower), 0.1 * (robot.upper - robot.lower), 0.0)
     inside = np.nan_to_num(inside, posinf=0.0)
     for speed, amplitude, frequency, harmonics in _VIGOUR:

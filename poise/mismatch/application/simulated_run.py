@@ -7,7 +7,6 @@ import numpy as np
 
 from poise.mismatch.reading import (
     NominalModel,
-    base_joints,
     effort_track,
     recorded_from_motion,
     with_model_effects,
@@ -107,7 +106,7 @@ def run_planned(
     recorded = with_model_effects(nominal, model.effects, events=True)
     simulated = np.full(joints.position.shape, np.nan)
     if recorded.effort is not None:
-        simulated[:, base_joints(robot) :] = recorded.effort.prediction
+        simulated[:, robot.base_joints :] = recorded.effort.prediction
     stamps = np.round(sampled * 1e9).astype(np.int64)
     stream = JointStream(stamps, robot.joint_names, joints.position, joints.velocity, simulated)
     settled = replace(model, sensor_frame=robot.sensor_frame)

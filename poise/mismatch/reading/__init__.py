@@ -1,7 +1,7 @@
 """From a recording and model.yaml to a recorded motion with the prediction of the nominal model."""
 
 from poise.mismatch.reading.joining import joined, spans, without
-from poise.mismatch.reading.kinematics import base_joints, effort_track, recorded_from_motion
+from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.measured_streams import MeasuredStreams
 from poise.mismatch.reading.model_effects import absent, effect_of, with_model_effects
 from poise.mismatch.reading.nominal_model import (
@@ -22,7 +22,6 @@ __all__ = [
     "ReadRecording",
     "Tolerance",
     "absent",
-    "base_joints",
     "dump_model",
     "effect_of",
     "effort_track",

@@ -77,22 +77,26 @@ def recorded_from_streams(
     seconds = sampling_times(seconds_since(wrench.stamps, start), wrench.wrench_in_sensor)[0]
     moved, base, known = samples.at(seconds)
     if known.sum() < _FEWEST:
-        raise InputError(
-            ErrorCode.EMPTY,
-            f"wrench and joint states overlap in {int(known.sum())} samples only: are their clocks the same? "
-            f"joint states run from {sampled[0]:.3f} s to {sampled[-1]:.3f} s after the first wrench",
-        )
+        raise _no_overlap(int(known.sum()), sampled)
     if not known.all():
         notes.append(f"{int((~known).sum())} wrench samples have no joint motion around them and were left out")
     if moved.jitter > 0:
         notes.append(f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used")
-    effort, carried = _efforts(robot, samples, phi, gravity), phi + np.asarray(tool)
+    track, carried = _efforts(robot, samples, phi, gravity), phi + np.asarray(tool)
     measured, moving = wrench.wrench_in_sensor[known], _base_where(base, known)
     motion = _where(moved, known)
     recorded = recorded_from_motion(
-        robot, seconds[known], motion, carried, measured, base=moving, gravity=gravity, start=start, effort=effort
+        robot, seconds[known], motion, carried, measured, base=moving, gravity=gravity, start=start, effort=track
     )
     return recorded, notes
+
+
+def _no_overlap(count: int, sampled: Array) -> InputError:
+    return InputError(
+        ErrorCode.EMPTY,
+        f"wrench and joint states overlap in {count} samples only: are their clocks the same? "
+        f"joint states run from {sampled[0]:.3f} s to {sampled[-1]:.3f} s after the first wrench",
+    )
 
 
 def _efforts(robot: RobotModel, samples: _JointSamples, phi: Array, gravity: float) -> EffortTrack | None:

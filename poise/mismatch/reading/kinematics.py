@@ -67,7 +67,7 @@ def recorded_from_motion(
 
 def _joint_track(robot: RobotModel, joints: JointMotion, rows: "_Rows") -> JointTrack | None:
     """The joints of the arm, and the sensor's derivatives by them; None for a sensor on a base alone."""
-    arm = slice(base_joints(robot), None)
+    arm = slice(robot.base_joints, None)
     if not robot.joint_names[arm]:
         return None
     coupling = robot.coupling[:, arm]
@@ -79,14 +79,6 @@ def _joint_track(robot: RobotModel, joints: JointMotion, rows: "_Rows") -> Joint
         rows.jacobian @ coupling,
         rows.by_position @ coupling,
     )
-
-
-def base_joints(robot: RobotModel) -> int:
-    """How many of the first joints belong to a mobile base (x, y, turn) or to a rail, not to the arm."""
-    kinds = [joint.shortname() for joint in robot.pinocchio.joints[robot.pinocchio.njoints - len(robot.coupling) :]]
-    straight = next((i for i, kind in enumerate(kinds) if not kind.startswith("JointModelP")), len(kinds))
-    turning = straight < len(kinds) and straight >= 2  # after x and y, the next one turns the base
-    return straight + int(turning)
 
 
 def effort_track(
@@ -126,7 +118,7 @@ def effort_track(
         by_q[i] = slopes[0][-moving:, -moving:]
         upper = np.triu(slopes[2][-moving:, -moving:])
         inertia[i] = upper + np.triu(upper, 1).T
-    known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= base_joints(robot)))
+    known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= robot.base_joints))
     rigid = (torque @ robot.coupling)[:, known]
     slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
@@ -155,14 +147,16 @@ def _forward(robot: RobotModel, joints: JointMotion, moving_base: BaseMotion | N
     rotation, position = np.empty((n, 3, 3)), np.empty((n, 3))
     velocity, acceleration = np.empty((n, 6)), np.empty((n, 6))
     by_q, jacobian, a_by_q = (np.empty((n, 6, moving)) for _ in range(3))
-    base = _BaseRows(robot, n) if base_joints(robot) or moving_base is not None else None
+    base = _BaseRows(robot, n) if robot.base_joints or moving_base is not None else None
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
         pin.computeForwardKinematicsDerivatives(model, data, q, v, a)
         pose = pin.updateFramePlacement(model, data, frame)
         rotation[i], position[i] = pose.rotation, pose.translation
         velocity[i] = pin.getFrameVelocity(model, data, frame, pin.LOCAL).vector
         acceleration[i] = pin.getFrameAcceleration(model, data, frame, pin.LOCAL).vector
-        v_by_q, a_by_position, _, a_by_a = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
+        found = pin.getFrameAccelerationDerivatives(model, data, frame, pin.LOCAL)
+        # pinocchio gives rows for a single joint
+        v_by_q, a_by_position, _, a_by_a = (np.reshape(each, (6, len(v))) for each in found)
         by_q[i], a_by_q[i], jacobian[i] = v_by_q[:, -moving:], a_by_position[:, -moving:], a_by_a[:, -moving:]
         if base is not None:
             base.take(i, model, data)
@@ -191,7 +185,7 @@ class _BaseRows:
 
     def __init__(self, robot: RobotModel, n: int) -> None:
         first = robot.pinocchio.njoints - len(robot.coupling)
-        self._joint = first - 1 + base_joints(robot)
+        self._joint = first - 1 + robot.base_joints
         self._rotation, self._place = np.empty((n, 3, 3)), np.empty((n, 3))
         self._rates = np.empty((2, n, 6))
 

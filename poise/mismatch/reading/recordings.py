@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -10,7 +9,6 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia.pipeline import recorded_gravity
 from poise.mismatch.reading.frame_motion import recorded_from_frames
 from poise.mismatch.reading.joint_motion import recorded_from_streams
-from poise.mismatch.reading.kinematics import base_joints
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
@@ -18,7 +16,7 @@ from poise.mismatch.reading.sanity import check_wrench, without_spikes
 from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
-from poise.robot import RobotModel, find_urdf, parse_urdf, read_urdf
+from poise.robot import RobotModel, find_urdf, read_urdf, robot_of
 from poise.types import Array
 
 
@@ -119,25 +117,4 @@ def _robot(
 ) -> tuple[JointStream, RobotModel, PoseStream | None]:
     """Joint states with a robot that they move; odometry when the root of that robot moves."""
     text = streams.description() if model.urdf is None else read_urdf(find_urdf(model.urdf))
-    robot = RobotModel.from_urdf(text, frame)
-    odometry, base = streams.odometry, base_joints(robot)
-    try:
-        joints = streams.joint_states(robot.joint_names)
-    except InputError as error:
-        if error.code is not ErrorCode.JOINT_MISSING or odometry is None or not base:
-            raise
-        joints = streams.joint_states(robot.joint_names[base:])
-        locked = RobotModel.from_urdf(_locked(text, robot.joint_names[:base]), frame, base="floating")
-        return joints, locked, odometry
-    if odometry is not None and base == 0:
-        return joints, RobotModel.from_urdf(text, frame, base="floating"), odometry
-    return joints, robot, None
-
-
-def _locked(text: str, names: tuple[str, ...]) -> str:
-    """A URDF with these joints fixed: odometry says where they put the base."""
-    root = ElementTree.fromstring(parse_urdf(text).text.strip())
-    for joint in root.findall("joint"):
-        if joint.get("name") in names:
-            joint.set("type", "fixed")
-    return ElementTree.tostring(root, encoding="unicode")
+    return robot_of(text, frame, streams.joint_states, streams.odometry)
