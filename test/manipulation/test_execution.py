@@ -44,7 +44,7 @@ class FakeRobot:
         self.follows = self.speaks = self.grips = True
         self.blocked_at = np.inf
         self.position, self.fingers, self._wanted = HOME.copy(), 0.4, 0.4
-        self.moves, self.grips, self._plan = [], [], (0, motion(HOME, HOME))
+        self.moves, self.gripped, self._plan = [], [], (0, motion(HOME, HOME))
         for _ in range(20):
             self.run()
 
@@ -53,7 +53,7 @@ class FakeRobot:
         self._plan = stamp, plan
 
     def _grip(self, position):
-        self.grips.append((self.now, position))
+        self.gripped.append((self.now, position))
         self._wanted = position
 
     def run(self):
@@ -92,14 +92,14 @@ def test_every_step_waits_for_the_one_before(feels):
     begun, playing = fake.now, fake.play()
     assert fake.until(playing) == ALL
     assert playing.error is None
-    assert [position for _, position in fake.grips] == pytest.approx([WIDE, GRIPPED, WIDE])
+    assert [position for _, position in fake.gripped] == pytest.approx([WIDE, GRIPPED, WIDE])
     assert [plan for plan, _ in fake.moves] == [step.motion for step in STEPS if step.motion is not None]
     np.testing.assert_allclose(fake.position, HOME, atol=1e-3)
     # A motion begins when the fingers have come, and they are commanded when it has ended.
-    for (gripped, _), (plan, stamp), wait in zip(fake.grips, fake.moves, (0.2, 0.5, 0.25), strict=True):
+    for (sent, _), (plan, stamp), wait in zip(fake.gripped, fake.moves, (0.2, 0.5, 0.25), strict=True):
         begin = stamp * 1e-9 - 100.0
-        assert begin - gripped > wait
-        following = [at for at, _ in fake.grips if at > gripped]
+        assert begin - sent > wait
+        following = [at for at, _ in fake.gripped if at > sent]
         assert all(at > begin + plan.duration for at in following)
     assert fake.now - begun < 3 * (1.0 + 0.2) + 3 * 0.8
 
@@ -152,22 +152,22 @@ def test_cancelled_it_stops_on_its_way_and_says_what_is_in_the_hand(stage, hand)
     run = way.position[-1] - way.position[0]
     along = (np.array(places) - way.position[0]) @ run / (run @ run)
     np.testing.assert_allclose(places, way.position[0] + along[:, None] * run, atol=1e-9)  # and never left its way
-    before = len(fake.grips), len(fake.moves)
+    before = len(fake.gripped), len(fake.moves)
     playing.tick(fake.now)
     playing.cancel(fake.now)
-    assert (len(fake.grips), len(fake.moves)) == before
+    assert (len(fake.gripped), len(fake.moves)) == before
 
 
 def test_cancelled_between_motions_an_arm_at_rest_is_left_alone():
     fake = FakeRobot()
     playing = fake.play()
-    fake.until(playing, lambda: len(fake.grips) == 2)
+    fake.until(playing, lambda: len(fake.gripped) == 2)
     playing.cancel(fake.now)
     assert len(fake.moves) == 1
     assert playing.error.message == "the arm stopped while picking can; its fingers were closing"
 
 
-def test_an_arm_that_does_not_follow_is_told_to_stay_where_it_is():
+def test_an_arm_that_does_not_follow_is_commanded_to_stay_where_it_is():
     fake = FakeRobot()
     playing = fake.play()
     fake.until(playing, lambda: fake.position[0] > 0.3)
@@ -218,7 +218,7 @@ def test_an_arm_that_was_moved_meanwhile_is_not_commanded():
     fake.run()
     playing = fake.play()
     fake.until(playing)
-    assert (playing.error.code, fake.moves, fake.grips) == (ErrorCode.BUSY, [], [])
+    assert (playing.error.code, fake.moves, fake.gripped) == (ErrorCode.BUSY, [], [])
 
 
 def test_where_it_rests_is_known_only_when_it_does():
