@@ -1,1 +1,1 @@
-"""Hardware that is not there: sensors, arms and bags that speak the real protocols, and faults on purpose."""
+"""Fake hardware: simulated arms, replayed bags and sensors with the real protocols, with faults on purpose."""

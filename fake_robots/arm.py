@@ -28,7 +28,7 @@ from poise.simulation import (
 )
 from poise.types import Array
 
-_BLOCK = 0.02  # s simulated at a time: also how late a command can be heeded
+_BLOCK = 0.02  # s simulated at a time, and the longest delay of a command
 _STOP_TIME = 0.5  # s to stop in when a command says so
 _FARTHEST = 60.0  # s ahead that a command may lie
 _BASE_JOINTS = ("base_x", "base_y", "base_yaw")

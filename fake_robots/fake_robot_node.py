@@ -39,11 +39,11 @@ _MUTUAL = 0.5
 
 
 class FakeRobot(Node):
-    """Hardware that is not there.
+    """A replayed bag or a simulated arm in place of hardware.
 
     Publishes what the source says (a bag: its topics; an arm: robot_description, joint_states, wrench, odom), `/clock`
     when asked, and `replay_done` (std_msgs/Empty, latched) at the end. Service `play` (std_srvs/SetBool) resumes and
-    pauses. An arm heeds `joint_trajectory` (trajectory_msgs/JointTrajectory), its gripper `gripper_trajectory`.
+    pauses. An arm follows `joint_trajectory` (trajectory_msgs/JointTrajectory), its gripper `gripper_trajectory`.
 
     Args:
         failed: called with the error when the node has to end because of it.

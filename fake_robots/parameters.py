@@ -28,7 +28,7 @@ PARAMETERS = (
     Parameter("publish_clock", False, "publish /clock in the time of the messages"),
     Parameter("clock_rate", 100.0, "Hz of /clock", (1.0, 1e4)),
     Parameter("wait_for_subscribers", WORDS, "topics that must have a subscriber before the first message"),
-    Parameter("wait_timeout", 30.0, "s that this may take; 0: for ever", (0.0, 1e6)),
+    Parameter("wait_timeout", 30.0, "s that this may take; 0: no limit", (0.0, 1e6)),
     Parameter("faults", WORDS, "faults to put in, one a line, as `drop: {topic: wrench, share: 0.1}`"),
     Parameter("seed", 0, "of noise, faults and the trajectory `fourier`", (0, 2**31 - 1)),
     Parameter("bag", "", "replay: path of the bag"),

@@ -1,4 +1,4 @@
-"""Plays a stream of messages in real time: an absolute schedule on a monotonic clock, in a thread of its own."""
+"""Plays a stream of messages in real time: an absolute schedule on a monotonic clock, in a separate thread."""
 
 import threading
 import time

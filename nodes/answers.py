@@ -1,4 +1,4 @@
-"""Answers of services sent from a thread of their own, slowly enough for clients that are still busy calling."""
+"""Sends answers of services from a separate thread, slowly enough for clients that are still sending calls."""
 
 import queue
 import threading
@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
 
 class Answers:
-    """Sends answers in the order in which they are ready.
+    """Sends answers in the order in which they become ready.
 
     Args:
         node: whose services are answered; an answer that cannot be sent is logged there.
@@ -52,7 +52,7 @@ class Answers:
         self._ready.put(Answer(send, response, header, crowded, time.monotonic()))
 
     def close(self) -> None:
-        """Send what is ready, and end."""
+        """Send the answers that are ready, and end the thread."""
         self._ready.put(None)
         self._thread.join(1.0)
 

@@ -54,7 +54,7 @@ class FtDriver(LifecycleNode):
             InputError: when the parameters cannot be used.
         """
         if self.get_parameter("autostart").value:
-            read_parameters(self)  # here an error can still end the process with its reason
+            read_parameters(self)  # here an error still ends the process with its reason
             self.trigger_configure()
             self.trigger_activate()
 
@@ -94,7 +94,7 @@ class FtDriver(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS  # to unconfigured, from where it can be tried again
 
     def destroy_node(self) -> None:
-        """Silence the device before the node goes, however it goes."""
+        """Stop the device's stream before the node is destroyed."""
         self._stop()
         super().destroy_node()
 
@@ -217,7 +217,7 @@ class SamplePublisher:
                 logger.info(f"{report.device}: {condition.text}")
 
     def report_idle(self, device: str) -> None:
-        """Say that nothing is read, and that this is meant so."""
+        """Report that the driver is inactive on purpose."""
         self._diagnose(Severity.OK, "inactive", device, {"condition": "inactive"})
 
     def _diagnose(self, severity: Severity, text: str, device: str, values: dict[str, object]) -> None:
@@ -242,7 +242,7 @@ class SamplePublisher:
 
 
 def make_node() -> FtDriver:
-    """Build the driver and, with autostart, set it going."""
+    """Build the driver and, with autostart, configure and activate it."""
     node = FtDriver()
     node.start()
     return node

@@ -1,4 +1,4 @@
-"""Service calls that take their time: done one by one beside the executor, answered when done, or refused."""
+"""Long service calls: processed one at a time in a worker thread, answered when done, or refused."""
 
 import contextlib
 import os
@@ -32,7 +32,7 @@ _THREAD = "poise jobs"
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One call that waits or is worked on.
+    """One call that waits or is processed.
 
     Args:
         work: fills a response; an error it raises becomes the response's code.
@@ -47,19 +47,19 @@ class Job:
     answer: "Future[Any]" = field(default_factory=Future)
 
     def finish(self, response: Any) -> None:
-        """Answer, unless that has been done."""
+        """Answer, unless it was answered before."""
         with contextlib.suppress(InvalidStateError):
             self.answer.set_result(response)
 
     def refuse(self, code: ErrorCode, message: str) -> None:
-        """Answer with an error alone."""
+        """Answer with an error."""
         response = self.kind.Response()
         response.error.code, response.error.message = int(code), message
         self.finish(response)
 
 
 class Jobs:
-    """A thread that does one job after another, so that what they share needs no locks.
+    """A worker thread that runs one job at a time, so that shared data needs no locks.
 
     Every call gets exactly one answer: the work's, BUSY when too many wait, DEADLINE when it is still not done a while
     after that (one long solve cannot be interrupted), CANCELLED when the node goes.
@@ -88,7 +88,7 @@ class Jobs:
             name: of the service.
             work: `work(request, response, deadline)` fills the response, in the thread, by a moment of the monotonic
                 clock; what it raises becomes the response's error.
-            seconds: that a request leaves for it.
+            seconds: that a request allows for it.
         """
 
         def receive(request: Any, _: Any) -> "Future[Any]":
@@ -117,7 +117,7 @@ class Jobs:
         return len(self._open) >= _CROWD
 
     def do(self, work: Callable[[], None]) -> bool:
-        """Do something between the calls; False when too many wait."""
+        """Run `work` between the calls; False when too many calls wait."""
         try:
             self._waiting.put_nowait(Job(lambda _: work(), None, float("inf")))
         except queue.Full:
@@ -125,7 +125,7 @@ class Jobs:
         return True
 
     def close(self) -> None:
-        """Answer CANCELLED to all that wait and end the thread; what it is at ends by itself or with the process."""
+        """Answer CANCELLED to waiting calls and end the thread; a running job ends by itself or with the process."""
         for job in list(self._open):
             job.refuse(ErrorCode.CANCELLED, "the node shuts down; call again when it is back")
         with contextlib.suppress(queue.Empty):
@@ -147,7 +147,7 @@ class Jobs:
                 job.finish(response)
 
     def _done(self, job: Job, response: Any) -> PoiseError | None:
-        """Do the work; what came of it."""
+        """Run the work; return its error, None for success."""
         try:
             job.work(response)
         except PoiseError as error:

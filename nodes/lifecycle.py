@@ -1,4 +1,4 @@
-"""What rclpy 7.1's lifecycle nodes lack."""
+"""A fix for rclpy 7.1's lifecycle nodes."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from rclpy.lifecycle import LifecycleNode
 def survive_impossible_transitions(node: LifecycleNode) -> None:
     """Answer a transition that the present state does not allow with success=False.
 
-    rclpy lets the state machine's refusal out of its service callback, which ends the node.
+    In rclpy the state machine's refusal escapes from the service callback and ends the node.
     """
     service = node._service_change_state
     change_state = service.callback

@@ -1,4 +1,4 @@
-"""Node: looks at an object from all sides with a camera on the hand, and tells its shape and parts."""
+"""Node: looks at an object from all sides with a camera on the hand, and publishes its shape and parts."""
 
 import threading
 import time
@@ -63,7 +63,7 @@ class ObjectScanner(Node):
     def __init__(self) -> None:
         super().__init__("object_scanner")
         self._values = declare_parameters(self, PARAMETERS)
-        sweep_options(self._values)  # what is wrong with parameters is told at the start
+        sweep_options(self._values)  # bad parameters are reported at the start
         near_of(self._values)
         self._robot = RobotLog()
         self._goal: ServerGoalHandle | None = None
@@ -158,7 +158,7 @@ class ObjectScanner(Node):
             self._arm.publish(trajectory_message(command.names, command.motion))
 
     def _sweep_command(self) -> Sweep | None:
-        """The motion of the parameter `sweep`; None when somebody else moves the arm.
+        """The motion of the parameter `sweep`; None when another program moves the arm.
 
         Raises:
             InputError: TOPIC_MISSING, ROBOT_DESCRIPTION_MISSING, NOT_FOLLOWING when the arm is not where it begins.
@@ -266,7 +266,7 @@ class ObjectScanner(Node):
         except PoiseError as error:
             self._answer = error, None
         except Exception as error:
-            self.get_logger().error(f"a fault of ours: {error!r}")
+            self.get_logger().error(f"internal error: {error!r}")
             self._answer = coded(error), None
 
     def _reach(self, share: float) -> None:

@@ -27,16 +27,16 @@ PARAMETERS = (
         UNKNOWN,
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
-    Parameter("sweep", "", "trajectory file (YAML, CSV) sent to joint_trajectory; empty: somebody else moves the arm"),
+    Parameter(
+        "sweep", "", "trajectory file (YAML, CSV) sent to joint_trajectory; empty: another program moves the arm"
+    ),
     Parameter("start_tolerance", 0.05, "rad that the arm may be off where the sweep begins", (0.0, 3.2)),
     Parameter("near", NOWHERE, "m in the robot's base: of several objects, the one nearest to it; NaN: in the middle"),
     Parameter("voxel", 0.0015, "m, spacing of the points", (2e-4, 0.05)),
     Parameter("farthest", 1.2, "m from the camera up to which it is looked at", (0.1, 5.0)),
     Parameter("refine", "auto", "poses by ICP: when views disagree (auto), always or never", REFINE),
     Parameter("complete", True, "fill what no view saw, down to the table"),
-    Parameter(
-        "independent_parts", True, "at most four parts, which a sensor at rest can tell apart; false: all of them"
-    ),
+    Parameter("independent_parts", True, "at most four parts, whose masses a sensor at rest distinguishes; false: all"),
 )
 
 

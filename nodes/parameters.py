@@ -1,4 +1,4 @@
-"""How every node declares its parameters: described, with their ranges, refused with a sentence."""
+"""Declaration of parameters: descriptions, ranges, and one sentence for a value that is refused."""
 
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple

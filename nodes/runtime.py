@@ -1,4 +1,4 @@
-"""What every node needs: a clean start and stop, guarded callbacks, errors as numbered codes."""
+"""Shared by all nodes: clean start and stop, guarded callbacks, errors as numbered codes."""
 
 import functools
 import signal
@@ -33,7 +33,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
 
     Exits with the error's status and one line when the node cannot start (a bad parameter, for one).
     """
-    # Before init: rclpy's own handler, in C, does the shutdown; Python's would raise a second time in its midst.
+    # Before init: rclpy's own handler, in C, does the shutdown; Python's handler would raise during that shutdown.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     rclpy.init(args=args)
     executor = EventsExecutor()
@@ -61,7 +61,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
 
 
 def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Keep an exception inside a callback from ending the node: log it, once a second at the most."""
+    """Log an exception of a callback, at most once a second, so that it does not end the node."""
 
     @functools.wraps(callback)
     def call(*arguments: Any) -> Any:

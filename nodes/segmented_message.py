@@ -30,7 +30,7 @@ def segmented_message(
         stamp: ns.
         scanned: the cloud, in the base.
         found: its parts.
-        parts: (T,) part of each tetrahedron that is told; each a union of those of `found`.
+        parts: (T,) part of each tetrahedron as published; each a union of those of `found`.
         notes: what to read it with.
     """
     spread = scanned.volume_std(found.solid)

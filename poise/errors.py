@@ -63,7 +63,7 @@ class PoiseError(Exception):
     Args:
         code: what kind of failure, for machines.
         message: one sentence for people: what, where, how to fix it.
-        **data: whatever a program may want to read back, by name.
+        **data: values for programs, by name.
     """
 
     exit_status = 1
@@ -88,6 +88,6 @@ class NoAnswerError(PoiseError):
 
 
 class SensorError(PoiseError):
-    """A device or its stream misbehaves."""
+    """A device or its stream fails."""
 
     exit_status = 2

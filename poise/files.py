@@ -1,4 +1,4 @@
-"""Whole files or none: writing that leaves nothing behind when it fails."""
+"""Writing files whole or not at all."""
 
 import contextlib
 import os

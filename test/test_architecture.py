@@ -356,6 +356,18 @@ def test_the_picture_of_the_rooms_is_that_of_the_imports() -> None:
     assert page() == PAGE.read_text(encoding="utf-8"), "run python tools/draw_architecture.py"
 
 
+def test_three_walks_through_the_rooms_have_at_most_eight_steps_and_name_files() -> None:
+    walks = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.M)[1:]
+    assert len(walks) == 3
+    for walk in walks:
+        steps = re.findall(r"^\d\. .*", walk, re.M)
+        assert 4 <= len(steps) <= 8
+        for step in steps:
+            files = re.findall(r"`((?:poise|nodes)/[\w./]+)`", step)
+            assert files, step
+            assert all((ROOT / file).exists() for file in files), step
+
+
 def test_the_core_loads_on_a_machine_without_ros() -> None:
     names = ["poise", *sorted(core_modules())]
     command = [sys.executable, "-c", BLOCK_ROS, ROS.pattern, *names]

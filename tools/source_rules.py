@@ -41,7 +41,7 @@ WORDING = {
 }
 """Private idiom -> the plain term; letters in brackets keep this table from matching itself."""
 WORDS = re.compile(rf"\b(?:{'|'.join(WORDING)})\b", re.IGNORECASE)
-NOT_PROSE = re.compile(r"^(third_party/|LICENSE|bags/.*\.mcap$)|\.(png|svg|npz|mcap|obj|stl|ply|pcd|db3|bag|zst)$")
+NOT_PROSE = re.compile(r"^(third_party/|LICENSE)|\.(png|svg|obj|stl|ply)$")
 
 
 @cache
@@ -134,7 +134,9 @@ def private_wording() -> list[str]:
     for name in listed:
         if NOT_PROSE.search(name) or not (ROOT / name).is_file():
             continue
-        for number, line in enumerate((ROOT / name).read_text(encoding="utf-8").splitlines(), start=1):
+        content = (ROOT / name).read_bytes()
+        lines = [] if b"\0" in content else content.decode("utf-8").splitlines()
+        for number, line in enumerate(lines, start=1):
             found += [f"{name}:{number}: {hit[0]!r} in {line.strip()[:100]!r}" for hit in WORDS.finditer(line)]
     return found
 

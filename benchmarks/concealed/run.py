@@ -39,19 +39,30 @@ def judge(bag: Path, answers: Path) -> Outcome:
         place = Path(scratch)
         shutil.copy(bag, place / "recording.mcap")
         shutil.copy(bag.with_suffix(".yaml"), place / "model.yaml")
-        command = [_tool(), "mismatch", "recording.mcap", "--model", "model.yaml", "--json", "answer.json"]
-        begin = time.monotonic()
-        try:
-            ended = subprocess.run(
-                command, cwd=place, env=_environment(), capture_output=True, text=True, timeout=LIMIT, check=False
-            )
-            status, complaint = ended.returncode, ended.stderr[-2000:]
-        except subprocess.TimeoutExpired:
-            status, complaint = -1, f"no answer within {LIMIT:g} s"
-        seconds = time.monotonic() - begin
+        arguments = ["mismatch", "recording.mcap", "--model", "model.yaml", "--json", "answer.json"]
+        seconds, status, complaint = run_tool(place, arguments)
         if status == 0 and (place / "answer.json").is_file():
             shutil.move(place / "answer.json", answers / f"{name}.json")
     return Outcome(name, seconds, status, complaint)
+
+
+def run_tool(place: Path, arguments: list[str]) -> tuple[float, int, str]:
+    """Run `poise` in a folder: seconds, exit status (-1 when it exceeds LIMIT), and the end of its stderr."""
+    begin = time.monotonic()
+    try:
+        ended = subprocess.run(
+            [_tool(), *arguments],
+            cwd=place,
+            env=_environment(),
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+            check=False,
+        )
+        status, complaint = ended.returncode, ended.stderr[-2000:]
+    except subprocess.TimeoutExpired:
+        status, complaint = -1, f"no answer within {LIMIT:g} s"
+    return time.monotonic() - begin, status, complaint
 
 
 def _tool() -> str:

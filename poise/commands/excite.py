@@ -52,13 +52,13 @@ SpeedOption = Annotated[
 AccelerationOption = Annotated[float, typer.Option("--acceleration", help="rad/s2 of each joint.")]
 RoomOption = Annotated[float, typer.Option("--room", help="m that the tool centre point may go from its start.")]
 MassOption = Annotated[float, typer.Option("--mass", help="kg, a guess at the payload.")]
-SensorFrameOption = Annotated[str, typer.Option("--sensor-frame", help="Frame of the wrench.")]
+_SensorFrameOption = Annotated[str, typer.Option("--sensor-frame", help="Frame of the wrench.")]
 TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the tool centre point; empty: the sensor's.")]
 SeedOption = Annotated[int, typer.Option("--seed", help="The same one gives the same motion.", min=0)]
 OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Write the trajectory (YAML).", show_default=False)
 ]
-PictureOption = Annotated[
+_PictureOption = Annotated[
     Path | None, typer.Option("--picture", metavar="FILE", help="Draw it (PNG or SVG).", show_default=False)
 ]
 
@@ -76,11 +76,11 @@ def excite(
     acceleration: AccelerationOption = 10.0,
     room: RoomOption = 0.15,
     mass: MassOption = 1.0,
-    sensor_frame: SensorFrameOption = "ft_sensor",
+    sensor_frame: _SensorFrameOption = "ft_sensor",
     tcp: TcpOption = "tcp",
     seed: SeedOption = 0,
     out: OutOption = None,
-    picture: PictureOption = None,
+    picture: _PictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
     """Plan a slow joint motion that reveals the inertial parameters of the payload.

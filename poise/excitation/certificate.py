@@ -8,6 +8,7 @@ from scipy.special import comb
 
 from poise.excitation.hand import HandMotion, hand_motion
 from poise.excitation.limits import Guard, MotionLimits, position_range
+from poise.geometry import cross_matrix
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
@@ -103,7 +104,7 @@ def _fastest(hand: HandMotion, points: Array, half: float) -> Array:
     """
     x, y, z = points.T
     monomials = np.array([np.ones_like(x), x, y, z, x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z])
-    spin, change = _cross_matrices(hand.omega), _cross_matrices(hand.alpha)
+    spin, change = cross_matrix(hand.omega), cross_matrix(hand.alpha)
     change = change + spin @ spin
     rows = max(_ENTRIES // len(points), 1)
     largest = np.zeros(len(spin))
@@ -122,14 +123,6 @@ def _fastest(hand: HandMotion, points: Array, half: float) -> Array:
             part = slice(at, at + rows)
             largest[part] = np.maximum(largest[part], (form[part] @ monomials).max(axis=1))
     return np.asarray(np.sqrt(largest))
-
-
-def _cross_matrices(vector: Array) -> Array:
-    """(N, 3, 3) the matrices whose product with p is vector x p."""
-    matrix = np.zeros((len(vector), 3, 3))
-    matrix[:, [2, 0, 1], [1, 2, 0]] = vector
-    matrix[:, [1, 2, 0], [2, 0, 1]] = -vector
-    return matrix
 
 
 def _largest(vector: Array, slope: Array, half: float) -> Array:

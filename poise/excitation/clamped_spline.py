@@ -24,7 +24,7 @@ class ClampedSpline:
         knots: (K + 1,) s.
         values: three (N, F) matrices of the displacement and its first two derivatives at N evenly spaced times.
         polygons: control points (., F) of the displacement, velocity and acceleration; each curve stays between the
-            least and the greatest of its own.
+            least and its greatest.
     """
 
     duration: float

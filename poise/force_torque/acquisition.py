@@ -23,22 +23,22 @@ from poise.force_torque.wire import Link, SensorSamples
 from poise.types import Array
 
 _LONGEST_WAIT = 0.05
-"""s of one read at the most: how soon a stop is heeded."""
+"""s that one read lasts at most; a stop takes effect after it."""
 _REPORT_PERIOD = 1.0
 """s between reports while nothing changes."""
 
 
 class Sink(Protocol):
-    """Where the acquisition delivers; called from its thread."""
+    """Receiver of the results; called from the acquisition's thread."""
 
     def blocks(self, blocks: BlockAverages) -> None:
-        """Averages to publish, one or more."""
+        """Take one or more averages."""
 
     def batch(self, batch: SampleBatch) -> None:
         """SensorSamples to publish together."""
 
     def report(self, report: StreamReport) -> None:
-        """The condition changed, or a second has passed."""
+        """Take the state, when the condition changes and once a second."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ class AcquisitionOptions:
     Attributes:
         publish_rate: averages per second, at the most.
         batch_rate: batches per second; 0: none.
-        silence: s without a sample that make a sensor silent.
+        silence: s without a sample after which a sensor counts as silent.
         publish_saturated: hand on averages of saturated samples too.
-        bias: (6,) N and N m to subtract from the beginning.
+        bias: (6,) N and N m to subtract from the start.
     """
 
     publish_rate: float
@@ -65,8 +65,8 @@ class Acquisition:
 
     Args:
         link: the device; used by this thread alone.
-        options: how.
-        sink: where to.
+        options: rates and limits.
+        sink: receives the results.
         rng: for the jitter of the back-off.
     """
 
@@ -98,11 +98,11 @@ class Acquisition:
         self._reported_at = -_REPORT_PERIOD
 
     def start(self) -> None:
-        """Begin; returns at once, whether a device is there or not."""
+        """Start the thread; returns at once, with or without a device."""
         self._thread.start()
 
     def stop(self, timeout: float = 3.0) -> bool:
-        """End, and silence the device; False when the thread hangs in a system call beyond `timeout` s."""
+        """Stop the stream and the thread; False when a system call still blocks the thread after `timeout` s."""
         self._stopping.set()
         self._thread.join(timeout)
         with self._lock:
@@ -111,7 +111,7 @@ class Acquisition:
         return not self._thread.is_alive()
 
     def report(self) -> StreamReport:
-        """How things are now."""
+        """The present condition and counts."""
         with self._lock:
             now = time.monotonic()
             status_text = self._link.describe(self._health.status)
@@ -140,7 +140,7 @@ class Acquisition:
         Args:
             count: samples to average.
             timeout: s for everything.
-            hardware: zero the device itself (it keeps that for every client), then see that it did.
+            hardware: zero the device itself, which holds for every client, then check that it did.
 
         Raises:
             SensorError: SENSOR_STALE, without samples; DEADLINE; SENSOR_FAULT, when the device did not zero itself.
@@ -202,7 +202,7 @@ class Acquisition:
         except Exception as error:
             with self._lock:
                 self._health.note("failed", f"please report this: {error!r}", time.monotonic())
-            self._stopping.wait(0.01)  # an error that comes at once must not burn a core
+            self._stopping.wait(0.01)  # limits the load of an error that repeats
 
     def _step(self) -> None:
         connected = self._health.is_connected
@@ -228,7 +228,7 @@ class Acquisition:
         self._connects += 1
         with self._lock:
             self._counter.expect_restart()
-            self._averager.clear()  # half a block from before the silence is no average
+            self._averager.clear()  # a block across a silence has no meaning
             rest = self._batcher.flush(self._counter, self._clock)
         if rest is not None:
             self._sink.batch(rest)
@@ -308,7 +308,7 @@ class Acquisition:
         return Stamped(position, stamps, wrench, samples.saturated, samples.faulty)
 
     def _publishable(self, blocks: BlockAverages) -> BlockAverages:
-        """Leave out what is no measurement."""
+        """Leave out averages of saturated, faulty or repeated samples."""
         bad = blocks.faulty | (blocks.saturated & (not self._options.publish_saturated))
         if self._health.is_stalled:
             bad[:] = True

@@ -18,7 +18,7 @@ class SampleBatch:
 
     Attributes:
         stamp: ns when the first was measured.
-        period: s between samples, as measured; 0 for a device without a clock of its own.
+        period: s between samples, as measured; 0 for a device without a sample clock.
         sequence: (N,) uint32 of the device; a gap is a loss.
         wrench_in_sensor: (N, 6) N and N m.
         status: (N,) uint32.

@@ -38,7 +38,7 @@ class SampleClock:
         self._last_stamp = 0
 
     def observe(self, position: int, arrival: int) -> None:
-        """Note that sample `position` was in hand at `arrival` (ns)."""
+        """Take the arrival time of a sample: its `position` in the count, `arrival` ns."""
         if self._bucket is None:
             self._restart(position, arrival)
             return

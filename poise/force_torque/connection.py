@@ -1,4 +1,4 @@
-"""When to try again: exponential back-off with jitter."""
+"""When to reconnect: exponential back-off with jitter."""
 
 import numpy as np
 
@@ -6,8 +6,7 @@ import numpy as np
 class Backoff:
     """Waits that double from attempt to attempt and never pass the cap.
 
-    Every wait is drawn from the upper half of its nominal length, so that drivers that lost their sensors together
-    do not come back together.
+    Every wait is drawn from the upper half of its nominal length, so that several drivers do not reconnect in step.
 
     Args:
         rng: source of the jitter.

@@ -1,4 +1,4 @@
-"""How a sensor is doing: one condition at a time, the worst first, and the counts behind it.
+"""State of a sensor stream: its worst condition, and the counts behind it.
 
 The fault contract in docs/ft_driver.md is the table of these conditions.
 """
@@ -10,9 +10,9 @@ from poise.errors import ErrorCode, PoiseError
 from poise.force_torque.wire import SensorSamples
 
 HOLD = 1.0
-"""s for which a passing fault stays visible after it was last seen."""
+"""s that a transient fault stays visible after it was last seen."""
 FIRST_SAMPLE_GRACE = 1.0
-"""s after activation within which a missing first sample is no error yet."""
+"""s after activation before a missing first sample is an error."""
 
 
 class Severity(IntEnum):
@@ -25,14 +25,14 @@ class Severity(IntEnum):
 
 @dataclass(frozen=True)
 class Condition:
-    """The state of the stream in one word and one sentence.
+    """The state of the stream: one word and one sentence.
 
     Attributes:
         kind: stable name: failed, connecting, unreachable, silent, stalled, saturated, faulty, losing, restarted,
             rejecting, flagged, streaming.
         severity: of diagnostics.
         code: what the fault is, OK for none.
-        text: for people.
+        text: the sentence for people.
     """
 
     kind: str
@@ -43,7 +43,7 @@ class Condition:
 
 @dataclass(frozen=True)
 class StreamReport:
-    """A frozen picture for diagnostics; counts are since activation.
+    """The state for diagnostics; counts are since activation.
 
     Attributes:
         condition: the worst that holds.
@@ -77,12 +77,12 @@ class StreamReport:
 
 
 class Health:
-    """Follows what happens and names the condition. All times are of time.monotonic(), in s.
+    """Tracks events and names the condition. All times are of time.monotonic(), in s.
 
-    Silence is judged at the end of a read, not by the clock: a thread that was held up finds samples waiting.
+    Silence is judged when a read ends: after a delay of the thread, samples are still waiting to be read.
 
     Args:
-        silence: s without a sample that make a sensor silent.
+        silence: s without a sample after which a sensor counts as silent.
         now: time of activation.
     """
 
@@ -121,7 +121,7 @@ class Health:
         self._error = error
 
     def note(self, kind: str, text: str, now: float) -> None:
-        """A passing fault was seen: it shows for HOLD."""
+        """A transient fault was seen; it stays visible for HOLD."""
         self._seen[kind] = (now, text)
 
     def take(self, samples: SensorSamples, now: float) -> None:

@@ -46,7 +46,7 @@ class SequenceCounter:
 
         Returns:
             index: (M,) which of them to use, in the order of measurement: new, and none older than what earlier
-                calls returned (a sample that comes later than that is counted, but of no use to a running stream).
+                calls returned (a later one is counted, but cannot be inserted into a running stream).
             position: (M,) their places in a count that neither wraps nor restarts; gaps are kept.
         """
         count = len(sequence)

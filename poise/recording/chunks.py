@@ -45,7 +45,7 @@ def head_size(compression: str) -> int:
 
 
 def indexed_head(file: BinaryIO, index: ChunkIndex) -> ChunkHead:
-    """Take everything but the payload's checksum from the index, which has a checksum of its own."""
+    """Take everything but the payload's checksum from the index, which has its own checksum."""
     file.seek(index.chunk_start_offset + RECORD_HEAD.size)
     _, _, _, crc = _CHUNK_HEAD.unpack(file.read(_CHUNK_HEAD.size))
     return ChunkHead(

@@ -82,7 +82,7 @@ def _unreadable(recording: "Recording", what: str, alternative: str) -> InputErr
 
 
 class Recording:
-    """A bag. Header stamps rule; log times only order what has none.
+    """A bag. Messages are ordered by their header stamps, and by log times where they have none.
 
     Args (attributes, not to be changed):
         topics: type by topic, as recorded.

@@ -1,4 +1,4 @@
-"""The white noise of a stream, told from how it zigzags from sample to sample."""
+"""The white noise of a stream, estimated from the differences between neighbouring samples."""
 
 import numpy as np
 

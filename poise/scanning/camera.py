@@ -1,4 +1,4 @@
-"""A pinhole camera: from pixels to rays and back, with the lens distortion that sensor_msgs/CameraInfo tells of."""
+"""A pinhole camera: from pixels to rays and back, with the lens distortion of sensor_msgs/CameraInfo."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -38,7 +38,7 @@ def columns_of(message: Any, name: str) -> dict[str, NDArray[Any]]:
         raise InputError(
             ErrorCode.TYPE_MISMATCH,
             f"{name}: {len(data)} bytes for {count} points of {step} with fields {', '.join(places) or 'none'}: a cloud"
-            " has x, y, z and as many bytes as it says; mend its publisher",
+            " has x, y, z and as many bytes as it declares; fix its publisher",
         )
     rows = data[: step * count].reshape(count, step)
     return {

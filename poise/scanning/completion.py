@@ -99,11 +99,11 @@ def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low:
 
     def ask(view: View) -> tuple[Mask, Array]:
         beyond = look(view, asked).beyond
-        tells = beyond > -BAND  # deeper is hidden
-        return tells, np.where(tells, np.minimum(beyond, BAND), 0.0)
+        known = beyond > -BAND  # deeper is hidden
+        return known, np.where(known, np.minimum(beyond, BAND), 0.0)
 
-    told = each(chosen, ask)
-    count, distance = (np.sum([part[i] for part in told], axis=0) for i in (0, 1))
+    answers = each(chosen, ask)
+    count, distance = (np.sum([part[i] for part in answers], axis=0) for i in (0, 1))
     free = (count >= min(FREE_VIEWS, len(views))) & (distance > FREE * count)
     carved = solid.copy()
     carved[tuple(index[free].T)] = False

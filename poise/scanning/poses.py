@@ -37,7 +37,7 @@ def hand_eye_of(description: str, camera_frame: str, fixed: Sequence[Mounting]) 
     Args:
         description: URDF.
         camera_frame: of the images.
-        fixed: what tf_static tells, and what was given by hand; later ones win.
+        fixed: from tf_static, and given by the user; later ones win.
 
     Raises:
         InputError: ROBOT_DESCRIPTION_INVALID; FRAME_UNKNOWN when nothing connects the camera to the robot.

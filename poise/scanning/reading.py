@@ -79,7 +79,7 @@ def read_sweep(
 
     Raises:
         InputError: TOPIC_MISSING, TYPE_MISMATCH, ROBOT_DESCRIPTION_MISSING, ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN,
-            JOINT_MISSING, UNSUPPORTED, BAD_INPUT, EMPTY: what the bag lacks, and the mend.
+            JOINT_MISSING, UNSUPPORTED, BAD_INPUT, EMPTY: what the bag lacks, and how to fix it.
     """
     topics = find_topics(recording, options)
     stamps = stamps_of(recording, topics["depth"])
@@ -96,12 +96,12 @@ def place(
     joints_of: Callable[[tuple[str, ...]], JointStream],
     options: SweepOptions,
 ) -> Sweep:
-    """Give frames their poses; those without are left out and told.
+    """Give frames their poses; frames without one are left out and reported.
 
     Args:
         frames: of one camera.
         description: URDF.
-        fixed: what tf_static tells.
+        fixed: the transforms of tf_static.
         joints_of: the states of joints by their names.
         options: `hand_eye` and `delay` count here.
 
@@ -265,7 +265,7 @@ def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dic
 
 
 def fixed_transforms(recording: Recording) -> list[Mounting]:
-    """What tf_static tells."""
+    """The transforms of tf_static."""
     names = [name for name in recording.topics if name.strip("/").rpartition("/")[2] == "tf_static"]
     found = []
     for name in names:

@@ -49,7 +49,7 @@ class RobotLog:
     def add_joint_state(self, stamp: int, names: Sequence[str], position: Sequence[float]) -> None:
         """Take in a joint state; one without positions is left out."""
         if names and len(names) == len(position):
-            if self._states and stamp < self._states[-1][0] - 10**9:  # a clock that was set back, a bag that began anew
+            if self._states and stamp < self._states[-1][0] - 10**9:  # the clock was set back, or a bag restarted
                 self._states.clear()
             self._states.append((stamp, dict(zip(names, position, strict=True))))
 

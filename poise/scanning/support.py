@@ -1,4 +1,4 @@
-"""The table an object lies on: found with gravity's help, and what stands on it told apart."""
+"""The table an object lies on: found with the help of gravity, and separated from what stands on it."""
 
 from dataclasses import dataclass
 
@@ -28,10 +28,10 @@ TALLEST = 0.6
 LEAST_AREA = 6e-5
 """m2: what is smaller is no object."""
 MOST = 50
-"""Objects that are told apart, the largest."""
+"""Objects that are separated, the largest."""
 JOIN = 2
 """Cells between two pieces of one object that may be empty."""
-MEND = (
+_ADVICE = (
     "put the object on a table that the camera sees around it, and check that the base frame's z is up and that the"
     " hand-eye transform is the camera's"
 )
@@ -79,7 +79,7 @@ def find_plane(points: Array, up: Array, rng: np.random.Generator) -> Plane:
     few = points[rng.choice(len(points), min(SAMPLE, len(points)), replace=False)] if len(points) else points
     if len(few) < 100:
         raise InputError(
-            ErrorCode.SCAN_INCOMPLETE, f"scan: only {len(few)} points have depth, no support plane shows; {MEND}"
+            ErrorCode.SCAN_INCOMPLETE, f"scan: only {len(few)} points have depth, no support plane shows; {_ADVICE}"
         )
     corners = few[rng.integers(len(few), size=(TRIES, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -94,11 +94,11 @@ def find_plane(points: Array, up: Array, rng: np.random.Generator) -> Plane:
         other = int(np.argmax(shares))
         lean = np.rad2deg(np.arccos(np.clip(normals[other] @ up, -1, 1)))
         found = f"the largest plane leans by {lean:.0f} deg" if shares[other] > LEAST_SHARE else "there is no plane"
-        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {found}; {MEND}")
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {found}; {_ADVICE}")
     plane = _fitted(points, normals[best], float(normals[best] @ corners[best, 0]))
     if plane.thickness > THICKEST:
         thick = f"what is about level is {1e3 * plane.thickness:.0f} mm thick"
-        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {thick}; {MEND}")
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {thick}; {_ADVICE}")
     return plane
 
 

@@ -110,6 +110,6 @@ def _check_size(points: Array, name: str) -> None:
     if diagonal < SMALLEST:
         raise InputError(
             ErrorCode.BAD_INPUT,
-            f"{name}: {diagonal:.3g} m across, too small for an object; are these its metres? Mend --scale",
+            f"{name}: {diagonal:.3g} m across, too small for an object; is the unit metres? Give --scale",
             diagonal=diagonal,
         )

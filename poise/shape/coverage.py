@@ -1,4 +1,4 @@
-"""Was the object seen from all sides? What a solid tells about the cloud it was carved from."""
+"""Was the object seen from all sides? Checks of a solid that reveal gaps in its cloud."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -15,7 +15,7 @@ STD_ERROR, STD_NOTE = 0.5, 0.2
 """The same of the volume's deviation over the volume."""
 TWO_SIDED = 0.3
 SMALL_PIECE = 0.03
-MEND = "scan it from the other sides too, or complete its bottom on the support plane"
+_ADVICE = "scan it from the other sides too, or complete its bottom on the support plane"
 
 
 def check_coverage(solid: Solid) -> tuple[str, ...]:
@@ -29,12 +29,12 @@ def check_coverage(solid: Solid) -> tuple[str, ...]:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"cloud: {bare:.0%} of its points have nothing behind them and the volume is uncertain by {doubt:.0%}: "
-            f"some sides of the object are missing; {MEND}",
+            f"some sides of the object are missing; {_ADVICE}",
             bare=bare,
         )
     notes = []
     if bare > BARE_NOTE or doubt > STD_NOTE:
-        notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {MEND}")
+        notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {_ADVICE}")
     pieces = piece_volumes(solid) / solid.volume
     large = int(np.sum(pieces > SMALL_PIECE))
     if large > 1:

@@ -1,4 +1,4 @@
-"""Few parts whose masses can be told apart by a sensor that stands still (thesis section 3.2.5).
+"""Few parts whose masses a sensor at rest distinguishes (thesis section 3.2.5).
 
 At rest only mass and centre of mass show, which is four numbers: of parts whose centroids lie in one plane (or more
 than four of them) some can trade mass without a trace, and non-negative least squares then gives some none at all.

@@ -1,4 +1,4 @@
-"""Mending of surfaces: corners at one place are one, normals point outwards, holes close, overlapping shells unite."""
+"""Repair of surfaces: coincident corners become one, normals point outwards, holes close, overlapping shells unite."""
 
 from itertools import pairwise
 
@@ -124,7 +124,7 @@ def _close(points: Array, triangles: Indices, notes: list[str], name: str) -> tu
         loop = [start]
         while not (len(loop) > 1 and loop[-1] == start):
             if loop[-1] not in ways:
-                raise InputError(ErrorCode.MESH_INVALID, f"{name}: the edges of a hole form no loop; mend the mesh")
+                raise InputError(ErrorCode.MESH_INVALID, f"{name}: the edges of a hole form no loop; repair the mesh")
             onwards = ways[loop[-1]].pop()
             if not ways[loop[-1]]:
                 del ways[loop[-1]]
@@ -152,7 +152,7 @@ def _unite(points: Array, triangles: Indices, notes: list[str]) -> tuple[Array, 
         shells, volumes = [shell[:, ::-1].copy() for shell in shells], -volumes
     boxes = np.array([[points[shell].min(axis=(0, 1)), points[shell].max(axis=(0, 1))] for shell in shells])
     reach = np.all((boxes[:, None, 0] <= boxes[None, :, 1]) & (boxes[None, :, 0] <= boxes[:, None, 1]), axis=2)
-    if np.sum(reach) == len(shells):  # nobody's box meets another's: what is negative is inside out
+    if np.sum(reach) == len(shells):  # no bounding boxes overlap: a negative volume is inside out
         if np.any(volumes < 0):
             notes.append(f"{np.sum(volumes < 0)} of {len(shells)} shells were inside out and were turned")
         shells = [shell if volume > 0 else shell[:, ::-1] for shell, volume in zip(shells, volumes, strict=True)]

@@ -25,7 +25,7 @@ class CheckedMesh:
     Args:
         vertices: (V, 3) m, none twice.
         triangles: (T, 3) vertex numbers, counter-clockwise from outside.
-        notes: what was mended, one sentence each.
+        notes: repairs, one sentence each.
     """
 
     vertices: Array
@@ -49,7 +49,7 @@ def read_mesh(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> 
 
 
 def read_triangles(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> tuple[Array, Indices]:
-    """A file's vertices (V, 3) m and triangles (T, 3) as they are: nothing mended, shells kept apart.
+    """A file's vertices (V, 3) m and triangles (T, 3) as they are: not repaired, shells kept separate.
 
     Args:
         source, folder, scale: as for `read_mesh`.
@@ -97,7 +97,7 @@ def _content(source: str, folder: Path) -> tuple[bytes, str]:
 
 
 def check_mesh(vertices: ArrayLike, triangles: ArrayLike, scale: float = 1.0, name: str = "mesh") -> CheckedMesh:
-    """Check and mend the surface of one object (see `mesh_repair.repair`).
+    """Check and repair the surface of one object (see `mesh_repair.repair`).
 
     Args:
         vertices: (V, 3).
@@ -132,7 +132,7 @@ def _checked(vertices: ArrayLike, triangles: ArrayLike, scale: float, name: str)
         points = points * scale
     wrong = np.flatnonzero(~np.all(np.isfinite(points), axis=1))
     if len(wrong):
-        message = f"{name}: vertex {wrong[0]} is not finite; mend the mesh"
+        message = f"{name}: vertex {wrong[0]} is not finite; fix the mesh"
         raise InputError(ErrorCode.NOT_FINITE, message, vertex=int(wrong[0]))
     return points, corners
 

@@ -16,6 +16,7 @@ class Caller:
 
     def ready(self) -> "Caller":
         self._graph.wait_for(self._client.server_is_ready, 60.0, "the action")
+        self._graph.meet()
         return self
 
     def send(self, **fields):

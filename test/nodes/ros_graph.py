@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 import rclpy
+from rcl_interfaces.srv import GetParameters
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -19,6 +20,8 @@ from poise.nodes.runtime import EventsExecutor
 
 TIMEOUT = 60.0
 """How long a wait may last, s: far above what is expected, so that only what never comes fails."""
+RETRY = 1.0
+"""s after which a request that met a node too early is sent again."""
 
 
 class NodeProcess:
@@ -95,11 +98,40 @@ class Graph:
         self.node.create_subscription(message_type, topic, messages.append, qos)
         return messages
 
+    def meet(self) -> None:
+        """Wait until every other node knows all endpoints that this one has made so far.
+
+        A publisher that has matched a reader may still be unknown to that reader, which then misses what is published.
+        Endpoints are announced in the order of their making, so a node that answers a client made now knows the
+        earlier ones. The request itself may come too early, and is sent again.
+        """
+        own = self.node.get_name(), self.node.get_namespace()
+        for name, namespace in self.node.get_node_names_and_namespaces():
+            if (name, namespace) == own:
+                continue
+            client = self.node.create_client(GetParameters, f"{namespace.rstrip('/')}/{name}/get_parameters")
+            try:
+                self.wait_for(client.service_is_ready, what=f"the parameters of {name}")
+                answers: list[Any] = []
+                sent = -RETRY
+
+                def answered() -> bool:
+                    nonlocal sent
+                    if time.monotonic() - sent > RETRY:
+                        sent = time.monotonic()
+                        answers.append(client.call_async(GetParameters.Request()))  # noqa: B023  # called in this turn
+                    return any(answer.done() for answer in answers)  # noqa: B023
+
+                self.wait_for(answered, what=f"an answer of {name}")
+            finally:
+                self.node.destroy_client(client)
+
     def call(self, service_type: type, name: str, request: Any, timeout: float = TIMEOUT) -> Any:
         """Call a service, waiting for it to appear; return the response."""
         client = self.node.create_client(service_type, name)
         try:
             self.wait_for(client.service_is_ready, timeout, f"service {name}")
+            self.meet()
             future = client.call_async(request)
             self.wait_for(future.done, timeout, f"response of {name}")
             return future.result()

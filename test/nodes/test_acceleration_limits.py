@@ -85,6 +85,7 @@ def test_a_tilted_and_turning_base_leaves_less(limits, graph):
     assert still.angular_speed == pytest.approx(math.sqrt(MU * G), rel=0.02)
     odometry = graph.node.create_publisher(Odometry, "odom", 10)
     graph.wait_for(odometry.get_subscription_count, what="the node at odom")
+    graph.meet()
     turning = Odometry()
     turning.twist.twist.angular.z = 1.0
     odometry.publish(turning)

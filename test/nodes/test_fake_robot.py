@@ -199,6 +199,7 @@ def test_an_arm_goes_where_it_is_commanded_and_refuses_what_it_cannot(graph: Gra
     node = start_node("fake_robot", ARM)
     commands = graph.node.create_publisher(JointTrajectory, "joint_trajectory", 10)
     graph.wait_for(lambda: states and commands.get_subscription_count(), what="the arm")
+    graph.meet()
 
     def go(name: str, position: float) -> None:
         point = JointTrajectoryPoint(positions=[position], time_from_start=Duration(sec=1))

@@ -86,7 +86,7 @@ def test_the_static_poses_through_the_graph_are_the_offline_answer_to_1e_9(start
 
 
 def test_by_default_the_node_says_what_poise_identify_says(start_node, graph):
-    """But for the noise, which one is told and the other finds from the recording."""
+    """But for the noise, which one is given and the other estimates from the recording."""
     message = replay(start_node, graph, STATIC, 8.0)
     offline = identify(open_recording(STATIC)).estimate
     assert message.method == offline.method == "poise"
@@ -152,6 +152,7 @@ class Feeder:
         self.description = node.create_publisher(String, "robot_description", latched)
         for publisher in (self.wrench, self.tf, self.joints, self.description):
             graph.wait_for(publisher.get_subscription_count, what="the estimator's subscriptions")
+        graph.meet()
         self.rng = np.random.default_rng(0)
 
     def hold(
@@ -288,6 +289,7 @@ def test_without_wrench_and_without_kinematics_the_diagnostics_say_what_is_missi
     graph.wait_for(lambda: "no wrench yet" in status(diagnostics)["message"], what="no wrench")
     publisher = graph.node.create_publisher(WrenchStamped, "wrench", 10)
     graph.wait_for(publisher.get_subscription_count, what="the estimator")
+    graph.meet()
     message = WrenchStamped()
     message.header.frame_id = "ft_sensor"
     publisher.publish(message)

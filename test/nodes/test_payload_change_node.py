@@ -104,11 +104,11 @@ def test_a_shape_whose_place_in_the_hand_is_unknown_is_refused_by_name(start_nod
     wrong.header.frame_id = "ft_sensor"
     wrong.parts[0].volume = -1.0
 
-    def told() -> bool:
-        shapes.publish(wrong)  # again and again: the log tells of errors once a second at the most
+    def reported() -> bool:
+        shapes.publish(wrong)  # again and again: the log reports errors once a second at the most
         return "OBJECT_INVALID" in node.output and "part 7" in node.output
 
-    graph.wait_for(told, what="the part by name")
+    graph.wait_for(reported, what="the part by name")
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Robot descriptions at the door: what they mean is understood, what is wrong is named, nothing else is opened."""
+"""Robot descriptions as input: they are parsed, errors are named, no other file is opened."""
 
 import contextlib
 
@@ -126,7 +126,7 @@ def test_a_bad_description_is_refused_with_its_reason(text, why):
     assert why in refused(text)
 
 
-def test_a_planar_joint_below_the_sensor_is_refused_with_the_mend():
+def test_a_planar_joint_below_the_sensor_is_refused_with_advice():
     text = robot(link("floor"), link("ft_sensor"), joint("drive", "planar", "floor", "ft_sensor"))
     assert "odom" in refused(text, ErrorCode.UNSUPPORTED)
 

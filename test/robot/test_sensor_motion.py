@@ -1,4 +1,4 @@
-"""SensorMotion: shapes checked at the door, gravity seen from the sensor, samples picked."""
+"""SensorMotion: shapes checked on input, gravity seen from the sensor, samples picked."""
 
 import numpy as np
 import pytest

@@ -23,7 +23,7 @@ def bag():
 
 
 def heard(bag, without=()):
-    """A robot as it is told by the bag."""
+    """A robot with the joint states of the bag."""
     robot = RobotLog()
     robot.description = "" if "description" in without else bag.robot_description()
     for transform in () if "tf" in without else fixed_transforms(bag):

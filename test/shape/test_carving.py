@@ -16,7 +16,7 @@ def clouds() -> dict[str, tuple[np.ndarray, float]]:
     return {
         "box": (samples.box(rng, (0.1, 0.06, 0.04), COUNT), 0.1 * 0.06 * 0.04),
         "sphere": (samples.sphere(rng, 0.05, COUNT), 4 / 3 * np.pi * 0.05**3),
-        "a hollow that nobody sees counts as filled": (hollow, 4 / 3 * np.pi * 0.05**3),
+        "a hidden hollow counts as filled": (hollow, 4 / 3 * np.pi * 0.05**3),
         "torus": (samples.torus(rng, 0.06, 0.02, COUNT), 2 * np.pi**2 * 0.06 * 0.02**2),
         "cylinder": (samples.cylinder(rng, 0.01, 0.2, COUNT), np.pi * 0.01**2 * 0.2),
         "plate of 3 mm with points 3 mm apart": (samples.box(rng, (0.1, 0.1, 0.003), COUNT), 0.1 * 0.1 * 0.003),

@@ -1,4 +1,4 @@
-"""Parts that a sensor at rest can tell apart: their centroids span space, or there are fewer of them."""
+"""Parts that a sensor at rest distinguishes: their centroids span space, or there are fewer of them."""
 
 import numpy as np
 import pytest

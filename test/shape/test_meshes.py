@@ -1,4 +1,4 @@
-"""The door for meshes: every format gives the same body, broken ones are mended and say so, bad ones are refused."""
+"""Mesh input: every format gives the same body, broken meshes are repaired and reported, bad ones are refused."""
 
 import struct
 from pathlib import Path
@@ -68,16 +68,16 @@ def test_inside_out_and_mixed_normals_are_turned_and_named() -> None:
     assert "inside out" in inside_out.notes[0]
     mixed = CUBE.copy()
     mixed[[2, 5, 7]] = mixed[[2, 5, 7], ::-1]
-    mended = check_mesh(CORNERS, mixed)
-    assert volume(mended) == pytest.approx(1)
-    assert "3 triangles were turned" in mended.notes[0]
+    repaired = check_mesh(CORNERS, mixed)
+    assert volume(repaired) == pytest.approx(1)
+    assert "3 triangles were turned" in repaired.notes[0]
 
 
 def test_a_hole_is_closed_and_named_and_a_sheet_is_refused() -> None:
     points, triangles = sphere()
-    mended = check_mesh(points, triangles[3:])
-    assert volume(mended) == pytest.approx(volume(check_mesh(points, triangles)), rel=0.01)
-    assert "closed" in mended.notes[0]
+    repaired = check_mesh(points, triangles[3:])
+    assert volume(repaired) == pytest.approx(volume(check_mesh(points, triangles)), rel=0.01)
+    assert "closed" in repaired.notes[0]
     with pytest.raises(InputError, match="sheet") as refused:
         check_mesh(points, triangles[: len(triangles) // 2])
     assert refused.value.code is ErrorCode.MESH_INVALID

@@ -39,8 +39,8 @@ def test_edges_that_chords_cut_off_come_back(sides: tuple[float, float, float]) 
             phi = parts_of_solid(solid).unit_phi[:, 0]
             inertia = np.abs(phi[[4, 7, 9]] / box_inertia(sides) - 1).max()
             off.append([abs(solid.volume / np.prod(sides) - 1), inertia])
-    carved, mended = np.mean(off[::2], axis=0), np.mean(off[1::2], axis=0)
-    assert np.all(mended < 0.7 * carved)
+    carved, unbiased_solid = np.mean(off[::2], axis=0), np.mean(off[1::2], axis=0)
+    assert np.all(unbiased_solid < 0.7 * carved)
 
 
 @pytest.mark.parametrize("noise", [2e-4, 4e-4])
@@ -52,25 +52,25 @@ def test_noise_hardly_thickens(noise: float) -> None:
         points = samples.sphere(rng, 0.03, COUNT)
         pairs = zip(both(points + rng.normal(0, noise, points.shape)), both(points), strict=True)
         added.append([noisy.volume - clean.volume for noisy, clean in pairs])
-    carved, mended = np.mean(added, axis=0)
+    carved, unbiased_solid = np.mean(added, axis=0)
     assert carved > 0.005 * 4 / 3 * np.pi * 0.03**3
-    assert abs(mended) < 0.4 * carved
+    assert abs(unbiased_solid) < 0.4 * carved
 
 
 def test_flat_ground_stays_flat() -> None:
     sides = (0.1, 0.06, 0.04)
-    carved, mended = both(samples.box(np.random.default_rng(1), sides, COUNT))
+    carved, unbiased_solid = both(samples.box(np.random.default_rng(1), sides, COUNT))
     inside = np.abs(carved.vertices[:, :2]).max(axis=1) < 0.02
     assert inside.sum() > 100
-    assert mended.vertices[inside, 2] == pytest.approx(carved.vertices[inside, 2], abs=1e-12)
+    assert unbiased_solid.vertices[inside, 2] == pytest.approx(carved.vertices[inside, 2], abs=1e-12)
 
 
 def test_the_volume_is_still_that_inside_the_surface() -> None:
     """By the divergence theorem, whichever tetrahedra the push has turned inside out."""
-    _, mended = both(samples.torus(np.random.default_rng(2), 0.06, 0.02, COUNT))
-    triangles, _ = mended.surface
-    assert np.any(mended.volumes < 0)
-    assert np.linalg.det(mended.vertices[triangles]).sum() / 6 == pytest.approx(mended.volume)
+    _, unbiased_solid = both(samples.torus(np.random.default_rng(2), 0.06, 0.02, COUNT))
+    triangles, _ = unbiased_solid.surface
+    assert np.any(unbiased_solid.volumes < 0)
+    assert np.linalg.det(unbiased_solid.vertices[triangles]).sum() / 6 == pytest.approx(unbiased_solid.volume)
 
 
 @pytest.mark.parametrize("seed", range(400, 412))

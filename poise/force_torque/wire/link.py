@@ -14,7 +14,7 @@ class Link(Protocol):
 
     @property
     def name(self) -> str:
-        """Which device at which address, as far as it is known by now."""
+        """Device and address, as far as they are known."""
 
     @property
     def rate(self) -> float | None:
@@ -34,7 +34,7 @@ class Link(Protocol):
         """
 
     def describe(self, status: int) -> str:
-        """Say in words what a status word reports."""
+        """The text of a status word."""
 
     def close(self) -> None:
         """Stop the stream and release the wire; never raises, and start() may follow."""

@@ -82,7 +82,7 @@ class Calibration:
         return cls(sign * newtons / counts_per_force, sign * newton_metres / counts_per_torque, si_limit)
 
     def with_limit(self, limit: Array) -> "Calibration":
-        """The same with other rated loads, (6,) N and N m, where those are finite."""
+        """This calibration with other rated loads, (6,) N and N m, where those are finite."""
         return replace(self, limit=np.where(np.isfinite(limit), limit, self.limit))
 
     @cached_property
@@ -115,7 +115,7 @@ class SensorSamples:
         status: (N,) uint32 device status word; 0 is healthy.
         saturated: (N,) bool, by status word or rated load.
         faulty: (N,) bool, the device itself calls the sample wrong.
-        arrival: ns since the epoch at which the last sample was in hand (never before it was measured).
+        arrival: ns since the epoch at which the last sample arrived (never before it was measured).
         measured: uint32 counter of the device's own measurements at the last sample, None where it has none.
         rejected: messages of this read that were not valid.
     """

@@ -54,7 +54,7 @@ def newtons_per(unit: str) -> float:
 
 
 def newton_metres_per(unit: str) -> float:
-    """How many newton metres one `unit` of torque is; "N-m", "N m" and "Nm" are the same.
+    """How many newton metres one `unit` of torque is; "N-m", "N m" and "Nm" mean one unit.
 
     Raises:
         InputError: UNSUPPORTED, for a unit that is not known.

@@ -22,7 +22,7 @@ _REQUEST = struct.Struct("!HHI")
 _RECORD = np.dtype(">u4,>u4,>u4,6>i4")
 _STOP, _START_REALTIME, _START_BUFFERED, _BIAS = 0x0, 0x2, 0x3, 0x42
 _BURST = 64
-"""Most datagrams a millisecond: whoever was held up catches up without flooding the reader's socket."""
+"""Most datagrams a millisecond: after a delay the fake catches up without flooding the reader's socket."""
 
 _PAGE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 <netft><runstat>0x00000000</runstat><runft>0;0;0;0;0;0</runft><cfgcalsn>{serial_number}</cfgcalsn>
@@ -35,7 +35,7 @@ _PAGE = """<?xml version="1.0" encoding="ISO-8859-1"?>
 class FakeRdtSensor:
     """A device on loopback while its context lasts.
 
-    Pacing is by an absolute schedule: no drift, and whoever was held up catches up.
+    Pacing is by an absolute schedule: no drift, and the fake catches up after a delay.
 
     Args:
         source: what it feels; numbers in the units it reports (N and N m here).
@@ -49,14 +49,14 @@ class FakeRdtSensor:
     Attributes:
         sent: records of the present stream so far, those that a fault took included.
         status: status word of the records to come.
-        silent: sends and hears nothing, while its time goes on: the cable is out.
+        silent: sends and receives nothing, while its time advances: the cable is unplugged.
         stalled: repeats one measurement.
-        deaf_to_bias: hears the bias command and does nothing.
+        deaf_to_bias: ignores the bias command.
         length: records after which it falls silent for good; None: never.
         fault: what happens to datagrams on the way; None: nothing.
         first_sequence: RDT sequence number that a stream begins with.
         page: what the web server serves.
-        starts, biases: requests heard.
+        starts, biases: requests received.
     """
 
     COUNTS = 1_000_000

@@ -94,10 +94,10 @@ def fetch_settings(host: str, port: int = 80, timeout: float = 1.0) -> RdtSettin
     Args:
         host: address or name.
         port: of its web server.
-        timeout: s, for everything together.
+        timeout: s, in total.
 
     Raises:
-        SensorError: SENSOR_UNREACHABLE, when nothing answers in time; SENSOR_PROTOCOL, for an answer of no use.
+        SensorError: SENSOR_UNREACHABLE, when nothing answers in time; SENSOR_PROTOCOL, for an invalid answer.
     """
     deadline = time.monotonic() + timeout
     question = f"GET {_PAGE} HTTP/1.0\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode("ascii", "replace")

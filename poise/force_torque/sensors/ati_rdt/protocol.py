@@ -58,7 +58,7 @@ _MONITOR_CONDITION = 1 << 16
 
 
 class RdtFamily(Enum):
-    """Devices that speak RDT give the bits of the status word different meanings."""
+    """The meaning of the status bits differs between families of RDT devices."""
 
     NET_FT = "net_ft"
     AXIA = "axia"
@@ -74,7 +74,7 @@ class RdtFamily(Enum):
         return 1 << 30 | 1 << 27 if self is RdtFamily.AXIA else 1 << 17
 
     def describe(self, status: int) -> str:
-        """Say in words what a status word reports ("healthy" for 0)."""
+        """The text of a status word ("healthy" for 0)."""
         bits = _AXIA_BITS if self is RdtFamily.AXIA else _NET_FT_BITS
         names = [bits.get(bit, f"reserved bit {bit}") for bit in range(31) if status >> bit & 1]
         if status & _ERROR_SUMMARY and not names:
@@ -83,7 +83,7 @@ class RdtFamily(Enum):
 
 
 def is_fault(status: NDArray[np.uint32]) -> Mask:
-    """Which status words call their sample wrong: the error summary, for more than a threshold that was passed."""
+    """Which status words mark their sample as wrong: the error summary, unless only a user threshold was exceeded."""
     fault: Mask = (status >= _ERROR_SUMMARY) & (status != (_ERROR_SUMMARY | _MONITOR_CONDITION))
     return fault
 

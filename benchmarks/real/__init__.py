@@ -1,0 +1,1 @@
+"""Diagnosis of real recordings whose makers published what a rigid nominal model lacks."""
