@@ -18,7 +18,7 @@ from mcap.opcode import Opcode
 
 from poise.errors import ErrorCode, InputError
 
-MAGIC = b"\x89MCAP0\r\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")  # record head, channel, sequence, log time, publish time
 # Where the messages of a block are: `start` counts from the first byte of the decompressed block.
@@ -72,7 +72,7 @@ class Loss:
 
 
 @dataclass(frozen=True, eq=False)
-class MessageBlock:
+class ChunkBlock:
     """A chunk, or a run of messages outside of chunks.
 
     Args:

@@ -14,8 +14,8 @@ from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import PIECE, Loss, LossKind, decompress, longest_chunk
 from poise.recording.contents import Contents, MessageBlock, UnpackingBudget, message_table
 
-MAGIC = b"\x28\xb5\x2f\xfd"  # RFC 8878, section 3.1.1; CDR begins with a zero byte
-ENDING = ".zstd"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # RFC 8878, section 3.1.1; CDR begins with a zero byte
+_ENDING = ".zstd"
 
 
 def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, list[Loss]]:
@@ -28,7 +28,7 @@ def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, lis
             UNSUPPORTED (unpacks beyond `longest_file`).
     """
     folder = tempfile.TemporaryDirectory(prefix="poise-unpacked-")
-    target = Path(folder.name) / path.name.removesuffix(ENDING)
+    target = Path(folder.name) / path.name.removesuffix(_ENDING)
     try:
         size = path.stat().st_size
         with path.open("rb") as source:
@@ -123,7 +123,7 @@ def unpack_messages(path: Path, contents: Contents[Any]) -> Contents[Any]:
 
 def _is_packed(block: MessageBlock) -> bool:
     start = int(block.messages["start"][0])
-    return block.read()[start : start + len(MAGIC)] == MAGIC
+    return block.read()[start : start + len(ZSTD_MAGIC)] == ZSTD_MAGIC
 
 
 def _unpack(block: MessageBlock, budget: UnpackingBudget) -> UnpackedBlock:

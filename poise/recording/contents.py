@@ -13,7 +13,7 @@ from mcap.records import Channel, Schema
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import MESSAGE, Loss, LossKind, longest_file
 
-MAX_CHANNELS = 1 << 16  # the channel of a message is an unsigned 16-bit number
+_MAX_CHANNELS = 1 << 16  # the channel of a message is an unsigned 16-bit number
 
 
 class MessageBlock(Protocol):
@@ -77,8 +77,8 @@ class Contents(Generic[BlockT]):
             InputError: UNSUPPORTED when there are more topics than channel numbers.
         """
         number = len(self.channels) + 1
-        if number >= MAX_CHANNELS:
-            raise InputError(ErrorCode.UNSUPPORTED, f"{path} has more than {MAX_CHANNELS - 2} topics: split it")
+        if number >= _MAX_CHANNELS:
+            raise InputError(ErrorCode.UNSUPPORTED, f"{path} has more than {_MAX_CHANNELS - 2} topics: split it")
         text, language = definition
         self.schemas[number] = Schema(id=number, data=text.encode(), encoding=language, name=message_type)
         self.channels[number] = Channel(

@@ -14,12 +14,23 @@ from poise.recording.timeline import in_time_order
 from poise.types import Array, Stamps
 
 NoteLate = Callable[[str, int], None]
-Part = tuple[npt.NDArray[np.int64], dict[str, Any]]  # which messages of the topic, and their columns
+_Part = tuple[npt.NDArray[np.int64], dict[str, Any]]  # which messages of the topic, and their columns
 
 
-def wrench_stream(topic: str, batches: Iterable[Batch], note_late: NoteLate) -> WrenchStream:
-    """Assemble the wrenches of a topic."""
-    parts = _parts(topic, batches)
+def wrench_frames(topic: str, batches: Iterable[Batch]) -> dict[str, int]:
+    """The frames that the wrenches of a topic name, and how many messages do, in the order of arrival."""
+    counts: dict[str, int] = {}
+    for index, columns in sorted(_parts(topic, batches), key=lambda part: int(part[0][0])):
+        frame = str(columns["frame_id"])
+        counts[frame] = counts.get(frame, 0) + len(index)
+    return counts
+
+
+def wrench_stream(
+    topic: str, batches: Iterable[Batch], note_late: NoteLate, frame_id: str | None = None
+) -> WrenchStream:
+    """Assemble the wrenches of a topic, those of one frame when it is named."""
+    parts = [part for part in _parts(topic, batches) if frame_id in (None, part[1]["frame_id"])]
     frame_id = _only(topic, parts, "frame_id")
     stamps, (wrench,) = _in_order(topic, parts, ["wrench"], note_late)
     return WrenchStream(stamps, wrench, frame_id)
@@ -86,14 +97,14 @@ def pose_stream(
     return PoseStream(stamps, rotation_of_quaternion(quaternion), translation, parent, child)
 
 
-def _parts(topic: str, batches: Iterable[Batch]) -> list[Part]:
+def _parts(topic: str, batches: Iterable[Batch]) -> list[_Part]:
     parts = [(batch.index, element) for batch in batches for element in batch.elements]
     if not parts:
         raise InputError(ErrorCode.EMPTY, f"{topic}: no message in it: record again with its publisher running")
     return parts
 
 
-def _only(topic: str, parts: list[Part], name: str) -> str:
+def _only(topic: str, parts: list[_Part], name: str) -> str:
     """Return the one text that all parts share."""
     texts = sorted({str(columns[name]) for _, columns in parts})
     if len(texts) != 1:
@@ -102,7 +113,7 @@ def _only(topic: str, parts: list[Part], name: str) -> str:
     return texts[0]
 
 
-def _in_order(topic: str, parts: list[Part], names: list[str], note_late: NoteLate) -> tuple[Stamps, list[Array]]:
+def _in_order(topic: str, parts: list[_Part], names: list[str], note_late: NoteLate) -> tuple[Stamps, list[Array]]:
     """Join the parts, in the order of arrival first, then of the stamps."""
     arrival = np.argsort(np.concatenate([index for index, _ in parts]), kind="stable")
     stamps = np.concatenate([columns["stamp"] for _, columns in parts])[arrival]

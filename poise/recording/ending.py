@@ -7,7 +7,7 @@ from typing import Any, BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Schema, Statistics
 
-from poise.recording.blocks import MAGIC, RECORD_HEAD, DamagedRecordError, parse_record
+from poise.recording.blocks import MCAP_MAGIC, RECORD_HEAD, DamagedRecordError, parse_record
 from poise.recording.chunks import head_size
 
 _FOOTER_SIZE = RECORD_HEAD.size + 20
@@ -41,16 +41,16 @@ def read_ending(file: BinaryIO, size: int) -> Ending:
 
     The index of a writer that left no checksum is taken only where every chunk is found at its place.
     """
-    footer_at = size - len(MAGIC) - _FOOTER_SIZE
-    if footer_at < len(MAGIC) + DATA_END_SIZE:
+    footer_at = size - len(MCAP_MAGIC) - _FOOTER_SIZE
+    if footer_at < len(MCAP_MAGIC) + DATA_END_SIZE:
         return Ending()
     file.seek(footer_at)
-    tail = file.read(_FOOTER_SIZE + len(MAGIC))
-    if not tail.startswith(RECORD_HEAD.pack(Opcode.FOOTER, 20)) or not tail.endswith(MAGIC):
+    tail = file.read(_FOOTER_SIZE + len(MCAP_MAGIC))
+    if not tail.startswith(RECORD_HEAD.pack(Opcode.FOOTER, 20)) or not tail.endswith(MCAP_MAGIC):
         return Ending()
     footer: Footer = parse_record(Footer, tail[RECORD_HEAD.size : _FOOTER_SIZE])
     start = footer.summary_start or footer_at
-    if not len(MAGIC) + DATA_END_SIZE <= start <= footer_at:
+    if not len(MCAP_MAGIC) + DATA_END_SIZE <= start <= footer_at:
         return Ending()
     file.seek(start)
     summary = file.read(footer_at - start)
@@ -91,7 +91,7 @@ def _read_summary(summary: bytes, ending: Ending) -> None:
 
 def _chunks_fit(ending: Ending) -> bool:
     """Whether the indexed chunks follow each other inside the data section."""
-    behind = len(MAGIC)
+    behind = len(MCAP_MAGIC)
     for offset, chunk in sorted(ending.chunks.items()):
         if offset < behind or chunk.compressed_size + head_size(chunk.compression) != chunk.chunk_length:
             return False

@@ -7,11 +7,11 @@ import yaml
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import Loss, LossKind
 
-STORAGES = ("mcap", "sqlite3")
-COMPRESSION_MODES = ("none", "file", "message")
-SPLIT_ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
-RECORDING_ENDINGS = (*SPLIT_ENDINGS, ".bag")
-MAPPING = "columns.yaml"
+_STORAGES = ("mcap", "sqlite3")
+_COMPRESSION_MODES = ("none", "file", "message")
+_SPLIT_ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+_RECORDING_ENDINGS = (*_SPLIT_ENDINGS, ".bag")
+_MAPPING = "columns.yaml"
 
 
 def find_files(path: Path) -> tuple[list[Path], list[Loss]]:
@@ -32,13 +32,13 @@ def find_files(path: Path) -> tuple[list[Path], list[Loss]]:
         metadata = path / "metadata.yaml"
         if metadata.exists():
             return _listed_files(path, metadata.read_text(errors="replace")), []
-        if (path / MAPPING).exists():
-            return [path / MAPPING], []
-        found = sorted(_ending_in(path, SPLIT_ENDINGS), key=lambda file: (len(file.name), file.name))  # _2 before _10
+        if (path / _MAPPING).exists():
+            return [path / _MAPPING], []
+        found = sorted(_ending_in(path, _SPLIT_ENDINGS), key=lambda file: (len(file.name), file.name))  # _2 before _10
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
     if not found:
-        sentence = f"{path} is a folder without a bag: give a recording, or a folder with metadata.yaml or {MAPPING}"
+        sentence = f"{path} is a folder without a bag: give a recording, or a folder with metadata.yaml or {_MAPPING}"
         raise InputError(ErrorCode.FILE_UNREADABLE, sentence)
     kinds = ", ".join(sorted({file.suffix for file in found}))
     sentence = f"{path.name}: metadata.yaml is missing; the {kinds} files were taken by their names"
@@ -55,23 +55,23 @@ def find_recordings(folder: str | Path) -> list[Path]:
     """
     folder = Path(folder)
     try:
-        if (folder / "metadata.yaml").exists() or (folder / MAPPING).exists():
+        if (folder / "metadata.yaml").exists() or (folder / _MAPPING).exists():
             return [folder]
         folders = [path for path in folder.iterdir() if path.is_dir() and _is_recording(path)]
-        found = sorted([*folders, *_ending_in(folder, (*RECORDING_ENDINGS, "." + MAPPING))])
+        found = sorted([*folders, *_ending_in(folder, (*_RECORDING_ENDINGS, "." + _MAPPING))])
     except OSError as error:
         raise InputError(
             ErrorCode.FILE_UNREADABLE, f"cannot look into {folder}: {error.strerror}; give a folder with recordings"
         ) from error
     if not found:
-        kinds = ", ".join(RECORDING_ENDINGS)
+        kinds = ", ".join(_RECORDING_ENDINGS)
         sentence = f"{folder} holds no recording ({kinds}, or a folder of rosbag2): give the folder with the recordings"
         raise InputError(ErrorCode.EMPTY, sentence)
     return found
 
 
 def _is_recording(folder: Path) -> bool:
-    return any((folder / name).exists() for name in ("metadata.yaml", MAPPING))
+    return any((folder / name).exists() for name in ("metadata.yaml", _MAPPING))
 
 
 def _ending_in(folder: Path, endings: tuple[str, ...]) -> list[Path]:
@@ -89,10 +89,10 @@ def _listed_files(folder: Path, text: str) -> list[Path]:
     except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         sentence = f"{folder / 'metadata.yaml'} is damaged: write it again with `ros2 bag reindex`"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence) from error
-    if storage not in STORAGES:
+    if storage not in _STORAGES:
         sentence = f"{folder} is stored as {storage}, which is not read: convert it to mcap with `ros2 bag convert`"
         raise InputError(ErrorCode.UNSUPPORTED, sentence)
-    if mode not in COMPRESSION_MODES or (mode != "none" and compression != "zstd"):
+    if mode not in _COMPRESSION_MODES or (mode != "none" and compression != "zstd"):
         sentence = f"{folder} is compressed by {compression} ({mode}), only zstd is read: use `ros2 bag convert`"
         raise InputError(ErrorCode.UNSUPPORTED, sentence)
     if not names:

@@ -12,16 +12,16 @@ from poise.recording.contents import reason_of
 from poise.recording.units import PER_GAIN, TICKS, TIME, UNITS_BY_QUANTITY
 from poise.types import Array
 
-MAX_MAPPING = 1 << 20  # bytes
-SHARED = ("file", "time", "delimiter", "header", "missing")
+_MAX_MAPPING = 1 << 20  # bytes
+_SHARED = ("file", "time", "delimiter", "header", "missing")
 KEYS_BY_KIND = {
     "joints": (("position", "velocity", "effort"), ("joints", "rename", "transmission")),
     "wrench": (("force", "torque"), ("frame",)),
     "imu": (("angular_velocity", "linear_acceleration"), ("frame",)),
     "pose": (("translation", "quaternion", "rotation"), ("parent", "child")),
 }
-WIDTHS = {"quaternion": 4, "rotation": 9}
-COLUMN_KEYS = ("file", "column", "columns", "unit", "gain", "offset", "side", "ticks_per_turn")
+_WIDTHS = {"quaternion": 4, "rotation": 9}
+_COLUMN_KEYS = ("file", "column", "columns", "unit", "gain", "offset", "side", "ticks_per_turn")
 
 
 @dataclass(frozen=True)
@@ -188,12 +188,12 @@ def load_mapping(path: Path) -> TableMapping:
     """
     try:
         with path.open("rb") as file:
-            content = yaml.safe_load(file.read(MAX_MAPPING))
+            content = yaml.safe_load(file.read(_MAX_MAPPING))
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} cannot be read: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise InputError(ErrorCode.BAD_INPUT, f"{path} is not YAML: {reason_of(error)}") from error
-    top = Section(path, "", content, ("topics", "robot_description", "gravity", *SHARED))
+    top = Section(path, "", content, ("topics", "robot_description", "gravity", *_SHARED))
     listed = top.content.get("topics")
     if not isinstance(listed, dict) or not listed:
         raise top.error("topics", "must map topic names to their columns")
@@ -213,12 +213,12 @@ def _topic(top: Section, name: str, content: Any) -> MappedTopic:
         every = ", ".join(key for quantities, _ in KEYS_BY_KIND.values() for key in quantities)
         raise top.error(f"topics.{name}", f"must have columns of one kind of message: some of {every}")
     quantities, more = KEYS_BY_KIND[kinds[0]]
-    section = Section(top.path, f"topics.{name}", given, (*quantities, *more, *SHARED))
-    shared = {key: top.content[key] for key in SHARED if key in top.content}
+    section = Section(top.path, f"topics.{name}", given, (*quantities, *more, *_SHARED))
+    shared = {key: top.content[key] for key in _SHARED if key in top.content}
     section.content = shared | section.content
     joints = _joints(section) if kinds[0] == "joints" else ()
     columns = {
-        quantity: _columns(section, quantity, len(joints) or WIDTHS.get(quantity, 3))
+        quantity: _columns(section, quantity, len(joints) or _WIDTHS.get(quantity, 3))
         for quantity in quantities
         if quantity in given
     }
@@ -240,7 +240,7 @@ def _joints(section: Section) -> tuple[str, ...]:
         file = section.file("joints")
         try:
             with file.open(encoding="utf-8") as lines:
-                names = tuple(line.strip() for line in lines.read(MAX_MAPPING).splitlines() if line.strip())
+                names = tuple(line.strip() for line in lines.read(_MAX_MAPPING).splitlines() if line.strip())
         except (OSError, UnicodeDecodeError) as error:
             raise section.error("joints", f"{file.name!r} is not a readable list of names: {error}") from error
     else:
@@ -257,7 +257,7 @@ def _joints(section: Section) -> tuple[str, ...]:
 def _columns(section: Section, quantity: str, width: int) -> MappedColumns:
     given = section.content[quantity]
     content = given if isinstance(given, dict) else {"columns": given}
-    part = Section(section.path, f"{section.where}.{quantity}", content, COLUMN_KEYS)
+    part = Section(section.path, f"{section.where}.{quantity}", content, _COLUMN_KEYS)
     if ("column" in content) == ("columns" in content):
         raise part.error("", "must have `columns`, or a `column` whose cells hold lists")
     names = part.texts("columns" if "columns" in content else "column")

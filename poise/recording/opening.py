@@ -8,8 +8,8 @@ from poise.recording import compressed, ros1, scan, sqlite
 from poise.recording.contents import Contents
 from poise.recording.table_recording import read_tables
 
-TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".mat", ".npz")
-MAPPING_ENDINGS = (".yaml", ".yml")
+_TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".mat", ".npz")
+_MAPPING_ENDINGS = (".yaml", ".yml")
 
 
 def read_contents(path: Path) -> Contents[Any]:
@@ -18,12 +18,12 @@ def read_contents(path: Path) -> Contents[Any]:
     Raises:
         InputError: FILE_UNREADABLE, EMPTY (no byte in it), FILE_CORRUPT, UNSUPPORTED, BAD_INPUT (mapping).
     """
-    if path.suffix.lower() in MAPPING_ENDINGS:
+    if path.suffix.lower() in _MAPPING_ENDINGS:
         return read_tables(path)
-    if path.suffix.lower() in TABLE_ENDINGS:
+    if path.suffix.lower() in _TABLE_ENDINGS:
         return read_tables(mapping_of(path))
     magic = _first_bytes(path)
-    if magic.startswith(compressed.MAGIC):
+    if magic.startswith(compressed.ZSTD_MAGIC):
         folder, unpacked, losses = compressed.unpack_file(path)
         try:
             contents = read_contents(unpacked)
@@ -33,11 +33,11 @@ def read_contents(path: Path) -> Contents[Any]:
         contents.unpacked = folder
         contents.losses[:0] = losses
         return contents
-    reader = next((read for start, read in READERS if magic.startswith(start)), scan.scan)
+    reader = next((read for start, read in _READERS if magic.startswith(start)), scan.scan)
     return compressed.unpack_messages(path, reader(path))
 
 
-READERS = ((sqlite.MAGIC, sqlite.scan_sqlite), (ros1.MAGIC, ros1.scan_ros1))
+_READERS = ((sqlite.SQLITE_MAGIC, sqlite.scan_sqlite), (ros1.ROS1_MAGIC, ros1.scan_ros1))
 
 
 def mapping_of(table: Path) -> Path:

@@ -28,14 +28,14 @@ from poise.recording.blocks import LossKind, decompress, longest_chunk
 from poise.recording.contents import Contents, UnpackingBudget, message_table
 from poise.recording.encoding import definition_of, qos_profile, typestore
 
-MAGIC = b"#ROSBAG V2.0\n"
-CONVERSIONS = {"none": "", "lz4": "lz4", "bz2": "bz2"}
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+_CONVERSIONS = {"none": "", "lz4": "lz4", "bz2": "bz2"}
 MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
-KNOWN_RECORDS = range(2, 8)
-RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-LENGTH = struct.Struct("<I")
-MAX_HEAD = 1 << 20  # bytes; a connection's head holds only its topic and number
-LATER_CHANNEL = 0  # of a connection whose messages are skipped
+_KNOWN_RECORDS = range(2, 8)
+_RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+_LENGTH = struct.Struct("<I")
+_MAX_HEAD = 1 << 20  # bytes; a connection's head holds only its topic and number
+_LATER_CHANNEL = 0  # of a connection whose messages are skipped
 
 
 class Record(NamedTuple):
@@ -143,7 +143,7 @@ class _Scan:
         self.last_log_time: int | None = None
 
     def run(self) -> Contents[ConvertedBlock]:
-        position = len(MAGIC)
+        position = len(ROS1_MAGIC)
         chunks = self._indexed_chunks()
         while position < self.size:
             try:
@@ -159,10 +159,10 @@ class _Scan:
     def _indexed_chunks(self) -> list[int]:
         """Offsets of the chunks by the index behind them; none when the bag has no index."""
         try:
-            head = _record_at(self.file, len(MAGIC), self.size)
+            head = _record_at(self.file, len(ROS1_MAGIC), self.size)
             position = struct.unpack("<Q", head.fields["index_pos"])[0]
             found = []
-            while len(MAGIC) < position < self.size:
+            while len(ROS1_MAGIC) < position < self.size:
                 record = _record_at(self.file, position, self.size)
                 position = record.end
                 if record.op == CHUNK_INFO:
@@ -199,7 +199,7 @@ class _Scan:
     def _connect(self, head: Mapping[str, bytes], data: bytes) -> None:
         """Remember a connection: its topic and type."""
         try:
-            number = LENGTH.unpack(head["conn"])[0]
+            number = _LENGTH.unpack(head["conn"])[0]
             fields = _fields(data)
             topic, kind = head["topic"].decode(), fields["type"].decode()
             checksum = fields.get("md5sum", b"*").decode()
@@ -209,7 +209,7 @@ class _Scan:
             return
         package, _, name = kind.partition("/")
         message_type = f"{package}/msg/{name}"
-        message_type = RENAMED.get(message_type, message_type)
+        message_type = _RENAMED.get(message_type, message_type)
         reason = _difference(message_type, checksum)
         if reason:
             self.skipped[number] = f"{topic} ({kind}): {reason}"
@@ -234,14 +234,14 @@ class _Scan:
 
     def _take_chunk(self, record: Record, position: int) -> None:
         """Take the messages of a chunk that decompresses to the length it claims; of one that is cut, what is there."""
-        compression = CONVERSIONS.get(record.fields.get("compression", b"").decode(errors="replace"))
+        compression = _CONVERSIONS.get(record.fields.get("compression", b"").decode(errors="replace"))
         if compression is None or "size" not in record.fields:
             self._lose_chunk(position, LossKind.UNSUPPORTED, "has a compression that is not read (none, bz2, lz4 are)")
             return
         cut = record.end > self.size
         self.file.seek(record.start)
         payload = self.file.read(min(record.size, self.size - record.start))
-        (length,) = LENGTH.unpack(record.fields["size"])
+        (length,) = _LENGTH.unpack(record.fields["size"])
         longest = longest_chunk(len(payload))
         plausible = length <= longest
         data = _decompress(payload, compression, min(length, longest, self.budget.left)) if plausible or cut else b""
@@ -268,7 +268,7 @@ class _Scan:
         kept = np.array(sizes, dtype=np.int64) > 0
         if not kept.any():
             return
-        channels = np.array([self.channels.get(number, LATER_CHANNEL) for number in raw.connections])[kept]
+        channels = np.array([self.channels.get(number, _LATER_CHANNEL) for number in raw.connections])[kept]
         log_times = np.array(raw.log_times, dtype=np.uint64)[kept]
         table = message_table(channels, log_times, np.array(sizes, dtype=np.int64)[kept])
         self.last_log_time = int(log_times[-1])
@@ -286,23 +286,23 @@ def _record_at(file: BinaryIO, position: int, size: int) -> Record:
         FramingError: there is no record of format 2.0 at this place.
     """
     file.seek(position)
-    head_size = _length(file.read(LENGTH.size))
-    if head_size > min(size - position, MAX_HEAD):
+    head_size = _length(file.read(_LENGTH.size))
+    if head_size > min(size - position, _MAX_HEAD):
         raise FramingError
     fields = _fields(file.read(head_size))
-    data_size = _length(file.read(LENGTH.size))
-    return Record(_operation(fields), fields, position + 2 * LENGTH.size + head_size, data_size)
+    data_size = _length(file.read(_LENGTH.size))
+    return Record(_operation(fields), fields, position + 2 * _LENGTH.size + head_size, data_size)
 
 
 def _length(data: bytes) -> int:
-    if len(data) < LENGTH.size:
+    if len(data) < _LENGTH.size:
         raise FramingError
-    return int(LENGTH.unpack(data)[0])
+    return int(_LENGTH.unpack(data)[0])
 
 
 def _operation(fields: Mapping[str, bytes]) -> int:
     op = fields.get("op", b"")
-    if len(op) != 1 or op[0] not in KNOWN_RECORDS:
+    if len(op) != 1 or op[0] not in _KNOWN_RECORDS:
         raise FramingError
     return op[0]
 
@@ -312,9 +312,9 @@ def _fields(data: bytes) -> dict[str, bytes]:
     fields: dict[str, bytes] = {}
     position = 0
     while position < len(data):
-        length = _length(data[position : position + LENGTH.size])
-        name, separator, value = data[position + LENGTH.size : position + LENGTH.size + length].partition(b"=")
-        position += LENGTH.size + length
+        length = _length(data[position : position + _LENGTH.size])
+        name, separator, value = data[position + _LENGTH.size : position + _LENGTH.size + length].partition(b"=")
+        position += _LENGTH.size + length
         if not separator or position > len(data):
             raise FramingError
         fields[name.decode(errors="replace")] = value
@@ -331,7 +331,7 @@ def _split_chunk(data: bytes, connect: Connect | None = None) -> RawMessages:
                 connect(record.fields, content)
             elif record.op == MESSAGE:
                 seconds, nanoseconds = struct.unpack("<II", record.fields["time"])
-                raw.connections.append(LENGTH.unpack(record.fields["conn"])[0])
+                raw.connections.append(_LENGTH.unpack(record.fields["conn"])[0])
                 raw.log_times.append(seconds * 10**9 + nanoseconds)
                 raw.data.append(content)
     except (FramingError, KeyError, struct.error):
@@ -343,11 +343,11 @@ def _records(data: bytes) -> Iterator[tuple[Record, bytes, int]]:
     """Whole records of a chunk, their data, and where they end."""
     position = 0
     while position < len(data):
-        head_size = _length(data[position : position + LENGTH.size])
-        start = position + LENGTH.size + head_size
-        fields = _fields(data[position + LENGTH.size : start])
-        size = _length(data[start : start + LENGTH.size])
-        record = Record(_operation(fields), fields, start + LENGTH.size, size)
+        head_size = _length(data[position : position + _LENGTH.size])
+        start = position + _LENGTH.size + head_size
+        fields = _fields(data[position + _LENGTH.size : start])
+        size = _length(data[start : start + _LENGTH.size])
+        record = Record(_operation(fields), fields, start + _LENGTH.size, size)
         if record.end > len(data):
             raise FramingError
         yield record, data[record.start : record.end], record.end

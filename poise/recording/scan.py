@@ -14,14 +14,14 @@ from mcap.records import Channel, Metadata, Schema
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import (
     CHUNK_COMPRESSIONS,
-    MAGIC,
+    MCAP_MAGIC,
     MESSAGE_HEAD,
     PIECE,
     RECORD_HEAD,
+    ChunkBlock,
     DamagedRecordError,
     Loss,
     LossKind,
-    MessageBlock,
     MessageRows,
     decompress,
     longest_chunk,
@@ -44,7 +44,7 @@ def metadata_checksum(name: str, values: dict[str, str]) -> str:
     return f"{zlib.crc32(chr(0).join(words).encode()):08x}"
 
 
-def scan(path: Path) -> Contents[MessageBlock]:
+def scan(path: Path) -> Contents[ChunkBlock]:
     """Scan an mcap file.
 
     Raises:
@@ -65,7 +65,7 @@ class _Scan:
 
     def __init__(self, path: Path, file: BinaryIO, size: int) -> None:
         self.path, self.file, self.size = path, file, size
-        self.contents: Contents[MessageBlock] = Contents()
+        self.contents: Contents[ChunkBlock] = Contents()
         self.ending = Ending()
         self.others: list[tuple[int, int, bytes]] = []  # records outside of chunks: (offset, opcode, content)
         self.run_rows = MessageRows()
@@ -74,32 +74,32 @@ class _Scan:
         self.data_end: int | None = None  # where the data section was found to end
         self.last_log_time: int | None = None
 
-    def run(self) -> Contents[MessageBlock]:
+    def run(self) -> Contents[ChunkBlock]:
         self._check_magic()
         self.ending = read_ending(self.file, self.size)
         self.contents.schemas.update(self.ending.schemas)
         self.contents.channels.update(self.ending.channels)
-        position = self._walk(len(MAGIC), self.size if self.ending.data_end is None else self.ending.data_end)
+        position = self._walk(len(MCAP_MAGIC), self.size if self.ending.data_end is None else self.ending.data_end)
         self._flush_run()
         self._judge_ending(position)
         sound = self._data_section_is_sound()
         self._judge_outside(sound)
         if sound is False and not self.contents.losses:
             sentence = "bytes outside of the chunks are damaged, every chunk's checksum holds: no message is lost"
-            self._lose(LossKind.INDEX, len(MAGIC), sentence, messages=0)
+            self._lose(LossKind.INDEX, len(MCAP_MAGIC), sentence, messages=0)
         self._drop_unknown_channels()
         self._compare_counts()
         self.contents.losses.sort(key=lambda loss: loss.offset)
         return self.contents
 
     def _check_magic(self) -> None:
-        magic = self.file.read(len(MAGIC))
-        if magic == MAGIC:
+        magic = self.file.read(len(MCAP_MAGIC))
+        if magic == MCAP_MAGIC:
             return
         if not magic:
             raise InputError(ErrorCode.EMPTY, f"{self.path} is an empty file: record again")
-        self.file.seek(-min(len(MAGIC), self.size), 2)
-        if self.file.read() == MAGIC:
+        self.file.seek(-min(len(MCAP_MAGIC), self.size), 2)
+        if self.file.read() == MCAP_MAGIC:
             raise InputError(ErrorCode.FILE_CORRUPT, f"{self.path} is damaged in its first bytes: copy it again")
         raise InputError(
             ErrorCode.FILE_CORRUPT, f"{self.path} is not an mcap, db3 or ROS 1 bag: convert it with `ros2 bag convert`"
@@ -169,10 +169,10 @@ class _Scan:
         self.file.seek(self.run_start)
         data = self.file.read(self.run_rows.end)
         place = (self.path, self.run_start, len(data), "")
-        self._add_block(MessageBlock(*place, len(data), zlib.crc32(data), self.run_rows.table(), False, True))
+        self._add_block(ChunkBlock(*place, len(data), zlib.crc32(data), self.run_rows.table(), False, True))
         self.run_rows = MessageRows()
 
-    def _add_block(self, block: MessageBlock) -> None:
+    def _add_block(self, block: ChunkBlock) -> None:
         if len(block.messages):
             self.last_log_time = int(block.messages["log_time"][-1])
             self.contents.blocks.append(block)
@@ -201,7 +201,7 @@ class _Scan:
         messages, others, end = split_records(data)
         checked = whole and head.crc != 0
         place = (self.path, head.payload, len(payload), head.compression)
-        self._add_block(MessageBlock(*place, len(data), crc, messages, checked, False))
+        self._add_block(ChunkBlock(*place, len(data), crc, messages, checked, False))
         try:
             for opcode, content in others:
                 self._take_definition(opcode, content)
@@ -319,7 +319,7 @@ class _Scan:
         sentence = f"the chunk at byte {head.record} {what}, logged from {head.start} to {head.end} ns, are lost"
         self._lose(kind, head.record, sentence, (head.start, head.end), messages)
 
-    def _lose_messages(self, block: MessageBlock, which: Mask, what: str) -> None:
+    def _lose_messages(self, block: ChunkBlock, which: Mask, what: str) -> None:
         times = block.messages["log_time"][which]
         span = (int(times.min()), int(times.max()))
         count = int(which.sum())

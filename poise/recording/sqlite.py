@@ -19,13 +19,13 @@ from poise.recording.contents import Contents, message_table, reason_of
 from poise.recording.encoding import definition_of
 from poise.types import Indices
 
-MAGIC = b"SQLite format 3\0"
-HEAD_SIZE = 100  # bytes; the page size follows the magic (SQLite file format, section 1.3)
-JOURNAL = "-wal"
-BLOCK_SIZE = 4 << 20  # bytes of messages that are read together
-TABLES = ("messages", "topics")
-MAX_ID = 2**63 - 1
-ROWS = "SELECT id, topic_id, timestamp, data FROM messages WHERE id BETWEEN ? AND ? ORDER BY id"
+SQLITE_MAGIC = b"SQLite format 3\0"
+_HEAD_SIZE = 100  # bytes; the page size follows the magic (SQLite file format, section 1.3)
+_JOURNAL = "-wal"
+_BLOCK_SIZE = 4 << 20  # bytes of messages that are read together
+_TABLES = ("messages", "topics")
+_MAX_ID = 2**63 - 1
+_ROWS = "SELECT id, topic_id, timestamp, data FROM messages WHERE id BETWEEN ? AND ? ORDER BY id"
 Row = tuple[int, Any, Any, Any]
 
 
@@ -56,7 +56,7 @@ class RowBlock:
         wanted = set(self.ids.tolist())
         try:
             with closing(_connect(self.path)) as database:
-                rows = database.execute(ROWS, (int(self.ids[0]), int(self.ids[-1])))
+                rows = database.execute(_ROWS, (int(self.ids[0]), int(self.ids[-1])))
                 data = b"".join(row[3] for row in rows if row[0] in wanted and isinstance(row[3], bytes))
         except sqlite3.Error as error:
             raise InputError(ErrorCode.FILE_UNREADABLE, f"{self.path} cannot be read: {reason_of(error)}") from error
@@ -97,7 +97,7 @@ def _copy_of_whole_pages(path: Path) -> TemporaryDirectory[str] | None:
         The temporary folder of the copy; None for a file of whole pages.
     """
     with path.open("rb") as file:
-        (page_size,) = struct.unpack_from(">H", file.read(HEAD_SIZE).ljust(HEAD_SIZE, bytes(1)), len(MAGIC))
+        (page_size,) = struct.unpack_from(">H", file.read(_HEAD_SIZE).ljust(_HEAD_SIZE, bytes(1)), len(SQLITE_MAGIC))
         page_size = page_size if page_size > 1 else 1 << 16
         size = path.stat().st_size
         if size % page_size == 0:
@@ -116,7 +116,7 @@ def _connect(path: Path) -> sqlite3.Connection:
     """Open read-only; a journal beside the file (-wal) is read too, as a recorder that was killed leaves it."""
     if not path.is_file():
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path} is not a file: give a .db3 file or a bag's folder")
-    journal = path.with_name(path.name + JOURNAL)
+    journal = path.with_name(path.name + _JOURNAL)
     mode = "mode=ro" if journal.exists() and journal.stat().st_size else "immutable=1"
     database = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True)
     database.text_factory = _text
@@ -135,7 +135,7 @@ class _Scan:
 
     def __init__(self, path: Path, file: Path, database: sqlite3.Connection) -> None:
         self.path, self.file, self.database = path, file, database
-        journal = path.with_name(path.name + JOURNAL)
+        journal = path.with_name(path.name + _JOURNAL)
         self.size = path.stat().st_size + (journal.stat().st_size if journal.exists() else 0)
         self.contents: Contents[RowBlock] = Contents()
         self.channel_by_topic: dict[int, int] = {}
@@ -162,7 +162,7 @@ class _Scan:
             for kind, name, sql in self.database.execute("SELECT type, name, sql FROM sqlite_master")
             if kind in ("table", "view")
         }
-        for name in TABLES:
+        for name in _TABLES:
             kind, sql = kinds.get(name, ("", ""))
             if kind != "table" or not sql.upper().startswith("CREATE TABLE") or "GENERATED" in sql.upper():
                 sentence = f"{self.path} is an SQLite file without rosbag2's table {name!r}: give a bag of `ros2 bag`"
@@ -205,7 +205,7 @@ class _Scan:
         after = -1
         while True:
             try:
-                for row in self.database.execute(ROWS, (after + 1, MAX_ID)):
+                for row in self.database.execute(_ROWS, (after + 1, _MAX_ID)):
                     after = row[0]
                     yield row
                 return
@@ -226,12 +226,12 @@ class _Scan:
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (low, middle) if self._reads_from(middle) else (middle, high)
-        row = self.database.execute(ROWS, (high, MAX_ID)).fetchone()
+        row = self.database.execute(_ROWS, (high, _MAX_ID)).fetchone()
         return None if row is None else int(row[0])
 
     def _reads_from(self, number: int) -> bool:
         try:
-            self.database.execute(ROWS, (number, MAX_ID)).fetchone()
+            self.database.execute(_ROWS, (number, _MAX_ID)).fetchone()
         except sqlite3.Error:
             return False
         return True
@@ -259,7 +259,7 @@ class _Scan:
         if self.total > self.size:
             sentence = f"{self.path} is damaged: its rows hold more bytes than the file; copy it again from its source"
             raise InputError(ErrorCode.FILE_CORRUPT, sentence)
-        if self.pending > BLOCK_SIZE:
+        if self.pending > _BLOCK_SIZE:
             self._flush()
 
     def _flush(self) -> None:

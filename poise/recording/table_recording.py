@@ -13,13 +13,13 @@ from poise.recording.encoding import definition_of, encode_text, message_type_of
 from poise.recording.mapping import KEYS_BY_KIND, MappedColumns, MappedTopic, TableMapping, load_mapping
 from poise.recording.row_encoding import encode_rows, pattern_of
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
-from poise.recording.tables import Table, read_table
+from poise.recording.tables import RecordedTable, read_table
 from poise.types import Array, Stamps
 
-BLOCK_ROWS = 4096
-MAX_DESCRIPTION = 64 << 20  # bytes of a URDF
-MAX_SKEW = 1e-3  # how far the columns of a rotation may be from orthonormal
-QUANTITIES_BY_KIND = {kind: quantities for kind, (quantities, _) in KEYS_BY_KIND.items()}
+_BLOCK_ROWS = 4096
+_MAX_DESCRIPTION = 64 << 20  # bytes of a URDF
+_MAX_SKEW = 1e-3  # how far the columns of a rotation may be from orthonormal
+_QUANTITIES_BY_KIND = {kind: quantities for kind, (quantities, _) in KEYS_BY_KIND.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +103,8 @@ def _announce(contents: Contents[MessageBlock], path: Path, name: str, message_t
 
 def _blocks(topic: str, stream: Stream, stamps: Stamps, channel: int) -> list[StreamBlock]:
     blocks = []
-    for first in range(0, len(stream), BLOCK_ROWS):
-        rows = slice(first, first + BLOCK_ROWS)
+    for first in range(0, len(stream), _BLOCK_ROWS):
+        rows = slice(first, first + _BLOCK_ROWS)
         part = stream.select(rows)
         sizes = np.full(len(part), len(pattern_of(topic, part)))
         table = message_table(channel, stamps[rows].clip(0), sizes)
@@ -115,7 +115,7 @@ def _blocks(topic: str, stream: Stream, stamps: Stamps, channel: int) -> list[St
 def _description(file: Path) -> str:
     try:
         with file.open(encoding="utf-8") as text:
-            return text.read(MAX_DESCRIPTION)
+            return text.read(_MAX_DESCRIPTION)
     except (OSError, UnicodeDecodeError) as error:
         sentence = f"{file} cannot be read as a URDF ({error}): correct robot_description in the mapping"
         raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, sentence) from error
@@ -127,7 +127,7 @@ def _description(file: Path) -> str:
 def _read_topic(mapping: TableMapping, topic: MappedTopic, contents: Contents[MessageBlock]) -> tuple[Stream, Stamps]:
     """Read a topic's tables, each once: its samples with row numbers for stamps, and (N,) ns."""
     files = list(dict.fromkeys(columns.file for columns in topic.columns.values()))
-    tables: dict[Path, Table] = {}
+    tables: dict[Path, RecordedTable] = {}
     for file in files:
         names = [name for columns in topic.columns.values() if columns.file == file for name in columns.names]
         tables[file] = read_table(file, names, topic.clock if file == files[0] else None, topic.text)
@@ -146,7 +146,9 @@ def _read_topic(mapping: TableMapping, topic: MappedTopic, contents: Contents[Me
     return _stream(mapping, topic, cut, count), _stamps(topic, tables[files[0]], count)
 
 
-def _si_values(mapping: TableMapping, topic: MappedTopic, quantity: str, columns: MappedColumns, table: Table) -> Array:
+def _si_values(
+    mapping: TableMapping, topic: MappedTopic, quantity: str, columns: MappedColumns, table: RecordedTable
+) -> Array:
     """(N, width) in SI units. With motor = T joint for positions, joint efforts are T^T times those of the motors."""
     raw = np.hstack([table.columns[name] for name in columns.names])
     if raw.shape[1] != columns.width:
@@ -160,7 +162,7 @@ def _si_values(mapping: TableMapping, topic: MappedTopic, quantity: str, columns
     return np.asarray(values + columns.offset)
 
 
-def _stamps(topic: MappedTopic, table: Table, count: int) -> Stamps:
+def _stamps(topic: MappedTopic, table: RecordedTable, count: int) -> Stamps:
     if table.stamps is not None:
         return table.stamps[:count] + topic.clock.start
     return np.asarray(np.rint(np.arange(count) * (1e9 / topic.clock.rate)), dtype=np.int64) + topic.clock.start
@@ -169,7 +171,7 @@ def _stamps(topic: MappedTopic, table: Table, count: int) -> Stamps:
 def _stream(mapping: TableMapping, topic: MappedTopic, values: dict[str, Array], count: int) -> Stream:
     rows = np.arange(count)
     unknown = np.full((count, len(topic.joints) or 3), np.nan)
-    parts = [values.get(quantity, unknown) for quantity in QUANTITIES_BY_KIND[topic.kind]]
+    parts = [values.get(quantity, unknown) for quantity in _QUANTITIES_BY_KIND[topic.kind]]
     if topic.kind == "joints":
         return JointStream(rows, topic.joints, *parts)
     if topic.kind == "wrench":
@@ -185,7 +187,7 @@ def _rotations(mapping: TableMapping, topic: MappedTopic, values: dict[str, Arra
         return rotation_of_quaternion(values["quaternion"])
     rotations = values["rotation"].reshape(-1, 3, 3) if "rotation" in values else np.tile(np.eye(3), (count, 1, 1))
     skew = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = np.flatnonzero((skew > MAX_SKEW) | (np.linalg.det(np.nan_to_num(rotations)) < 0))
+    wrong = np.flatnonzero((skew > _MAX_SKEW) | (np.linalg.det(np.nan_to_num(rotations)) < 0))
     if wrong.size:
         where = f"{mapping.path}: topics.{topic.name}.rotation: row {wrong[0] + 1} of the table"
         sentence = f"{where} is not a rotation: name r11, r12, ... r33 in this order"

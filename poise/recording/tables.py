@@ -19,16 +19,16 @@ from poise.recording.contents import UnpackingBudget, reason_of
 from poise.recording.mapping import Clock, TextFormat
 from poise.types import Array, Stamps
 
-BATCH = 4096  # rows that are converted together
-DELIMITERS = ",;\t"
-MISSING = ("", "nan", "NaN", "NA")
-MAX_STAMP = 2**31 * 10**9  # ns: a stamp's seconds are a signed 32-bit number
-NUMBER_CLASSES = ("double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+_BATCH = 4096  # rows that are converted together
+_DELIMITERS = ",;\t"
+_MISSING = ("", "nan", "NaN", "NA")
+_MAX_STAMP = 2**31 * 10**9  # ns: a stamp's seconds are a signed 32-bit number
+_NUMBER_CLASSES = ("double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
 MAT_HEAD, MAT_COMPRESSED, HDF5 = 128, 15, b"\x89HDF"
 
 
 @dataclass
-class Table:
+class RecordedTable:
     """Columns of a file.
 
     Args:
@@ -42,7 +42,7 @@ class Table:
     losses: list[Loss] = field(default_factory=list)
 
 
-def read_table(path: Path, names: Sequence[str], clock: Clock | None, text: TextFormat) -> Table:
+def read_table(path: Path, names: Sequence[str], clock: Clock | None, text: TextFormat) -> RecordedTable:
     """Read some columns of a table; the ending of its name says which kind it is.
 
     Args:
@@ -75,17 +75,17 @@ class _TextTable:
         self, path: Path, file: TextIO, names: Sequence[str], clock: Clock | None, options: TextFormat
     ) -> None:
         self.path, self.file, self.names, self.clock, self.options = path, file, names, clock, options
-        self.missing = options.missing | set(MISSING)
+        self.missing = options.missing | set(_MISSING)
         self.parts: dict[str, list[Array]] = {name: [] for name in names}
         self.stamps: list[int] = []
         self.losses: list[Loss] = []
         self.header: list[str] = []
 
-    def read(self) -> Table:
+    def read(self) -> RecordedTable:
         first = self.file.readline()
         if not first.strip():
             raise InputError(ErrorCode.EMPTY, f"{self.path} is empty: record again")
-        delimiter = self.options.delimiter or max(DELIMITERS, key=first.count)
+        delimiter = self.options.delimiter or max(_DELIMITERS, key=first.count)
         self.file.seek(0)
         reader = csv.reader(self.file, delimiter=delimiter)
         first_row = next(csv.reader([first], delimiter=delimiter))
@@ -97,14 +97,14 @@ class _TextTable:
         places = {name: self._place(name) for name in self.names}
         time = None if self.clock is None else self._place(self.clock.column)
         rows = self._rows(reader)
-        while batch := list(islice(rows, BATCH)):
+        while batch := list(islice(rows, _BATCH)):
             for name, place in places.items():
                 self.parts[name].append(self._numbers(name, [(line, row[place]) for line, row in batch]))
             if time is not None:
                 self.stamps += [self._stamp(line, row[time]) for line, row in batch]
         columns = {name: self._joined(name) for name in self.names}
         stamps = None if time is None else np.array(self.stamps, dtype=np.int64)
-        return Table(columns, stamps, self.losses)
+        return RecordedTable(columns, stamps, self.losses)
 
     def _place(self, name: str) -> int:
         if name not in self.header:
@@ -166,7 +166,7 @@ class _TextTable:
     def _stamp(self, line: int, cell: str) -> int:
         try:
             value = Decimal(cell.strip()) * (1 if self.clock is None else self.clock.unit)
-            if abs(value) < MAX_STAMP:
+            if abs(value) < _MAX_STAMP:
                 return round(value)
             problem = "is beyond the year 2038: correct time.unit"
         except (ArithmeticError, ValueError):
@@ -191,7 +191,7 @@ def _no_column(path: Path, name: str, there: Sequence[str]) -> InputError:
 # -- arrays ---------------------------------------------------------------------------------------------------
 
 
-def _read_arrays(path: Path, names: Sequence[str], clock: Clock | None) -> Table:
+def _read_arrays(path: Path, names: Sequence[str], clock: Clock | None) -> RecordedTable:
     wanted = [*names, *([clock.column] if clock else [])]
     read = _read_mat if path.suffix.lower() == ".mat" else _read_npz
     try:
@@ -207,14 +207,14 @@ def _read_arrays(path: Path, names: Sequence[str], clock: Clock | None) -> Table
         listed = ", ".join(f"{name} {count}" for name, count in rows.items())
         raise InputError(ErrorCode.SHAPE_MISMATCH, f"{path}: the arrays differ in their numbers of rows: {listed}")
     stamps = None if clock is None else _array_stamps(path, arrays[clock.column], clock)
-    return Table({name: np.asarray(arrays[name], dtype=np.float64) for name in names}, stamps)
+    return RecordedTable({name: np.asarray(arrays[name], dtype=np.float64) for name in names}, stamps)
 
 
 def _array_stamps(path: Path, values: npt.NDArray[Any], clock: Clock) -> Stamps:
     if values.shape[1] != 1:
         raise InputError(ErrorCode.BAD_INPUT, f"{path}: {clock.column} is not a row of times: correct the mapping")
     times = values[:, 0]
-    if not np.isfinite(times).all() or (np.abs(times.astype(np.float64)) * clock.unit >= MAX_STAMP).any():
+    if not np.isfinite(times).all() or (np.abs(times.astype(np.float64)) * clock.unit >= _MAX_STAMP).any():
         sentence = f"{path}: {clock.column} holds times that are not finite or beyond the year 2038: correct time.unit"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence)
     if times.dtype.kind in "iu":
@@ -241,7 +241,7 @@ def _read_mat(path: Path, names: Sequence[str]) -> dict[str, npt.NDArray[Any]]:
     for name in names:
         if name not in classes:
             raise _no_column(path, name, list(classes))
-        if classes[name] not in NUMBER_CLASSES:
+        if classes[name] not in _NUMBER_CLASSES:
             sentence = f"{path}: {name} is of class {classes[name]}, not an array of numbers: name another"
             raise InputError(ErrorCode.UNSUPPORTED, sentence)
     content = loadmat(path, variable_names=list(names))

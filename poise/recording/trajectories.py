@@ -12,7 +12,7 @@ from poise.recording.streams import JointStream, stamp_of
 from poise.types import Array
 
 STATE, TRAJECTORY = "sensor_msgs/msg/JointState", "trajectory_msgs/msg/JointTrajectory"
-Part = tuple[tuple[str, ...], Array, list[Array]]  # joints, (N,) stamps ns, [position, velocity, effort] (N, J)
+_Part = tuple[tuple[str, ...], Array, list[Array]]  # joints, (N,) stamps ns, [position, velocity, effort] (N, J)
 
 
 def joint_commands(recording: Recording, topic: str | None = None) -> JointStream:
@@ -58,7 +58,7 @@ def _chosen(recording: Recording) -> str:
     raise InputError(ErrorCode.TOPIC_MISSING, sentence, topics=recording.topics)
 
 
-def _parts(recording: Recording, topic: str) -> Iterator[Part]:
+def _parts(recording: Recording, topic: str) -> Iterator[_Part]:
     """The trajectory of each message that has points."""
     for raw in recording.messages([topic]):
         message = decoded(recording, TRAJECTORY, topic, raw.data)
@@ -88,7 +88,7 @@ def _row(recording: Recording, topic: str, values: Array, joints: int, field: st
     return np.asarray(values, dtype=np.float64)
 
 
-def _joined(names: tuple[str, ...], parts: list[Part]) -> JointStream:
+def _joined(names: tuple[str, ...], parts: list[_Part]) -> JointStream:
     ends = [int(part[1].min()) for part in parts[1:]] + [2**63 - 1]
     kept = []
     for (own, due, fields), end in zip(parts, ends, strict=True):

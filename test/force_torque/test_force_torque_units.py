@@ -7,7 +7,7 @@ import pytest
 
 from poise.errors import ErrorCode, InputError
 from poise.force_torque.wire import Calibration, Reports
-from poise.force_torque.wire.units import FORCE, TORQUE, newton_metres_per, newtons_per
+from poise.force_torque.wire.units import NEWTON_METRES_PER_UNIT, NEWTONS_PER_UNIT, newton_metres_per, newtons_per
 from poise.recording import open_recording
 
 BAGS = Path(__file__).parents[2] / "bags"
@@ -42,7 +42,7 @@ def test_spelling_does_not_matter(spelling: str) -> None:
 
 
 def test_force_and_torque_units_are_not_confused() -> None:
-    assert not FORCE.keys() & TORQUE.keys()
+    assert not NEWTONS_PER_UNIT.keys() & NEWTON_METRES_PER_UNIT.keys()
     with pytest.raises(InputError) as caught:
         newtons_per("N m")
     assert caught.value.code == ErrorCode.UNSUPPORTED

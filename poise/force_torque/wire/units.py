@@ -12,7 +12,7 @@ _POUND_FORCE = 0.45359237 * STANDARD_GRAVITY
 _INCH = 0.0254
 _FOOT = 12 * _INCH
 
-FORCE: Mapping[str, float] = MappingProxyType(
+NEWTONS_PER_UNIT: Mapping[str, float] = MappingProxyType(
     {
         "n": 1.0,
         "kn": 1000.0,
@@ -27,7 +27,7 @@ FORCE: Mapping[str, float] = MappingProxyType(
         "klb": 1000.0 * _POUND_FORCE,
     }
 )
-TORQUE: Mapping[str, float] = MappingProxyType(
+NEWTON_METRES_PER_UNIT: Mapping[str, float] = MappingProxyType(
     {
         "nm": 1.0,
         "nmm": 0.001,
@@ -50,7 +50,7 @@ def newtons_per(unit: str) -> float:
     Raises:
         InputError: UNSUPPORTED, for a unit that is not known.
     """
-    return _look_up(unit, FORCE, "force")
+    return _look_up(unit, NEWTONS_PER_UNIT, "force")
 
 
 def newton_metres_per(unit: str) -> float:
@@ -59,7 +59,7 @@ def newton_metres_per(unit: str) -> float:
     Raises:
         InputError: UNSUPPORTED, for a unit that is not known.
     """
-    return _look_up(unit, TORQUE, "torque")
+    return _look_up(unit, NEWTON_METRES_PER_UNIT, "torque")
 
 
 def _look_up(unit: str, table: Mapping[str, float], quantity: str) -> float:
