@@ -38,8 +38,8 @@ from poise_msgs.action import IdentifyPayload as Action
 TICK = 0.02
 """s between looks at a running session."""
 FEEDBACK_TICKS = 10
-NOBODY_ZEROED = NoiseLevels(force_bias=5.0, torque_bias=0.25)
-"""A motion is planned to show the sensor's bias too, whether or not somebody has zeroed it."""
+_PLANNED_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05, force_bias=5.0, torque_bias=0.25)
+"""Motions are planned for these levels where none are given. They show the sensor's bias, even of a zeroed sensor."""
 
 PARAMETERS = (
     Parameter("speed_limit", COLLABORATIVE_SPEED, "m/s that no point of hand and object exceeds", (1e-3, 5.0)),
@@ -121,7 +121,7 @@ class IdentifyPayload:
             return
         try:
             session = self._begin(goal.request)
-        except Exception as failure:  # whatever it is, the caller must not wait for ever
+        except Exception as failure:  # of any kind: the caller must not wait for ever
             error = failure if isinstance(failure, PoiseError) else PoiseError(ErrorCode.INTERNAL, repr(failure))
             goal.execute(lambda handle: self._conclude(handle, error, None))
             return
@@ -201,7 +201,7 @@ class IdentifyPayload:
     def _planner(
         self, model: RobotModel, request: Action.Goal, guard: Guard, limits: MotionLimits, parts: Parts | None
     ) -> Any:
-        noise = self._live.options.noise
+        noise = self._live.options.noise.filled(_PLANNED_NOISE)
         options = ExcitationOptions(
             duration=request.duration or self._values["excitation_duration"],
             poses=self._values["stop_and_go_poses"],
@@ -209,8 +209,8 @@ class IdentifyPayload:
             mass=self._values["expected_mass"],
             noise=replace(
                 noise,
-                force_bias=max(noise.force_bias, NOBODY_ZEROED.force_bias),
-                torque_bias=max(noise.torque_bias, NOBODY_ZEROED.torque_bias),
+                force_bias=max(noise.force_bias, _PLANNED_NOISE.force_bias),
+                torque_bias=max(noise.torque_bias, _PLANNED_NOISE.torque_bias),
             ),
             seed=self._values["excitation_seed"],
         )

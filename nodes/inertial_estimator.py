@@ -1,4 +1,4 @@
-"""Node: weighs what the sensor carries, from wrenches and the robot's motion, and says how sure that is."""
+"""Node: weighs what the sensor carries, from wrenches and the robot's motion, and publishes the estimate."""
 
 import time
 
@@ -99,10 +99,10 @@ class InertialEstimator(Node):
         self._on_tf(message, fixed=True)
 
     def parts_of(self, message: SegmentedObject) -> Parts:
-        """Its parts in the sensor frame; where it is in the hand is told by tf.
+        """Its parts in the sensor frame; tf gives its place in the hand.
 
         Raises:
-            InputError: OBJECT_INVALID for a shape that cannot be, FRAME_UNKNOWN when tf does not tell where it is.
+            InputError: OBJECT_INVALID for a shape that cannot be, FRAME_UNKNOWN when tf does not give its place.
         """
         pose = self.live.pose_in_sensor(message.header.frame_id)
         return parts_of_message(message).in_frame(pose.rotation, pose.translation)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.inertia.estimators import METHODS
+from poise.inertia.estimators import method_choices
 from poise.inertia.model import NoiseLevels, load_object
 from poise.inertia.pipeline import IMUS, SOURCES, LiveOptions
 from poise.nodes.parameters import Parameter
@@ -31,24 +31,28 @@ PARAMETERS = (
     Parameter(
         "method",
         "poise",
-        "estimator; poise: everything that is known; static: poses held still; ols: motion; auto: one of these two, as"
-        " the motion suits; the others work on a window",
-        METHODS,
+        "estimator; poise: all that is known; static: poses held still; ols: motion; auto: one of these two, as the"
+        " motion suits; the others keep samples, see window",
+        method_choices(),
     ),
-    Parameter("window", 10.0, "s of samples, for rtls, geo, pmd and hps", (0.1, 600.0)),
+    Parameter("window", 0.0, "s of samples, for rtls, geo, pmd and hps; 0: all since the start", (0.0, 600.0)),
     Parameter("publish_rate", 10.0, "Hz of inertial_estimate while samples come, at the most", (0.1, 100.0)),
-    Parameter("continuous", True, "poise alone: begin anew when the payload has changed, and say so"),
+    Parameter("continuous", True, "poise alone: start again when the payload has changed, and report it"),
     Parameter(
         "object", "", "path of a mesh or cloud of what is held, as for poise identify --object; empty: not known"
     ),
     Parameter("object_scale", 1.0, "m per unit of that file", (1e-9, 1e9)),
     Parameter("object_pose", [0.0] * 6 + [1.0], "of that file in the sensor frame: x y z m, quaternion x y z w"),
-    Parameter("noise_force", 0.1, "N, one sigma of a sample", (1e-6, 1e3)),
-    Parameter("noise_torque", 0.005, "N m, one sigma of a sample", (1e-6, 1e3)),
-    Parameter("noise_linear_acceleration", 0.02, "m/s2, one sigma of the motion's", (0.0, 1e3)),
-    Parameter("noise_angular_acceleration", 0.05, "rad/s2, one sigma of the motion's", (0.0, 1e3)),
-    Parameter("noise_force_bias", 0.0, "N to expect with nothing held; 0: the sensor was zeroed", (0.0, 1e6)),
-    Parameter("noise_torque_bias", 0.0, "N m to expect with nothing held; 0: the sensor was zeroed", (0.0, 1e6)),
+    Parameter("noise_force", 0.0, "N, one sigma of a sample; 0: estimated from the samples", (0.0, 1e3)),
+    Parameter("noise_torque", 0.0, "N m, one sigma of a sample; 0: estimated from the samples", (0.0, 1e3)),
+    Parameter("noise_linear_acceleration", 0.0, "m/s2, one sigma of the motion's; 0: estimated", (0.0, 1e3)),
+    Parameter("noise_angular_acceleration", 0.0, "rad/s2, one sigma of the motion's; 0: estimated", (0.0, 1e3)),
+    Parameter(
+        "noise_force_bias", -1.0, "N to expect without a load; 0: the sensor was zeroed; -1: not known", (-1.0, 1e6)
+    ),
+    Parameter(
+        "noise_torque_bias", -1.0, "N m to expect without a load; 0: the sensor was zeroed; -1: not known", (-1.0, 1e6)
+    ),
     Parameter("max_force", 0.0, "N at which an axis of the sensor is saturated; 0: no limit", (0.0, 1e6)),
     Parameter("max_torque", 0.0, "N m at which an axis of the sensor is saturated; 0: no limit", (0.0, 1e6)),
     Parameter("max_gap", 0.2, "s between kinematic samples across which nothing is interpolated", (0.001, 10.0)),
@@ -60,6 +64,13 @@ PARAMETERS = (
     Parameter("margin", 0.5, "s of motion on either side that take part in it; the estimate lags by both", (0.1, 10.0)),
     Parameter("best_effort", False, "take wrenches from a best-effort publisher too (some may be lost)"),
 )
+
+
+def _noise(values: dict[str, Any]) -> NoiseLevels:
+    """The levels that are given; NaN for those that are estimated from the samples."""
+    levels = {name: values[f"noise_{name}"] or np.nan for name in NOISE}
+    biases = {name: values[f"noise_{name}"] for name in BIAS}
+    return NoiseLevels(**levels, **{name: np.nan if value < 0 else value for name, value in biases.items()})
 
 
 def live_options(values: dict[str, Any]) -> LiveOptions:
@@ -84,8 +95,8 @@ def live_options(values: dict[str, Any]) -> LiveOptions:
         imu=values["imu"],
         gravity=values["gravity"],
         method=values["method"],
-        noise=NoiseLevels(**{name: values[f"noise_{name}"] for name in (*NOISE, *BIAS)}),
-        window=values["window"],
+        noise=_noise(values),
+        window=values["window"] or np.inf,
         continuous=values["continuous"],
         saturation=(values["max_force"] or np.inf, values["max_torque"] or np.inf),
         **shape,

@@ -24,9 +24,11 @@ def weighed(item: RigidObject, estimate: InertialEstimate, pose_sensor_object: P
     found, rotation = estimate.inertia, pose_sensor_object.rotation
     com = pose_sensor_object.undo(np.array([found.com.x, found.com.y, found.com.z]))
     inertia = rotation.T @ symmetric([found.ixx, found.ixy, found.ixz, found.iyy, found.iyz, found.izz]) @ rotation
+    inertia = (inertia + inertia.T) / 2  # rounding of the rotation makes it a little asymmetric
     inertia = (inertia + inertia.T) / 2
     change = frame_change(rotation.T, -rotation.T @ pose_sensor_object.translation)
     covariance = change @ np.array(estimate.covariance).reshape(10, 10) @ change.T
+    covariance = (covariance + covariance.T) / 2
     return replace(
         item,
         mass=found.m if np.isfinite(found.m) else item.mass,

@@ -21,14 +21,14 @@ from poise.commands.identify import (
 )
 from poise.commands.output import JsonOption, console, refuse_folder, write_json
 from poise.errors import PoiseError
-from poise.inertia.pipeline import METHODS
+from poise.inertia.estimators import DEFAULT_METHOD
 from poise.recording import find_recordings
 from poise.viewing import readable, rounded
 
 
 def evaluate(
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds recordings.", show_default=False)],
-    method: MethodOption = METHODS[0],
+    method: MethodOption = DEFAULT_METHOD,
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,
     gravity: GravityOption = None,

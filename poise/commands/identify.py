@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
-from poise.commands.identify_model import say, told, without_effects
+from poise.commands.identify_model import compensation_fields, say, without_effects
 from poise.commands.output import (
     BAG_HELP,
     JsonOption,
@@ -22,8 +22,9 @@ from poise.commands.output import (
     write_json,
 )
 from poise.errors import ErrorCode, InputError
+from poise.inertia.estimators import AUTO, DEFAULT_METHOD, all_estimators
 from poise.inertia.model import ObjectShape, load_object
-from poise.inertia.pipeline import METHODS, Identification
+from poise.inertia.pipeline import Identification
 from poise.inertia.pipeline import identify as identify_recording
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel
@@ -33,9 +34,8 @@ MethodOption = Annotated[
     str,
     typer.Option(
         "--method",
-        help=f"One of {', '.join(METHODS)}. poise: this project's own, with bias, clock delay and honest covariance;"
-        " static: least squares on poses held still; ols, rtls, geo, pmd, hps: the thesis' methods and its rivals"
-        " (the last three want --object); auto: static or ols, whichever the motion suits.",
+        help="; ".join(f"{entry.name}: {entry.summary}" for entry in all_estimators().values())
+        + f"; {AUTO}: static or ols, whichever the motion suits. geo, pmd and hps need --object.",
     ),
 ]
 ObjectOption = Annotated[
@@ -116,7 +116,7 @@ BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP, show_
 def identify(
     bag: BagArgument,
     object_file: ObjectOption = None,
-    method: MethodOption = METHODS[0],
+    method: MethodOption = DEFAULT_METHOD,
     object_pose: ObjectPoseOption = None,
     object_scale: ObjectScaleOption = 1.0,
     shape_accuracy: ShapeAccuracyOption = None,
@@ -149,7 +149,10 @@ def identify(
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
         limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
         recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
-    content = as_json(bag, recording, answer) | {"object": None if shape is None else shape.words, **told(taken)}
+    content = as_json(bag, recording, answer) | {
+        "object": None if shape is None else shape.words,
+        **compensation_fields(taken),
+    }
     for warning in content["warnings"]:
         warn(warning)
     written = [] if report is None else write_report(report, bag, answer)

@@ -42,7 +42,7 @@ def without_effects(
         yield path, taken
 
 
-def told(taken: CompensatedWrench | None) -> dict[str, Any]:
+def compensation_fields(taken: CompensatedWrench | None) -> dict[str, Any]:
     """For the answer."""
     content = None if taken is None else {"effects": list(taken.names), "left": taken.left, "rms": taken.size}
     return {"taken_out": content}

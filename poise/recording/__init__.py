@@ -16,6 +16,7 @@ from poise.recording.images import CLOUD, IMAGE, INFO, Image, image_of, messages
 from poise.recording.reading import RawMessage, Recording, Topic, open_recording
 from poise.recording.rewriting import rewrite_recording
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream, stamp_of
+from poise.recording.timeline import MAX_LATENESS
 from poise.recording.trajectories import joint_commands
 from poise.recording.writing import RecordingWriter, write_recording
 
@@ -24,6 +25,7 @@ __all__ = [
     "IMAGE",
     "INFO",
     "LATCHED_TOPICS",
+    "MAX_LATENESS",
     "Image",
     "ImuStream",
     "Interpolated",

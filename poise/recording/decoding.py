@@ -17,9 +17,20 @@ NoteLate = Callable[[str, int], None]
 _Part = tuple[npt.NDArray[np.int64], dict[str, Any]]  # which messages of the topic, and their columns
 
 
-def wrench_stream(topic: str, batches: Iterable[Batch], note_late: NoteLate) -> WrenchStream:
-    """Assemble the wrenches of a topic."""
-    parts = _parts(topic, batches)
+def wrench_frames(topic: str, batches: Iterable[Batch]) -> dict[str, int]:
+    """The frames that the wrenches of a topic name, and how many messages do, in the order of arrival."""
+    counts: dict[str, int] = {}
+    for index, columns in sorted(_parts(topic, batches), key=lambda part: int(part[0][0])):
+        frame = str(columns["frame_id"])
+        counts[frame] = counts.get(frame, 0) + len(index)
+    return counts
+
+
+def wrench_stream(
+    topic: str, batches: Iterable[Batch], note_late: NoteLate, frame_id: str | None = None
+) -> WrenchStream:
+    """Assemble the wrenches of a topic, those of one frame when it is named."""
+    parts = [part for part in _parts(topic, batches) if frame_id in (None, part[1]["frame_id"])]
     frame_id = _only(topic, parts, "frame_id")
     stamps, (wrench,) = _in_order(topic, parts, ["wrench"], note_late)
     return WrenchStream(stamps, wrench, frame_id)

@@ -172,15 +172,27 @@ class Recording:
 
     # -- streams ----------------------------------------------------------------------------------------------
 
-    def wrench(self, topic: str = "wrench") -> WrenchStream:
+    def wrench(self, topic: str = "wrench", frame_id: str | None = None) -> WrenchStream:
         """Read geometry_msgs/WrenchStamped; what is not finite stays so and shows in `not_finite`.
+
+        Args:
+            topic: where.
+            frame_id: the messages of this frame alone; None: all, which must name one frame.
 
         Raises:
             InputError: as `topic`; TIME_BACKWARDS when the clock was set back; TYPE_MISMATCH when a message does not
                 decode; FRAME_UNKNOWN when the frame changes on the way; EMPTY when no message is left.
         """
         found, batches = self._decode(topic, "geometry_msgs/msg/WrenchStamped")
-        return decoding.wrench_stream(found, batches, self._note_late)
+        return decoding.wrench_stream(found, batches, self._note_late, frame_id)
+
+    def wrench_frames(self, topic: str = "wrench") -> dict[str, int]:
+        """The frames that wrenches name, and how many messages do, in the order of arrival.
+
+        Raises:
+            InputError: as `topic`; TYPE_MISMATCH when a message does not decode; EMPTY when no message is left.
+        """
+        return decoding.wrench_frames(*self._decode(topic, "geometry_msgs/msg/WrenchStamped"))
 
     def joint_states(self, topic: str = "joint_states", names: Iterable[str] | None = None) -> JointStream:
         """Read sensor_msgs/JointState.

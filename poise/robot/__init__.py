@@ -35,14 +35,15 @@ from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_a
 from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of
 from poise.robot.regular_clock import regular_clock
 from poise.robot.resampled import ResampledSignal, resample, sampling_times
-from poise.robot.scatter import scatter
+from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
 from poise.robot.splines import Design, Grid, SplineFit
-from poise.robot.stamped_buffer import StampedBuffer, went_back
+from poise.robot.stamped_buffer import JUMP, StampedBuffer, went_back
 from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
+    "JUMP",
     "LAG_STEP",
     "LONGEST_DELAY",
     "NO_KINEMATICS",
@@ -68,6 +69,7 @@ __all__ = [
     "ResampledSignal",
     "RobotModel",
     "RotationDerivatives",
+    "ScatterMeter",
     "SensorMotion",
     "SharedBuffers",
     "SmoothedMotion",

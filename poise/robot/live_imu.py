@@ -8,6 +8,7 @@ from poise.robot.frame_tree import FrameTree
 from poise.robot.imu import Imu
 from poise.robot.motion import SensorMotion
 from poise.robot.motion_buffers import NO_KINEMATICS, USED, MotionBuffer, Reasons
+from poise.robot.scatter import ScatterMeter
 from poise.robot.stamped_buffer import StampedBuffer
 from poise.types import Array, Stamps
 
@@ -30,6 +31,12 @@ class LiveImu:
         self._frames, self._topic = frames, topic
         self._mounting = Pose.identity()
         self._buffer = StampedBuffer(3)
+        self._scatter = ScatterMeter()
+
+    @property
+    def noise(self) -> float:
+        """m/s2, one sigma of a sample, of all that has come; NaN for too few."""
+        return self._scatter.value
 
     @property
     def newest(self) -> int | None:
@@ -47,6 +54,14 @@ class LiveImu:
         if np.isfinite(measured).all() and frame_id == (self.frame_id or frame_id):
             self.frame_id = frame_id
             self._buffer.extend(np.array([stamp], dtype=np.int64), measured[None])
+            self._scatter.add(measured[None])
+
+    def take(self, imu: Imu) -> None:
+        """Take all samples of an IMU whose axes are those of the sensor."""
+        self.frame_id = imu.frame_id
+        self._mounting = Pose(np.eye(3), imu.place)
+        self._buffer.extend(imu.stamps, -imu.specific)
+        self._scatter.add(imu.specific)
 
     def rides_on(self, sensor_frame: str) -> bool:
         """Whether it has spoken, and tf_static joins it to the sensor; from then on it is known how it is mounted."""

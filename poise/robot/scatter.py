@@ -1,24 +1,60 @@
-"""The white noise of a stream, estimated from the differences between neighbouring samples."""
+"""The white noise of a stream, from the second differences of its samples."""
 
 import numpy as np
 
 from poise.types import Array
 
-QUIET = 25
-"""Percentile over blocks that counts: others may hold shaking, which is no noise."""
+_QUIET = 25
+"""Percentile over blocks that counts: other blocks may hold shaking, which is no noise."""
 
-BLOCK = 40
+_BLOCK = 40
 """Samples."""
 
+_MOST_BLOCKS = 4096
+"""Blocks that are remembered; of more, every second one is kept, then every fourth and so on."""
 
-def scatter(values: Array) -> float:
-    """One sigma of the white noise in samples (N, K) in a row; NaN for too few.
+
+class ScatterMeter:
+    """White noise of samples that come one by one or in portions.
 
     A smooth signal hardly has second differences; white noise of variance s^2 has them with variance 6 s^2.
     """
-    bends = np.diff(values, n=2, axis=0)
-    count = len(bends) // BLOCK
-    if not count:
-        return np.nan
-    blocks = bends[: count * BLOCK].reshape(count, -1)
-    return float(np.sqrt(np.percentile(np.mean(blocks**2, axis=1), QUIET) / 6))
+
+    def __init__(self) -> None:
+        self._new: list[Array] = []
+        self._squares: list[float] = []
+        self._n_blocks, self._stride = 0, 1
+
+    def add(self, values: Array) -> None:
+        """Take samples (N, K) in the order of time."""
+        if len(values):
+            self._new.append(values)
+        if len(self._new) > _BLOCK:
+            self._settle()
+
+    @property
+    def value(self) -> float:
+        """One sigma of a sample; NaN for too few."""
+        self._settle()
+        return float(np.sqrt(np.percentile(self._squares, _QUIET) / 6)) if self._squares else np.nan
+
+    def _settle(self) -> None:
+        if not self._new:
+            return
+        values = np.concatenate(self._new)
+        bends = np.diff(values, n=2, axis=0)
+        count = len(bends) // _BLOCK
+        self._new = [values[count * _BLOCK :]]
+        for square in np.mean(bends[: count * _BLOCK].reshape(count, -1) ** 2, axis=1).tolist() if count else []:
+            if self._n_blocks % self._stride == 0:
+                self._squares.append(square)
+            self._n_blocks += 1
+            if len(self._squares) > _MOST_BLOCKS:
+                self._squares, self._stride = self._squares[::2], 2 * self._stride
+
+
+def scatter(values: Array) -> float:
+    """One sigma of the white noise in samples (N, K) in a row; NaN for too few."""
+    meter = ScatterMeter()
+    meter.add(values)
+    return meter.value

@@ -276,11 +276,11 @@ def test_noise_that_was_not_told_makes_less_sure(rng):
     held = composite(rng)
     phi = held.phi * 0.5 / held.phi[0]
     loud = NoiseLevels(force=1.0, torque=0.05)
-    told, surprised = (
+    given, surprised = (
         poise(replace(measured(np.random.default_rng(3), phi, noise=loud, parts=held.parts), noise=noise))
         for noise in (loud, NoiseLevels())
     )
-    assert surprised.covariance[0, 0] == pytest.approx(told.covariance[0, 0], rel=0.5)
+    assert surprised.covariance[0, 0] == pytest.approx(given.covariance[0, 0], rel=0.5)
     assert surprised.residual_force == pytest.approx(1.0, rel=0.1)
 
 

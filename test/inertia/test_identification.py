@@ -122,7 +122,7 @@ def test_tf_gives_what_joint_states_give(swinging, save):
 
 
 def test_a_chain_of_tf_frames_is_composed(swinging, save, rng):
-    """The same motion told in two steps, one moving and one fixed, with the fixed one said twice."""
+    """The motion in two transforms, one moving and one fixed; the fixed one is recorded twice."""
     turn, shift = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([0.1, 0.2, 0.3])
     poses = swinging.poses
     wrist = PoseStream(

@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from poise.cli import run
-from poise.inertia.bayes import estimator, recorder
+from poise.inertia.bayes import estimator
+from poise.inertia.model import sample_checks
 from poise.robot import motion_buffers as tracks
 from poise.robot.motion_buffers import PairingSettings
 
@@ -36,12 +37,12 @@ def test_every_reason_is_on_the_page():
     section = PAGE.split("## What is left out")[1].split("## ")[0]
     named = set(re.findall(r"^\| `(\w+)`", section, re.MULTILINE))
     assert named == {
-        recorder.NOT_FINITE,
-        recorder.SATURATED,
-        recorder.OUT_OF_ORDER,
+        sample_checks.NOT_FINITE,
+        sample_checks.SATURATED,
+        sample_checks.OUT_OF_ORDER,
         tracks.MOVING,
         tracks.NO_KINEMATICS,
-        tracks.STALE,
+        sample_checks.STALE,
         estimator.EXTERNAL_CONTACT,
     }
 

@@ -17,7 +17,7 @@ SIDE = 0.03
 
 
 def blocks() -> Parts:
-    """Nine cubes on a plate-like grid, which a sensor at rest cannot tell apart by far."""
+    """Nine cubes on a plate-like grid, which a sensor at rest is far from distinguishing."""
     places = np.array([[x, y, 0.01 * x * y] for x in (-1, 0, 1) for y in (-1, 0, 1)]) * SIDE + [0.02, 0.01, 0.1]
     moments = box_moments(places, np.full((9, 3), SIDE))
     return Parts.from_moments(moments, np.arange(9), np.concatenate([places - SIDE / 2, places + SIDE / 2]))
@@ -47,8 +47,8 @@ def test_colours_that_are_alike_correlate_and_one_colour_tells_nothing() -> None
 def test_nothing_in_common_is_the_same_as_not_told() -> None:
     parts, densities = blocks(), np.linspace(1000, 3000, 9)
     plain = inertia_of(parts, densities, parts)[0]
-    told = inertia_of(parts, densities, replace(parts, likeness=np.eye(9)))[0]
-    np.testing.assert_allclose(told, plain, rtol=1e-6)
+    given_alike = inertia_of(parts, densities, replace(parts, likeness=np.eye(9)))[0]
+    np.testing.assert_allclose(given_alike, plain, rtol=1e-6)
 
 
 def test_colours_show_what_forces_at_rest_do_not() -> None:

@@ -7,6 +7,7 @@ from simulated_motion import LOAD, Scene, record, steps
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.pipeline.identification import Kinematics, identify_wrenches
 from poise.inertia.pipeline.live import GRACE, QUIET, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.online import OnlineEstimator
 from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf
 from poise.robot.sources import JointSource
@@ -94,7 +95,8 @@ def test_joint_states_from_before_the_description_are_used_and_the_answer_is_the
         source.extend(scene.joints.stamps[part], scene.joints.names, scene.joints.position[part])
 
     kinematics = Kinematics(source, [(scene.joints.stamps, add)])
-    expected = identify_wrenches(scene.wrench, kinematics, frame_id="ft_sensor", method="static").estimate
+    online = OnlineEstimator(source, frame_id="ft_sensor", method="static")
+    expected = identify_wrenches(scene.wrench, kinematics, online).estimate
     estimate = live.estimate()
     assert estimate.n_samples == expected.n_samples
     np.testing.assert_allclose(estimate.phi, expected.phi, rtol=1e-9)
@@ -196,9 +198,9 @@ def test_clocks_that_are_apart_are_told_with_their_distance(scene):
         live.add_joint_state(int(stamp), scene.joints.names, scene.joints.position[k], [], 0.01 * k)
         live.add_wrench(int(stamp) + 37 * 10**9, "ft_sensor", scene.wrench.wrench_in_sensor[k], 0.01 * k)
         live.update(0.01 * k)
-    told = status_of(live, 5.0)
-    assert told.level is Level.WARN
-    assert "37.0 s ahead of the kinematics" in told.message
+    status = status_of(live, 5.0)
+    assert status.level is Level.WARN
+    assert "37.0 s ahead of the kinematics" in status.message
 
 
 def test_mostly_unusable_samples_are_a_warning_that_names_the_reason(scene):
@@ -209,9 +211,9 @@ def test_mostly_unusable_samples_are_a_warning_that_names_the_reason(scene):
         live.add_joint_state(stamp, scene.joints.names, scene.joints.position[k], [], 0.01 * k)
         live.add_wrench(stamp, "ft_sensor", np.full(6, np.nan) if k % 3 else np.zeros(6), 0.01 * k)
         live.update(0.01 * k)
-    told = status_of(live, 1.0)
-    assert told.level is Level.WARN
-    assert "not_finite" in told.message
+    status = status_of(live, 1.0)
+    assert status.level is Level.WARN
+    assert "not_finite" in status.message
 
 
 # -- a stream full of rubbish ------------------------------------------------------------------------------------

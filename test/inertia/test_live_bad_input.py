@@ -1,4 +1,4 @@
-"""What goes wrong on a robot, through the live estimator: told by number or left out, never silent."""
+"""What goes wrong on a robot, through the live estimator: reported by a code, or left out and counted."""
 
 from dataclasses import replace
 

@@ -65,9 +65,8 @@ def offline(scene: Scene, method: str):
     def add(part: slice) -> None:
         source.extend(joints.stamps[part], joints.names, joints.position[part], joints.velocity[part])
 
-    return identify_wrenches(
-        scene.wrench, Kinematics(source, [(joints.stamps, add)]), frame_id="ft_sensor", method=method
-    ).estimate
+    online = OnlineEstimator(source, frame_id="ft_sensor", method=method)
+    return identify_wrenches(scene.wrench, Kinematics(source, [(joints.stamps, add)]), online).estimate
 
 
 def agree(a, b, tolerance=1e-9):
@@ -114,7 +113,7 @@ def test_messages_one_by_one_and_out_of_order_are_the_same_answer(stopping, rng)
 
 def test_auto_answers_with_what_suits_the_motion(stopping, swinging):
     for scene, method in ((stopping, "static"), (swinging, "ols")):
-        online = estimator(scene)
+        online = estimator(scene, method="auto")
         play(online, scene, np.linspace(0.1, 1.0, 10))
         assert online.estimate().method == method
 

@@ -14,12 +14,12 @@ NOISE = NoiseLevels(0.1, 0.005, 0.02, 0.05)
 
 
 def watch(measured: Work) -> tuple[OnlineEstimator, list[tuple[float, PayloadChange]]]:
-    """Stream the work as a node would, every 50 ms; the estimator, and when (s) it told which change."""
+    """Stream the work as a node would, every 50 ms; the estimator, and when (s) it reported which change."""
     joints, wrench = measured.joints, measured.wrench
     online = OnlineEstimator(
         JointSource(measured.model), frame_id="ft_sensor", method="poise", noise=NOISE, continuous=True
     )
-    told: list[tuple[float, PayloadChange]] = []
+    reported: list[tuple[float, PayloadChange]] = []
     for begin in np.arange(0, (wrench.stamps[-1] - START) * 1e-9, PERIOD):
         span = START + np.round(np.array([begin, begin + PERIOD]) * 1e9).astype(np.int64)
         some = slice(*np.searchsorted(joints.stamps, span))
@@ -27,24 +27,24 @@ def watch(measured: Work) -> tuple[OnlineEstimator, list[tuple[float, PayloadCha
         some = slice(*np.searchsorted(wrench.stamps, span))
         online.add_wrench(wrench.stamps[some], wrench.wrench_in_sensor[some])
         online.update()
-        told += [(begin + PERIOD, change) for change in online.changes[len(told) :]]
-    return online, told
+        reported += [(begin + PERIOD, change) for change in online.changes[len(reported) :]]
+    return online, reported
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_a_grasp_and_a_release_are_told_within_half_a_second_and_weighed_anew(seed):
+def test_a_grasp_and_a_release_are_reported_within_half_a_second_and_weighed(seed):
     measured = work(np.random.default_rng([seed, 7]), 17.0, every=2)
-    online, told = watch(measured)
-    assert len(told) == len(measured.changes) >= 2
+    online, reported = watch(measured)
+    assert len(reported) == len(measured.changes) >= 2
     for (when, change), event, before, after in zip(
-        told, measured.changes, measured.payloads[:-1, 0], measured.payloads[1:, 0], strict=True
+        reported, measured.changes, measured.payloads[:-1, 0], measured.payloads[1:, 0], strict=True
     ):
         assert event < when < event + 0.5
         assert event < (change.since - START) * 1e-9 < when
         assert change.mass_before == pytest.approx(before, abs=0.03)
         assert change.mass_after == pytest.approx(after, abs=0.05)
     estimate = online.estimate()
-    assert estimate.since == told[-1][1].since
+    assert estimate.since == reported[-1][1].since
     assert estimate.parameters.mass == pytest.approx(measured.payloads[-1, 0], abs=0.01)
 
 
@@ -53,14 +53,14 @@ def test_right_after_a_change_the_estimate_is_already_that_of_the_new_payload():
     (event,) = measured.changes
     cut = int(np.searchsorted(measured.wrench.stamps, START + round((event + 0.6) * 1e9)))
     early = type(measured.wrench)(measured.wrench.stamps[:cut], measured.wrench.wrench_in_sensor[:cut], "ft_sensor")
-    online, told = watch(Work(measured.model, measured.joints, early, measured.changes, measured.payloads))
-    assert len(told) == 1
+    online, reported = watch(Work(measured.model, measured.joints, early, measured.changes, measured.payloads))
+    assert len(reported) == 1
     estimate = online.estimate()
     assert abs(estimate.parameters.mass - measured.payloads[-1, 0]) < 4 * estimate.mass_std + 0.01
 
 
 def test_pushes_and_a_drifting_bias_are_no_other_payload():
     measured = work(np.random.default_rng(40), 25.0, every=0, nuisance=Nuisance(pushes=12, drift=0.3))
-    online, told = watch(measured)
-    assert not told
+    online, reported = watch(measured)
+    assert not reported
     assert online.estimate().parameters.mass == pytest.approx(measured.payloads[0, 0], abs=0.03)

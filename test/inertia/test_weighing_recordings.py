@@ -258,11 +258,11 @@ def test_the_command_takes_a_shape_and_its_pose(hammering, save, tmp_path):
     mesh.apply_scale(1000)
     mesh.export(tmp_path / "hammer.stl")
     save({"wrench": hammering.wrench, "joint_states": hammering.joints}, robot_description=URDF)
-    told = ["--object", str(tmp_path / "hammer.stl"), "--object-scale", "0.001", "--object-pose", "0 0 0.05 0 0 0 1"]
-    assert run(["identify", str(tmp_path / "scene.mcap"), *told, "--json", str(tmp_path / "out.json")]) == 0
+    options = ["--object", str(tmp_path / "hammer.stl"), "--object-scale", "0.001", "--object-pose", "0 0 0.05 0 0 0 1"]
+    assert run(["identify", str(tmp_path / "scene.mcap"), *options, "--json", str(tmp_path / "out.json")]) == 0
     content = json.loads((tmp_path / "out.json").read_text())
     assert content["mass"] == pytest.approx(load.mass, rel=0.005)
     np.testing.assert_allclose(content["inertia"], load.inertia_vector, atol=0.03 * np.trace(load.inertia) / 3)
     assert content["findings"] == []
     assert content["object"].startswith("2 closed surfaces")
-    assert run(["identify", str(tmp_path / "scene.mcap"), *told[:-1], "0 0 1"]) == 2
+    assert run(["identify", str(tmp_path / "scene.mcap"), *options[:-1], "0 0 1"]) == 2

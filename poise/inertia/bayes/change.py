@@ -1,16 +1,14 @@
-"""Weighing for hours: the estimate refines during ordinary work, and starts over when the payload has changed."""
+"""Weighing for hours: the estimate improves during ordinary work, and starts again when the payload has changed."""
 
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from poise.errors import NoAnswerError
 from poise.inertia.bayes.estimator import BayesSolution, PoiseEstimator
 from poise.inertia.model import NoiseLevels, Parts
-from poise.robot import SensorMotion
 from poise.types import Array, Stamps
 
 BLOCK = 50_000_000
@@ -60,20 +58,12 @@ class PayloadChange:
     mass_after: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    """What one call of `add` brought: (N,) ns, and gravity, a, omega, alpha, wrench in the columns of (N, 18)."""
-
-    stamps: Stamps
-    rows: Array
-
-
 class ContinuousEstimator:
-    """A `PoiseEstimator` that is not surprised for long.
+    """A `PoiseEstimator` that notices when the payload has changed, and then starts again.
 
-    What tells a change from a push is what explains it: the newest blocks contradict the payload, and another payload
+    A change differs from a push by what explains it: the newest blocks contradict the payload, and another payload
     explains them. The new one begins without a shape (see `hold`), but with the bias as it was known. A push that lasts
-    and does not turn with the sensor is a payload like any other; so is a slow leak, which is not noticed.
+    and does not turn with the sensor is taken for a payload. A slow leak is not noticed.
 
     Args:
         parts: of the object held at the beginning; None when there is none, or its shape is not known.
@@ -85,55 +75,35 @@ class ContinuousEstimator:
         self.changes: list[PayloadChange] = []
         self._options = options
         self._tare = np.zeros(6)
-        self._memory: deque[_Samples] = deque()
+        self._memory: deque[tuple[Stamps, Array]] = deque()
         self._since = self._looked = self._sure = np.iinfo(np.int64).min
         self._solved: int | None = None
         self._mass: float | None = None
         self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **options)
 
     def hold(self, parts: Parts | None) -> None:
-        """Say what is held since the last change; to be called soon after it, while samples are remembered."""
+        """Set the shape of what is held since the last change; to be called while its samples are remembered."""
         self._restart(self._since, parts, self._estimator.noise)
 
-    def add(
-        self,
-        stamps: ArrayLike,
-        gravity_in_sensor: ArrayLike,
-        linear_acceleration: ArrayLike,
-        angular_velocity: ArrayLike,
-        angular_acceleration: ArrayLike,
-        wrench: ArrayLike,
-    ) -> PayloadChange | None:
-        """Add samples, see `PoiseEstimator.add`.
+    def add_rows(self, stamps: Stamps, rows: Array) -> PayloadChange | None:
+        """Add samples, see `PoiseEstimator.add_rows`.
 
         Returns:
             The change that they made certain, if any.
         """
-        when = np.asarray(stamps, dtype=np.int64).reshape(-1)
-        columns = (gravity_in_sensor, linear_acceleration, angular_velocity, angular_acceleration, wrench)
-        rows = np.concatenate([np.reshape(column, (len(when), -1)) for column in columns], axis=1)
-        self._memory.append(_Samples(when, rows))
-        self._feed(self._memory[-1])
-        now = int(when[-1])
+        if not len(stamps):
+            return None
+        self._memory.append((stamps, rows))
+        self._feed(stamps, rows)
+        now = int(stamps[-1])
         if self._solved is None:
-            self._solved = self._sure = int(when[0])
-        while self._memory[0].stamps[-1] < now - MEMORY:
+            self._solved = self._sure = int(stamps[0])
+        while self._memory[0][0][-1] < now - MEMORY:
             self._memory.popleft()
         if now - self._looked < LOOK:
             return None
         self._looked = now
         return self._look(now)
-
-    def add_motion(self, motion: SensorMotion, wrench: ArrayLike) -> PayloadChange | None:
-        """Add samples of a motion and the wrenches (N, 6) at its stamps; see `add`."""
-        return self.add(
-            motion.stamps,
-            motion.gravity_in_sensor(self._estimator.gravity),
-            motion.linear_acceleration_in_sensor,
-            motion.angular_velocity_in_sensor,
-            motion.angular_acceleration_in_sensor,
-            wrench,
-        )
 
     @property
     def tare(self) -> Array:
@@ -165,7 +135,7 @@ class ContinuousEstimator:
         return replace(solution, bias=solution.bias + self._tare)
 
     def _look(self, now: int) -> PayloadChange | None:
-        """Compare the newest samples with what is expected, and work that out anew from time to time."""
+        """Compare the newest samples with the expected ones, and update the expectation from time to time."""
         most = 0.0
         for count in WINDOWS:
             begin = (now // BLOCK - count + 1) * BLOCK
@@ -205,17 +175,16 @@ class ContinuousEstimator:
         deviation = np.sqrt(np.diag(self._known.bias_covariance).reshape(2, 3).max(axis=1))
         noise = self._estimator.noise
         spread = np.maximum(SPREAD_AFTER * deviation, LEAST_SPREAD * np.array([noise.force, noise.torque]))
-        told = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
+        known = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
         self._since = since
-        self._restart(since, None, told)
+        self._restart(since, None, known)
 
     def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:
         self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **self._options)
         self._solved = self._sure = since
-        for samples in self._memory:
-            late = samples.stamps >= since
-            self._feed(_Samples(samples.stamps[late], samples.rows[late]))
+        for stamps, rows in self._memory:
+            late = stamps >= since
+            self._feed(stamps[late], rows[late])
 
-    def _feed(self, samples: _Samples) -> None:
-        gravity, linear, omega, alpha = (samples.rows[:, 3 * k : 3 * k + 3] for k in range(4))
-        self._estimator.add(samples.stamps, gravity, linear, omega, alpha, samples.rows[:, 12:] - self._tare)
+    def _feed(self, stamps: Stamps, rows: Array) -> None:
+        self._estimator.add_rows(stamps, rows - np.concatenate([np.zeros(9), self._tare]))

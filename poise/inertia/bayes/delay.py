@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from poise.types import Array
 
 LAG_STEP = 0.02
-"""s: what a robot does hardly changes in this time, so that three lags tell what lies between them."""
+"""s: what a robot does hardly changes in this time, so that a parabola through three lags is enough."""
 
 PROFILE_DEGREE = 4
 """Of the polynomial through the log evidence: its curvature counts, and not how noise differs from lag to lag."""
@@ -39,13 +39,14 @@ class LagGrid:
     """Delays at which samples are paired: multiples of a step from -longest to longest, at least five.
 
     Args:
-        longest: s; with 0 the delay is known to be none, and there is a single lag.
+        longest: s; with 0 the delay is known to be `about`, and there is a single lag.
         step: s between lags.
+        about: s, the delay in the middle of the grid.
     """
 
-    def __init__(self, longest: float, step: float = LAG_STEP) -> None:
+    def __init__(self, longest: float, step: float = LAG_STEP, about: float = 0.0) -> None:
         steps = max(2, round(longest / step)) if longest > 0 else 0
-        self.nanoseconds = np.arange(-steps, steps + 1, dtype=np.int64) * round(step * 1e9)
+        self.nanoseconds = np.arange(-steps, steps + 1, dtype=np.int64) * round(step * 1e9) + round(about * 1e9)
         self.lags = self.nanoseconds * 1e-9
         self._step = step
         fine, self._smooth = _fine_grid(steps)

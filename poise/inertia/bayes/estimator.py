@@ -19,18 +19,22 @@ from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.bayes.recorder import BlockRecorder
 from poise.inertia.bayes.search import Contradiction, PosteriorSearch
 from poise.inertia.model import (
+    NOT_FINITE,
+    OUT_OF_ORDER,
     IdentificationProblem,
     InertialParameters,
     InertialSolution,
     NoiseLevels,
     Parts,
     RejectedInterval,
+    RejectionLog,
+    SampleChecks,
     mixed,
     normal_equations,
     root_mean_square,
 )
-from poise.robot import SensorMotion
-from poise.types import Array, Mask
+from poise.robot import USED
+from poise.types import Array, Mask, Stamps
 
 LONGEST_DELAY = 0.06
 """s, either way."""
@@ -45,6 +49,9 @@ BENT = 0.02
 """Deformation of the shape from which the centre of mass might be outside."""
 
 EXTERNAL_CONTACT = "external_contact"
+
+_MAX_INTERVALS = 1000
+"""Rejected intervals that are remembered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +90,7 @@ class BayesSolution(InertialSolution):
 
 
 class PoiseEstimator:
-    """Recursive estimator of what a sensor holds; what samples say is kept in sums, so order and portions are free.
+    """Recursive estimator of what a sensor holds. Samples are kept in sums, so that their portions do not matter.
 
     See docs/estimator.md for the mathematics.
 
@@ -92,8 +99,9 @@ class PoiseEstimator:
         noise: of samples, and how large a bias to expect.
         gravity: (3,) m/s2 in the world.
         limits: (6,) |wrench| from which the sensor is saturated, N and N m.
-        longest_delay: s between the clocks, either way; 0 when they are known to be one.
+        longest_delay: s between the clocks, either way; 0 when it is known to be `delay`.
         lag_step: s in which the motion hardly changes.
+        delay: s, wrench stamps minus kinematics stamps, about which the delay is looked for.
         shape_accuracy: relative error of lengths in the shape.
         block: ns of samples that are kept, or left out, together.
 
@@ -110,6 +118,7 @@ class PoiseEstimator:
         limits: ArrayLike = np.inf,
         longest_delay: float = LONGEST_DELAY,
         lag_step: float = LAG_STEP,
+        delay: float = 0.0,
         shape_accuracy: float = SHAPE_ACCURACY,
         block: int = BLOCK,
     ) -> None:
@@ -124,8 +133,9 @@ class PoiseEstimator:
                 " is without noise",
             )
         self.shape_accuracy = shape_accuracy
-        self._grid = LagGrid(longest_delay, lag_step)
-        self._recorder = BlockRecorder(self._grid, limits, block)
+        self._grid = LagGrid(longest_delay, lag_step, delay)
+        self._recorder = BlockRecorder(self._grid, block)
+        self._checks, self._log = SampleChecks(limits), RejectionLog(_MAX_INTERVALS)
         self._search: PosteriorSearch | None = None
         self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes, parts.likeness)
 
@@ -138,14 +148,34 @@ class PoiseEstimator:
         angular_acceleration: ArrayLike,
         wrench: ArrayLike,
     ) -> None:
-        """Add samples in the order of time, one or many: (N,) ns, four (N, 3), (N, 6), all in the sensor frame."""
-        self._recorder.add(
-            stamps,
-            np.subtract(gravity_in_sensor, linear_acceleration),
-            angular_velocity,
-            angular_acceleration,
-            wrench,
-        )
+        """Check and add samples in the order of time, one or many.
+
+        Args:
+            stamps: (N,) ns.
+            gravity_in_sensor, linear_acceleration: (N, 3) m/s2, in the sensor frame as all that follow.
+            angular_velocity, angular_acceleration: (N, 3) rad/s and rad/s2.
+            wrench: (N, 6) N and N m.
+
+        Raises:
+            InputError: TYPE_MISMATCH when the shapes do not belong together.
+        """
+        when = np.asarray(stamps, dtype=np.int64).reshape(-1)
+        specific = np.subtract(gravity_in_sensor, linear_acceleration)
+        given = (specific, angular_velocity, angular_acceleration, wrench)
+        columns = [np.asarray(value, dtype=np.float64).reshape(-1, 6 if value is wrench else 3) for value in given]
+        if any(len(column) != len(when) for column in columns):
+            raise InputError(
+                ErrorCode.TYPE_MISMATCH,
+                f"estimator: {len(when)} stamps came with {[len(column) for column in columns]} rows of"
+                " g - a, omega, alpha and wrench; give one row per stamp",
+            )
+        rows = np.concatenate(columns, axis=1)
+        known = np.isfinite(rows[:, :9]).all(axis=1)
+        motion_reasons = np.where(known, USED, NOT_FINITE)
+        reasons = self._checks.judge(when, columns[3], columns[1], motion_reasons)
+        self._log.add(when, reasons)
+        known &= reasons != OUT_OF_ORDER
+        self._recorder.add(when[known], rows[known], reasons[known] == USED)
 
     def add_problem(self, problem: IdentificationProblem) -> None:
         """Add all samples of a problem."""
@@ -158,34 +188,33 @@ class PoiseEstimator:
             problem.wrench,
         )
 
-    def add_motion(self, motion: SensorMotion, wrench: ArrayLike) -> None:
-        """Add samples of a motion and the wrenches (N, 6) at its stamps."""
-        self.add(
-            motion.stamps,
-            motion.gravity_in_sensor(self.gravity),
-            motion.linear_acceleration_in_sensor,
-            motion.angular_velocity_in_sensor,
-            motion.angular_acceleration_in_sensor,
-            wrench,
-        )
+    def add_rows(self, stamps: Stamps, rows: Array) -> None:
+        """Add samples that have been checked already, see `sample_rows`: (N,) ns, increasing, and (N, 15)."""
+        self._recorder.add(stamps, rows, np.ones(len(stamps), dtype=bool))
 
-    def solve(self) -> BayesSolution:
+    def solve(self, noise: NoiseLevels | None = None, *, use_shape: bool = True) -> BayesSolution:
         """Estimate from all samples so far.
+
+        Args:
+            noise: of samples from now on; None: as before.
+            use_shape: False: as if nothing were known of the shape.
 
         Raises:
             NoAnswerError: TOO_FEW_SAMPLES when fewer than three samples can be used.
         """
+        self.noise = noise or self.noise
         blocks = self._recorder.blocks
         if blocks.sizes.sum() < 3:
-            counts = ", ".join(f"{count} {reason}" for reason, count in self._recorder.log.counts.items())
+            counts = ", ".join(f"{count} {reason}" for reason, count in self._log.counts.items())
             raise NoAnswerError(
                 ErrorCode.TOO_FEW_SAMPLES,
                 f"{blocks.sizes.sum()} wrench samples can be used, and at least 3 are needed; rejected:"
                 f" {counts or 'none'}",
                 n_samples=int(blocks.sizes.sum()),
             )
-        self._search = PosteriorSearch(blocks, self._grid, self.noise, self._prior(blocks)).run()
-        return self._dressed(self._search)
+        model = self._model if use_shape else None
+        self._search = PosteriorSearch(blocks, self._grid, self.noise, self._prior(blocks, model)).run()
+        return self._solution(self._search, None if model is None else self.parts)
 
     def contradiction(self, since: int, least: int) -> Contradiction | None:
         """How much better another payload than the last one solved for would explain the blocks from a stamp on.
@@ -203,18 +232,18 @@ class PoiseEstimator:
             return None
         return self._search.contradiction(late)
 
-    def _prior(self, blocks: MomentBlocks) -> ModelAverage:
+    def _prior(self, blocks: MomentBlocks, mass_model: MassModel | None) -> ModelAverage:
         """What may be true of the object, and where to begin."""
         moments = mixed(self._grid.weights(0.0), blocks.moments.sum(axis=0))
         normal = normal_equations(moments, blocks.sizes.sum(), np.diag(self.noise.wrench**2), self.noise)
-        if self._model is None:
+        if mass_model is None:
             model, starts = blob(normal, bias_variances(self.noise))
             return ModelAverage(model, hypotheses_for_blob(model, self.noise), starts)
-        hypotheses = hypotheses_for_shape(self._model.n_parts, self.shape_accuracy, self.noise)
-        starts = states_of_shape(self._model, normal, hypotheses.bias_variances)
-        return ModelAverage(self._model, hypotheses.rougher(self._model.roughness(SHAPE_RESOLUTION)), starts)
+        hypotheses = hypotheses_for_shape(mass_model.n_parts, self.shape_accuracy, self.noise)
+        starts = states_of_shape(mass_model, normal, hypotheses.bias_variances)
+        return ModelAverage(mass_model, hypotheses.rougher(mass_model.roughness(SHAPE_RESOLUTION)), starts)
 
-    def _dressed(self, search: PosteriorSearch) -> BayesSolution:
+    def _solution(self, search: PosteriorSearch, parts: Parts | None) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
         unknowns, covariance, delay = posterior.unknowns, search.covariance, search.delay
         n = int(blocks.sizes[keep].sum())
@@ -240,8 +269,8 @@ class PoiseEstimator:
             stamp=int(blocks.end[keep][-1]),
             delay=delay.mean if estimated else np.nan,
             delay_std=delay.std if estimated else np.nan,
-            rejected=tuple(sorted((*self._recorder.log.intervals, *pushed(blocks, keep)), key=lambda span: span.start)),
-            points=np.zeros((0, 3)) if self.parts is None else self.parts.points,
+            rejected=tuple(sorted((*self._log.intervals, *pushed(blocks, keep)), key=lambda span: span.start)),
+            points=np.zeros((0, 3)) if parts is None else parts.points,
         )
         # Parts lie inside the hull; only a shape that is bent to fit can leave it.
         if not findings[1] and search.bent > BENT and solution.com_in_hull is False:

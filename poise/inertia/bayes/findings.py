@@ -21,7 +21,7 @@ CHI_SQUARE_4 = 18.5
 
 
 def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float) -> EstimateFinding | None:
-    """Tell a bias that is the payload's own weight turned around.
+    """Find a bias that is the weight of the payload with the opposite sign.
 
     A sensor zeroed while it holds the object reads nothing at that moment: its bias is minus the static wrench,
     so |b_f| = m g and b_tau = c x b_f, four conditions that a drifted sensor would meet by rare chance only.
@@ -59,7 +59,7 @@ def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float) -> Est
 
 
 def wrong_shape(probability: float) -> EstimateFinding | None:
-    """Tell that the wrench asks for another shape than was given, with this probability."""
+    """The finding that the wrench asks for another shape than was given, with this probability."""
     if probability < 0.5:
         return None
     return EstimateFinding(
@@ -70,7 +70,7 @@ def wrong_shape(probability: float) -> EstimateFinding | None:
 
 
 def outside(com: Array) -> EstimateFinding:
-    """Tell that the centre of mass is not inside the object."""
+    """The finding that the centre of mass is not inside the object."""
     place = ", ".join(f"{1e3 * value:.1f}" for value in com)
     return EstimateFinding(
         ErrorCode.SHAPE_MISMATCH,
@@ -80,13 +80,13 @@ def outside(com: Array) -> EstimateFinding:
 
 
 def nothing_held(mass: float, deviation: float) -> EstimateFinding | None:
-    """Tell that the mass cannot be told from zero."""
+    """The finding that the mass does not differ significantly from zero."""
     if deviation < mass / 2:
         return None
     return EstimateFinding(
         ErrorCode.NOT_IDENTIFIABLE,
-        f"the mass, {mass:.4f} kg +- {deviation:.4f}, cannot be told from zero: nothing is held, or the motion and"
-        " the time were too short for a sensor of this noise",
+        f"the mass, {mass:.4f} kg +- {deviation:.4f}, does not differ significantly from zero: nothing is held, or"
+        " the motion and the time were too short for a sensor of this noise",
     )
 
 

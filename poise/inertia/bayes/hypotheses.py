@@ -26,7 +26,7 @@ SHAPE_ERRORS = ((1.0, 0.9895), (10.0, 0.01))
 """(error of the shape in units of its accuracy, probability): as stated, and bad.
 
 The tail is thin because every case adds its square times its probability to the variance of an answer for which the
-samples cannot tell the cases apart.
+samples cannot distinguish the cases.
 """
 
 WRONG_SHAPE = (0.5, 0.0005)
@@ -39,7 +39,7 @@ BIASES = ((0.0, 0.5), (1.0, 0.4), (20.0, 0.1))
 """(spread of the sensor's bias in units of what is expected, probability): zeroed, as expected, never zeroed."""
 
 EXPECTED_BIAS = (0.5, 0.02)
-"""N, N m: of a sensor that was zeroed some time ago; where nothing else is told."""
+"""N, N m: of a sensor that was zeroed some time ago; where nothing else is given."""
 
 UNKNOWN_BIAS = (100.0, 5.0)
 """N, N m: as good as infinite."""
@@ -157,7 +157,7 @@ def hypotheses_for_blob(model: MassModel, noise: NoiseLevels) -> Hypotheses:
 
 def bias_variances(noise: NoiseLevels) -> Array:
     """(B, 6) N^2 and (N m)^2, of the cases of the sensor's bias."""
-    told = np.array([noise.force_bias, noise.torque_bias])
-    expected = np.where(told > 0, np.minimum(told, UNKNOWN_BIAS), EXPECTED_BIAS)
+    given = np.array([noise.force_bias, noise.torque_bias])
+    expected = np.where(given > 0, np.minimum(given, UNKNOWN_BIAS), EXPECTED_BIAS)
     spreads = np.minimum(np.outer([factor for factor, _ in BIASES], expected), UNKNOWN_BIAS)
     return np.repeat(spreads**2, 3, axis=1)

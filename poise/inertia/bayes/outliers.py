@@ -15,7 +15,7 @@ NOTABLE = 4.0
 """Standard errors at which more noise than was said counts as that, and not as chance."""
 
 ENOUGH_BLOCKS = 12
-"""From this many on, means over blocks tell whether errors hang together in time."""
+"""From this many on, means over blocks show whether errors are correlated in time."""
 
 MEAN_UNKNOWNS = 5
 """Degrees of freedom that the answer takes from the means of one of the two groups of channels, about."""

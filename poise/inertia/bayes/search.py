@@ -68,7 +68,7 @@ class PosteriorSearch:
     Args:
         blocks: the samples.
         grid: their lags.
-        noise: as told.
+        noise: as given.
         average: the hypotheses.
     """
 

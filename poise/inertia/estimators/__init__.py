@@ -1,46 +1,57 @@
 """The registry of estimators: one file for each, which declares what it needs and what it gives.
 
-- `registry`: all estimators by name. `streaming`: how samples are handed to an estimator.
+See docs/add_an_estimator.md.
+
+- `entry`: `EstimatorEntry`, the declaration. `registry`: all estimators by name.
+- `streaming`: `StreamingEstimator`, how samples are handed to an estimator, and what is known before the first one.
+- `sample_window`, `least_squares_stream`: streaming forms that several estimators share.
+- `poise`, `static`, `ols`, `rtls`, `geo` (with `divergence`), `pmd`, `hps`: the estimators.
 - `information`, `least_squares`: sums that do not grow with time, and their weighted solution.
-- `ols`, `rtls`, `geo` (with `divergence`), `pmd`, `hps`: the methods of thesis chapter 3.
+- `noise`: the noise of the samples. `change_watch`: changes of the payload.
 """
 
+from poise.inertia.estimators.answer import answer
+from poise.inertia.estimators.change_watch import WATCH, WATCH_NOISE, ChangeWatch
+from poise.inertia.estimators.entry import EstimatorEntry, MotionNeed
 from poise.inertia.estimators.information import InformationAccumulator
 from poise.inertia.estimators.least_squares import solve
-from poise.inertia.estimators.registry import OWN_METHOD, method, method_names
-from poise.inertia.estimators.streaming import (
+from poise.inertia.estimators.noise import LEAST_NOISE, NoiseMeter
+from poise.inertia.estimators.registry import (
     AUTO,
-    LEAST_SQUARES,
-    METHODS,
+    DEFAULT_METHOD,
     OLS,
     STATIC,
-    WATCH,
-    Continuous,
-    Prior,
-    StreamingEstimator,
+    all_estimators,
     check_method,
-    joined,
-    model_matrix,
-    weigher,
+    estimator_named,
+    method_choices,
 )
+from poise.inertia.estimators.sample_window import SampleWindow
+from poise.inertia.estimators.streaming import Prior, SampleEvidence, StreamingEstimator, joined, model_matrix
 
 __all__ = [
     "AUTO",
-    "LEAST_SQUARES",
-    "METHODS",
+    "DEFAULT_METHOD",
+    "LEAST_NOISE",
     "OLS",
-    "OWN_METHOD",
     "STATIC",
     "WATCH",
-    "Continuous",
+    "WATCH_NOISE",
+    "ChangeWatch",
+    "EstimatorEntry",
     "InformationAccumulator",
+    "MotionNeed",
+    "NoiseMeter",
     "Prior",
+    "SampleEvidence",
+    "SampleWindow",
     "StreamingEstimator",
+    "all_estimators",
+    "answer",
     "check_method",
+    "estimator_named",
     "joined",
-    "method",
-    "method_names",
+    "method_choices",
     "model_matrix",
     "solve",
-    "weigher",
 ]

@@ -7,7 +7,9 @@ import numpy as np
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators.answer import answer
 from poise.inertia.estimators.divergence import DIVERGENCES, Objective, minimise, unwhitening
+from poise.inertia.estimators.entry import EstimatorEntry
 from poise.inertia.estimators.pmd import unit_points
+from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.model import IdentificationProblem, InertialParameters, InertialSolution
 from poise.types import Array
 
@@ -48,7 +50,7 @@ def geo(
         raise NoAnswerError(ErrorCode.TOO_FEW_SAMPLES, "geo: no samples; a prior alone is not an estimate")
     prior = homogeneous_prior(problem) if prior is None else prior
     if not prior.is_consistent:
-        raise InputError(ErrorCode.NOT_CONSISTENT, "geo: the prior is no body that can exist; mend its inertia")
+        raise InputError(ErrorCode.NOT_CONSISTENT, "geo: the prior is no body that can exist; correct its inertia")
     rows = (problem.regressor / problem.noise.wrench[:, None]).reshape(-1, 10)
     gamma = alpha * float(np.sum(rows**2))
     normal, right, bias_of = _without_bias(problem)
@@ -64,7 +66,7 @@ def homogeneous_prior(problem: IdentificationProblem) -> InertialParameters:
     Its inertia about the sensor's origin is that of the shape about the same origin, once. Erratum: the thesis' public
     code takes second moments about the sensor's origin and then adds the parallel-axis term m (c c 1 - c c^T) to them
     as if they were about the centre of mass, so that the offset counts twice (and all of its tetrahedra alike,
-    whatever their volumes). That code also takes the true mass; nobody has it before the object was weighed.
+    whatever their volumes). That code also takes the true mass, which is not known before the object was weighed.
 
     Raises:
         InputError: UNSUPPORTED when the problem has neither parts nor shape points.
@@ -101,3 +103,12 @@ def _without_bias(problem: IdentificationProblem) -> tuple[Array, Array, Callabl
     normal = normal - mean_rows.T @ (mean_rows / information[:, None])
     right = right - mean_rows.T @ (mean_wrench / information)
     return normal, right, lambda phi: (mean_wrench - mean_rows @ phi) / information
+
+
+ENTRY = EstimatorEntry(
+    "geo",
+    "least squares with a geometric prior from the shape",
+    estimate=geo,
+    stream=lambda prior: SampleWindow(geo, prior),
+    needs_shape=True,
+)

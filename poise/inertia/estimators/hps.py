@@ -5,11 +5,13 @@ from scipy.optimize import nnls
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators.answer import answer
+from poise.inertia.estimators.entry import EstimatorEntry
+from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.model import IdentificationProblem, InertialSolution, regressor
 from poise.types import Array
 
 MAX_PARTS = 4
-"""At rest the data matrix has rank four (thesis, footnote 3): more parts cannot be told apart."""
+"""At rest the data matrix has rank four (thesis, footnote 3): more parts cannot be distinguished."""
 
 STANDSTILL = 1.0
 """m/s2 and rad/s2: samples below both count as standing still (thesis section 3.2.4)."""
@@ -72,3 +74,13 @@ def static_regressor(gravity: Array) -> Array:
     """(n, 6, 4) of (m, m c): f = m g, tau = m c x g."""
     zeros = np.zeros_like(gravity)
     return regressor(gravity, zeros, zeros)[:, :, :4]
+
+
+ENTRY = EstimatorEntry(
+    "hps",
+    "masses of homogeneous parts, at rest",
+    estimate=hps,
+    stream=lambda prior: SampleWindow(hps, prior),
+    needs_shape=True,
+    estimates_bias=False,
+)

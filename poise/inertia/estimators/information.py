@@ -35,7 +35,7 @@ class InformationAccumulator:
     With z = [A, 1, y] a row of the regressor, the bias columns and the measurement, the sums of z z^T hold the
     information matrix, its right-hand side and the squares of the measurement: any weights of force against torque
     can still be chosen, and the residual of any solution is known without going through the samples again.
-    The same sums over means of 2, 4, 8... consecutive samples tell how residuals hang together in time
+    The same sums over means of 2, 4, 8... consecutive samples show how residuals are correlated in time
     (Flyvbjerg and Petersen 1989, "Error estimates on averages of correlated data").
 
     Adding samples one by one, in chunks or at once gives the same sums; cost and memory do not grow with time.

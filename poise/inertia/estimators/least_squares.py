@@ -1,4 +1,4 @@
-"""Weighted linear least squares of the wrench model: parameters, bias, what cannot be seen, and how sure it is."""
+"""Weighted linear least squares of the wrench model: parameters, bias, what cannot be seen, and the covariance."""
 
 import numpy as np
 from numpy.typing import ArrayLike

@@ -4,7 +4,9 @@ import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators.answer import answer
+from poise.inertia.estimators.entry import EstimatorEntry, MotionNeed
 from poise.inertia.estimators.least_squares import NULL_EIGENVALUE, NULL_SHARE
+from poise.inertia.estimators.least_squares_stream import LeastSquaresStream
 from poise.inertia.model import PARAMETER_NAMES, IdentificationProblem, InertialSolution
 
 
@@ -52,3 +54,14 @@ def ols(problem: IdentificationProblem) -> InertialSolution:
         bias_covariance=covariance[10:, 10:] if problem.noise.has_bias else None,
         unidentified=tuple(np.array(PARAMETER_NAMES)[hidden[:10]].tolist()),
     )
+
+
+ENTRY = EstimatorEntry(
+    "ols",
+    "weighted least squares on motion",
+    estimate=ols,
+    stream=LeastSquaresStream,
+    motion=MotionNeed.MOVING,
+    gives_covariance=True,
+    uses_imu=False,
+)

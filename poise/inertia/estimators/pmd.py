@@ -6,7 +6,9 @@ from scipy import sparse
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators.answer import answer
+from poise.inertia.estimators.entry import EstimatorEntry
 from poise.inertia.estimators.hps import static_regressor
+from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.model import IdentificationProblem, InertialSolution, phi_of_pseudo_inertia
 from poise.types import Array
 
@@ -133,3 +135,13 @@ def _triangle(rows: Array, wrench: Array, weight: Array) -> Array:
     # Zero rows change nothing and make the triangle whole however few the samples.
     stacked = np.concatenate([augmented.reshape(-1, columns), np.zeros((columns, columns))])
     return np.asarray(np.linalg.qr(stacked, mode="r"))
+
+
+ENTRY = EstimatorEntry(
+    "pmd",
+    "point masses inside the shape",
+    estimate=pmd,
+    stream=lambda prior: SampleWindow(pmd, prior),
+    needs_shape=True,
+    estimates_bias=False,
+)

@@ -5,6 +5,8 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators.answer import answer
+from poise.inertia.estimators.entry import EstimatorEntry
+from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.model import IdentificationProblem, InertialSolution, NoiseLevels, regressor
 from poise.types import Array
 
@@ -31,7 +33,6 @@ class RecursiveTotalLeastSquares:
 
     def __init__(self, noise: NoiseLevels) -> None:
         self._wrench_noise = noise.wrench
-        self._has_bias = noise.has_bias
         error = np.concatenate([_column_noise(noise), np.zeros(6 if noise.has_bias else 0)])
         self._order = np.argsort(error > 0, kind="stable")
         self._n_exact = int(np.sum(error == 0))
@@ -41,19 +42,18 @@ class RecursiveTotalLeastSquares:
         self.n_samples = 0
 
     def add(self, regressor: ArrayLike, wrench: ArrayLike) -> None:
-        """Take in one sample: the rows (6, 10) of `poise.inertia.regressor` and the wrench (6,), N and N m."""
+        """Take samples: the rows (N, 6, 10) of `poise.inertia.regressor` and wrenches (N, 6), N and N m; or one."""
+        matrix = np.asarray(regressor, dtype=np.float64).reshape(-1, 6, 10)
         columns = len(self._triangle)
-        rows = np.empty((columns + 6, columns))
-        rows[:columns] = self._triangle
-        block = np.empty((6, columns - 1))
-        block[:, :10] = regressor
-        if self._has_bias:
-            block[:, 10:] = np.eye(6)
-        rows[columns:, :-1] = (block / self._scale)[:, self._order]
-        rows[columns:, -1] = wrench
-        rows[columns:] /= self._wrench_noise[:, None]
+        block = np.empty((len(matrix), 6, columns))
+        block[..., :10] = matrix
+        block[..., 10:-1] = np.eye(6)[:, : columns - 11]
+        block[..., :-1] = (block[..., :-1] / self._scale)[..., self._order]
+        block[..., -1] = np.asarray(wrench, dtype=np.float64).reshape(-1, 6)
+        block /= self._wrench_noise[:, None]
+        rows = np.concatenate([self._triangle, block.reshape(-1, columns)])
         self._triangle = np.asarray(np.linalg.qr(rows, mode="r"))
-        self.n_samples += 1
+        self.n_samples += len(matrix)
 
     def solve(self) -> tuple[Array, Array]:
         """Phi (10,) and bias (6,), which is zero when there is none.
@@ -86,14 +86,13 @@ class RecursiveTotalLeastSquares:
 
 
 def rtls(problem: IdentificationProblem) -> InertialSolution:
-    """Feed the samples one by one to `RecursiveTotalLeastSquares` and take its last answer, without covariance.
+    """Total least squares of all samples, without covariance; see `RecursiveTotalLeastSquares`.
 
     Raises:
         NoAnswerError: as `RecursiveTotalLeastSquares.solve`.
     """
     estimator = RecursiveTotalLeastSquares(problem.noise)
-    for rows, wrench in zip(problem.regressor, problem.wrench, strict=True):
-        estimator.add(rows, wrench)
+    estimator.add(problem.regressor, problem.wrench)
     phi, bias = estimator.solve()
     return answer(problem, phi, bias=bias)
 
@@ -105,3 +104,12 @@ def _column_noise(noise: NoiseLevels) -> Array:
     angular = regressor(still, still, noise.angular_acceleration * axes)
     errors = np.concatenate([linear, angular]) / noise.wrench[:, None]
     return np.asarray(np.sqrt(np.sum(errors**2, axis=(0, 1)) / 6))
+
+
+ENTRY = EstimatorEntry(
+    "rtls",
+    "recursive total least squares",
+    estimate=rtls,
+    stream=lambda prior: SampleWindow(rtls, prior),
+    needs_every_parameter=True,
+)

@@ -4,7 +4,7 @@
 - `wrench_regressor`, `signals`: the wrench of a moving load, linear in phi.
 - `parts`, `object_shape`, `spread_points`: the shape of a held object as homogeneous parts.
 - `problem`: `NoiseLevels`, `IdentificationProblem`. `solution`: `InertialSolution`, `EstimateFinding`.
-- `rejection`: samples that were not used. `metrics`: errors of an estimate.
+- `sample_checks`, `rejection`: samples that cannot be used, and why. `metrics`: errors of an estimate.
 """
 
 from poise.inertia.model.object_shape import (
@@ -25,8 +25,9 @@ from poise.inertia.model.parameters import (
     symmetric,
 )
 from poise.inertia.model.parts import Parts
-from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.problem import UNKNOWN_NOISE, IdentificationProblem, NoiseLevels
 from poise.inertia.model.rejection import RejectionLog
+from poise.inertia.model.sample_checks import NOT_FINITE, OUT_OF_ORDER, SampleChecks
 from poise.inertia.model.signals import (
     ENTRIES,
     N_MOTION,
@@ -47,10 +48,13 @@ from poise.inertia.model.wrench_regressor import regressor
 __all__ = [
     "CLOUD_ACCURACY",
     "ENTRIES",
+    "NOT_FINITE",
     "N_MOTION",
     "N_SIGNALS",
     "N_UNKNOWNS",
+    "OUT_OF_ORDER",
     "PARAMETER_NAMES",
+    "UNKNOWN_NOISE",
     "UPPER",
     "EstimateFinding",
     "IdentificationProblem",
@@ -62,6 +66,7 @@ __all__ = [
     "Parts",
     "RejectedInterval",
     "RejectionLog",
+    "SampleChecks",
     "about_com_jacobian",
     "believable",
     "frame_change",

@@ -37,7 +37,7 @@ def errors(estimate: InertialParameters, truth: InertialParameters, bounding_box
     """All error measures of thesis section 3 at once.
 
     Args:
-        estimate, truth: in one and the same frame.
+        estimate, truth: in the same frame.
         bounding_box: (3,) side lengths of the object's bounding box along the axes of that frame, m.
 
     Raises:

@@ -33,7 +33,7 @@ LARGEST, SMALLEST = 3.0, 1e-3
 """m, of what a robot holds."""
 
 PIECES = 8
-"""That a shape of one piece is cut into, because nobody knows whether it is of one material."""
+"""That a shape of one piece is cut into, because it is not known to be of one material."""
 
 CELLS = 4000
 
@@ -83,7 +83,7 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
 
     Raises:
         InputError: what `read_triangles` and `read_cloud` raise, FILE_CORRUPT for a mesh without triangles,
-            OBJECT_INVALID (flat, or not of the size of something held); naming the file and the mend.
+            OBJECT_INVALID (flat, or not of the size of something held); naming the file and how to fix it.
     """
     mesh = _read_mesh(path, scale) if path.suffix.lower() in MESH_FORMATS else None
     try:
@@ -185,7 +185,7 @@ def parts_of_solid(solid: Solid, labels: ArrayLike | None = None) -> Parts:
 def parts_of_segmentation(found: Segmentation) -> Parts:
     """All parts that were found, with what their colours say about their densities.
 
-    Where colours say nothing, at most four of them whose masses a sensor at rest can tell apart.
+    Where colours say nothing, at most four of them whose masses a sensor at rest can distinguish.
     """
     likeness = None if found.part_colours is None else likeness_of_colours(found.part_colours)
     labels = independent_parts(found) if likeness is None else found.tetrahedron_labels

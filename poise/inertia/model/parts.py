@@ -51,7 +51,7 @@ class Parts:
             if value.shape != shape:
                 raise InputError(ErrorCode.TYPE_MISMATCH, f"parts: {name} has shape {value.shape}, expected {shape}")
             if not np.all(np.isfinite(value)):
-                raise InputError(ErrorCode.NOT_FINITE, f"parts: {name} holds NaN or infinity; mend the shape")
+                raise InputError(ErrorCode.NOT_FINITE, f"parts: {name} holds NaN or infinity; repair the shape")
             value.flags.writeable = False
             object.__setattr__(self, name, value)
         if not n_parts or np.any(self.volumes <= 0):
@@ -156,7 +156,7 @@ class Parts:
 def likeness_of_colours(colours: ArrayLike) -> Array | None:
     """(K, K) correlation of the log densities of parts, from their colours (K, 3) 0..1; see `Parts.likeness`.
 
-    None when all are of one colour: if such an object is of several materials it was painted, and its colour tells
+    None when all are of one colour: if such an object is of several materials it was painted, and its colour says
     nothing about where they are.
     """
     shades = np.asarray(colours, dtype=np.float64)
@@ -191,7 +191,7 @@ def _upper_factor(moments: Array) -> Array:
 def cells_of(corners: Array, size: float) -> tuple[Array, Array]:
     """Cut what closed triangles (F, 3, 3) enclose into boxes of about `size`: (N, 3) centres, (N, 4, 4) moments.
 
-    Columns run along the thinnest direction, where their ends are exact; what lies inside is told by the winding
+    Columns run along the thinnest direction, where their ends are exact; what lies inside follows from the winding
     number, so that surfaces which overlap themselves do no harm.
     """
     thinnest = int(np.argmin(np.ptp(corners.reshape(-1, 3), axis=0)))

@@ -1,6 +1,6 @@
 """The question every identification method answers: wrenches, kinematics, noise, and what is known of the shape."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,6 +20,7 @@ class NoiseLevels:
 
     The first four are white noise of one sample. The last two are the spread of a constant: what the sensor may read
     with nothing on it. Zero means that the sensor was zeroed without its load, infinity that nothing is known.
+    NaN marks a level that has to be estimated from the samples.
 
     Args:
         force: N.
@@ -42,10 +43,19 @@ class NoiseLevels:
         """The sensor may read something with nothing on it."""
         return self.force_bias > 0 or self.torque_bias > 0
 
+    def filled(self, other: "NoiseLevels") -> "NoiseLevels":
+        """With the levels of another where this one has NaN."""
+        names = [each.name for each in fields(self) if np.isnan(getattr(self, each.name))]
+        return replace(self, **{name: getattr(other, name) for name in names})
+
     @property
     def wrench(self) -> Array:
         """(6,) standard deviations of force and torque samples, N and N m."""
         return np.repeat([self.force, self.torque], 3)
+
+
+UNKNOWN_NOISE = NoiseLevels(*[np.nan] * 6)
+"""The samples have to show the noise, and nothing is known of the bias."""
 
 
 @dataclass(frozen=True, eq=False)

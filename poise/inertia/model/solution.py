@@ -15,7 +15,7 @@ class EstimateFinding:
 
     Args:
         code: what kind.
-        message: one sentence: what, and how to mend it.
+        message: one sentence: what is wrong, and how to fix it.
     """
 
     code: ErrorCode

@@ -1,4 +1,4 @@
-"""What an identification answers: the payload, how sure that is, and which samples it rests on."""
+"""The result of an identification: the payload with its covariance, and the samples that it rests on."""
 
 from dataclasses import dataclass
 
@@ -81,7 +81,7 @@ class InertialEstimate:
         rejected: tuple[RejectedInterval, ...],
         since: int | None = None,
     ) -> "InertialEstimate":
-        """Dress a solution; what it says of its own of delay, hull, findings and rejected samples is taken over.
+        """Convert a solution to an estimate, with its delay, hull, findings and rejected samples.
 
         Args:
             solution: of any method.

@@ -1,64 +1,37 @@
-"""From a recording to what the sensor carried: chooses the kinematics, pairs them with the wrenches, and weighs."""
+"""From a recording to what the sensor carried: the recording is fed to the pipeline that a running robot uses."""
 
-import functools
 import math
-from typing import Any
 
 import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.bayes import NOT_FINITE
-from poise.inertia.estimators import (
-    AUTO,
-    LEAST_SQUARES,
-    OLS,
-    OWN_METHOD,
-    InformationAccumulator,
-    joined,
-    method_names,
-    model_matrix,
-    solve,
-)
-from poise.inertia.model import Parts, RejectedInterval
+from poise.inertia.bayes import SHAPE_ACCURACY
+from poise.inertia.estimators import DEFAULT_METHOD, estimator_named, joined, model_matrix
+from poise.inertia.model import NOT_FINITE, OUT_OF_ORDER, Parts
 from poise.inertia.pipeline.estimate import Identification, InertialEstimate
 from poise.inertia.pipeline.method_pipeline import PairedSamples
-from poise.inertia.pipeline.offline import weigh
-from poise.inertia.pipeline.online import MAX_GRAVITY, OnlineEstimator
-from poise.inertia.pipeline.samples import collect
-from poise.recording import Recording, WrenchStream
+from poise.inertia.pipeline.online import OnlineEstimator, check_options
+from poise.recording import Recording, WrenchStream, interpolate
 from poise.robot import (
-    USED,
+    FrameTree,
     Imu,
     ImuSource,
     Kinematics,
+    LiveImu,
     PairingSettings,
     RobotModel,
     find_imu,
     find_kinematics,
     has_topic,
 )
-from poise.types import Array, Progress, Stamps
+from poise.types import Progress
 
-__all__ = [
-    "METHODS",
-    "Identification",
-    "InertialEstimate",
-    "Kinematics",
-    "RejectedInterval",
-    "find_kinematics",
-    "identify",
-    "identify_wrenches",
-]
+_CHUNKS = 12
+"""A recording is fed in this many pieces. After each, there is an estimate for the history."""
 
-METHODS = (OWN_METHOD, *LEAST_SQUARES, *(name for name in method_names() if name not in (OWN_METHOD, OLS)))
-"""The default first."""
-
-HISTORY = 50
-"""How many points show the estimate closing in."""
-
-CHUNKS = 20
-"""A recording is fed in this many pieces, so that its kinematics do not have to be remembered all at once."""
+_LARGEST_GAP = 0.1
+"""s between samples across which a prediction is not interpolated."""
 
 
 def identify(
@@ -68,7 +41,7 @@ def identify(
     sensor_frame: str | None = None,
     base_frame: str | None = None,
     gravity: float | None = None,
-    method: str = OWN_METHOD,
+    method: str = DEFAULT_METHOD,
     wrench_topic: str = "wrench",
     saturation: tuple[float, float] = (np.inf, np.inf),
     settings: PairingSettings | None = None,
@@ -81,37 +54,93 @@ def identify(
     Args:
         recording: the wrench; and joint states, tf, or an IMU with a gyroscope. An IMU also helps tf without positions.
         robot_model: for the joint states; None: the recording's robot_description, without which tf is used.
-        sensor_frame: frame of the wrench; None: what its messages say.
-        base_frame: gravity-aligned frame in tf; None: the topmost.
+        sensor_frame, base_frame: of the wrench, and gravity-aligned in tf; None: its messages' frame, and the topmost.
         gravity: m/s2; None: the recording's metadata record `poise`, key `gravity`, else 9.80665.
-        method: `poise`; one of the thesis (`ols`, `rtls`, `geo`, `pmd`, `hps`); `static`, least squares on held poses;
-            or `auto`: `static` when half of the samples are at rest and show mass and centre of mass, else `ols`.
-        wrench_topic: topic of the sensor.
-        saturation: force [N] and torque [N m] at which a channel counts as saturated.
-        settings: how wrenches and motion are brought together.
-        parts: of the object in the sensor frame; None when nothing is known of its shape.
-        shape_accuracy: relative error of lengths in the shape; None: that of a model from CAD.
-        progress: is told the share of the work that is done.
+        method, saturation, settings, parts: see `OnlineEstimator`.
+        wrench_topic, shape_accuracy: of the sensor; relative error of lengths in the shape, None: of a model from CAD.
+        progress: takes the share of the work that is done.
 
     Raises:
-        InputError: BAD_INPUT, TOPIC_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, JOINT_MISSING, ...
-        NoAnswerError: TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
+        InputError, NoAnswerError: what is missing or wrong, by its code; see `MethodPipeline.estimate` and `Recording`.
     """
-    _check(method, gravity, saturation)
-    wrench = recording.wrench(wrench_topic)
+    check_options(method, gravity, saturation)
+    wrench, foreign = _wrench(recording, wrench_topic)
     frame = _frame(recording, wrench, sensor_frame)
     down = recorded_gravity(recording) if gravity is None else gravity
     kinematics, imu = _motion_of(recording, frame, robot_model, base_frame, down)
-    known: dict[str, Any] = {"frame_id": frame, "gravity": down, "saturation": saturation, "settings": settings}
-    if method in LEAST_SQUARES:
-        return identify_wrenches(wrench, kinematics, method=method, **known)
-    samples = collect(wrench, kinematics, imu=imu, progress=lambda share: progress(share / 2), **known)
-    later = functools.partial(_second_half, progress)
-    return weigh(samples, method, parts=parts, shape_accuracy=shape_accuracy, progress=later)
+    estimator = OnlineEstimator(
+        kinematics.source,
+        frame_id=frame,
+        gravity=down,
+        method=method,
+        parts=parts,
+        accuracy=shape_accuracy or SHAPE_ACCURACY,
+        saturation=saturation,
+        settings=settings,
+        patience=math.inf,
+        max_intervals=None,
+    )
+    estimator.foreign_wrenches.update(foreign)
+    if imu is not None and estimator_named(method).uses_imu:
+        estimator.take_imu(imu)
+    return identify_wrenches(wrench, kinematics, estimator, progress=progress)
 
 
-def _second_half(progress: Progress, share: float) -> None:
-    progress((1 + share) / 2)
+def identify_wrenches(
+    wrench: WrenchStream,
+    kinematics: Kinematics,
+    estimator: OnlineEstimator,
+    *,
+    progress: Progress = lambda share: None,
+) -> Identification:
+    """Feed streams to the pipeline; see `identify`.
+
+    Args:
+        wrench: of the sensor.
+        kinematics: of the sensor, not yet fed; its source is that of the estimator.
+        estimator: without samples.
+        progress: takes the share of the work that is done.
+
+    Raises:
+        InputError: UNSUPPORTED.
+        NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, NOT_CONSISTENT, SOLVER_FAILED.
+    """
+    paired: dict[str, list[PairedSamples]] = {}
+    history: list[InertialEstimate] = []
+    pieces = [piece for piece in np.array_split(np.arange(len(wrench)), _CHUNKS) if len(piece)]
+    begin: int | None = None
+    for number, piece in enumerate(pieces):
+        is_last = number + 1 == len(pieces)
+        end = None if is_last else int(wrench.stamps[piece[-1]])
+        kinematics.feed(begin, end)
+        estimator.add_wrench(wrench.stamps[piece], wrench.wrench_in_sensor[piece])
+        for name, samples in (estimator.finish() if is_last else estimator.update()).items():
+            paired.setdefault(name, []).append(samples)
+        begin = end
+        if not is_last:
+            _note(history, estimator)
+        progress((number + 1) / len(pieces))
+    answer = estimator.estimate()
+    before = [past for past in history if past.method == answer.method and past.n_samples < answer.n_samples]
+    return _identification(answer, tuple(before), _joined(paired[answer.method]), estimator)
+
+
+def _note(history: list[InertialEstimate], estimator: OnlineEstimator) -> None:
+    """Add the estimate of the samples so far, as soon as there is one, where samples have come."""
+    if not estimator.n_samples:
+        return
+    try:
+        found = estimator.estimate()
+    except NoAnswerError:
+        return
+    if not history or found.n_samples > history[-1].n_samples:
+        history.append(found)
+
+
+def _wrench(recording: Recording, topic: str) -> tuple[WrenchStream, dict[str, int]]:
+    """The wrenches of the frame that is named first, and how many there are of each other frame."""
+    first, *others = (counts := recording.wrench_frames(topic))
+    return recording.wrench(topic, first), {name: counts[name] for name in others}
 
 
 def _frame(recording: Recording, wrench: WrenchStream, given: str | None) -> str:
@@ -125,70 +154,23 @@ def _frame(recording: Recording, wrench: WrenchStream, given: str | None) -> str
 
 def _motion_of(
     recording: Recording, frame: str, robot_model: RobotModel | None, base_frame: str | None, gravity: float
-) -> tuple[Kinematics, Imu | None]:
-    """What says how the sensor moved, and the IMU that has to help it."""
+) -> tuple[Kinematics, LiveImu | None]:
+    """The motion of the sensor, and the IMU that it needs for the linear acceleration."""
     joints_known = robot_model is not None or has_topic(recording, "robot_description")
     if not has_topic(recording, "tf") and not (joints_known and has_topic(recording, "joint_states")):
         imu = find_imu(recording, frame)
         if imu is not None:
             return Kinematics(ImuSource(imu, gravity), []), None
     kinematics = find_kinematics(recording, frame, robot_model, base_frame)
-    return kinematics, None if kinematics.has_positions else find_imu(recording, frame)
+    imu = None if kinematics.has_positions else find_imu(recording, frame)
+    return kinematics, None if imu is None else _fed_imu(imu, gravity)
 
 
-def identify_wrenches(
-    wrench: WrenchStream,
-    kinematics: Kinematics,
-    *,
-    frame_id: str,
-    gravity: float = STANDARD_GRAVITY,
-    method: str = AUTO,
-    saturation: tuple[float, float] = (np.inf, np.inf),
-    settings: PairingSettings | None = None,
-) -> Identification:
-    """Weigh from streams, by handing them to an `OnlineEstimator` as a robot would; see `identify`.
-
-    Raises:
-        InputError: BAD_INPUT.
-        NoAnswerError: TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
-    """
-    estimator = OnlineEstimator(
-        kinematics.source,
-        frame_id=frame_id,
-        gravity=gravity,
-        method=method,
-        saturation=saturation,
-        settings=settings,
-        patience=math.inf,
-        max_intervals=None,
-    )
-    paired: dict[str, list[PairedSamples]] = {}
-    begin: int | None = None
-    for part in np.array_split(np.arange(len(wrench)), CHUNKS):
-        if not len(part):
-            continue
-        end = int(wrench.stamps[part[-1]])
-        kinematics.feed(begin, end)
-        estimator.add_wrench(wrench.stamps[part], wrench.wrench_in_sensor[part])
-        for name, samples in estimator.update().items():
-            paired.setdefault(name, []).append(samples)
-        begin = end
-    kinematics.feed(begin, None)
-    for name, samples in estimator.finish().items():
-        paired.setdefault(name, []).append(samples)
-    answer = estimator.estimate()
-    return _identification(answer, _joined(paired[answer.method]), gravity, kinematics.source.words)
-
-
-def _check(method: str, gravity: float | None, saturation: tuple[float, float]) -> None:
-    """Refuse what makes no sense, before anything is read."""
-    if method not in METHODS:
-        raise InputError(ErrorCode.BAD_INPUT, f"there is no method '{method}'; choose one of {', '.join(METHODS)}")
-    for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
-        if value is not None and not value > 0:
-            raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
-    if gravity is not None and gravity > MAX_GRAVITY:
-        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {MAX_GRAVITY:g} is believed")
+def _fed_imu(imu: Imu, gravity: float) -> LiveImu:
+    """All samples of a recorded IMU, which are in sensor axes already."""
+    found = LiveImu(FrameTree(), np.array([0.0, 0.0, -gravity]), imu.topic)
+    found.take(imu)
+    return found
 
 
 def recorded_gravity(recording: Recording) -> float:
@@ -215,41 +197,25 @@ def _joined(parts: list[PairedSamples]) -> PairedSamples:
         np.concatenate([getattr(part, name) for part in parts]) for name in ("stamps", "wrench", "reasons")
     )
     motion = joined([part.motion for part in parts])
-    known = np.isfinite(motion.rotation_world_sensor).all(axis=(1, 2)) & (reasons != NOT_FINITE)
+    known = np.isfinite(motion.rotation_world_sensor).all(axis=(1, 2)) & ~np.isin(reasons, (NOT_FINITE, OUT_OF_ORDER))
     return PairedSamples(stamps[known], wrench[known], motion.select(known), reasons[known])
 
 
-def _identification(answer: InertialEstimate, samples: PairedSamples, gravity: float, source: str) -> Identification:
-    matrix = model_matrix(samples.motion, np.array([0.0, 0.0, -gravity]))
-    predicted = matrix @ np.nan_to_num(answer.phi) + np.nan_to_num(answer.bias)
-    used = samples.reasons == USED
+def _identification(
+    answer: InertialEstimate, before: tuple[InertialEstimate, ...], samples: PairedSamples, estimator: OnlineEstimator
+) -> Identification:
+    """The answer with its samples; predictions are for the samples as they were stamped."""
+    matrix = model_matrix(samples.motion, estimator.gravity)
+    if np.nan_to_num(answer.delay):
+        then = samples.stamps - round(answer.delay * 1e9)
+        flat = interpolate(samples.stamps, matrix.reshape(len(matrix), -1), then, max_gap=_LARGEST_GAP).values
+        matrix = flat.reshape(matrix.shape)
     return Identification(
         estimate=answer,
         stamps=samples.stamps,
         wrench_measured=samples.wrench,
-        wrench_predicted=predicted,
+        wrench_predicted=matrix @ np.nan_to_num(answer.phi) + np.nan_to_num(answer.bias),
         motion=samples.motion,
-        history=_history(answer, samples.stamps[used], matrix[used], samples.wrench[used]),
-        source=source,
+        history=(*before, answer),
+        source=estimator.motion_words,
     )
-
-
-def _history(answer: InertialEstimate, stamps: Stamps, matrix: Array, wrench: Array) -> tuple[InertialEstimate, ...]:
-    """The estimate after every fiftieth of the samples, as soon as there is one; the last is the answer."""
-    information = InformationAccumulator()
-    history: list[InertialEstimate] = []
-    parts = [part for part in np.array_split(np.arange(len(stamps)), HISTORY) if len(part)]
-    for part in parts[:-1]:
-        information.add(matrix[part], wrench[part])
-        stamp = int(stamps[part[-1]])
-        try:
-            solution = solve(information)
-        except NoAnswerError:
-            continue
-        rejected = tuple(interval for interval in answer.rejected if interval.end <= stamp)
-        history.append(
-            InertialEstimate.from_solution(
-                solution, stamp=stamp, frame_id=answer.frame_id, method=answer.method, rejected=rejected
-            )
-        )
-    return (*history, answer)

@@ -1,4 +1,4 @@
-"""Weighing on a running robot: takes messages as they come, finds out what they are good for, and says how it goes."""
+"""Weighing on a running robot: takes messages as they come, chooses the source of motion, feeds the pipeline."""
 
 from collections import Counter, deque
 from collections.abc import Sequence
@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.inertia.bayes import SHAPE_ACCURACY, PayloadChange
-from poise.inertia.estimators import AUTO, LEAST_SQUARES, check_method
-from poise.inertia.model import NoiseLevels, Parts
+from poise.inertia.estimators import AUTO, DEFAULT_METHOD, check_method, estimator_named
+from poise.inertia.model import UNKNOWN_NOISE, NoiseLevels, Parts
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.inertia.pipeline.online import WINDOW, OnlineEstimator
+from poise.inertia.pipeline.online import OnlineEstimator
 from poise.robot import FrameSource, FrameTree, JointSource, LiveImu, MotionSource, PairingSettings, RobotModel
 
 JOINTS, FRAMES = "joint_states", "tf"
@@ -23,29 +23,27 @@ ALWAYS, NEVER = "always", "never"
 IMUS = (AUTO, ALWAYS, NEVER)
 
 GRACE = 1.0
-"""s that tf waits, in `auto`, for joint states and a robot description to show up: they are the better source."""
+"""s that tf waits, in `auto`, for joint states and a robot description: they are the better source."""
 QUIET = 0.5
-"""s without any message after which what is there is used without waiting for more."""
-EARLY, EARLY_SPAN = 20_000, 20.0
-"""Wrenches and joint states, and s of tf, kept while it is not yet clear where the motion comes from."""
+"""s without any message after which the pipeline waits no longer."""
+_EARLY, _EARLY_SPAN = 20_000, 20.0
+"""Wrenches and joint states, and s of tf, that are kept until the source of the motion is chosen."""
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What a live estimator is told at the start.
+    """The settings of a live estimator.
 
     Args:
-        sensor_frame: frame of the wrench; empty: what its first message says.
+        sensor_frame: frame of the wrench; empty: that of its first message.
         base_frame: gravity-aligned frame in tf; empty: the topmost.
         motion_source: `joint_states`, `tf`, or `auto`: joint states when they and a robot description come, else tf.
-        imu: `always`, `never`, or `auto`: one that tf_static joins to the sensor tells the linear acceleration where
-            tf has attitudes only. On a base that moves, `always` does what joint states cannot.
+        imu: `always`, `never`, or `auto`: an IMU that tf_static joins to the sensor gives the linear acceleration where
+            tf has attitudes only. On a base that moves, `always` gives what joint states cannot.
         gravity: m/s2.
         method: see `OnlineEstimator`.
         parts: of the payload, in the sensor frame; None when its shape is not known.
-        accuracy, noise: see `OnlineEstimator`.
-        window: s, the same.
-        continuous: the same.
+        accuracy, noise, window, continuous: see `OnlineEstimator`.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
     """
@@ -55,11 +53,11 @@ class LiveOptions:
     motion_source: str = AUTO
     imu: str = AUTO
     gravity: float = STANDARD_GRAVITY
-    method: str = AUTO
+    method: str = DEFAULT_METHOD
     parts: Parts | None = None
     accuracy: float = SHAPE_ACCURACY
-    noise: NoiseLevels = field(default_factory=NoiseLevels)
-    window: float = WINDOW
+    noise: NoiseLevels = UNKNOWN_NOISE
+    window: float = np.inf
     continuous: bool = False
     saturation: tuple[float, float] = (np.inf, np.inf)
     settings: PairingSettings = field(default_factory=PairingSettings)
@@ -91,14 +89,14 @@ class LiveEstimator:
         self.problem: InputError | None = None
         """Why the robot description cannot be used."""
         self.foreign_wrenches: Counter[str] = Counter()
-        """Wrenches of another frame than the first one's, by frame."""
-        self.early_joints: deque[tuple[int, Sequence[str], ArrayLike, ArrayLike]] = deque(maxlen=EARLY)
+        """Wrenches of other frames than the first one's, by frame."""
+        self.early_joints: deque[tuple[int, Sequence[str], ArrayLike, ArrayLike]] = deque(maxlen=_EARLY)
         """Joint states that wait for a robot description."""
         self.heard: dict[str, float] = {}
         """When a wrench and usable kinematics came last."""
         self._wrench_frame = ""
         self._description = ""
-        self._early: deque[tuple[int, ArrayLike]] = deque(maxlen=EARLY)
+        self._early: deque[tuple[int, ArrayLike]] = deque(maxlen=_EARLY)
         self._frames_since: float | None = None
         self._flushed = True
         self._estimator_for(self.frames)  # what makes no sense is refused now
@@ -201,9 +199,9 @@ class LiveEstimator:
             if now - self._frames_since >= (GRACE if patient else 0.0):
                 self._choose(self.frames)
         if self.estimator is None or self.estimator.imu is None:
-            self.imu.keep_last(EARLY_SPAN)
+            self.imu.keep_last(_EARLY_SPAN)
         if self.estimator is None:
-            self.frames.keep_last(EARLY_SPAN)
+            self.frames.keep_last(_EARLY_SPAN)
             return
         self._take_imu()
         quiet = now - max(self.heard.values(), default=now) > QUIET
@@ -238,10 +236,10 @@ class LiveEstimator:
         """
         return self._known().estimate()
 
-    # -- a window of its own ---------------------------------------------------------------------------------
+    # -- a separate window ------------------------------------------------------------------------------------
 
     def begin_window(self, method: str = "", parts: Parts | None = None, accuracy: float | None = None) -> None:
-        """Weigh what comes from now on by itself, too; see `OnlineEstimator.begin_window`.
+        """Weigh what comes from now on separately; see `OnlineEstimator.begin_window`.
 
         Raises:
             NoAnswerError: TOO_FEW_SAMPLES when it is not known yet how the sensor moves.
@@ -304,7 +302,7 @@ class LiveEstimator:
         if estimator is None or estimator.imu is not None:
             return
         lacking = estimator.source is self.frames and not self.frames.has_positions
-        lacking &= self.options.method not in LEAST_SQUARES  # which say what poses alone show
+        lacking &= estimator_named(self.options.method).uses_imu
         if (lacking or self.options.imu == ALWAYS) and self.imu.rides_on(self.sensor_frame):
             estimator.take_imu(self.imu)
 
@@ -322,7 +320,7 @@ class LiveEstimator:
         self._early.clear()
 
     def _estimator_for(self, source: MotionSource) -> OnlineEstimator:
-        return OnlineEstimator(
+        estimator = OnlineEstimator(
             source,
             frame_id=self.sensor_frame,
             gravity=self.options.gravity,
@@ -335,3 +333,5 @@ class LiveEstimator:
             saturation=self.options.saturation,
             settings=self.options.settings,
         )
+        estimator.foreign_wrenches = self.foreign_wrenches
+        return estimator

@@ -1,55 +1,67 @@
-"""The estimator that samples stream into, from a robot or from a recording: one and the same."""
+"""The pipeline that wrenches and motion stream into, from a robot or from a recording."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.bayes import OUT_OF_ORDER, SHAPE_ACCURACY, PayloadChange
-from poise.inertia.estimators import AUTO, OWN_METHOD, WATCH, Continuous, Prior, StreamingEstimator
-from poise.inertia.model import NoiseLevels, Parts
+from poise.inertia.bayes import SHAPE_ACCURACY, PayloadChange
+from poise.inertia.estimators import (
+    DEFAULT_METHOD,
+    WATCH,
+    WATCH_NOISE,
+    ChangeWatch,
+    EstimatorEntry,
+    MotionNeed,
+    Prior,
+    check_method,
+)
+from poise.inertia.model import OUT_OF_ORDER, UNKNOWN_NOISE, EstimateFinding, NoiseLevels, Parts
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.inertia.pipeline.method_pipeline import EstimatorGroup, MethodPipeline, PairedSamples, buffer_for
+from poise.inertia.pipeline.estimator_group import EstimatorGroup
+from poise.inertia.pipeline.measuring_source import MeasuringSource
+from poise.inertia.pipeline.method_pipeline import MethodPipeline, PairedSamples
 from poise.robot import (
+    JUMP,
     LAG_STEP,
     LONGEST_DELAY,
     NO_KINEMATICS,
     LiveImu,
+    MotionBuffer,
     MotionSource,
     PairingSettings,
     SharedBuffers,
     went_back,
 )
+from poise.types import Array, Stamps
 
 MAX_GRAVITY = 1000.0
-"""m/s2; more is a slip of the finger, and far more would overflow the sums."""
+"""m/s2; more is a typing error, and far more would overflow the sums."""
 
-SETTLED = 1_000_000_000
+_SETTLED = 1_000_000_000
 """ns after a change in which the watch knows more, because it lags less."""
-
-WINDOW = 10.0
-"""s of samples for methods that are not recursive."""
 
 
 class OnlineEstimator:
     """Weighs while wrenches and kinematics come in; nothing in it grows with time.
 
-    Kinematics go into the source, wrenches in here; `update` brings them together as far as both are known.
+    Kinematics go into the source, wrenches in here; `update` brings them together as far as both are known. The answer
+    does not depend on the portions in which they come, nor on how often `update` is called.
 
     Args:
         source: where kinematics come in.
         frame_id: the sensor frame.
         gravity: m/s2.
-        method: see `METHODS`; `auto` does `static` and `ols`, and answers with what suits the motion.
+        method: see `method_choices`; `auto` does `static` and `ols`, and answers with what suits the motion.
         parts: of the payload, in the sensor frame; None when its shape is not known.
         accuracy: relative error of lengths in the shape.
-        noise: of samples, and how large a bias to expect; for methods that are told.
-        window: s of samples, for methods that are not recursive.
-        continuous: `poise` alone: begin anew when the payload has changed, see `changes`.
+        noise: of samples, and how large a bias to expect; NaN where it has to be estimated, None: all of it.
+        window: s of samples, for methods that are not recursive; infinite: all, thinned out when they are many.
+        continuous: `poise` alone: start again when the payload has changed, see `changes`.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
         patience: s that a wrench waits for its kinematics.
@@ -65,28 +77,24 @@ class OnlineEstimator:
         *,
         frame_id: str,
         gravity: float = STANDARD_GRAVITY,
-        method: str = AUTO,
+        method: str = DEFAULT_METHOD,
         parts: Parts | None = None,
         accuracy: float = SHAPE_ACCURACY,
         noise: NoiseLevels | None = None,
-        window: float = WINDOW,
+        window: float = np.inf,
         continuous: bool = False,
         saturation: tuple[float, float] = (np.inf, np.inf),
         settings: PairingSettings | None = None,
         patience: float = 5.0,
         max_intervals: int | None = 100,
     ) -> None:
-        for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
-            if not value > 0:
-                raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
-        if gravity > MAX_GRAVITY:
-            raise InputError(
-                ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {MAX_GRAVITY:g} is believed"
-            )
+        check_options(method, gravity, saturation)
         self.source = source
         self.frame_id = frame_id
         self.clock_jumps = 0
-        """How often time went backwards; what waited for its partner then is lost, what was learnt stays."""
+        """How often time went backwards. Samples that waited for the motion are lost then, estimates stay."""
+        self.foreign_wrenches: Counter[str] = Counter()
+        """Wrenches of other frames than the sensor's, which are not used, by frame."""
         self.changes: list[PayloadChange] = []
         """Of the payload, in the order of time."""
         self._limits = np.repeat(saturation, 3)
@@ -96,58 +104,61 @@ class OnlineEstimator:
         self._source_jumps = source.jumps
         self._newest: int | None = None
         self.imu: LiveImu | None = None
-        """That tells the linear acceleration; None: the source does."""
-        self._tracks = SharedBuffers(source, self._settings)
+        """Measures the linear acceleration; None: the source gives it."""
+        self._measuring = MeasuringSource(source)
+        self._buffers = SharedBuffers(self._measuring, self._settings)
         self._watch: MethodPipeline | None = None
         self._coming: Parts | None = None
-        self._continuous = continuous and method == OWN_METHOD
-        self._told = Prior(parts, accuracy, noise or NoiseLevels(), np.array([0.0, 0.0, -gravity]), window)
+        self._continuous = continuous and method == DEFAULT_METHOD
+        self._prior = Prior(parts, accuracy, noise or UNKNOWN_NOISE, np.array([0.0, 0.0, -gravity]), window)
         self._window: EstimatorGroup | None = None
-        self._begin(method, self._told)
+        self._begin(method, self._prior)
 
     def reset(self, parts: Parts | None = None) -> None:
         """Forget all samples: a new payload, of this shape where it is known."""
-        self._begin(self._running.method, replace(self._told, parts=parts))
+        self._begin(self._running.method, replace(self._prior, parts=parts))
 
     def hold(self, parts: Parts, accuracy: float = SHAPE_ACCURACY) -> None:
-        """Say of what shape the payload is, in the sensor frame, and to what relative error of lengths.
+        """Set the shape of the payload, in the sensor frame, and the relative error of its lengths.
 
-        What is held already is weighed anew; when nothing is held, the shape is that of the next payload.
+        The estimate of what is held already starts again; when nothing is held, the shape is that of the next payload.
         """
-        self._told = replace(self._told, accuracy=accuracy)
-        if isinstance(self._watching, Continuous) and self._watching.is_empty:
+        self._prior = replace(self._prior, accuracy=accuracy)
+        if self._changes is not None and self._changes.is_empty:
             self._coming = parts
         else:
             self.reset(parts)
 
     @property
-    def _watching(self) -> StreamingEstimator | None:
-        return None if self._watch is None else self._watch.weigher
+    def _changes(self) -> ChangeWatch | None:
+        watching = None if self._watch is None else self._watch.estimator
+        return watching if isinstance(watching, ChangeWatch) else None
 
     def _begin(self, method: str, prior: Prior) -> None:
-        self._running = self._weighing(method, prior)
+        self._running = EstimatorGroup(method, self._pipeline, prior)
         if self._continuous:
-            self._watch = MethodPipeline(WATCH, buffer_for(WATCH, self._tracks), Continuous(prior))
+            self._watch = self._pipeline(WATCH, replace(prior, noise=prior.noise.filled(WATCH_NOISE)))
 
     def change_source(self, source: MotionSource) -> None:
-        """Take the motion from elsewhere from now on; what was learnt and what waits stays."""
+        """Take the motion from another source from now on; estimates and waiting wrenches stay."""
         self.source, self._source_jumps = source, source.jumps
-        self._renew_tracks()
+        self._measuring = MeasuringSource(source)
+        self._renew_buffers()
 
     def take_imu(self, imu: LiveImu) -> None:
-        """Believe an IMU on the sensor about the linear acceleration; what was learnt without it is forgotten."""
+        """Take the linear acceleration from an IMU on the sensor; estimates that did without it are dropped."""
         self.imu = imu
-        self._told = replace(self._told, longest_delay=LONGEST_DELAY, lag_step=LAG_STEP)
-        self._renew_tracks()
+        self._prior = replace(self._prior, longest_delay=LONGEST_DELAY, lag_step=LAG_STEP)
+        self._renew_buffers()
         self.reset(self._running.prior.parts)
 
-    # -- a window of its own ---------------------------------------------------------------------------------
+    # -- a separate window ------------------------------------------------------------------------------------
 
     def begin_window(self, method: str = "", parts: Parts | None = None, accuracy: float | None = None) -> None:
-        """Weigh what comes from now on by itself, too; the running estimate goes on.
+        """Weigh what comes from now on separately; the running estimate goes on.
 
         Args:
-            method: see `METHODS`; empty: the running one.
+            method: see `method_choices`; empty: the running one.
             parts: of the payload, in the sensor frame; None when its shape is not known.
             accuracy: relative error of lengths in the shape; None: that of the running estimate's.
 
@@ -158,20 +169,20 @@ class OnlineEstimator:
             raise InputError(ErrorCode.BUSY, "a window is open already: end it, or wait for its end")
         newest = max((stamp for stamp in (self._newest, self.source.newest) if stamp is not None), default=None)
         since = None if newest is None else newest + 1
-        prior = replace(self._told, parts=parts, accuracy=accuracy or self._told.accuracy, since=since)
-        self._window = self._weighing(method or self._running.method, prior)
+        prior = replace(self._prior, parts=parts, accuracy=accuracy or self._prior.accuracy, since=since)
+        self._window = EstimatorGroup(method or self._running.method, self._pipeline, prior)
 
     @property
     def window_samples(self) -> int:
         """Samples used in the window."""
-        return 0 if self._window is None else self._window.busiest.weigher.n_samples
+        return 0 if self._window is None else self._window.busiest.n_samples
 
     @property
     def window_decided(self) -> int | None:
         """ns: up to which stamp the window's samples are in; None: none are."""
         if self._window is None:
             return None
-        ends = [run.track.decided for run in self._window.runs.values()]
+        ends = [pipeline.buffer.decided for pipeline in self._window.pipelines.values()]
         return min((end for end in ends if end is not None), default=None)
 
     def window_estimate(self) -> InertialEstimate:
@@ -195,7 +206,12 @@ class OnlineEstimator:
     @property
     def n_samples(self) -> int:
         """Samples used, by the method that used most."""
-        return self._running.busiest.weigher.n_samples
+        return self._running.busiest.n_samples
+
+    @property
+    def gravity(self) -> Array:
+        """(3,) m/s2 in the world."""
+        return self._prior.gravity
 
     @property
     def motion_words(self) -> str:
@@ -214,24 +230,32 @@ class OnlineEstimator:
         return None if newest is None or self._newest is None else (self._newest - newest) * 1e-9
 
     def add_wrench(self, stamps: ArrayLike, wrench: ArrayLike) -> None:
-        """Add wrenches: (N,) int64 ns and (N, 6) N and N m, or one of them."""
+        """Add wrenches in the order of arrival: (N,) int64 ns and (N, 6) N and N m, or one of them, or none."""
         times = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         rows = np.asarray(wrench, dtype=np.float64).reshape(-1, 6)
+        while len(times):
+            back = np.flatnonzero(times[1:] < np.maximum.accumulate(times)[:-1] - JUMP)
+            end = int(back[0]) + 1 if len(back) else len(times)
+            self._add_wrench(times[:end], rows[:end])
+            times, rows = times[end:], rows[end:]
+
+    def _add_wrench(self, stamps: Stamps, wrench: Array) -> None:
+        """Add wrenches among which the clock does not jump."""
         self._notice_jump()
-        if went_back(times, self._newest):
+        if went_back(stamps, self._newest):
             self.source.clear()
             self._start_over()
-        self._newest = max(int(times.max()), self._newest or 0)
-        for run in self._runs:
-            run.add(times, rows)
+        self._newest = max(int(stamps.max()), self._newest or 0)
+        for pipeline in self._pipelines:
+            pipeline.add(stamps, wrench)
 
     def update(self, flush: bool = False) -> dict[str, PairedSamples]:
         """Use what has become known, by method; `flush`: do not wait for kinematics that would make it better known."""
         self._notice_jump()
-        self._tracks.update(flush)
-        for run in self._runs:
-            run.update(self._limits, self._patience)
-        paired = {name: run.newest for name, run in self._running.runs.items()}
+        self._buffers.update(flush)
+        for pipeline in self._pipelines:
+            pipeline.update(self._patience, flush)
+        paired = {name: pipeline.newest for name, pipeline in self._running.pipelines.items()}
         self._notice_change()
         self._forget()
         return paired
@@ -239,49 +263,75 @@ class OnlineEstimator:
     def finish(self) -> dict[str, PairedSamples]:
         """Use all there is, and give up the wrenches that have no kinematics: nothing more will come."""
         paired = self.update(flush=True)
-        for run in self._runs:
-            run.drop_waiting(NO_KINEMATICS)
+        for pipeline in self._pipelines:
+            pipeline.drop_waiting(NO_KINEMATICS)
         return paired
 
     def estimate(self) -> InertialEstimate:
         """Solve for everything seen so far.
 
         Raises:
-            NoAnswerError: TOO_FEW_SAMPLES or NOT_IDENTIFIABLE.
+            InputError: UNSUPPORTED when the method needs a shape and there is none.
+            NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, NOT_CONSISTENT (opposite sign), SOLVER_FAILED.
         """
         running, watch = self._running, self._watch
-        if watch is not None and watch.stamp is not None and self.changes:
-            since = self._running.prior.since
-            known = running.busiest.stamp
-            if since is not None and (known is None or known < since + SETTLED):
-                return watch.estimate(self.frame_id)
-        return running.estimate(self.frame_id)
+        since, known = running.prior.since, running.busiest.stamp
+        unsettled = since is not None and (known is None or known < since + _SETTLED)
+        if watch is not None:
+            watch.check_sign()  # of all payloads so far: a stream of the opposite sign looks like many changes
+        if watch is not None and watch.stamp is not None and self.changes and unsettled:
+            found = watch.estimate(self.frame_id)
+        else:
+            found = running.estimate(self.frame_id)
+        if not self.foreign_wrenches:
+            return found
+        return replace(found, findings=(*found.findings, _foreign_frames(self.foreign_wrenches, self.frame_id)))
 
     @property
-    def _runs(self) -> list[MethodPipeline]:
-        weighings = [self._running] if self._window is None else [self._running, self._window]
+    def _pipelines(self) -> list[MethodPipeline]:
+        groups = [self._running] if self._window is None else [self._running, self._window]
         watch = [] if self._watch is None else [self._watch]
-        return [run for weighing in weighings for run in weighing.runs.values()] + watch
+        return [pipeline for group in groups for pipeline in group.pipelines.values()] + watch
 
-    def _weighing(self, method: str, prior: Prior) -> EstimatorGroup:
-        return EstimatorGroup(method, partial(buffer_for, buffers=self._tracks), prior, self._max_intervals)
+    def _pipeline(self, entry: EstimatorEntry, prior: Prior) -> MethodPipeline:
+        return MethodPipeline(
+            entry, self._buffer(entry), prior, self._limits, lambda: self._motion_noise, self._max_intervals
+        )
 
-    def _renew_tracks(self) -> None:
-        self._tracks = SharedBuffers(self.source, self._settings, self.imu)
-        for run in self._runs:
-            run.track = buffer_for(run.name, self._tracks)
+    def _buffer(self, entry: EstimatorEntry) -> MotionBuffer:
+        """The motion that an estimator needs."""
+        if entry is WATCH:
+            return self._buffers.fresh
+        if entry.motion is MotionNeed.STILL:
+            return self._buffers.still
+        return self._buffers.moving if entry.motion is MotionNeed.MOVING else self._buffers.either
+
+    @property
+    def _motion_noise(self) -> NoiseLevels:
+        noise = self._measuring.noise
+        if self.imu is None:
+            return noise
+        return replace(noise, linear_acceleration=float(np.nan_to_num(self.imu.noise, nan=noise.linear_acceleration)))
+
+    def _renew_buffers(self) -> None:
+        self._buffers = SharedBuffers(self._measuring, self._settings, self.imu)
+        for pipeline in self._pipelines:
+            pipeline.buffer = self._buffer(pipeline.entry)
 
     def _notice_change(self) -> None:
-        """Begin anew with the new payload; what is known of the sensor's bias stays."""
-        watch = self._watching
-        new = watch.new_changes() if isinstance(watch, Continuous) else []
-        if not new or not isinstance(watch, Continuous):
+        """Start again with the new payload; what is known of the sensor's bias stays."""
+        changes = self._changes
+        new = [] if changes is None else changes.new_changes()
+        if not new or changes is None:
             return
         self.changes += new
         if self._coming is not None and new[-1].mass_after > new[-1].mass_before:
-            watch.hold(self._coming)
+            changes.hold(self._coming)
             self._coming = None
-        self._running = self._weighing(self._running.method, replace(watch.prior, accuracy=self._told.accuracy))
+        bias = changes.prior.noise
+        noise = replace(self._prior.noise, force_bias=bias.force_bias, torque_bias=bias.torque_bias)
+        prior = replace(changes.prior, accuracy=self._prior.accuracy, noise=noise)
+        self._running = EstimatorGroup(self._running.method, self._pipeline, prior)
 
     def _notice_jump(self) -> None:
         if self.source.jumps != self._source_jumps:
@@ -289,17 +339,39 @@ class OnlineEstimator:
             self._start_over()
 
     def _start_over(self) -> None:
-        """Time has jumped: what waits for its partner waits in vain."""
+        """The clock has jumped: what waits for its partner waits in vain."""
         self.clock_jumps += 1
         if self.imu is not None:
             self.imu.clear()
         self._newest = None
-        for run in self._runs:
-            run.drop_waiting(OUT_OF_ORDER)
-        self._renew_tracks()
+        for pipeline in self._pipelines:
+            pipeline.drop_waiting(OUT_OF_ORDER)
+            pipeline.restart_clock()
+        self._renew_buffers()
 
     def _forget(self) -> None:
         newest = self.source.newest
         if newest is None:
             return
-        self._tracks.forget_before(newest - round(self._settings.memory * 1e9))
+        self._buffers.forget_before(newest - round(self._settings.memory * 1e9))
+
+
+def check_options(method: str, gravity: float | None, saturation: tuple[float, float]) -> None:
+    """Refuse a method that does not exist, and values that cannot be: gravity in m/s2, saturation in N and N m.
+
+    Raises:
+        InputError: BAD_INPUT.
+    """
+    check_method(method)
+    for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
+        if value is not None and not value > 0:
+            raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
+    if gravity is not None and gravity > MAX_GRAVITY:
+        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {MAX_GRAVITY:g} is possible")
+
+
+def _foreign_frames(counts: Counter[str], frame_id: str) -> EstimateFinding:
+    frames = ", ".join(f"{count} of {frame or 'no frame'}" for frame, count in counts.most_common())
+    return EstimateFinding(
+        ErrorCode.FRAME_UNKNOWN, f"wrenches of other frames than {frame_id} were not used ({frames}): remap their topic"
+    )

@@ -79,7 +79,7 @@ def _no_kinematics(live: LiveEstimator) -> str:
 
 
 def _clocks(live: LiveEstimator) -> str:
-    """Tells of clocks that are far apart."""
+    """A note on clocks that are far apart."""
     apart = None if live.estimator is None else live.estimator.clocks_apart
     if apart is None or abs(apart) < SILENCE:
         return ""

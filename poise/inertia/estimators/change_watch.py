@@ -1,0 +1,78 @@
+"""The estimator that looks for changes of the payload beside the one that answers; it is no method of the registry."""
+
+from dataclasses import replace
+
+from poise.inertia.bayes import ContinuousEstimator, PayloadChange, sample_rows
+from poise.inertia.estimators.entry import EstimatorEntry
+from poise.inertia.estimators.streaming import Prior, SampleEvidence
+from poise.inertia.model import InertialSolution, NoiseLevels, Parts
+from poise.robot import SensorMotion
+from poise.types import Array
+
+_EMPTY_HAND = 0.02
+"""kg; a smaller payload is none."""
+
+WATCH_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05)
+"""The levels that changes are judged by where none are given: those of a usual arm, its sensor zeroed."""
+
+
+class ChangeWatch:
+    """`ContinuousEstimator` as a `StreamingEstimator`.
+
+    Args:
+        prior: what is known before the first sample; its noise has no NaN.
+    """
+
+    def __init__(self, prior: Prior) -> None:
+        self._given = prior
+        limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **prior.options, **limits)
+        self._parts = prior.parts
+        self._n_changes = 0
+
+    def new_changes(self) -> list[PayloadChange]:
+        """Those since the last call."""
+        new = self._estimator.changes[self._n_changes :]
+        self._n_changes += len(new)
+        if new:
+            self._parts = None
+        return new
+
+    @property
+    def is_empty(self) -> bool:
+        """Nothing is held, as far as is known."""
+        mass = self._estimator.mass
+        return mass is not None and mass < _EMPTY_HAND
+
+    def hold(self, parts: Parts) -> None:
+        """Set the shape of the payload; soon after a change."""
+        self._parts = parts
+        self._estimator.hold(parts)
+
+    @property
+    def prior(self) -> Prior:
+        """What is known before the first sample of the payload held now: the bias, and the shape where it was set."""
+        known = self._estimator
+        if not known.changes:
+            return self._given
+        bias = {"force_bias": known.noise.force_bias, "torque_bias": known.noise.torque_bias}
+        noise = replace(self._given.noise, **bias)
+        return replace(self._given, parts=self._parts, noise=noise, tare=known.tare, since=known.since)
+
+    def add(self, motion: SensorMotion, wrench: Array) -> None:
+        """See `StreamingEstimator`."""
+        self._estimator.add_rows(motion.stamps, sample_rows(motion, wrench, self._given.gravity))
+
+    def solve(self, evidence: SampleEvidence) -> InertialSolution:
+        """See `StreamingEstimator`."""
+        return self._estimator.solve()
+
+
+WATCH = EstimatorEntry(
+    "watch",
+    "looks for changes of the payload",
+    estimate=None,
+    stream=ChangeWatch,
+    gives_covariance=True,
+    answers_hidden=True,
+)
