@@ -1,4 +1,4 @@
-"""An IMU on the running robot measures the linear acceleration of the sensor."""
+"""An IMU on the running robot: what the sensor's motion lacks of linear acceleration, measured."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -7,12 +7,8 @@ from poise.geometry import Pose
 from poise.robot.frame_tree import FrameTree
 from poise.robot.imu import Imu
 from poise.robot.motion import SensorMotion
-<<<<<<< HEAD
 from poise.robot.motion_buffers import NO_KINEMATICS, USED, MotionBuffer, PairingReasons
-=======
-from poise.robot.motion_buffers import NO_KINEMATICS, USED, MotionBuffer, Reasons
 from poise.robot.scatter import ScatterMeter
->>>>>>> main
 from poise.robot.stamped_buffer import StampedBuffer
 from poise.types import Array, Stamps
 
@@ -68,7 +64,7 @@ class LiveImu:
         self._scatter.add(imu.specific)
 
     def rides_on(self, sensor_frame: str) -> bool:
-        """Whether it has sent samples, and tf_static joins it to the sensor; its mounting is then known."""
+        """Whether it has spoken, and tf_static joins it to the sensor; from then on it is known how it is mounted."""
         mounting = self._frames.pose(self.frame_id, sensor_frame, fixed_only=True)
         if self.newest is None or mounting is None:
             return False

@@ -18,12 +18,8 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
-<<<<<<< HEAD
-from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, SharedBuffers, StampedBuffer
-=======
 from poise.recording import MAX_LATENESS
-from poise.robot import USED, MotionBuffer, Reasons, SensorMotion, StampedBuffer
->>>>>>> main
+from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
 
 _AFTER_JUMP = 10**9
