@@ -21,7 +21,7 @@ from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
 from poise_msgs.msg import WrenchBatch
 
-_WRENCH_QOS = QoSProfile(depth=1000)
+WRENCH_QOS = QoSProfile(depth=1000)
 """Reliable, with a second of history at 1 kHz: a reader that is held up for less than that misses nothing. Readers
 with SensorDataQoS (best effort) match as well; they get what is newest and may miss some."""
 _BATCH_QOS = QoSProfile(depth=100)
@@ -153,7 +153,7 @@ class SamplePublisher:
     def __init__(self, node: LifecycleNode, frame_id: str) -> None:
         self._node = node
         self._kind = ""
-        self._wrench = node.create_lifecycle_publisher(WrenchStamped, "wrench", _WRENCH_QOS)
+        self._wrench = node.create_lifecycle_publisher(WrenchStamped, "wrench", WRENCH_QOS)
         self._batch = node.create_lifecycle_publisher(WrenchBatch, "wrench_batch", _BATCH_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
         # One message of each kind, filled again for every publish(), which has serialised it when it returns.

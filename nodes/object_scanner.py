@@ -19,7 +19,13 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.excitation.execution import stop_along
 from poise.nodes.jobs import Jobs, run_with_jobs
-from poise.nodes.object_scanner_parameters import PARAMETERS, near_of, scan_options, session_options, sweep_options
+from poise.nodes.object_scanner_parameters import (
+    SCANNER_PARAMETERS,
+    near_of,
+    scan_options,
+    session_options,
+    sweep_options,
+)
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
@@ -32,21 +38,21 @@ from poise.simulation import WaypointTrajectory, read_trajectory
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject
 
-TICK = 0.05
-FEEDBACK_TICKS = 4
-WAYPOINT_PERIOD = 0.1
+_TICK = 0.05
+_FEEDBACK_TICKS = 4
+_WAYPOINT_PERIOD = 0.1
 """s between waypoints of the sweep."""
-STOP_TIME = 0.5
+_STOP_TIME = 0.5
 """s in which a cancelled sweep slows down along its path; ros2_control refuses a message without points."""
-SETTLE = 1.0
+_SETTLE = 1.0
 """s that joint states may come after the last frame."""
-COLLECTING = 0.8
+_COLLECTING = 0.8
 """Share of the progress that is taking frames; the rest is computing."""
 DEPTH, INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_to_color/camera_info"
-COLOUR, CLOUD = "camera/color/image_raw", "camera/depth/color/points"
+COLOUR, _CLOUD = "camera/color/image_raw", "camera/depth/color/points"
 
 
-class Sweep(NamedTuple):
+class SweepExecution(NamedTuple):
     """The motion that was commanded: of which joints, and when it began, s of the monotonic clock."""
 
     names: tuple[str, ...]
@@ -62,13 +68,13 @@ class ObjectScanner(Node):
 
     def __init__(self) -> None:
         super().__init__("object_scanner")
-        self._values = declare_parameters(self, PARAMETERS)
-        sweep_options(self._values)  # bad parameters are reported at the start
+        self._values = declare_parameters(self, SCANNER_PARAMETERS)
+        sweep_options(self._values)  # invalid parameters are reported at the start
         near_of(self._values)
         self._robot = RobotLog()
         self._goal: ServerGoalHandle | None = None
         self._session: ScanSession | None = None
-        self._sweep: Sweep | None = None
+        self._sweep: SweepExecution | None = None
         self._answer: tuple[PoiseError | None, SegmentedObject | None] | None = None
         self._share, self._ticks, self._taken, self._ended = 0.0, 0, 0, 0.0
         self._cancelled = threading.Event()
@@ -81,7 +87,7 @@ class ObjectScanner(Node):
         self.create_subscription(String, "robot_description", guarded(self, self._on_description), LATCHED)
         self.create_subscription(TFMessage, "tf_static", guarded(self, self._on_tf_static), TF_STATIC)
         self._jobs = Jobs(self, 1)
-        self.create_timer(TICK, guarded(self, self._tick))
+        self.create_timer(_TICK, guarded(self, self._tick))
         self._server = ActionServer(
             self,
             ScanObject,
@@ -121,7 +127,7 @@ class ObjectScanner(Node):
                 (Image, COLOUR, lambda session, message: session.add_colour(image_of(message, COLOUR))),
                 (
                     PointCloud2,
-                    CLOUD,
+                    _CLOUD,
                     lambda session, message: session.add_cloud(frame_of_cloud(message), time.monotonic()),
                 ),
             )
@@ -157,7 +163,7 @@ class ObjectScanner(Node):
         if command is not None:
             self._arm.publish(trajectory_message(command.names, command.motion))
 
-    def _sweep_command(self) -> Sweep | None:
+    def _sweep_command(self) -> SweepExecution | None:
         """The motion of the parameter `sweep`; None when another program moves the arm.
 
         Raises:
@@ -178,8 +184,8 @@ class ObjectScanner(Node):
                 ErrorCode.NOT_FOLLOWING,
                 f"the arm is {away:.2f} rad away from where the sweep begins: bring it there first (start_tolerance)",
             )
-        times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / WAYPOINT_PERIOD)) + 1)
-        return Sweep(model.joint_names, WaypointTrajectory(times, *motion.at(times)), time.monotonic())
+        times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / _WAYPOINT_PERIOD)) + 1)
+        return SweepExecution(model.joint_names, WaypointTrajectory(times, *motion.at(times)), time.monotonic())
 
     def _tick(self) -> None:
         goal, session = self._goal, self._session
@@ -195,10 +201,10 @@ class ObjectScanner(Node):
             self._end()
             return
         self._ticks += 1
-        if self._ticks % FEEDBACK_TICKS == 0 and session is not None:
-            self._tell(goal, session.count, COLLECTING * session.progress)
-        elif self._ticks % FEEDBACK_TICKS == 0:
-            self._tell(goal, self._taken, COLLECTING + (1 - COLLECTING) * self._share)
+        if self._ticks % _FEEDBACK_TICKS == 0 and session is not None:
+            self._tell(goal, session.count, _COLLECTING * session.progress)
+        elif self._ticks % _FEEDBACK_TICKS == 0:
+            self._tell(goal, self._taken, _COLLECTING + (1 - _COLLECTING) * self._share)
 
     def _tell(self, goal: ServerGoalHandle, frames: int, progress: float) -> None:
         goal.publish_feedback(ScanObject.Feedback(frames=frames, progress=float(progress)))
@@ -207,14 +213,14 @@ class ObjectScanner(Node):
         """Joint states after the last frame are there, or do not come."""
         now = time.monotonic()
         self._ended = self._ended or now
-        return self._robot.newest >= session.newest or now - self._ended > SETTLE
+        return self._robot.newest >= session.newest or now - self._ended > _SETTLE
 
     def _stop(self, error: PoiseError) -> None:
         """End a goal that still takes frames."""
         self._session, self._answer = None, (error, None)
         if self._sweep is not None:
             at = time.monotonic() - self._sweep.begun
-            self._arm.publish(trajectory_message(self._sweep.names, stop_along(self._sweep.motion, at, STOP_TIME)))
+            self._arm.publish(trajectory_message(self._sweep.names, stop_along(self._sweep.motion, at, _STOP_TIME)))
 
     def _compute(self, session: ScanSession, goal: ServerGoalHandle) -> None:
         self._session, self._taken = None, session.count

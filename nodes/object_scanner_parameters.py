@@ -9,10 +9,10 @@ from poise.nodes.parameters import Parameter
 from poise.robot import Mounting
 from poise.scanning import MOST_FRAMES, STATIONARY_FRAMES, ScanOptions, SessionOptions, SweepOptions
 
-REFINE = ("auto", "always", "never")
-NOWHERE, UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
+_REFINE = ("auto", "always", "never")
+_NOWHERE, _UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
 
-PARAMETERS = (
+SCANNER_PARAMETERS = (
     Parameter("object_id", "scanned_object", "id and frame of the object when the goal gives none"),
     Parameter("max_frames", MOST_FRAMES, "frames of a scan, at the most", (1, 600)),
     Parameter("frame_period", 0.2, "s between frames, at the least", (0.0, 10.0)),
@@ -24,19 +24,19 @@ PARAMETERS = (
     Parameter("hand_frame", "ft_sensor", "link of the robot for hand_eye, and for the joints that `sweep` moves"),
     Parameter(
         "hand_eye",
-        UNKNOWN,
+        _UNKNOWN,
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
-    Parameter(
-        "sweep", "", "trajectory file (YAML, CSV) sent to joint_trajectory; empty: another program moves the arm"
-    ),
+    Parameter("sweep", "", "trajectory file (YAML, CSV) for joint_trajectory; empty: another program moves the arm"),
     Parameter("start_tolerance", 0.05, "rad that the arm may be off where the sweep begins", (0.0, 3.2)),
-    Parameter("near", NOWHERE, "m in the robot's base: of several objects, the one nearest to it; NaN: in the middle"),
+    Parameter("near", _NOWHERE, "m in the robot's base: of several objects, the one nearest to it; NaN: in the middle"),
     Parameter("voxel", 0.0015, "m, spacing of the points", (2e-4, 0.05)),
     Parameter("farthest", 1.2, "m from the camera up to which it is looked at", (0.1, 5.0)),
-    Parameter("refine", "auto", "poses by ICP: when views disagree (auto), always or never", REFINE),
+    Parameter("refine", "auto", "poses by ICP: when views disagree (auto), always or never", _REFINE),
     Parameter("complete", True, "fill what no view saw, down to the table"),
-    Parameter("independent_parts", True, "at most four parts, whose masses a sensor at rest distinguishes; false: all"),
+    Parameter(
+        "independent_parts", True, "at most four parts, which a sensor at rest can distinguish; false: all of them"
+    ),
 )
 
 

@@ -15,7 +15,7 @@ from poise.scanning import Scan
 from poise.shape import Segmentation, part_surface
 from poise_msgs.msg import Part, SegmentedObject
 
-FIELDS = (("x", "<f4", 7), ("y", "<f4", 7), ("z", "<f4", 7), ("rgb", "<u4", 7), ("label", "<u4", 6), ("seen", "u1", 2))
+_FIELDS = (("x", "<f4", 7), ("y", "<f4", 7), ("z", "<f4", 7), ("rgb", "<u4", 7), ("label", "<u4", 6), ("seen", "u1", 2))
 """Name, type and number of the type in sensor_msgs/PointField; rgb is packed into a float, as RViz wants it."""
 
 
@@ -30,7 +30,7 @@ def segmented_message(
         stamp: ns.
         scanned: the cloud, in the base.
         found: its parts.
-        parts: (T,) part of each tetrahedron as published; each a union of those of `found`.
+        parts: (T,) part of each tetrahedron that is published; each a union of those of `found`.
         notes: what to read it with.
     """
     spread = scanned.volume_std(found.solid)
@@ -60,7 +60,7 @@ def object_transform(base: str, frame: str, stamp: int, scanned: Scan) -> Transf
 
 
 def _cloud(header: Any, scanned: Scan, labels: Any) -> PointCloud2:
-    rows = np.zeros(len(scanned.points), [(name, kind) for name, kind, _ in FIELDS])
+    rows = np.zeros(len(scanned.points), [(name, kind) for name, kind, _ in _FIELDS])
     for axis, column in zip("xyz", (scanned.points - scanned.foot).T, strict=True):
         rows[axis] = column
     if scanned.colours is not None:
@@ -70,7 +70,7 @@ def _cloud(header: Any, scanned: Scan, labels: Any) -> PointCloud2:
     size = rows.dtype.itemsize
     cloud = PointCloud2(header=header, height=1, width=len(rows), point_step=size, row_step=size * len(rows))
     cloud.fields = [
-        PointField(name=name, offset=rows.dtype.fields[name][1], datatype=kind, count=1) for name, _, kind in FIELDS
+        PointField(name=name, offset=rows.dtype.fields[name][1], datatype=kind, count=1) for name, _, kind in _FIELDS
     ]
     cloud.is_dense = True
     cloud.data = array("B", rows.tobytes())

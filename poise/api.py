@@ -27,7 +27,7 @@ PushSource = Push | tuple[str, Sequence[float], Sequence[float]]
 
 
 def read(path: Source) -> Recording:
-    """Open a recording: mcap, a rosbag2 folder, db3, or a ROS 1 bag.
+    """Open a recording: mcap, db3, a rosbag2 folder, a ROS 1 bag, or tables with columns.yaml.
 
     Example:
         >>> poise.read("bags/kuka_static_poses.mcap").wrench().stamps

@@ -27,7 +27,8 @@ class Verdict:
         answered: the tool gave an answer. verdict, named: its verdict and names, the likeliest first.
         right: healthy: `none`; single: named first; pair: both named; outside: `unknown`, `mixed` or an accepted name.
         extra: it names what is not there. stated: (probability, is it true) of each name.
-        worse: the error on held-out data is larger with the answer than without. cpu: s.
+        worse: the error on held-out data is larger with the answer than with payload, bias and clocks alone fitted.
+        cpu: s.
     """
 
     case: str
@@ -59,7 +60,8 @@ def judge(case: str, label: dict[str, Any], outcome: dict[str, Any]) -> Verdict:
         "outside": verdict in ("unknown", "mixed") or bool(set(named) & true),
     }[label["kind"]]
     errors = (answer.get("fit") or {}).get("holdout") or {}
-    worse = errors.get("augmented", 0.0) > errors.get("nominal", np.inf) * 1.001
+    without = errors.get("calibrated", errors.get("nominal", np.inf))
+    worse = errors.get("augmented", 0.0) > without * 1.001
     return Verdict(
         case=case,
         kind=label["kind"],
@@ -129,7 +131,8 @@ def table(verdicts: Iterable[Verdict]) -> list[Row]:
         rate("no answer", lambda v: True, lambda v: not v.answered),
         rate("healthy: false alarm, of those answered", lambda v: v.kind == "healthy" and v.answered, _not_right),
         rate("a name too many, of those answered", lambda v: v.answered, lambda v: v.extra),
-        rate("held-out error worse than before, of those answered", lambda v: v.answered, lambda v: v.worse),
+        rate("a false name with a belief over 50 %, of those answered", lambda v: v.answered, _convinced_and_wrong),
+        rate("held-out error worse with the answer, of those answered", lambda v: v.answered, lambda v: v.worse),
         rate("one effect at 1.0: named first", of("single", 1.0), lambda v: v.right),
         rate("one effect at 0.3: named first", of("single", 0.3), lambda v: v.right),
         rate("two effects: both named", of("pair", 1.0), lambda v: v.right),
@@ -139,6 +142,10 @@ def table(verdicts: Iterable[Verdict]) -> list[Row]:
 
 def _not_right(verdict: Verdict) -> bool:
     return not verdict.right
+
+
+def _convinced_and_wrong(verdict: Verdict) -> bool:
+    return any(belief > 0.5 and not true for belief, true in verdict.stated)
 
 
 def by_profile(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str, str, str]]:

@@ -17,7 +17,7 @@ from poise.scanning import MOST_FRAMES, Scan, ScanOptions, Sweep, SweepOptions, 
 from poise.scanning import scan as scan_views
 from poise.shape import Segmentation, labelled_ply, segment, surface_ply
 
-BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP)]
+_BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP)]
 CloudOption = Annotated[
     Path | None,
     typer.Option("--out", metavar="PLY", help="Write the cloud: colours, normals, what was seen.", show_default=False),
@@ -30,7 +30,7 @@ SurfaceOption = Annotated[
     Path | None,
     typer.Option("--surface", metavar="PLY", help="Write the closed surface with its parts.", show_default=False),
 ]
-PictureOption = Annotated[
+_PictureOption = Annotated[
     Path | None, typer.Option("--picture", metavar="PNG", help="Draw the parts.", show_default=False)
 ]
 NearOption = Annotated[
@@ -53,7 +53,7 @@ HandEyeOption = Annotated[
         show_default=False,
     ),
 ]
-UrdfOption = Annotated[
+_UrdfOption = Annotated[
     str | None,
     typer.Option("--urdf", metavar="FILE", help="The robot. Without: the bag's robot_description.", show_default=False),
 ]
@@ -67,14 +67,14 @@ TopicOption = Annotated[
 
 
 def scan(
-    bag: BagArgument,
+    bag: _BagArgument,
     out: CloudOption = None,
     parts: PartsOption = None,
     surface: SurfaceOption = None,
-    picture: PictureOption = None,
+    picture: _PictureOption = None,
     near: NearOption = None,
     hand_eye: HandEyeOption = None,
-    urdf: UrdfOption = None,
+    urdf: _UrdfOption = None,
     frames: FramesOption = MOST_FRAMES,
     voxel: VoxelOption = 1.5e-3,
     depth_unit: UnitOption = 1e-3,

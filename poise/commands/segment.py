@@ -84,7 +84,7 @@ def as_json(path: Path, cloud: Cloud, found: Segmentation, seconds: float) -> di
 
 
 def write_picture(path: Path, found: Segmentation, title: str) -> Path:
-    """Draw the parts from two sides, as the ending says (PNG, SVG, PDF).
+    """Draw the parts from two sides, by the file's ending (PNG, SVG, PDF).
 
     Raises:
         InputError: UNSUPPORTED for another ending, FILE_UNWRITABLE.

@@ -277,14 +277,25 @@ class TransferExecution:
         self.error, self.done = PoiseError(code, message), True
 
     def _stop(self, now: float, on_path: bool) -> None:
-        """Along its path, which is free; where it is, when it is not on its path. An arm at rest is told nothing."""
+        """Stop along the path, which is free; where the arm is, when it is off its path or that fails. Never raises."""
         step = self._step
         if step is None or step.motion is None:
             return
+        failure: Exception | None = None
+        for along in (True, False) if on_path else (False,):
+            try:
+                self._send_stop(step.motion, step.stop_time, now, along)
+                return
+            except Exception as error:
+                failure = error
+        if self.error is not None:
+            self._conclude(self.error.code, f"{self.error.message}; the stop could not be sent: {failure!r}")
+
+    def _send_stop(self, motion: WaypointTrajectory, stop_time: float, now: float, along: bool) -> None:
         joints = self._robot.joints
         stamp = joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
-        if on_path:
-            stop = stop_along(step.motion, (stamp - self._begin) * 1e-9, step.stop_time)
+        if along:
+            stop = stop_along(motion, (stamp - self._begin) * 1e-9, stop_time)
         else:
             stop = WaypointTrajectory(np.array([0.0, _STOP_TIME]), np.stack([joints.position] * 2))
         self._robot.move(stop, stamp)

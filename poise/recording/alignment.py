@@ -97,7 +97,7 @@ def nearest(stamps: Stamps, wanted: Stamps, *, max_gap: float, clock_offset: flo
 def interpolate(
     stamps: Stamps, values: Array, wanted: Stamps, *, max_gap: float, clock_offset: float = 0.0
 ) -> Interpolated:
-    """Interpolate linearly; a stamp that hits a sample takes that sample (the last of several), whatever is around.
+    """Interpolate linearly; a stamp that hits a sample takes that sample (the last of several), without its neighbours.
 
     Args:
         stamps: (N,) of the stream.

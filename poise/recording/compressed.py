@@ -1,6 +1,5 @@
 """Zstd as rosbag2 uses it: whole files are unpacked to a temporary file, single messages when they are read."""
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,13 +11,14 @@ import zstandard
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import PIECE, Loss, LossKind, decompress, longest_chunk
-from poise.recording.contents import Contents, MessageBlock, UnpackingBudget, message_table
+from poise.recording.contents import Contents, MessageBlock, TemporaryFolder, UnpackingBudget, message_table
 
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # RFC 8878, section 3.1.1; CDR begins with a zero byte
 _ENDING = ".zstd"
+_UNKNOWN_SIZES = (-1, 2**64 - 1)  # of a frame that does not state how long its content is
 
 
-def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, list[Loss]]:
+def unpack_file(path: Path) -> tuple[TemporaryFolder, Path, list[Loss]]:
     """Decompress a file into a temporary folder, which is deleted when it is no longer referenced.
 
     A file that is cut gives what its last whole block holds, and a loss.
@@ -27,8 +27,8 @@ def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, lis
         InputError: FILE_UNREADABLE, FILE_UNWRITABLE (no space for the temporary file), FILE_CORRUPT (damaged),
             UNSUPPORTED (unpacks beyond `longest_file`).
     """
-    folder = tempfile.TemporaryDirectory(prefix="poise-unpacked-")
-    target = Path(folder.name) / path.name.removesuffix(_ENDING)
+    folder = TemporaryFolder()
+    target = folder.path / path.name.removesuffix(_ENDING)
     try:
         size = path.stat().st_size
         with path.open("rb") as source:
@@ -44,14 +44,14 @@ def unpack_file(path: Path) -> tuple[tempfile.TemporaryDirectory[str], Path, lis
         sentence = f"{path} is cut before the end of its first zstd block: copy it again from its source"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence)
     losses = []
-    if expected not in (-1, 2**64 - 1, written):
+    if expected not in _UNKNOWN_SIZES and written < expected:
         sentence = f"{path.name}: the file is cut: {written} of {expected} decompressed bytes were read"
         losses.append(Loss(LossKind.TRUNCATED, size, None, None, sentence, None, path))
     return folder, target, losses
 
 
 def _pieces(path: Path, source: Any, budget: UnpackingBudget) -> Iterator[bytes]:
-    reader = zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(source)
+    reader = zstandard.ZstdDecompressor(max_window_size=1 << 27).stream_reader(source, read_across_frames=True)
     while piece := reader.read(PIECE):
         budget.spend(len(piece))
         yield piece
@@ -95,7 +95,8 @@ class UnpackedBlock:
         data = self.packed.read()
         sizes = self.messages["size"].tolist()
         entries = zip(self.kept["start"].tolist(), self.kept["size"].tolist(), sizes, strict=True)
-        return b"".join(decompress(data[start : start + size], "zstd", length) for start, size, length in entries)
+        unpack = _Unpacker()
+        return b"".join(unpack(data[start : start + size], length) for start, size, length in entries)
 
 
 def unpack_messages(path: Path, contents: Contents[Any]) -> Contents[Any]:
@@ -129,9 +130,10 @@ def _is_packed(block: MessageBlock) -> bool:
 def _unpack(block: MessageBlock, budget: UnpackingBudget) -> UnpackedBlock:
     data, entries = block.read(), block.messages
     longest = longest_chunk(len(data))
+    unpack = _Unpacker()
     sizes = np.zeros(len(entries), dtype=np.int64)
     for number, (start, size) in enumerate(zip(entries["start"].tolist(), entries["size"].tolist(), strict=True)):
-        length = len(_unpacked(data[start : start + size], min(longest, budget.left)))
+        length = len(unpack(data[start : start + size], min(longest, budget.left)))
         budget.spend(length)
         longest -= length
         sizes[number] = length
@@ -140,11 +142,20 @@ def _unpack(block: MessageBlock, budget: UnpackingBudget) -> UnpackedBlock:
     return UnpackedBlock(block, entries[kept], table)
 
 
-def _unpacked(payload: bytes, longest: int) -> bytes:
-    """Decompress one whole message; nothing when it is damaged, cut or unpacks to more than `longest` bytes."""
-    try:
-        expected = zstandard.get_frame_parameters(payload).content_size
-    except zstandard.ZstdError:
-        return b""
-    data = decompress(payload, "zstd", max(longest, 0))
-    return data if expected in (-1, 2**64 - 1, len(data)) and len(data) <= longest else b""
+class _Unpacker:
+    """Decompresses single messages."""
+
+    def __init__(self) -> None:
+        self._zstd = zstandard.ZstdDecompressor()
+
+    def __call__(self, payload: bytes, longest: int) -> bytes:
+        """Return a whole message; nothing when it is damaged, cut or unpacks to more than `longest` bytes."""
+        try:
+            expected = zstandard.get_frame_parameters(payload).content_size
+            if expected in _UNKNOWN_SIZES:
+                data = decompress(payload, "zstd", max(longest, 0))
+            else:
+                data = self._zstd.decompress(payload) if expected <= longest else b""
+        except zstandard.ZstdError:
+            return b""
+        return data if len(data) <= longest else b""

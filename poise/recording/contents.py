@@ -1,9 +1,11 @@
 """What the readers of all formats give: blocks of messages, the topics by their channel numbers, and what was lost."""
 
+import shutil
+import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import mkdtemp
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -14,6 +16,18 @@ from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import MESSAGE, Loss, LossKind, longest_file
 
 _MAX_CHANNELS = 1 << 16  # the channel of a message is an unsigned 16-bit number
+
+
+class TemporaryFolder:
+    """A folder that is deleted when it is no longer referenced, or when Python ends.
+
+    Args (attributes, not to be changed):
+        path: of the folder.
+    """
+
+    def __init__(self) -> None:
+        self.path = Path(mkdtemp(prefix="poise-recording-"))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)
 
 
 class MessageBlock(Protocol):
@@ -51,7 +65,7 @@ class Contents(Generic[BlockT]):
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     losses: list[Loss] = field(default_factory=list)
-    unpacked: TemporaryDirectory[str] | None = None
+    unpacked: TemporaryFolder | None = None
 
     def add_topic(
         self,

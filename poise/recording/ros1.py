@@ -30,12 +30,11 @@ from poise.recording.encoding import definition_of, qos_profile, typestore
 
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
 _CONVERSIONS = {"none": "", "lz4": "lz4", "bz2": "bz2"}
-MESSAGE, BAG_HEADER, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 5, 6, 7
+_MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 5, 6, 7
 _KNOWN_RECORDS = range(2, 8)
 _RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 _LENGTH = struct.Struct("<I")
 _MAX_HEAD = 1 << 20  # bytes; a connection's head holds only its topic and number
-_LATER_CHANNEL = 0  # of a connection whose messages are skipped
 
 
 class Record(NamedTuple):
@@ -165,9 +164,9 @@ class _Scan:
             while len(ROS1_MAGIC) < position < self.size:
                 record = _record_at(self.file, position, self.size)
                 position = record.end
-                if record.op == CHUNK_INFO:
+                if record.op == _CHUNK_INFO:
                     found.append(struct.unpack("<Q", record.fields["chunk_pos"])[0])
-                elif record.op == CONNECTION:
+                elif record.op == _CONNECTION:
                     self._take_connection(record)
             return sorted(found)
         except (FramingError, KeyError, struct.error):
@@ -183,9 +182,9 @@ class _Scan:
         return behind
 
     def _take(self, record: Record, position: int) -> None:
-        if record.op == CONNECTION:
+        if record.op == _CONNECTION:
             self._take_connection(record)
-        elif record.op == CHUNK:
+        elif record.op == _CHUNK:
             self._take_chunk(record, position)
         if record.end > self.size:
             self._resume(position, [])
@@ -268,7 +267,7 @@ class _Scan:
         kept = np.array(sizes, dtype=np.int64) > 0
         if not kept.any():
             return
-        channels = np.array([self.channels.get(number, _LATER_CHANNEL) for number in raw.connections])[kept]
+        channels = np.array([self.channels.get(number, 0) for number in raw.connections])[kept]
         log_times = np.array(raw.log_times, dtype=np.uint64)[kept]
         table = message_table(channels, log_times, np.array(sizes, dtype=np.int64)[kept])
         self.last_log_time = int(log_times[-1])
@@ -327,9 +326,9 @@ def _split_chunk(data: bytes, connect: Connect | None = None) -> RawMessages:
     end = 0
     try:
         for record, content, end in _records(data):  # noqa: B007
-            if record.op == CONNECTION and connect is not None:
+            if record.op == _CONNECTION and connect is not None:
                 connect(record.fields, content)
-            elif record.op == MESSAGE:
+            elif record.op == _MESSAGE:
                 seconds, nanoseconds = struct.unpack("<II", record.fields["time"])
                 raw.connections.append(_LENGTH.unpack(record.fields["conn"])[0])
                 raw.log_times.append(seconds * 10**9 + nanoseconds)

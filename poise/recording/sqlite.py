@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy.typing as npt
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import PIECE, LossKind
-from poise.recording.contents import Contents, message_table, reason_of
+from poise.recording.contents import Contents, TemporaryFolder, message_table, reason_of
 from poise.recording.encoding import definition_of
 from poise.types import Indices
 
@@ -75,7 +74,7 @@ def scan_sqlite(path: Path) -> Contents[RowBlock]:
     """
     try:
         folder = _copy_of_whole_pages(path)
-        file = path if folder is None else Path(folder.name) / path.name
+        file = path if folder is None else folder.path / path.name
         with closing(_connect(file)) as database:
             contents = _Scan(path, file, database).run()
     except sqlite3.Error as error:
@@ -90,7 +89,7 @@ def scan_sqlite(path: Path) -> Contents[RowBlock]:
     return contents
 
 
-def _copy_of_whole_pages(path: Path) -> TemporaryDirectory[str] | None:
+def _copy_of_whole_pages(path: Path) -> TemporaryFolder | None:
     """Copy a file that is cut in the middle of a page without that page, which SQLite would fill up with zeros.
 
     Returns:
@@ -102,9 +101,9 @@ def _copy_of_whole_pages(path: Path) -> TemporaryDirectory[str] | None:
         size = path.stat().st_size
         if size % page_size == 0:
             return None
-        folder = TemporaryDirectory(prefix="poise-pages-")
+        folder = TemporaryFolder()
         file.seek(0)
-        with (Path(folder.name) / path.name).open("wb") as copy:
+        with (folder.path / path.name).open("wb") as copy:
             left = size - size % page_size
             while left and (piece := file.read(min(PIECE, left))):
                 copy.write(piece)

@@ -26,8 +26,8 @@ from poise.robot.motion_buffers import (
     NO_KINEMATICS,
     USED,
     MotionBuffer,
+    PairingReasons,
     PairingSettings,
-    Reasons,
     SmoothedMotion,
     StaticPoseBuffer,
 )
@@ -39,11 +39,11 @@ from poise.robot.scatter import ScatterMeter, scatter
 from poise.robot.shared_buffers import SharedBuffers
 from poise.robot.sources import FrameSource, JointSource, MotionSource, StampedPoses
 from poise.robot.splines import Design, Grid, SplineFit
-from poise.robot.stamped_buffer import JUMP, StampedBuffer, went_back
+from poise.robot.stamped_buffer import CLOCK_JUMP, StampedBuffer, went_back
 from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
-    "JUMP",
+    "CLOCK_JUMP",
     "LAG_STEP",
     "LONGEST_DELAY",
     "NO_KINEMATICS",
@@ -64,8 +64,8 @@ __all__ = [
     "MotionBuffer",
     "MotionSource",
     "Mounting",
+    "PairingReasons",
     "PairingSettings",
-    "Reasons",
     "ResampledSignal",
     "RobotModel",
     "RotationDerivatives",

@@ -21,10 +21,10 @@ from poise.robot.rest import find_rests
 from poise.robot.splines import DEGREE, Design, Grid, SplineFit
 from poise.types import Array, Mask, Stamps
 
-MIN_SAMPLES = 12
+MIN_STRETCH = 12
 """A stretch between gaps that has fewer gets no derivatives: six coefficients and their noise want more."""
 
-GAP = 6.0
+GAP_INTERVALS = 6.0
 """Median sample intervals that make a gap."""
 
 _FASTEST = 300.0
@@ -185,7 +185,7 @@ def differentiate_rotations(
         knot_spacing, gap, within, errors: as `differentiate`.
 
     Raises:
-        InputError: as `differentiate`; NOT_FINITE also when a matrix is no rotation.
+        InputError: as `differentiate`; NOT_FINITE also when a matrix is not a rotation.
     """
     matrices = np.asarray(rotation, dtype=np.float64)
     stamps, _ = _check(stamps, matrices.reshape(len(matrices), -1))
@@ -337,7 +337,7 @@ def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[Stamps, Array]:
         raise InputError(ErrorCode.TIME_BACKWARDS, f"time runs backwards at sample {back[0] + 1}; sort the samples")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
-        raise InputError(ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out the {bad.size} such samples")
+        raise InputError(ErrorCode.NOT_FINITE, f"sample {bad[0]} is not finite; leave out all {bad.size} of them")
     return times, array
 
 
@@ -345,17 +345,17 @@ def _stretches(stamps: Stamps, gap: float | None) -> Iterator[tuple[slice, Array
     """The stretches between gaps that are long enough, with seconds from their first sample."""
     steps = np.diff(stamps) * 1e-9
     positive = steps[steps > 0]
-    limit = gap if gap is not None else GAP * float(np.median(positive)) if positive.size else 0.0
+    limit = gap if gap is not None else GAP_INTERVALS * float(np.median(positive)) if positive.size else 0.0
     edges = [0, *(np.flatnonzero(steps > limit) + 1).tolist(), len(stamps)]
     found = False
     for begin, end in itertools.pairwise(edges):
-        if end - begin >= MIN_SAMPLES and stamps[end - 1] > stamps[begin]:
+        if end - begin >= MIN_STRETCH and stamps[end - 1] > stamps[begin]:
             found = True
             yield slice(begin, end), (stamps[begin:end] - stamps[begin]) * 1e-9
     if not found:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"too few samples to differentiate: of {len(stamps)} no {MIN_SAMPLES} come without a gap of {limit:.3g} s",
+            f"too few samples to differentiate: of {len(stamps)} no {MIN_STRETCH} come without a gap of {limit:.3g} s",
         )
 
 

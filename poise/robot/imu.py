@@ -1,4 +1,4 @@
-"""An inertial measurement unit on the sensor: what a hanging mass feels, measured instead of derived from positions."""
+"""An inertial measurement unit on the sensor: specific force, measured instead of derived from positions."""
 
 import itertools
 from dataclasses import dataclass, replace
@@ -17,13 +17,8 @@ from poise.robot.scatter import scatter
 from poise.robot.sources import StampedPoses
 from poise.types import Array, Stamps
 
-LARGEST_GAP = 0.1
+_LARGEST_GAP = 0.1
 """s between samples across which nothing is interpolated."""
-
-LEVELS = 20
-"""Frames that are climbed in search of the mounting."""
-
-"""(3, 3) rotation and (3,) m translation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +57,7 @@ class Imu:
 
         A point at r feels a + alpha x r + omega x (omega x r).
         """
-        specific = interpolate(self.stamps, self.specific, motion.stamps, max_gap=LARGEST_GAP).values
+        specific = interpolate(self.stamps, self.specific, motion.stamps, max_gap=_LARGEST_GAP).values
         omega, alpha = motion.angular_velocity_in_sensor, motion.angular_acceleration_in_sensor
         by_turning = np.cross(alpha, self.place) + np.cross(omega, np.cross(omega, self.place))
         linear = motion.gravity_in_sensor(gravity) - specific - by_turning
@@ -89,8 +84,8 @@ class ImuSource:
         if not known.any():
             raise InputError(
                 ErrorCode.TOPIC_MISSING,
-                f"{imu.topic} has no angular velocity, and nothing else says how the sensor turned: record tf up to it,"
-                " or joint_states with robot_description",
+                f"{imu.topic} has no angular velocity, and no other topic gives the sensor's attitude: record tf up"
+                " to it, or joint_states with robot_description",
             )
         self._imu = replace(
             imu, stamps=imu.stamps[known], specific=imu.specific[known], angular_velocity=imu.angular_velocity[known]
@@ -123,10 +118,10 @@ class ImuSource:
         return self._imu.applied(motion, np.array([0.0, 0.0, -self._gravity]))
 
     def forget_before(self, stamp: int) -> None:
-        """It is all in memory anyway."""
+        """All samples stay in memory."""
 
     def clear(self) -> None:
-        """Nor does it start over."""
+        """A recorded IMU does not start over."""
 
     def _between(self, begin: int, end: int) -> slice:
         low, high = np.searchsorted(self._imu.stamps, [begin, end + 1])
@@ -134,7 +129,7 @@ class ImuSource:
 
 
 def find_imu(recording: Recording, sensor_frame: str, topic: str = "imu") -> Imu | None:
-    """The IMU that rides on the sensor; None when there is none, or nothing says how it is mounted."""
+    """The IMU that is fixed to the sensor; None when there is none, or its mounting is unknown."""
     try:
         stream = recording.imu(topic)
     except InputError as error:

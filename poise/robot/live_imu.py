@@ -7,7 +7,7 @@ from poise.geometry import Pose
 from poise.robot.frame_tree import FrameTree
 from poise.robot.imu import Imu
 from poise.robot.motion import SensorMotion
-from poise.robot.motion_buffers import NO_KINEMATICS, USED, MotionBuffer, Reasons
+from poise.robot.motion_buffers import NO_KINEMATICS, USED, MotionBuffer, PairingReasons
 from poise.robot.scatter import ScatterMeter
 from poise.robot.stamped_buffer import StampedBuffer
 from poise.types import Array, Stamps
@@ -110,7 +110,7 @@ class MotionWithImu:
         """See `MotionBuffer`."""
         self._track.update(flush)
 
-    def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
+    def pair(self, stamps: Stamps) -> tuple[SensorMotion, PairingReasons]:
         """See `MotionBuffer`."""
         motion, reasons = self._track.pair(stamps)
         motion = self._imu.measured.applied(motion, self._imu.gravity)

@@ -1,4 +1,4 @@
-"""A robot as its force-torque sensor sees it: the joints that move the sensor, and what hangs beyond it."""
+"""The kinematic chain of a robot up to its force-torque sensor, and the load of the links beyond it."""
 
 import difflib
 from collections.abc import Collection, Sequence
@@ -227,7 +227,7 @@ def _build(tree: UrdfTree, base: str) -> pin.Model:
         if base == "fixed":
             return pin.buildModelFromXML(tree.text)
         return pin.buildModelFromXML(tree.text, pin.JointModelFreeFlyer())
-    except Exception as error:  # pinocchio raises any C++ exception; urdfdom prints its reason to stderr
+    except Exception as error:  # any pinocchio exception; urdfdom prints its reason to stderr
         raise InputError(
             ErrorCode.ROBOT_DESCRIPTION_INVALID,
             f"robot description: {tree.name or 'the URDF'} cannot be built ({error}); check_urdf says where",

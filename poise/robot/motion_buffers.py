@@ -1,4 +1,4 @@
-"""The sensor's motion as it becomes known, sample by sample, and a wrench's place in it."""
+"""Buffers of the sensor's motion, filled sample by sample, and the motion at the stamp of a wrench."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import interpolate, interpolate_rotations
-from poise.robot.differentiation import GAP
+from poise.robot.differentiation import GAP_INTERVALS
 from poise.robot.motion import SensorMotion
 from poise.robot.sources import MotionSource
 from poise.types import Array, Mask, Stamps
 
-Reasons = NDArray[np.str_]
+PairingReasons = NDArray[np.str_]
 BEGINNING = -(2**62)
 """ns, before all stamps."""
 USED, MOVING, NO_KINEMATICS, STALE = "", "moving", "no_kinematics", "stale"
@@ -25,7 +25,7 @@ class PairingSettings:
 
     Args:
         max_gap: s between kinematic samples across which nothing is interpolated.
-        rest_gap: the same for attitudes held still: poses that agree are trusted further.
+        rest_gap: s, max_gap for an attitude at rest; equal poses allow a longer gap.
         rest_window: s before and after a sample in which the sensor has to hold still to count as at rest.
         rest_turning: rad/s, and
         rest_speed: m/s below which it does.
@@ -59,7 +59,7 @@ class MotionBuffer(Protocol):
     def update(self, flush: bool = False) -> None:
         """Work out what the source has made possible; `flush`: do not wait for what comes after."""
 
-    def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
+    def pair(self, stamps: Stamps) -> tuple[SensorMotion, PairingReasons]:
         """Motion at stamps (N,), NaN where it is not known, and why one cannot be used (empty: it can)."""
 
     def forget_before(self, stamp: int) -> None:
@@ -90,7 +90,7 @@ class Samples:
             self.stamps, self.rotation = self.stamps[keep:].copy(), self.rotation[keep:].copy()
             self.columns = self.columns[keep:].copy()
 
-    def reasons(self, stamps: Stamps, known: Mask) -> Reasons:
+    def reasons(self, stamps: Stamps, known: Mask) -> PairingReasons:
         """(N,) used where known; else why not."""
         reasons = np.where(known, USED, NO_KINEMATICS).astype("<U16")
         if self.forgotten is not None:
@@ -98,7 +98,7 @@ class Samples:
         return reasons
 
 
-def pair_moving(samples: Samples, stamps: Stamps, gap: float) -> tuple[SensorMotion, Reasons]:
+def pair_moving(samples: Samples, stamps: Stamps, gap: float) -> tuple[SensorMotion, PairingReasons]:
     """Interpolate samples with omega, alpha, a in their columns; across at most `gap` s. See `MotionBuffer.pair`."""
     rotation = interpolate_rotations(samples.stamps, samples.rotation, stamps, max_gap=gap)
     rates = interpolate(samples.stamps, samples.columns, stamps, max_gap=gap)
@@ -127,7 +127,7 @@ class StaticPoseBuffer:
         self._samples.append(poses.stamps, poses.rotation, poses.translation)
         self.decided = newest if flush else newest - _ns(self._settings.rest_window)
 
-    def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
+    def pair(self, stamps: Stamps) -> tuple[SensorMotion, PairingReasons]:
         samples, gap = self._samples, self._settings.rest_gap
         rotation = interpolate_rotations(samples.stamps, samples.rotation, stamps, max_gap=gap)
         turning, speed = self._path(stamps)
@@ -186,7 +186,7 @@ class SmoothedMotion:
             self._work_out(begin, end)
             self._next = end
 
-    def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
+    def pair(self, stamps: Stamps) -> tuple[SensorMotion, PairingReasons]:
         return pair_moving(self._samples, stamps, self._settings.max_gap)
 
     def forget_before(self, stamp: int) -> None:
@@ -218,7 +218,11 @@ class SmoothedMotion:
             return
         steps = np.diff(stamps)
         # What counts as a gap for the differentiation has uncertain edges too.
-        gap = min(_ns(self._settings.max_gap), GAP * float(np.median(steps[steps > 0]))) if np.any(steps > 0) else 0
+        gap = (
+            min(_ns(self._settings.max_gap), GAP_INTERVALS * float(np.median(steps[steps > 0])))
+            if np.any(steps > 0)
+            else 0
+        )
         first, final = _stretch_ends(stamps, gap)
         sure = stamps[(stamps - first >= edge) & (final - stamps >= edge)]
         part = motion.select(np.isin(motion.stamps, sure))

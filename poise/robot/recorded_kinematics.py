@@ -1,4 +1,4 @@
-"""The kinematics of a recording, whichever it has: joint states through a robot model, or a chain of tf frames."""
+"""The kinematics of a recording: joint states through a robot model, or a chain of tf frames."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -143,7 +143,7 @@ def _frame_kinematics(recording: Recording, sensor_frame: str, base_frame: str |
     source = FrameSource(sensor_frame, base_frame)
     streams = frames_above(recording, sensor_frame, base_frame, strict=True)
     still = [is_constant(stream) for stream in streams]
-    if all(still):  # then all is rest, which the samples of the first one may say
+    if all(still):  # nothing moves: keep the samples of the first transform, for their stamps
         still[0] = False
     parts: list[tuple[Stamps, Callable[[slice], None]]] = []
     for stream, fixed in zip(streams, still, strict=True):

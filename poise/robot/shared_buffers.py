@@ -8,7 +8,14 @@ import numpy as np
 from poise.robot.live_imu import LiveImu, MotionWithImu
 from poise.robot.low_latency import LowLatencyMotion
 from poise.robot.motion import SensorMotion
-from poise.robot.motion_buffers import USED, MotionBuffer, PairingSettings, Reasons, SmoothedMotion, StaticPoseBuffer
+from poise.robot.motion_buffers import (
+    USED,
+    MotionBuffer,
+    PairingReasons,
+    PairingSettings,
+    SmoothedMotion,
+    StaticPoseBuffer,
+)
 from poise.robot.sources import MotionSource
 from poise.types import Stamps
 
@@ -80,7 +87,7 @@ class MovingOrStatic:
     def update(self, flush: bool = False) -> None:
         """Nothing to do."""
 
-    def pair(self, stamps: Stamps) -> tuple[SensorMotion, Reasons]:
+    def pair(self, stamps: Stamps) -> tuple[SensorMotion, PairingReasons]:
         motion, reasons = self._moving.pair(stamps)
         rest, at_rest = self._still.pair(stamps)
         held = (reasons != USED) & (at_rest == USED)

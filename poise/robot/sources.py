@@ -20,7 +20,7 @@ from poise.robot.odometry import base_from_odometry
 from poise.robot.stamped_buffer import StampedBuffer, went_back
 from poise.types import Stamps
 
-ODOMETRY_GAP = 0.5
+_ODOMETRY_GAP = 0.5
 """s between samples of odometry across which poses are interpolated."""
 
 
@@ -67,7 +67,7 @@ class MotionSource(Protocol):
 
 
 class JointSource:
-    """Joint states of a robot whose root link is upright and at rest, or moves as odometry says.
+    """Joint states of a robot whose root link is upright and at rest, or is moved by odometry.
 
     Args:
         model: the robot, with its sensor frame; with a floating base, odometry has to be added too.
@@ -158,8 +158,8 @@ class JointSource:
         if self._odometry is None:
             return StampedPoses(pose.rotation, pose.translation, stamps)
         samples, odometry = self._odometry.stamps, self._odometry.rows
-        turns = interpolate_rotations(samples, odometry[:, :9], stamps, max_gap=ODOMETRY_GAP)
-        shifts = interpolate(samples, odometry[:, 9:], stamps, max_gap=ODOMETRY_GAP)
+        turns = interpolate_rotations(samples, odometry[:, :9], stamps, max_gap=_ODOMETRY_GAP)
+        shifts = interpolate(samples, odometry[:, 9:], stamps, max_gap=_ODOMETRY_GAP)
         pose, known = Pose(turns.values, shifts.values) @ pose, turns.found
         return StampedPoses(pose.rotation[known], pose.translation[known], stamps[known])
 

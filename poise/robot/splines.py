@@ -12,7 +12,7 @@ from scipy.linalg import lapack
 from poise.types import Array
 
 DEGREE = 5
-ORDER = DEGREE + 1
+_ORDER = DEGREE + 1
 
 # Row j: coefficients (1, u, ..., u^5) of the j-th B-spline that is not zero on a knot interval, u in [0, 1)
 # (Qin 1998, "General matrix representations for B-splines", degree 5).
@@ -63,9 +63,9 @@ class Grid:
         """Knot interval of each time (N,), and the powers (N, 6) 1, u, ..., u^5 of its place u in it."""
         scaled = (seconds - self.origin) / self.spacing
         start = np.clip(np.floor(scaled).astype(np.intp), 0, self.intervals - 1)
-        powers = np.empty((len(seconds), ORDER))
+        powers = np.empty((len(seconds), _ORDER))
         powers[:, 0] = 1.0
-        for k in range(1, ORDER):
+        for k in range(1, _ORDER):
             np.multiply(powers[:, k - 1], scaled - start, out=powers[:, k])
         return start, powers
 
@@ -105,9 +105,9 @@ class Design:
         if derivative not in self._bands:
             weights = self._weight_rows(derivative)
             gram = self._by_interval(_sums(weights, weights))
-            band = np.zeros((ORDER, self.grid.size))
-            for i in range(ORDER):
-                for j in range(i, ORDER):
+            band = np.zeros((_ORDER, self.grid.size))
+            for i in range(_ORDER):
+                for j in range(i, _ORDER):
                     band[j - i, i : i + self.grid.intervals] += gram[:, i, j]
             self._bands[derivative] = band
         return self._bands[derivative]
@@ -115,7 +115,7 @@ class Design:
     @cached_property
     def ridge(self) -> Array:
         """(6, size) added to the normal matrix, in lower form: settles knot intervals without samples."""
-        band, size = np.zeros((ORDER, self.grid.size)), self.grid.size
+        band, size = np.zeros((_ORDER, self.grid.size)), self.grid.size
         difference = np.array([-1.0, 3.0, -3.0, 1.0])
         strength = _RIDGE * max(len(self.seconds) / self.grid.intervals, 1.0)
         for i in range(4):
@@ -128,13 +128,13 @@ class Design:
         padded = self._padded(values)
         parts = self._by_interval(_sums(self._weight_rows(derivative), padded))
         out = np.zeros((self.grid.size, values.shape[1]))
-        for i in range(ORDER):
+        for i in range(_ORDER):
             out[i : i + self.grid.intervals] += parts[:, i]
         return out
 
     def evaluate(self, coefficients: Array, derivative: int) -> Array:
         """(N, K) B @ coefficients (size, K)."""
-        windows = np.swapaxes(sliding_window_view(coefficients, ORDER, axis=0), 1, 2)[self._interval]
+        windows = np.swapaxes(sliding_window_view(coefficients, _ORDER, axis=0), 1, 2)[self._interval]
         weights = self._weight_rows(derivative)
         rows = weights @ windows if len(weights) < _MANY else np.einsum("rli,rik->rlk", weights, windows)
         return np.asarray(rows.reshape(-1, coefficients.shape[1])[self._slots])
@@ -237,14 +237,14 @@ class SplineFit:
             start, powers = self.grid.locate(seconds)
             polynomials = self.grid.polynomials(derivative)
             weights = powers[:, : polynomials.shape[1]] @ polynomials.T
-            windows = sliding_window_view(self.coefficients, ORDER, axis=0)[start]
+            windows = sliding_window_view(self.coefficients, _ORDER, axis=0)[start]
             value = np.einsum("ni,nki->nk", weights, windows)
         return value + self._offset if derivative == 0 else value
 
     def derivatives(self, seconds: Array) -> Array:
         """(3, M, K) value, first and second derivative at (M,) times."""
         start, weights = self._weights(seconds)
-        values = np.einsum("ndi,nki->dnk", weights, sliding_window_view(self.coefficients, ORDER, axis=0)[start])
+        values = np.einsum("ndi,nki->dnk", weights, sliding_window_view(self.coefficients, _ORDER, axis=0)[start])
         values[0] += self._offset
         return np.asarray(values)
 
@@ -257,7 +257,7 @@ class SplineFit:
     def _weights(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
         """Knot interval (M,) and weights (M, 3, 6) of its six coefficients in value, first and second derivative."""
         start, powers = self.grid.locate(seconds)
-        weights = [powers[:, : ORDER - d] @ self.grid.polynomials(d).T for d in range(3)]
+        weights = [powers[:, : _ORDER - d] @ self.grid.polynomials(d).T for d in range(3)]
         return start, np.stack(weights, axis=1)
 
     @cached_property
@@ -266,13 +266,13 @@ class SplineFit:
 
         The inverse is taken in blocks with enough neighbours for the rest not to matter.
         """
-        windows = np.empty((self.grid.intervals, ORDER, ORDER))
+        windows = np.empty((self.grid.intervals, _ORDER, _ORDER))
         block = 4 * _DECAY
         for left in range(0, self.grid.intervals, block):
             right = min(left + block, self.grid.intervals)
-            low, high = max(left - _DECAY, 0), min(right + ORDER + _DECAY, self.grid.size)
+            low, high = max(left - _DECAY, 0), min(right + _ORDER + _DECAY, self.grid.size)
             inverse = self._inverse(low, high)
-            rows = np.arange(left, right)[:, None] - low + np.arange(ORDER)
+            rows = np.arange(left, right)[:, None] - low + np.arange(_ORDER)
             windows[left:right] = inverse[rows[:, :, None], rows[:, None, :]]
         return windows
 
@@ -310,14 +310,14 @@ def _cholesky(band: Array) -> Array:
 
 def _scaled(band: Array, scale: Array) -> Array:
     later = np.concatenate([scale, np.zeros(DEGREE)])
-    windows = later[np.arange(ORDER)[:, None] + np.arange(len(scale))]
+    windows = later[np.arange(_ORDER)[:, None] + np.arange(len(scale))]
     return np.asarray(band * scale * windows)
 
 
 def _times(band: Array, vectors: Array) -> Array:
     """(size, K) the symmetric matrix of a lower band (6, size) times vectors (size, K)."""
     out = band[0, :, None] * vectors
-    for d in range(1, ORDER):
+    for d in range(1, _ORDER):
         part = band[d, : len(vectors) - d, None]
         out[d:] += part * vectors[:-d]
         out[:-d] += part * vectors[d:]

@@ -5,13 +5,13 @@ from numpy.typing import ArrayLike
 
 from poise.types import Array, Stamps
 
-JUMP = 500_000_000
+CLOCK_JUMP = 500_000_000
 """ns; stamps that go back by more are not late messages: the clock was set, or a recording started over."""
 
 
 def went_back(stamps: Stamps, newest: int | None) -> bool:
     """New stamps (N,) lie so far before the newest one known that the clock must have been set back."""
-    return newest is not None and bool(len(stamps)) and int(stamps[0]) < newest - JUMP
+    return newest is not None and bool(len(stamps)) and int(stamps[0]) < newest - CLOCK_JUMP
 
 
 class StampedBuffer:

@@ -1,4 +1,4 @@
-"""The door for robot descriptions: text that may come from anyone becomes a checked tree of links and joints."""
+"""Robot descriptions as untrusted input: text becomes a checked tree of links and joints."""
 
 import math
 from collections.abc import Iterable
@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 from poise.errors import ErrorCode, InputError
 
-MAX_CHARACTERS = 10_000_000
+_MAX_CHARACTERS = 10_000_000
 """A description without its meshes is some tens of kilobytes."""
 
 
@@ -65,8 +65,8 @@ def read_urdf(path: str | Path) -> str:
         InputError: FILE_UNREADABLE when there is no such file, ROBOT_DESCRIPTION_INVALID when it is too large.
     """
     try:
-        if Path(path).stat().st_size > MAX_CHARACTERS:
-            raise _invalid(f"{path} is larger than {MAX_CHARACTERS} bytes")
+        if Path(path).stat().st_size > _MAX_CHARACTERS:
+            raise _invalid(f"{path} is larger than {_MAX_CHARACTERS} bytes")
         return Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         raise _invalid(f"{path} is not UTF-8 text") from error
@@ -82,8 +82,8 @@ def parse_urdf(text: str) -> UrdfTree:
     Raises:
         InputError: ROBOT_DESCRIPTION_INVALID, saying which link or joint and why.
     """
-    if len(text) > MAX_CHARACTERS:
-        raise _invalid(f"it has more than {MAX_CHARACTERS} characters")
+    if len(text) > _MAX_CHARACTERS:
+        raise _invalid(f"it has more than {_MAX_CHARACTERS} characters")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound and name files
         raise _invalid("it declares a document type or entities; remove them")
     try:
@@ -145,7 +145,7 @@ def _inertials(robot: ElementTree.Element) -> dict[str, Inertial]:
                 float(mass.get("value", "0")),
                 _triple(place.get("xyz", "0 0 0")),
                 _triple(place.get("rpy", "0 0 0")),
-                tuple(float(moments.get(key, "0")) for key in NUMBERS["inertia"]),
+                tuple(float(moments.get(key, "0")) for key in _NUMBERS["inertia"]),
             )
     return found
 
@@ -176,7 +176,7 @@ def _mimics(joints: list[ElementTree.Element]) -> tuple[Mimic, ...]:
     return tuple(found)
 
 
-NUMBERS = {
+_NUMBERS = {
     "mass": ("value",),
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
     "origin": ("xyz", "rpy"),
@@ -190,7 +190,7 @@ def _finite(robot: ElementTree.Element) -> None:
     # urdfdom drops an inertial that it cannot read and goes on without it.
     for owner in [*robot.findall("link"), *robot.findall("joint")]:
         for element in owner.iter():
-            for key in NUMBERS.get(str(element.tag), ()):
+            for key in _NUMBERS.get(str(element.tag), ()):
                 value = element.get(key)
                 if value is not None and not _are_finite(value.split()):
                     raise _invalid(f"{owner.tag} {_name(owner)}: <{element.tag}> has {key}='{value[:40]}'")

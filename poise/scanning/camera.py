@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from poise.errors import ErrorCode, InputError
 from poise.types import Array, Single
 
-MODELS = ("", "plumb_bob", "rational_polynomial")
-COEFFICIENTS = (0, 4, 5, 8)
-LARGEST = 8192
-ROUNDS = 20
+_MODELS = ("", "plumb_bob", "rational_polynomial")
+_COEFFICIENTS = (0, 4, 5, 8)
+_LARGEST = 8192
+_ROUNDS = 20
 """Of the fixed point that undoes the distortion; lenses of depth cameras need fewer than ten."""
 
 
@@ -58,9 +58,9 @@ class Camera:
                 f"camera_info: fx {self.fx:g}, fy {self.fy:g}, cx {self.cx:g}, cy {self.cy:g} are no camera's; an"
                 " uncalibrated driver publishes zeros: calibrate it, or take the camera_info of the aligned depth",
             )
-        if not (0 < self.width <= LARGEST and 0 < self.height <= LARGEST):
+        if not (0 < self.width <= _LARGEST and 0 < self.height <= _LARGEST):
             raise InputError(ErrorCode.BAD_INPUT, f"camera_info: {self.width} x {self.height} pixels are no image")
-        if len(self.distortion) not in COEFFICIENTS:
+        if len(self.distortion) not in _COEFFICIENTS:
             raise InputError(
                 ErrorCode.UNSUPPORTED, f"camera_info: {len(self.distortion)} distortion coefficients; rectify first"
             )
@@ -75,10 +75,10 @@ class Camera:
         bent = tuple(float(value) for value in d)
         if not any(bent):
             bent = ()
-        if bent and model not in MODELS:
+        if bent and model not in _MODELS:
             raise InputError(
                 ErrorCode.UNSUPPORTED,
-                f"camera_info: distortion model {model!r} is not known ({', '.join(MODELS[1:])} are); rectify first",
+                f"camera_info: distortion model {model!r} is not known ({', '.join(_MODELS[1:])} are); rectify first",
             )
         return cls(int(width), int(height), float(k[0]), float(k[4]), float(k[2]), float(k[5]), bent)
 
@@ -90,7 +90,7 @@ class Camera:
         if not self.distortion:
             return seen.astype(np.float32)
         straight = seen.copy()
-        for _ in range(ROUNDS):
+        for _ in range(_ROUNDS):
             straight = straight - (self._bend(straight) - seen)
         return straight.astype(np.float32)
 

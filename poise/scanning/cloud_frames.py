@@ -11,12 +11,12 @@ from poise.scanning.camera import Camera
 from poise.scanning.frames import FARTHEST, NEAREST, SANE, Frame
 from poise.types import Array, Mask
 
-KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-MOST_POINTS = 4_000_000
-LEAST_POINTS = 100
-WIDEST = 1.5
+_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+_MOST_POINTS = 4_000_000
+_LEAST_POINTS = 100
+_WIDEST = 1.5
 """Greatest x/z that a virtual camera takes in."""
-FITS = 1.0
+_FITS = 1.0
 """Pixels that an organised cloud may be off a pinhole camera."""
 
 
@@ -28,17 +28,17 @@ def columns_of(message: Any, name: str) -> dict[str, NDArray[Any]]:
     """
     count = int(message.width) * int(message.height)
     step, data = int(message.point_step), np.frombuffer(message.data, np.uint8)
-    if count > MOST_POINTS:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: {count} points, at most {MOST_POINTS}; thin it out")
+    if count > _MOST_POINTS:
+        raise InputError(ErrorCode.UNSUPPORTED, f"{name}: {count} points, at most {_MOST_POINTS}; thin it out")
     order = ">" if message.is_bigendian else "<"
     places = {str(field.name): (int(field.offset), int(field.datatype)) for field in message.fields}
-    kinds = {key: np.dtype(order + KINDS[kind]) for key, (_, kind) in places.items() if kind in KINDS}
+    kinds = {key: np.dtype(order + _KINDS[kind]) for key, (_, kind) in places.items() if kind in _KINDS}
     ends = [places[key][0] + kind.itemsize for key, kind in kinds.items()]
     if not {"x", "y", "z"} <= kinds.keys() or max(ends, default=0) > step or len(data) < step * count:
         raise InputError(
             ErrorCode.TYPE_MISMATCH,
             f"{name}: {len(data)} bytes for {count} points of {step} with fields {', '.join(places) or 'none'}: a cloud"
-            " has x, y, z and as many bytes as it declares; fix its publisher",
+            " has x, y, z and the number of bytes in its header; fix its publisher",
         )
     rows = data[: step * count].reshape(count, step)
     return {
@@ -57,7 +57,7 @@ def frame_of_cloud(message: Any, name: str = "cloud") -> Frame:
     columns = columns_of(message, name)
     points = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
     finite = np.isfinite(points).all(axis=1) & np.any(points != 0, axis=1)
-    if finite.sum() < LEAST_POINTS:
+    if finite.sum() < _LEAST_POINTS:
         raise InputError(
             ErrorCode.EMPTY, f"{name}: {finite.sum()} of {len(points)} points are finite; is the camera covered?"
         )
@@ -68,7 +68,7 @@ def frame_of_cloud(message: Any, name: str = "cloud") -> Frame:
             ErrorCode.BAD_INPUT, f"{name}: {middle:.0f} is the typical z: these are millimetres; ROS wants metres"
         )
     ahead = finite & (points[:, 2] > NEAREST) & (points[:, 2] < FARTHEST)
-    ahead &= np.all(np.abs(points[:, :2]) < WIDEST * points[:, 2:], axis=1)
+    ahead &= np.all(np.abs(points[:, :2]) < _WIDEST * points[:, 2:], axis=1)
     if ahead.sum() < 0.5 * finite.sum():
         raise InputError(
             ErrorCode.FRAME_UNKNOWN,
@@ -99,7 +99,7 @@ def _camera(points: Array, ahead: Mask, width: int, height: int) -> Camera:
         u, v = (np.flatnonzero(ahead) % width).astype(np.float64), (np.flatnonzero(ahead) // width).astype(np.float64)
         (fx, cx), (fy, cy) = np.polyfit(directions[:, 0], u, 1), np.polyfit(directions[:, 1], v, 1)
         off = np.abs(np.stack([fx * directions[:, 0] + cx - u, fy * directions[:, 1] + cy - v]))
-        if min(fx, fy) > 0 and np.quantile(off, 0.95) < FITS:
+        if min(fx, fy) > 0 and np.quantile(off, 0.95) < _FITS:
             return Camera(width, height, float(fx), float(fy), float(cx), float(cy))
     low, high = np.quantile(directions, 0.001, axis=0), np.quantile(directions, 0.999, axis=0)
     focal = float(np.clip(np.sqrt(0.7 * ahead.sum() / np.prod(np.maximum(high - low, 1e-3))), 50, 2000))

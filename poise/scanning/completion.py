@@ -18,20 +18,20 @@ from poise.scanning.looking import each, look
 from poise.scanning.support import CELL, Footprint
 from poise.types import Array, Mask
 
-VIEWS = 64
+_VIEWS = 64
 """That are asked whether they look through."""
-FREE_VIEWS = 2
-FREE = 0.0007
+_FREE_VIEWS = 2
+_FREE = 0.0007
 """m that views have to see behind a place, on average, for it to be free."""
-NEAR, ALIKE = 2.5, 0.3
-VERY_NEAR, OPPOSITE = 1.3, -0.5
+_NEAR, _ALIKE = 2.5, 0.3
+_VERY_NEAR, _OPPOSITE = 1.3, -0.5
 """Cells from a seen point, and cosine between normals, within which a hidden face is that of the seen surface."""
-THIN = 2.0
+_THIN = 2.0
 """Cells over the table below which every seen point of a top gets its own below it."""
-UNDERSIDE = -0.7
+_UNDERSIDE = -0.7
 """Normal's z below which a face looks at the table."""
-MOST_CELLS = 1_500_000
-SIDES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
+_MOST_CELLS = 1_500_000
+_SIDES = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +43,7 @@ class Completed:
         normals: (M, 3) out of the object.
         area: m2 of the object's surface that they make up.
         hidden: the share of it that this is.
-        hidden_sides: the same of the surface without its underside.
+        hidden_sides: as `hidden`, of the surface without its underside.
         unknown: m2 of the table, inside and beside the object, of which nothing is known at all: glass, or shadow.
         footprint: m2 that the object covers.
     """
@@ -68,7 +68,7 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     """
     axes, plane = footprint.plane.axes, footprint.plane
     placed: Array = plane.placed(surface.points).astype(np.float64)
-    cell = max(cell, float((np.ptp(placed, axis=0).prod() / MOST_CELLS) ** (1 / 3)))  # something large: coarser
+    cell = max(cell, float((np.ptp(placed, axis=0).prod() / _MOST_CELLS) ** (1 / 3)))  # something large: coarser
     low = np.append(placed[:, :2].min(axis=0) - 2 * cell, 0.0)
     shape = np.ceil((placed.max(axis=0) - low) / cell).astype(int) + np.array([3, 3, 1])
     column = np.floor((placed - low) / cell).astype(int)
@@ -82,7 +82,7 @@ def complete(surface: Surface, views: Sequence[View], footprint: Footprint, cell
     points, normals = _faces(solid, low, cell)
     points[points[:, 2] < 0.5 * cell, 2] = 0.0
     hidden = ~_seen_already(points, normals, placed, surface.normals @ axes.T, cell)
-    sides = normals[:, 2] > UNDERSIDE
+    sides = normals[:, 2] > _UNDERSIDE
     shares = float(np.mean(hidden)), float(np.mean(hidden[sides])) if sides.any() else 0.0
     area = float(np.sum(hidden)) * cell**2
     points, normals = _under_thin(points[hidden], normals[hidden], placed, surface.normals @ axes.T, cell)
@@ -95,16 +95,16 @@ def _carved(solid: Mask, views: Sequence[View], axes: Array, offset: float, low:
     """Without the cells behind which the views see on average (a truncated signed distance, as in `fusion`)."""
     index = np.argwhere(solid)
     asked = (low + cell * (index + 0.5) + np.array([0, 0, offset])) @ axes
-    chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, VIEWS).round().astype(int))]
+    chosen = [views[i] for i in np.unique(np.linspace(0, len(views) - 1, _VIEWS).round().astype(int))]
 
     def ask(view: View) -> tuple[Mask, Array]:
         beyond = look(view, asked).beyond
-        known = beyond > -BAND  # deeper is hidden
-        return known, np.where(known, np.minimum(beyond, BAND), 0.0)
+        informative = beyond > -BAND  # deeper is hidden
+        return informative, np.where(informative, np.minimum(beyond, BAND), 0.0)
 
     answers = each(chosen, ask)
     count, distance = (np.sum([part[i] for part in answers], axis=0) for i in (0, 1))
-    free = (count >= min(FREE_VIEWS, len(views))) & (distance > FREE * count)
+    free = (count >= min(_FREE_VIEWS, len(views))) & (distance > _FREE * count)
     carved = solid.copy()
     carved[tuple(index[free].T)] = False
     return carved
@@ -114,7 +114,7 @@ def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:
     """Middles (F, 3) m and normals (F, 3) of the cells' sides that face outwards."""
     padded = np.pad(solid, 1)
     points, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    for side in SIDES:
+    for side in _SIDES:
         outside = ~np.roll(padded, -side, axis=(0, 1, 2))
         index = np.argwhere(padded & outside) - 1
         points.append(low + cell * (index + 0.5 + 0.5 * side))
@@ -124,15 +124,17 @@ def _faces(solid: Mask, low: Array, cell: float) -> tuple[Array, Array]:
 
 def _seen_already(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> Mask:
     """Which faces lie along a surface that was seen."""
-    distance, near = cKDTree(seen).query(points, k=6, distance_upper_bound=NEAR * cell)
+    distance, near = cKDTree(seen).query(points, k=6, distance_upper_bound=_NEAR * cell)
     there = np.isfinite(distance)
     alike = np.einsum("fi,fki->fk", normals, seen_normals[np.where(there, near, 0)])
-    return np.asarray(np.any(there & ((alike > ALIKE) | ((distance < VERY_NEAR * cell) & (alike > OPPOSITE))), axis=1))
+    return np.asarray(
+        np.any(there & ((alike > _ALIKE) | ((distance < _VERY_NEAR * cell) & (alike > _OPPOSITE))), axis=1)
+    )
 
 
 def _under_thin(points: Array, normals: Array, seen: Array, seen_normals: Array, cell: float) -> tuple[Array, Array]:
     """The bottom of thin plates is as dense as their top: else a point without another below it bounds no volume."""
-    below = seen[(seen[:, 2] < THIN * cell) & (seen_normals[:, 2] > -UNDERSIDE)] * [1, 1, 0]
+    below = seen[(seen[:, 2] < _THIN * cell) & (seen_normals[:, 2] > -_UNDERSIDE)] * [1, 1, 0]
     if not len(below):
         return points, normals
     kept = cKDTree(below).query(points)[0] > cell
@@ -141,6 +143,6 @@ def _under_thin(points: Array, normals: Array, seen: Array, seen_normals: Array,
 
 
 def _unknown(footprint: Footprint) -> float:
-    """m2 around and inside the footprint of which no view says anything."""
+    """m2 around and inside the footprint that no view covers."""
     around = ndimage.binary_dilation(footprint.cells, iterations=2)
     return float(np.count_nonzero(around & ~footprint.known)) * CELL**2

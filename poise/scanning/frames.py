@@ -1,4 +1,4 @@
-"""What a camera saw at one moment: a depth image, its colours, where the camera was. Checked at this door."""
+"""What a camera saw at one moment: a depth image, its colours, where the camera was. Validated on input."""
 
 from dataclasses import dataclass, replace
 
@@ -52,7 +52,7 @@ class View:
     sure: bool = True
 
     def moved(self, rotation: Array, translation: Array) -> "View":
-        """The same after a motion of the camera in the world: x -> rotation x + translation."""
+        """The view after a motion of the camera in the world: x -> rotation x + translation."""
         return replace(
             self,
             rotation_world_camera=rotation @ self.rotation_world_camera,
@@ -91,7 +91,8 @@ def depth_in_metres(image: ArrayLike, encoding: str, name: str = "depth image", 
             )
     else:
         raise InputError(
-            ErrorCode.UNSUPPORTED, f"{name}: encoding {encoding!r} is no depth; give 16UC1 (mm) or 32FC1 (m)"
+            ErrorCode.UNSUPPORTED,
+            f"{name}: encoding {encoding!r} is not a depth encoding; give 16UC1 (mm) or 32FC1 (m)",
         )
     depth[(depth < NEAREST) | (depth > FARTHEST)] = 0.0
     return depth

@@ -19,21 +19,21 @@ from poise.scanning.looking import WORKERS, each, look
 from poise.scanning.support import Footprint
 from poise.types import Array, Mask, Single
 
-COARSE, COARSE_PIXELS = 8, 600_000
+COARSE, _COARSE_PIXELS = 8, 600_000
 """Pixels between those of the first look, at the most, and how many it takes of all views together."""
-JUMP = 0.006
+_JUMP = 0.006
 """m between neighbouring pixels from which on they are of different surfaces."""
 BAND = 0.004
 """m before and behind a point within which a measurement is of it."""
 SLANT = 0.35
 """Cosine between normal and ray below which a measurement says little about the surface's place."""
-NEIGHBOURS = 14
-FEWEST_VIEWS = 3
-THROUGH = 0.5
+_NEIGHBOURS = 14
+_FEWEST_VIEWS = 3
+_THROUGH = 0.5
 """Share of the views of a point that may look through it."""
-AGREED = 0.6
+_AGREED = 0.6
 """Share of the object's pixels that views have to agree on: 0.99 did with right poses, 0.75 with some 5 mm off."""
-MOST_STEP = 0.003
+_MOST_STEP = 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Surface:
 def coarse_points(views: Sequence[View], farthest: float) -> Array:
     """(N, 3) m in the world: some pixels of every view, up to `farthest` m from the camera."""
     pixels = sum(view.frame.depth.size for view in views)
-    step = int(np.clip(np.sqrt(pixels / COARSE_PIXELS), 1, COARSE))
+    step = int(np.clip(np.sqrt(pixels / _COARSE_PIXELS), 1, COARSE))
 
     def of_view(view: View) -> Single:
         depth = view.frame.depth[step // 2 :: step, step // 2 :: step]
@@ -87,7 +87,7 @@ def fuse(views: Sequence[View], footprint: Footprint, voxel: float) -> Surface:
     if len(surface.points) < 50:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
-            f"scan: only {len(surface.points)} points of the object are seen alike by {FEWEST_VIEWS} views or more;"
+            f"scan: only {len(surface.points)} points of the object are seen alike by {_FEWEST_VIEWS} views or more;"
             " check that depth and poses fit (hand-eye transform, clocks of camera and joints), or take more views",
         )
     return surface
@@ -136,7 +136,7 @@ def _object_pixels(view: View, footprint: Footprint, voxel: float) -> tuple[Sing
     whole = (middle > 0) & (over > footprint.floor) & (over < footprint.top + 2 * BAND)
     for across, along in ((0, 1), (2, 1), (1, 0), (1, 2)):  # an edge is where a neighbour is far away, or unknown
         neighbour = depth[along : height - 2 + along : step, across : width - 2 + across : step]
-        whole &= np.abs(neighbour - middle) < JUMP
+        whole &= np.abs(neighbour - middle) < _JUMP
     row, column = np.nonzero(whole)
     points = _in_world(view, np.stack([x[row, column], y[row, column]]), middle[row, column])
     placed = plane.placed(points)
@@ -166,9 +166,9 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> 
     seen = each(views, lambda view: _first_look(view, surface.points))
     agree, through = (np.sum([part[i] for part in seen], axis=0) for i in (0, 1))
     toward = np.sum([part[2] for part in seen], axis=0)
-    kept = (agree >= min(FEWEST_VIEWS, len(views))) & (through <= THROUGH * (agree + through))
+    kept = (agree >= min(_FEWEST_VIEWS, len(views))) & (through <= _THROUGH * (agree + through))
     agreed = float(surface.weights[kept].sum() / surface.weights.sum())
-    if agreed < AGREED:
+    if agreed < _AGREED:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"scan: the views agree on {agreed:.0%} of what they show of the object only: the hand-eye transform is not"
@@ -176,13 +176,13 @@ def _averaged(surface: Surface, views: Sequence[View], footprint: Footprint) -> 
             agreed=agreed,
         )
     surface, toward = surface.select(kept), toward[kept]
-    if len(surface.points) <= NEIGHBOURS:
+    if len(surface.points) <= _NEIGHBOURS:
         return surface
     surface = replace(surface, normals=normals_of(surface.points, toward))
     looked = each(views, lambda view: _second_look(view, surface))
     weight = np.sum([part[0] for part in looked], axis=0)
     step = np.sum([part[1] for part in looked], axis=0) / np.maximum(weight, 1e-9)
-    moved = surface.points + np.clip(step, -MOST_STEP, MOST_STEP)[:, None] * surface.normals
+    moved = surface.points + np.clip(step, -_MOST_STEP, _MOST_STEP)[:, None] * surface.normals
     surface = replace(surface, points=moved).select((weight > 0) & (footprint.plane.heights(moved) > footprint.floor))
     return _merged(surface)
 
@@ -208,7 +208,7 @@ def _second_look(view: View, surface: Surface) -> tuple[Array, Array]:
 def normals_of(points: Array, toward: Array) -> Array:
     """(N, 3) of least variance among neighbours, on the side of `toward` (N, 3)."""
     tree = cKDTree(points)
-    near = points[tree.query(points, k=NEIGHBOURS, workers=WORKERS)[1]]
+    near = points[tree.query(points, k=_NEIGHBOURS, workers=WORKERS)[1]]
     near = near - near.mean(axis=1, keepdims=True)
     normals = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near))[1][:, :, 0]
     return np.asarray(normals * np.where(np.einsum("ni,ni->n", normals, toward) < 0, -1.0, 1.0)[:, None])

@@ -12,7 +12,7 @@ from poise.recording import JointStream, Reason, interpolate
 from poise.robot import FrameTree, Mounting, RobotModel, frame_poses, parse_urdf
 from poise.types import Mask
 
-GAP, WIDE_GAP = 0.1, 3.0
+_GAP, _WIDE_GAP = 0.1, 3.0
 """s between joint states across which a pose is trusted, and across which it is guessed."""
 
 
@@ -37,7 +37,7 @@ def hand_eye_of(description: str, camera_frame: str, fixed: Sequence[Mounting]) 
     Args:
         description: URDF.
         camera_frame: of the images.
-        fixed: from tf_static, and given by the user; later ones win.
+        fixed: from tf_static and from the user; later ones take precedence.
 
     Raises:
         InputError: ROBOT_DESCRIPTION_INVALID; FRAME_UNKNOWN when nothing connects the camera to the robot.
@@ -73,8 +73,8 @@ def camera_poses(
     """
     (position,) = model.order(joints.names, joints.position)
     wanted = stamps - round(delay * 1e9)
-    near = interpolate(joints.stamps, position, wanted, max_gap=GAP)
-    wide = interpolate(joints.stamps, position, wanted, max_gap=WIDE_GAP)
+    near = interpolate(joints.stamps, position, wanted, max_gap=_GAP)
+    wide = interpolate(joints.stamps, position, wanted, max_gap=_WIDE_GAP)
     known = wide.found
     at = np.where(known[:, None], wide.values, 0.0)
     rotation, translation = frame_poses(model, at, hand_eye.parent)

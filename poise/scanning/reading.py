@@ -28,9 +28,9 @@ from poise.scanning.poses import CameraPoses, camera_poses, hand_eye_of
 
 MOST_FRAMES = 127
 """As many as the thesis' scan had (section 3.2.4)."""
-TOGETHER = 0.04
+FRAMES_TOGETHER = 0.04
 """s between a depth image and the colours that belong to it."""
-DEPTHS = ("16UC1", "mono16", "32FC1")
+_DEPTHS = ("16UC1", "mono16", "32FC1")
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class SweepOptions:
         depth: topic of a depth image or a PointCloud2; empty: found by its type.
         colour, info: topics; empty: found.
         description: URDF; None: the bag's.
-        hand_eye: the camera's optical frame in a link of the robot; None: what robot_description and tf_static say.
+        hand_eye: the camera's optical frame in a link of the robot; None: from robot_description and tf_static.
         frames: the most that are used, evenly over the sweep.
         unit: m, of integer depth.
         delay: s that the images' stamps are late.
@@ -96,12 +96,12 @@ def place(
     joints_of: Callable[[tuple[str, ...]], JointStream],
     options: SweepOptions,
 ) -> Sweep:
-    """Give frames their poses; frames without one are left out and reported.
+    """Give frames their poses; those without are left out and reported.
 
     Args:
         frames: of one camera.
         description: URDF.
-        fixed: the transforms of tf_static.
+        fixed: from tf_static.
         joints_of: the states of joints by their names.
         options: `hand_eye` and `delay` count here.
 
@@ -149,13 +149,13 @@ def find_topics(recording: Recording, options: SweepOptions) -> dict[str, str]:
     """Which topics carry what: depth (or a cloud), camera info, and colours ("" without).
 
     Raises:
-        InputError: TOPIC_MISSING, naming what there is.
+        InputError: TOPIC_MISSING, naming the topics of the bag.
     """
     if options.depth and recording.topic(options.depth).type == CLOUD:
         return {"kind": CLOUD, "depth": recording.topic(options.depth).name, "colour": "", "info": ""}
     images = [name for name, kind in recording.topics.items() if kind == IMAGE and recording.counts[name]]
     encodings = {name: str(next(messages_of(recording, name)).encoding) for name in images}
-    depths = [name for name in images if encodings[name] in DEPTHS]
+    depths = [name for name in images if encodings[name] in _DEPTHS]
     depth = recording.topic(options.depth, IMAGE).name if options.depth else _best(depths, ("aligned", "depth"))
     if not depth:
         clouds = [name for name, kind in recording.topics.items() if kind == CLOUD and recording.counts[name]]
@@ -253,7 +253,7 @@ def _colours(recording: Recording, topic: str, chosen: NDArray[np.int64]) -> dic
     wanted: dict[int, list[int]] = {}
     for stamp in chosen.tolist():
         nearest = int(stamps[np.argmin(np.abs(stamps - stamp))])
-        if abs(nearest - stamp) < TOGETHER * 1e9:
+        if abs(nearest - stamp) < FRAMES_TOGETHER * 1e9:
             wanted.setdefault(nearest, []).append(stamp)
     found = {}
     for message in messages_of(recording, topic):

@@ -17,16 +17,16 @@ from poise.scanning.looking import each, look
 from poise.scanning.support import Footprint, Plane
 from poise.types import Array
 
-SURE, UNSURE = (1.5e-3, np.deg2rad(0.3)), (2e-2, np.deg2rad(3.0))
+_SURE, _UNSURE = (1.5e-3, np.deg2rad(0.3)), (2e-2, np.deg2rad(3.0))
 """One sigma, m and rad, of a pose by kinematics, and of one interpolated over a gap."""
-NOISE = 2e-3
+_NOISE = 2e-3
 """m, one sigma of a distance; more than the camera's own, as neighbouring pixels err alike."""
-GATES = (0.02, 0.012, 0.008, 0.005, 0.004)
+_GATES = (0.02, 0.012, 0.008, 0.005, 0.004)
 """m: pairs farther apart are none; one round each."""
-MODEL_VIEWS, MODEL_POINTS = 32, 1500
+_MODEL_VIEWS, _MODEL_POINTS = 32, 1500
 MISFIT = 7e-4
 """m: spread of the table between views from which on poses are refined."""
-LEAST = 60
+_LEAST = 60
 """Pairs below which a view is left alone."""
 
 
@@ -44,9 +44,9 @@ def refined(views: Sequence[View], footprint: Footprint, voxel: float) -> tuple[
         InputError: as `fuse`.
     """
     sure = [view for view in views if view.sure] or list(views)
-    chosen = [sure[i] for i in np.unique(np.linspace(0, len(sure) - 1, MODEL_VIEWS).round().astype(int))]
+    chosen = [sure[i] for i in np.unique(np.linspace(0, len(sure) - 1, _MODEL_VIEWS).round().astype(int))]
     model = fuse(chosen, footprint, 1.5 * voxel)
-    few = np.random.default_rng(0).permutation(len(model.points))[:MODEL_POINTS]
+    few = np.random.default_rng(0).permutation(len(model.points))[:_MODEL_POINTS]
     model = model.select(np.sort(few))
     middle = model.points.mean(axis=0)
     moved = each(views, lambda view: _fit(view, model, middle, footprint.plane))
@@ -62,13 +62,13 @@ def refined(views: Sequence[View], footprint: Footprint, voxel: float) -> tuple[
 
 def _fit(view: View, model: Surface, middle: Array, plane: Plane) -> View:
     """Gauss-Newton over the six motions of a camera, turned about the object."""
-    place, turn = SURE if view.sure else UNSURE
-    prior = NOISE**2 / np.repeat([turn, place], 3) ** 2
+    place, turn = _SURE if view.sure else _UNSURE
+    prior = _NOISE**2 / np.repeat([turn, place], 3) ** 2
     total = np.zeros(6)
     start, now = view, view
-    for gate in GATES:
+    for gate in _GATES:
         rows, distances, weights = _pairs(now, model, middle, plane, gate)
-        if len(rows) < LEAST:
+        if len(rows) < _LEAST:
             return view
         weighted = rows * weights[:, None]
         system = weighted.T @ rows + np.diag(prior)
@@ -94,7 +94,7 @@ def _pairs(view: View, model: Surface, middle: Array, plane: Plane, gate: float)
     normals = np.concatenate([normals, np.tile(plane.normal, (len(table), 1))])
     distances = np.concatenate([(along * looked.beyond)[kept], plane.heights(table)])
     weights = (1 - np.minimum(np.abs(distances) / gate, 1) ** 2) ** 2
-    weights[len(on_object) :] *= min(1.0, max(len(on_object), LEAST) / max(len(table), 1))
+    weights[len(on_object) :] *= min(1.0, max(len(on_object), _LEAST) / max(len(table), 1))
     return np.hstack([np.cross(points, normals), normals]), distances, weights
 
 

@@ -16,13 +16,13 @@ from poise.scanning.support import Footprint, Plane, find_plane, objects_on
 from poise.shape import Solid
 from poise.types import Array, Cancelled, Mask, Progress
 
-LEAST_DEPTH = 0.05
+_LEAST_DEPTH = 0.05
 """Share of the pixels that have to have depth, in the middle one of the frames."""
-UNKNOWN_ERROR, UNKNOWN_NOTE, UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
+_UNKNOWN_ERROR, _UNKNOWN_NOTE, _UNKNOWN_LEAST = 0.15, 0.04, 1.5e-4
 """Shares of the footprint, and m2, of which nothing is known."""
-SIDES_ERROR, SIDES_NOTE = 0.35, 0.12
+_SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
 """Shares of the surface, without its underside, that no view saw."""
-THICK = 2e-3
+_THICK = 2e-3
 HIDDEN_OFF = 2e-3
 """m that completed surface is off: 1.0 to 2.7 on the tools of benchmarks/scanning.py, nearly always outwards."""
 
@@ -53,7 +53,7 @@ class ScanOptions:
     seed: int = 0
 
 
-DEFAULT = ScanOptions()
+DEFAULT_SCAN = ScanOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class Scan:
 
 def scan(
     views: Sequence[View],
-    options: ScanOptions = DEFAULT,
+    options: ScanOptions = DEFAULT_SCAN,
     progress: Progress = lambda share: None,
     cancelled: Cancelled = lambda: False,
 ) -> Scan:
@@ -129,7 +129,7 @@ def scan(
         notes.append(f"poses were refined: by {typical:.1f} mm (median), {1e3 * moved:.1f} mm at most")
         reach(0.4)
         plane, footprint, n_objects, notes[:-1] = _look(views, options)
-    if plane.thickness > THICK:
+    if plane.thickness > _THICK:
         notes.append(
             f"the table is seen {1e3 * plane.thickness:.1f} mm thick: the hand-eye transform does not fit, or the"
             " clocks of camera and joint_states"
@@ -162,11 +162,11 @@ def _wants_refinement(views: Sequence[View], plane: Plane, options: ScanOptions)
 
 
 def _check_depth(views: Sequence[View], options: ScanOptions) -> None:
-    """Say what is wrong with depth that cannot be used at all."""
+    """Report depth that cannot be used."""
     if not views:
         raise InputError(ErrorCode.EMPTY, "scan: there is no view; record depth, camera_info and joint_states together")
     shares = [float(np.mean(view.frame.depth > 0)) for view in views]
-    if np.median(shares) < LEAST_DEPTH:
+    if np.median(shares) < _LEAST_DEPTH:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"scan: only {np.median(shares):.0%} of the pixels have depth (in the middle one of {len(views)} views); a"
@@ -183,7 +183,7 @@ def _check_depth(views: Sequence[View], options: ScanOptions) -> None:
 
 
 def _look(views: Sequence[View], options: ScanOptions) -> tuple[Plane, Footprint, int, list[str]]:
-    """The table, the object's place on it, how many stand there, and what to say about that."""
+    """The table, the object's place on it, how many stand there, and notes."""
     points = coarse_points(views, options.farthest)
     up = np.array(options.up) / np.linalg.norm(options.up)
     plane = find_plane(points, up, np.random.default_rng(options.seed))
@@ -221,7 +221,7 @@ def _judge(hidden: Completed) -> list[str]:
         InputError: SCAN_INCOMPLETE when that is too much.
     """
     unknown = hidden.unknown / hidden.footprint
-    if hidden.unknown > UNKNOWN_LEAST and unknown > UNKNOWN_ERROR:
+    if hidden.unknown > _UNKNOWN_LEAST and unknown > _UNKNOWN_ERROR:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"scan: of {1e4 * hidden.unknown:.1f} cm2 in and beside the object ({unknown:.0%} of its footprint) no view"
@@ -230,9 +230,9 @@ def _judge(hidden: Completed) -> list[str]:
             unknown=hidden.unknown,
         )
     notes = []
-    if hidden.unknown > UNKNOWN_LEAST and unknown > UNKNOWN_NOTE:
+    if hidden.unknown > _UNKNOWN_LEAST and unknown > _UNKNOWN_NOTE:
         notes.append(f"{1e4 * hidden.unknown:.1f} cm2 in and beside the object gave no depth in any view")
-    if hidden.hidden_sides > SIDES_ERROR:
+    if hidden.hidden_sides > _SIDES_ERROR:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"scan: {hidden.hidden_sides:.0%} of the object's sides were not seen; sweep the camera all around it, and"
@@ -240,6 +240,6 @@ def _judge(hidden: Completed) -> list[str]:
             sides=hidden.hidden_sides,
         )
     notes.append(f"{hidden.hidden:.0%} of the surface was not seen and completed down to the table")
-    if hidden.hidden_sides > SIDES_NOTE:
+    if hidden.hidden_sides > _SIDES_NOTE:
         notes.append(f"{hidden.hidden_sides:.0%} of its sides are guessed: sweep the camera all around it, and lower")
     return notes

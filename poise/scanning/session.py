@@ -11,12 +11,12 @@ from poise.recording import Image, JointStream
 from poise.robot import Mounting
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame
-from poise.scanning.reading import MOST_FRAMES, TOGETHER, Sweep, SweepOptions, frame_of, place
+from poise.scanning.reading import FRAMES_TOGETHER, MOST_FRAMES, Sweep, SweepOptions, frame_of, place
 from poise.scanning.scan import Scan, ScanOptions, scan
 from poise.types import Cancelled, Progress
 
-COLOURS_KEPT = 20
-MOST_STATES = 50_000
+_COLOURS_KEPT = 20
+_MOST_STATES = 50_000
 STATIONARY_FRAMES = 8
 """Of a camera that stands still: more only average its noise."""
 
@@ -28,7 +28,7 @@ class SessionOptions:
     Args:
         frames: how many.
         period: s between frames, at the least.
-        duration: s after which it goes on with what there is.
+        duration: s after which it continues with the frames it has.
         patience: s without a (further) frame after which it does.
     """
 
@@ -44,12 +44,14 @@ class RobotLog:
     def __init__(self) -> None:
         self.description = ""
         self.fixed: dict[str, Mounting] = {}
-        self._states: deque[tuple[int, dict[str, float]]] = deque(maxlen=MOST_STATES)
+        self._states: deque[tuple[int, dict[str, float]]] = deque(maxlen=_MOST_STATES)
 
     def add_joint_state(self, stamp: int, names: Sequence[str], position: Sequence[float]) -> None:
         """Take in a joint state; one without positions is left out."""
         if names and len(names) == len(position):
-            if self._states and stamp < self._states[-1][0] - 10**9:  # the clock was set back, or a bag restarted
+            if (
+                self._states and stamp < self._states[-1][0] - 10**9
+            ):  # a clock that was set back, a bag that started over
                 self._states.clear()
             self._states.append((stamp, dict(zip(names, position, strict=True))))
 
@@ -96,7 +98,7 @@ class ScanSession:
         self._camera: Camera | None = None
         self._depths: list[Image] = []
         self._clouds: list[Frame] = []
-        self._colours: deque[Image] = deque(maxlen=COLOURS_KEPT)
+        self._colours: deque[Image] = deque(maxlen=_COLOURS_KEPT)
         self._paired: dict[int, Image] = {}
         self.problem: InputError | None = None
         """What was wrong with the last message that could not be used."""
@@ -137,7 +139,7 @@ class ScanSession:
     def add_colour(self, image: Image) -> None:
         """Take in a colour image; it may come before or after the depth it belongs to."""
         self._colours.append(image)
-        for depth in self._depths[-COLOURS_KEPT:]:
+        for depth in self._depths[-_COLOURS_KEPT:]:
             self._pair(depth.stamp)
 
     def _wanted(self, stamp: int) -> bool:
@@ -147,7 +149,7 @@ class ScanSession:
     def _pair(self, stamp: int) -> None:
         near = min(self._colours, key=lambda image: abs(image.stamp - stamp), default=None)
         best = self._paired.get(stamp)
-        if near is None or abs(near.stamp - stamp) > TOGETHER * 1e9:
+        if near is None or abs(near.stamp - stamp) > FRAMES_TOGETHER * 1e9:
             return
         if best is None or abs(near.stamp - stamp) < abs(best.stamp - stamp):
             self._paired[stamp] = near

@@ -1,4 +1,4 @@
-"""The table an object lies on: found with the help of gravity, and separated from what stands on it."""
+"""The table under an object, found with gravity, and the separate objects on it."""
 
 from dataclasses import dataclass
 
@@ -10,28 +10,28 @@ from poise.errors import ErrorCode, InputError
 from poise.scanning.camera import rotated
 from poise.types import Array, Indices, Mask
 
-TILT = np.deg2rad(12.0)
+_TILT = np.deg2rad(12.0)
 """A table leans no more than this against gravity."""
 NEAR = 0.006
 """m from a plane within which points count for it, before its noise is known."""
-LEAST_SHARE = 0.15
+_LEAST_SHARE = 0.15
 """Of the points, that have to lie in the support plane."""
-THICKEST = 0.003
-"""m, one sigma: more is no plane, but a slice of something."""
-SAMPLE, TRIES = 6000, 400
-FITTED = 100_000
+_THICKEST = 0.003
+"""m, one sigma: a larger value is not a plane but a cut through a body."""
+_SAMPLE, _TRIES = 6000, 400
+_FITTED = 100_000
 CELL = 0.003
 """m, of the height map."""
-LOWEST = 0.0008
+_LOWEST = 0.0008
 """m: what rises less over the table is the table."""
-TALLEST = 0.6
-LEAST_AREA = 6e-5
-"""m2: what is smaller is no object."""
-MOST = 50
-"""Objects that are separated, the largest."""
-JOIN = 2
+_TALLEST = 0.6
+_LEAST_AREA = 6e-5
+"""m2: smaller clusters are not objects."""
+_MOST = 50
+"""Number of objects that are distinguished, the largest."""
+_JOIN = 2
 """Cells between two pieces of one object that may be empty."""
-_ADVICE = (
+_REMEDY = (
     "put the object on a table that the camera sees around it, and check that the base frame's z is up and that the"
     " hand-eye transform is the camera's"
 )
@@ -76,35 +76,35 @@ def find_plane(points: Array, up: Array, rng: np.random.Generator) -> Plane:
     Raises:
         InputError: SCAN_INCOMPLETE when there is none.
     """
-    few = points[rng.choice(len(points), min(SAMPLE, len(points)), replace=False)] if len(points) else points
+    few = points[rng.choice(len(points), min(_SAMPLE, len(points)), replace=False)] if len(points) else points
     if len(few) < 100:
         raise InputError(
-            ErrorCode.SCAN_INCOMPLETE, f"scan: only {len(few)} points have depth, no support plane shows; {_ADVICE}"
+            ErrorCode.SCAN_INCOMPLETE, f"scan: only {len(few)} points have depth, no support plane shows; {_REMEDY}"
         )
-    corners = few[rng.integers(len(few), size=(TRIES, 3))]
+    corners = few[rng.integers(len(few), size=(_TRIES, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1)
     corners, normals = corners[length > 1e-6], normals[length > 1e-6] / length[length > 1e-6, None]
     normals *= np.where(normals @ up < 0, -1.0, 1.0)[:, None]
     apart = np.abs(few @ normals.T - np.einsum("ti,ti->t", normals, corners[:, 0]))
     shares = np.mean(apart < NEAR, axis=0)
-    level = normals @ up > np.cos(TILT)
+    level = normals @ up > np.cos(_TILT)
     best = int(np.argmax(np.where(level, shares, -1.0))) if level.any() else -1
-    if best < 0 or shares[best] < LEAST_SHARE:
+    if best < 0 or shares[best] < _LEAST_SHARE:
         other = int(np.argmax(shares))
         lean = np.rad2deg(np.arccos(np.clip(normals[other] @ up, -1, 1)))
-        found = f"the largest plane leans by {lean:.0f} deg" if shares[other] > LEAST_SHARE else "there is no plane"
-        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {found}; {_ADVICE}")
+        found = f"the largest plane leans by {lean:.0f} deg" if shares[other] > _LEAST_SHARE else "there is no plane"
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {found}; {_REMEDY}")
     plane = _fitted(points, normals[best], float(normals[best] @ corners[best, 0]))
-    if plane.thickness > THICKEST:
+    if plane.thickness > _THICKEST:
         thick = f"what is about level is {1e3 * plane.thickness:.0f} mm thick"
-        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {thick}; {_ADVICE}")
+        raise InputError(ErrorCode.SCAN_INCOMPLETE, f"scan: no support plane: {thick}; {_REMEDY}")
     return plane
 
 
 def _fitted(points: Array, normal: Array, offset: float) -> Plane:
     """Least squares on what is near the plane, three times over."""
-    points = points[:: max(len(points) // FITTED, 1)]
+    points = points[:: max(len(points) // _FITTED, 1)]
     near = NEAR
     for _ in range(3):
         inside = points[np.abs(Plane(normal, offset, near).heights(points)) < near]
@@ -164,7 +164,7 @@ def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
     """
     placed = plane.placed(points)
     flat, heights = placed[:, :2].astype(np.float64), placed[:, 2].astype(np.float64)
-    over = (heights > -0.03) & (heights < TALLEST)
+    over = (heights > -0.03) & (heights < _TALLEST)
     flat, heights = flat[over], heights[over]
     low = np.quantile(flat, 0.001, axis=0) - CELL
     high = np.minimum(np.quantile(flat, 0.999, axis=0) + CELL, low + 4.0)
@@ -176,7 +176,7 @@ def objects_on(points: Array, plane: Plane) -> tuple[list[Footprint], Array]:
     mean = np.bincount(number, heights, minlength=len(count)) / np.maximum(count, 1)
     level = mean[(count > 2) & (np.abs(mean) < NEAR)]
     spread = 1.4826 * float(np.median(np.abs(level))) if len(level) else plane.thickness
-    floor = max(LOWEST, 3 * spread)
+    floor = max(_LOWEST, 3 * spread)
     known = (count > 0).reshape(shape)
     raised = ((count > 1) & (mean > floor)).reshape(shape)
     return _things(plane, low, raised, known, (number, heights), floor)
@@ -187,9 +187,9 @@ def _things(
 ) -> tuple[list[Footprint], Array]:
     """Footprints of the pieces of a height map."""
     raised = ndimage.binary_opening(raised, np.ones((2, 2)))
-    labels, _ = ndimage.label(ndimage.binary_dilation(raised, iterations=JOIN), np.ones((3, 3)))
+    labels, _ = ndimage.label(ndimage.binary_dilation(raised, iterations=_JOIN), np.ones((3, 3)))
     areas = np.bincount(labels[raised], minlength=labels.max() + 1) * CELL**2
-    order = [piece for piece in np.argsort(-areas[1:], kind="stable")[:MOST] + 1 if areas[piece] >= LEAST_AREA]
+    order = [piece for piece in np.argsort(-areas[1:], kind="stable")[:_MOST] + 1 if areas[piece] >= _LEAST_AREA]
     if not order:
         raise InputError(
             ErrorCode.EMPTY,

@@ -9,11 +9,11 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.robot import RobotModel, frame_poses
 from poise.types import Array
 
-TOLERANCE, OFF_AXIS = 0.03, 0.15
+_TOLERANCE, _OFF_AXIS = 0.03, 0.15
 """m that the camera may be off its place, and rad that it may look past the object."""
-HELD = 0.02
+_HELD = 0.02
 """Weight of staying near the last joint positions against 1 m of distance, per rad."""
-STARTS = 12
+_STARTS = 12
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def plan_sweep(
         NoAnswerError: UNREACHABLE, naming the first place that the camera cannot stand at.
     """
     low, high = np.maximum(model.lower, -2 * np.pi) + 1e-3, np.minimum(model.upper, 2 * np.pi) - 1e-3
-    starts = [start, *np.random.default_rng(0).uniform(low, high, (STARTS - 1, len(low)))]
+    starts = [start, *np.random.default_rng(0).uniform(low, high, (_STARTS - 1, len(low)))]
 
     def eye(joints: Array) -> tuple[Array, Array]:
         rotation, translation = frame_poses(model, joints[None], hand_frame)
@@ -80,13 +80,13 @@ def plan_sweep(
     def reaches(place: Array, joints: Array) -> bool:
         rotation, translation = eye(joints)
         cosine = rotation[:, 2] @ (point - translation) / np.linalg.norm(point - translation)
-        return bool(np.linalg.norm(translation - place) < TOLERANCE and cosine > np.cos(OFF_AXIS))
+        return bool(np.linalg.norm(translation - place) < _TOLERANCE and cosine > np.cos(_OFF_AXIS))
 
     firsts = [joints for near in starts if reaches(places[0], joints := find(places[0], near, 1e-3))]
     for first in sorted(firsts, key=lambda joints: float(np.abs(joints - start).max())):
         path = [first]
         for place in places[1:]:
-            path.append(find(place, path[-1], HELD))
+            path.append(find(place, path[-1], _HELD))
             if not reaches(place, path[-1]):
                 break
         else:

@@ -15,21 +15,21 @@ from poise.errors import ErrorCode, InputError
 from poise.shape.solid import FACES, Solid, tetrahedron_volumes
 from poise.types import Array, Indices
 
-BALL = 2.4
+_BALL = 2.4
 """Radius of the ball in spacings of the points: it passes no hole of random sampling, yet enters what is concave."""
-SPREAD = (2.1, 3.0)
+_SPREAD = (2.1, 3.0)
 """Radii, in spacings, between which the volume is taken as uncertain."""
-NEIGHBOURS = 6
-LEAK = 0.6
+_NEIGHBOURS = 6
+_LEAK = 0.6
 """A ball that finds less than this share of the volume which a larger ball leaves has found a hole in the sampling."""
-LEAK_BALLS = (2.8, 3.2, 4.0)
-FEWEST_POINTS = 20
-TINY = 1e-30
+_LEAK_BALLS = (2.8, 3.2, 4.0)
+_FEWEST_POINTS = 20
+_TINY = 1e-30
 
 
 def spacing_of(points: Array) -> float:
     """Typical distance between neighbouring points (N, 3): the median of the mean over six neighbours, m."""
-    distances = cKDTree(points).query(points, k=NEIGHBOURS + 1)[0]
+    distances = cKDTree(points).query(points, k=_NEIGHBOURS + 1)[0]
     return float(np.median(distances[:, 1:].mean(axis=1)))
 
 
@@ -43,7 +43,7 @@ def carve(points: Array, spacing: float | None = None) -> Solid:
     Raises:
         InputError: SCAN_INCOMPLETE for too few points, MESH_INVALID when they enclose no volume.
     """
-    if len(points) < FEWEST_POINTS:
+    if len(points) < _FEWEST_POINTS:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE, f"cloud: {len(points)} points are too few for a surface; scan it again"
         )
@@ -65,11 +65,11 @@ def carve(points: Array, spacing: float | None = None) -> Solid:
     def volume(ball: float) -> float:
         return float(volumes[reach <= ball].sum())
 
-    ball = max([BALL, *(larger for larger in LEAK_BALLS if volume(BALL) < LEAK * volume(larger))])
+    ball = max([_BALL, *(larger for larger in _LEAK_BALLS if volume(_BALL) < _LEAK * volume(larger))])
     kept = np.flatnonzero((reach <= ball) & (volumes > 0))
     if not len(kept):
         raise InputError(ErrorCode.MESH_INVALID, "cloud: the points enclose no volume; scan all sides of the object")
-    low, high = (volume(ball / BALL * limit) for limit in SPREAD)
+    low, high = (volume(ball / _BALL * limit) for limit in _SPREAD)
     number = np.full(len(tetrahedra) + 1, -1)
     number[kept] = np.arange(len(kept))
     return Solid(points, tetrahedra[kept], number[neighbours[kept]], volume_std=(high - low) / 2)
@@ -92,7 +92,7 @@ def _reach(corners: Array, neighbours: Indices) -> Array:
     inner, outer, width = inner[widest], outer[widest], width[widest]
     first = np.append(True, (np.diff(inner) != 0) | (np.diff(outer) != 0))
     narrowness = coo_array(
-        (1 / np.maximum(width[first], TINY), (inner[first], outer[first])), shape=(n_tetrahedra + 1,) * 2
+        (1 / np.maximum(width[first], _TINY), (inner[first], outer[first])), shape=(n_tetrahedra + 1,) * 2
     )
     tree = minimum_spanning_tree(narrowness.tocsr())
     order, parent = breadth_first_order(tree, n_tetrahedra, directed=False)
@@ -109,7 +109,7 @@ def _circumradius_of_triangles(corners: Array) -> Array:
     """(F,) m, of triangles (F, 3, 3)."""
     a, b, c = (np.linalg.norm(corners[:, i] - corners[:, j], axis=1) for i, j in ((1, 2), (0, 2), (0, 1)))
     doubled_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return np.asarray(a * b * c / np.maximum(2 * doubled_area, TINY))
+    return np.asarray(a * b * c / np.maximum(2 * doubled_area, _TINY))
 
 
 def _circumradius_of_tetrahedra(corners: Array) -> Array:
@@ -122,4 +122,4 @@ def _circumradius_of_tetrahedra(corners: Array) -> Array:
         + squares[:, 2:] * np.cross(edges[:, 0], edges[:, 1])
     )
     six_volumes = np.einsum("ij,ij->i", edges[:, 0], np.cross(edges[:, 1], edges[:, 2]))
-    return np.asarray(np.linalg.norm(normal, axis=1) / np.maximum(2 * np.abs(six_volumes), TINY))
+    return np.asarray(np.linalg.norm(normal, axis=1) / np.maximum(2 * np.abs(six_volumes), _TINY))

@@ -11,17 +11,17 @@ from poise.errors import ErrorCode, InputError
 from poise.types import Array
 
 MAX_POINTS = 5_000_000
-MAX_HEADER = 65_536
-PLY_TYPES = {
+_MAX_HEADER = 65_536
+_PLY_TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
     "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
     "double": "f8", "float64": "f8",
 }  # fmt: skip
-COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_COLOURS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class CloudTable:
     """Columns of a file.
 
     Args:
@@ -52,7 +52,7 @@ class PlyHeader:
 
 def read_ply_header(content: bytes, name: str) -> PlyHeader:
     """Raises FILE_CORRUPT for what is no PLY header."""
-    end = re.search(rb"end_header[ \t]*\r?\n", content[:MAX_HEADER])
+    end = re.search(rb"end_header[ \t]*\r?\n", content[:_MAX_HEADER])
     if not content.startswith(b"ply") or end is None:
         raise corrupt(name, "it has no PLY header")
     encoding = ""
@@ -64,17 +64,17 @@ def read_ply_header(content: bytes, name: str) -> PlyHeader:
             elements.append((words[1], _count(words[2], name), []))
         elif words[:1] == ["property"] and len(words) >= 3 and elements:
             kinds = words[2:4] if words[1] == "list" else words[1:2]
-            if any(kind not in PLY_TYPES for kind in kinds):
+            if any(kind not in _PLY_TYPES for kind in kinds):
                 raise corrupt(name, f"a property has the unknown type {' '.join(words[1:-1])!r}")
-            length = PLY_TYPES[kinds[0]] if words[1] == "list" else ""
-            elements[-1][2].append((words[-1], PLY_TYPES[kinds[-1]], length))
+            length = _PLY_TYPES[kinds[0]] if words[1] == "list" else ""
+            elements[-1][2].append((words[-1], _PLY_TYPES[kinds[-1]], length))
     orders = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
     if encoding not in orders:
         raise corrupt(name, f"the format {encoding!r} is none of {', '.join(orders)}")
     return PlyHeader(orders[encoding], elements, end.end())
 
 
-def read_ply(content: bytes, name: str) -> Table:
+def read_ply(content: bytes, name: str) -> CloudTable:
     """The vertices of a PLY file; its faces are only counted."""
     header = read_ply_header(content, name)
     if not header.elements or header.elements[0][0] != "vertex":
@@ -98,9 +98,9 @@ def read_ply_vertices(content: bytes, header: PlyHeader, name: str) -> tuple[dic
     return _binary_columns(body, names, kinds, count, name), body[length:]
 
 
-def read_pcd(content: bytes, name: str) -> Table:
+def read_pcd(content: bytes, name: str) -> CloudTable:
     """A PCD file, DATA ascii or binary; `rgb` is unpacked."""
-    start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content[:MAX_HEADER], re.MULTILINE)
+    start = re.search(rb"^DATA[ \t]+(\w+)[ \t]*\r?\n", content[:_MAX_HEADER], re.MULTILINE)
     if start is None:
         raise corrupt(name, "it has no PCD header")
     header = {
@@ -118,7 +118,7 @@ def read_pcd(content: bytes, name: str) -> Table:
         kind = {"F": "f", "I": "i", "U": "u"}.get(letter, "") + size
         if kind not in {"f4", "f8", *(sign + width for sign in "iu" for width in "1248")}:
             raise corrupt(name, f"{field} has the unknown type {letter}{size}")
-        times = min(_count(repeat, name), MAX_HEADER)
+        times = min(_count(repeat, name), _MAX_HEADER)
         names += [field if times == 1 else f"{field}[{i}]" for i in range(times)]
         kinds += ["<" + kind] * times
     count = _count((header.get("POINTS") or ["?"])[0], name)
@@ -142,7 +142,7 @@ def read_pcd(content: bytes, name: str) -> Table:
     return _table(columns, name)
 
 
-def read_text(content: bytes, name: str) -> Table:
+def read_text(content: bytes, name: str) -> CloudTable:
     """Lines of x y z [r g b ...], parted by blanks, commas or semicolons; # and // begin a comment."""
     text = re.sub(rb"[,;\t]", b" ", content).decode("utf-8", "replace").lstrip("\ufeff")
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "//"))]
@@ -154,7 +154,7 @@ def read_text(content: bytes, name: str) -> Table:
     return _table(_text_columns("\n".join(lines).encode(), names, len(lines), name), name)
 
 
-def read_npy(content: bytes, name: str) -> Table:
+def read_npy(content: bytes, name: str) -> CloudTable:
     """An array of shape (..., 3), or (..., 6) with colours."""
     try:
         array = np.load(io.BytesIO(content), allow_pickle=False)
@@ -166,10 +166,10 @@ def read_npy(content: bytes, name: str) -> Table:
         raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: has shape {array.shape}, expected (N, 3) or (N, 6)")
     rows = array.reshape(-1, array.shape[-1])
     colours = rows[:, 3:] if rows.shape[1] == 6 else None
-    return Table(rows[:, :3].astype(np.float64), None if colours is None else _shades(colours))
+    return CloudTable(rows[:, :3].astype(np.float64), None if colours is None else _shades(colours))
 
 
-READERS = {
+CLOUD_READERS = {
     ".ply": read_ply, ".pcd": read_pcd, ".xyz": read_text, ".txt": read_text, ".csv": read_text, ".asc": read_text,
     ".pts": read_text, ".npy": read_npy,
 }  # fmt: skip
@@ -208,15 +208,15 @@ def _binary_columns(
     return {column: rows[column] for column in names}
 
 
-def _table(columns: dict[str, NDArray[np.generic]], name: str, n_faces: int = 0) -> Table:
+def _table(columns: dict[str, NDArray[np.generic]], name: str, n_faces: int = 0) -> CloudTable:
     missing = [axis for axis in "xyz" if axis not in columns]
     if missing:
         raise InputError(ErrorCode.TYPE_MISMATCH, f"{name}: no column {', '.join(missing)} among {', '.join(columns)}")
     points = np.stack([columns[axis].astype(np.float64) for axis in "xyz"], axis=1)
-    for channels in COLOURS:
+    for channels in _COLOURS:
         if all(channel in columns for channel in channels):
-            return Table(points, _shades(np.stack([columns[channel] for channel in channels], axis=1)), n_faces)
-    return Table(points, None, n_faces)
+            return CloudTable(points, _shades(np.stack([columns[channel] for channel in channels], axis=1)), n_faces)
+    return CloudTable(points, None, n_faces)
 
 
 def _shades(colours: NDArray[np.generic]) -> Array:

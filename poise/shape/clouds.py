@@ -1,4 +1,4 @@
-"""The one door for point clouds, from files or arrays: checked, in metres, and without what is no point."""
+"""Point clouds from files or arrays: validated, in metres, invalid points removed."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.shape.cloud_formats import MAX_POINTS, READERS, Table
+from poise.shape.cloud_formats import CLOUD_READERS, MAX_POINTS, CloudTable
 from poise.types import Array, Indices
 
-MAX_BYTES = 400_000_000
-SMALLEST, LARGEST = 2e-3, 5.0
+_MAX_BYTES = 400_000_000
+_SMALLEST, _LARGEST = 2e-3, 5.0
 """m, diagonals between which a cloud can be of something that a robot carries."""
 
 
@@ -34,7 +34,7 @@ class Cloud:
     notes: tuple[str, ...] = ()
 
     def spread(self, labels: Indices) -> Indices:
-        """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are no point."""
+        """(n_rows,) labels of all rows, given those (N,) of the points; -1 for rows that are not a point."""
         everywhere = np.full(self.n_rows, -1)
         everywhere[self.rows] = labels
         return everywhere
@@ -50,19 +50,21 @@ def read_cloud(path: Path, scale: float = 1.0) -> Cloud:
     Raises:
         InputError: FILE_UNREADABLE, UNSUPPORTED, FILE_CORRUPT, TYPE_MISMATCH, and what `check_cloud` raises.
     """
-    reader = READERS.get(path.suffix.lower())
+    reader = CLOUD_READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(ErrorCode.UNSUPPORTED, f"{path}: expected a cloud in {', '.join(READERS)}")
+        raise InputError(ErrorCode.UNSUPPORTED, f"{path}: expected a cloud in {', '.join(CLOUD_READERS)}")
     try:
         if not path.is_file():
-            raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a cloud in {', '.join(READERS)}")
+            raise InputError(
+                ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a cloud in {', '.join(CLOUD_READERS)}"
+            )
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(ErrorCode.UNSUPPORTED, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; thin it out")
+        if size > _MAX_BYTES:
+            raise InputError(ErrorCode.UNSUPPORTED, f"{path}: larger than {_MAX_BYTES // 1_000_000} MB; thin it out")
         content = path.read_bytes()
     except OSError as error:
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{path}: {error.strerror or error}") from error
-    table: Table = reader(content, str(path))
+    table: CloudTable = reader(content, str(path))
     notes = () if not table.n_faces else (f"{path.name}: {table.n_faces} faces were left aside, its vertices used",)
     return check_cloud(table.points, table.colours, scale, str(path), notes)
 
@@ -78,7 +80,7 @@ def check_cloud(
 
     Raises:
         InputError: TYPE_MISMATCH for shapes, EMPTY without a finite point, BAD_INPUT for a size that no object has
-            (millimetres) or a scale that is no positive number, UNSUPPORTED for too many points.
+            (millimetres) or a scale that is not a positive number, UNSUPPORTED for too many points.
     """
     if not np.isfinite(scale) or scale <= 0:
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: scale {scale:g} is not a positive number")
@@ -104,12 +106,12 @@ def _check_size(points: Array, name: str) -> None:
     # Quantiles: a single stray point does not turn metres into millimetres.
     low, high = np.quantile(points, [0.02, 0.98], axis=0)
     diagonal = float(np.linalg.norm(high - low))
-    if diagonal > LARGEST:
+    if diagonal > _LARGEST:
         guess = f"millimetres? Then it is {diagonal:.0f} mm long: give a scale of 0.001 (--scale 0.001)"
         raise InputError(ErrorCode.BAD_INPUT, f"{name}: {diagonal:.3g} m across; are these {guess}", diagonal=diagonal)
-    if diagonal < SMALLEST:
+    if diagonal < _SMALLEST:
         raise InputError(
             ErrorCode.BAD_INPUT,
-            f"{name}: {diagonal:.3g} m across, too small for an object; is the unit metres? Give --scale",
+            f"{name}: {diagonal:.3g} m across, too small for an object; are these metres? Fix --scale",
             diagonal=diagonal,
         )

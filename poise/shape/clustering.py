@@ -16,8 +16,8 @@ from scipy.sparse.csgraph import connected_components
 from poise.shape.surface_graph import folds
 from poise.types import Array, Indices
 
-MOST_ROUNDS = 80
-SMOOTHINGS, ALIKE, LEAST_NOISE = 3, 1.5, 1e-3
+_MOST_ROUNDS = 80
+_SMOOTHINGS, _ALIKE, _LEAST_NOISE = 3, 1.5, 1e-3
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def initial_clusters(features: Features, edges: Indices, wanted: int, weights: W
     representatives = np.arange(n_points)
     i, j = edges.T
     threshold = float(np.median(features.dissimilarity(i, j, weights)))
-    for _ in range(MOST_ROUNDS):
+    for _ in range(_MOST_ROUNDS):
         a, b = labels[i], labels[j]
         apart = a != b
         if len(representatives) <= wanted or not np.any(apart):
@@ -115,10 +115,10 @@ def smooth_colours(colours: Array, edges: Indices) -> Array:
     What is much the same is learnt from the neighbours themselves; colours without noise stay as they are.
     """
     i, j = np.concatenate([edges, edges[:, ::-1]]).T
-    alike = ALIKE * float(np.median(np.linalg.norm(colours[edges[:, 0]] - colours[edges[:, 1]], axis=1)))
-    if alike < LEAST_NOISE:
+    alike = _ALIKE * float(np.median(np.linalg.norm(colours[edges[:, 0]] - colours[edges[:, 1]], axis=1)))
+    if alike < _LEAST_NOISE:
         return colours
-    for _ in range(SMOOTHINGS):
+    for _ in range(_SMOOTHINGS):
         apart = np.linalg.norm(colours[i] - colours[j], axis=1)
         weights = coo_array((np.exp(-((apart / alike) ** 2) / 2), (i, j)), shape=(len(colours),) * 2).tocsr()
         total = 1 + np.asarray(weights.sum(axis=1)).reshape(-1, 1)

@@ -1,4 +1,4 @@
-"""Was the object seen from all sides? Checks of a solid that reveal gaps in its cloud."""
+"""Was the object seen from all sides? Checks of a carved solid against its cloud."""
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -9,13 +9,13 @@ from poise.shape.solid import Solid
 from poise.shape.surface_graph import facing_of
 from poise.types import Array, Indices
 
-BARE_ERROR, BARE_NOTE = 0.12, 0.045
+_BARE_ERROR, _BARE_NOTE = 0.12, 0.045
 """Shares of points without anything behind them: complete clouds had at most 0.03, half ones 0.2 or more."""
-STD_ERROR, STD_NOTE = 0.5, 0.2
+_STD_ERROR, _STD_NOTE = 0.5, 0.2
 """The same of the volume's deviation over the volume."""
-TWO_SIDED = 0.3
-SMALL_PIECE = 0.03
-_ADVICE = "scan it from the other sides too, or complete its bottom on the support plane"
+_TWO_SIDED = 0.3
+_SMALL_PIECE = 0.03
+_REMEDY = "scan it from the other sides too, or complete its bottom on the support plane"
 
 
 def check_coverage(solid: Solid) -> tuple[str, ...]:
@@ -25,18 +25,18 @@ def check_coverage(solid: Solid) -> tuple[str, ...]:
         InputError: SCAN_INCOMPLETE when the points show only some sides of the object.
     """
     bare, doubt = bare_share(solid), solid.volume_std / solid.volume
-    if bare > BARE_ERROR or doubt > STD_ERROR:
+    if bare > _BARE_ERROR or doubt > _STD_ERROR:
         raise InputError(
             ErrorCode.SCAN_INCOMPLETE,
             f"cloud: {bare:.0%} of its points have nothing behind them and the volume is uncertain by {doubt:.0%}: "
-            f"some sides of the object are missing; {_ADVICE}",
+            f"some sides of the object are missing; {_REMEDY}",
             bare=bare,
         )
     notes = []
-    if bare > BARE_NOTE or doubt > STD_NOTE:
-        notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {_ADVICE}")
+    if bare > _BARE_NOTE or doubt > _STD_NOTE:
+        notes.append(f"the volume is uncertain by {doubt:.0%}; if a side of the object was not seen, {_REMEDY}")
     pieces = piece_volumes(solid) / solid.volume
-    large = int(np.sum(pieces > SMALL_PIECE))
+    large = int(np.sum(pieces > _SMALL_PIECE))
     if large > 1:
         notes.append(f"the points form {large} pieces that do not touch; if they are several objects, give one")
     return tuple(notes)
@@ -46,7 +46,7 @@ def bare_share(solid: Solid) -> float:
     """The share of points that the solid left out, or keeps as a sheet whose two sides are the same points."""
     facing, areas = facing_of(solid)
     used = np.bincount(solid.tetrahedra.ravel(), minlength=len(solid.vertices)) > 0
-    sheet = (areas > 0) & (np.linalg.norm(facing, axis=1) < TWO_SIDED * areas)
+    sheet = (areas > 0) & (np.linalg.norm(facing, axis=1) < _TWO_SIDED * areas)
     return float(np.mean(~used | sheet))
 
 

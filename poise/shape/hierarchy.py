@@ -1,7 +1,7 @@
 """Hierarchical tetrahedral clustering: merge what is most convex together (Attene 2008; thesis eq. 3.27).
 
 Three things keep two clusters apart: how much hollow their merging adds to the hollow that each has already (Attene
-asks for the hollow of the whole, so that whatever is not convex by itself can never grow), the step of colour between
+asks for the hollow of the whole, so that a part that is not convex can never grow), the step of colour between
 them, which likely is a step of density, and how far the surface folds inwards along their border (the minima rule).
 """
 
@@ -15,7 +15,7 @@ from poise.shape.solid import Solid
 from poise.shape.surface_graph import SurfaceGraph
 from poise.types import Array, Indices
 
-FEWEST_EDGES = 2
+_FEWEST_EDGES = 2
 """A border of fewer edges says little about a fold."""
 
 
@@ -26,7 +26,7 @@ def _half_sphere(count: int) -> Array:
     return np.stack([np.cos(around) * np.sin(down), np.sin(around) * np.sin(down), np.cos(down)], axis=1)
 
 
-DIRECTIONS = _half_sphere(50)
+_DIRECTIONS = _half_sphere(50)
 """Of a hull with many corners, only those that are the outermost in one of these directions are kept: half the time."""
 
 
@@ -127,7 +127,7 @@ class _Clusters:
         fold, edges = self._folds.get((min(i, j), max(i, j)), (0.0, 0))
         size = one.weight * other.weight / (one.weight + other.weight)
         step = float(np.linalg.norm(one.colour - other.colour))
-        return size * (self.costs.colour * step + self.costs.fold * max(0.0, fold / (edges + FEWEST_EDGES)))
+        return size * (self.costs.colour * step + self.costs.fold * max(0.0, fold / (edges + _FEWEST_EDGES)))
 
     def together(self, i: int, j: int) -> tuple[float, _Cluster]:
         """What the shape of a merge costs (eq. 3.27), and the merged cluster: its hull is that of the two hulls."""
@@ -155,8 +155,8 @@ class _Clusters:
 
     def _hull(self, points: Array, least: float) -> tuple[Array, float]:
         """Corners of the convex hull, and its share of the object; flat sets count as what they fill."""
-        if len(points) > 2 * len(DIRECTIONS):
-            along = points @ DIRECTIONS.T
+        if len(points) > 2 * len(_DIRECTIONS):
+            along = points @ _DIRECTIONS.T
             points = points[np.unique(np.concatenate([along.argmin(axis=0), along.argmax(axis=0)]))]
         try:
             hull = ConvexHull(points)

@@ -1,4 +1,4 @@
-"""Few parts whose masses a sensor at rest distinguishes (thesis section 3.2.5).
+"""Few parts whose masses a sensor at rest can distinguish (thesis section 3.2.5).
 
 At rest only mass and centre of mass show, which is four numbers: of parts whose centroids lie in one plane (or more
 than four of them) some can trade mass without a trace, and non-negative least squares then gives some none at all.
@@ -10,12 +10,12 @@ import numpy as np
 from poise.shape.segmentation import Segmentation
 from poise.types import Array, Indices
 
-MOST_PARTS = 4
-LEAST_SPREAD = 0.03
+_MOST_PARTS = 4
+_LEAST_SPREAD = 0.03
 """The smallest singular value of centroids and ones, each part weighted by the root of its share, lengths in radii."""
 
 
-def independent_parts(found: Segmentation, most: int = MOST_PARTS) -> Indices:
+def independent_parts(found: Segmentation, most: int = _MOST_PARTS) -> Indices:
     """(T,) part of each tetrahedron: at most `most` parts, never finer than the segmentation's own.
 
     Merges are undone from the costliest down, leaving out those that would make centroids (nearly) coplanar. Pieces
@@ -41,7 +41,7 @@ def independent_parts(found: Segmentation, most: int = MOST_PARTS) -> Indices:
             split = [part for part in parts if part != merge.parent] + [merge.left, merge.right]
             volumes = np.array([leaf_volume[members[part]].sum() for part in split])
             moments = np.array([leaf_first[members[part]].sum(axis=0) for part in split])
-            if spread(moments / volumes[:, None], volumes) >= LEAST_SPREAD:
+            if spread(moments / volumes[:, None], volumes) >= _LEAST_SPREAD:
                 parts, again = split, True
                 break
     part_of_leaf = np.zeros(hierarchy.n_leaves, dtype=np.int64)
@@ -52,7 +52,7 @@ def independent_parts(found: Segmentation, most: int = MOST_PARTS) -> Indices:
 
 def spread(centroids: Array, volumes: Array) -> float:
     """How far parts at (K, 3) m with volumes (K,) are from trading mass unseen: 0 when they can, as five always can."""
-    if len(volumes) > MOST_PARTS:
+    if len(volumes) > _MOST_PARTS:
         return 0.0
     shares = volumes / volumes.sum()
     offsets = centroids - shares @ centroids

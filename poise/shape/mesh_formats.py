@@ -11,11 +11,11 @@ from poise.shape.cloud_formats import PlyHeader, corrupt, read_ply_header, read_
 from poise.types import Array, Indices
 
 MAX_TRIANGLES = 2_000_000
-STL_HEADER, STL_FACET = 84, 50
-NUMBER = rb"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|nan|inf(?:inity)?)"
-STL_TEXT = re.compile(
+_STL_HEADER, _STL_FACET = 84, 50
+_NUMBER = rb"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?|nan|inf(?:inity)?)"
+_STL_TEXT = re.compile(
     rb"\s*facet\s+normal\s+(?:\S+\s+){3}outer\s+loop\s+"
-    + rb"".join(rb"vertex\s+(%s)\s+(%s)\s+(%s)\s+" % ((NUMBER,) * 3) for _ in range(3))
+    + rb"".join(rb"vertex\s+(%s)\s+(%s)\s+(%s)\s+" % ((_NUMBER,) * 3) for _ in range(3))
     + rb"endloop\s+endfacet",
     re.IGNORECASE,
 )
@@ -25,17 +25,17 @@ Arrays = tuple[Array, Indices]
 
 def read_stl(content: bytes, name: str) -> Arrays:
     """(3 T, 3) vertices, three for each of the (T, 3) triangles."""
-    says = int.from_bytes(content[80:84], "little") if len(content) >= STL_HEADER else -1
-    if says >= 0 and len(content) == STL_HEADER + STL_FACET * says:
+    says = int.from_bytes(content[80:84], "little") if len(content) >= _STL_HEADER else -1
+    if says >= 0 and len(content) == _STL_HEADER + _STL_FACET * says:
         _limit(says, name)
         facet = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-        facets = np.frombuffer(content, facet, says, STL_HEADER)
+        facets = np.frombuffer(content, facet, says, _STL_HEADER)
         return facets["corners"].reshape(-1, 3).astype(np.float64), np.arange(3 * says).reshape(-1, 3)
     if not content.lstrip()[:5].lower() == b"solid":
         raise corrupt(name, f"a binary STL that says {says} facets cannot have {len(content)} bytes")
     says = len(re.findall(rb"\bfacet\s+normal\b", content, re.IGNORECASE))
     _limit(says, name)
-    found = [match.groups() for match in STL_TEXT.finditer(content)]
+    found = [match.groups() for match in _STL_TEXT.finditer(content)]
     if len(found) != says:
         raise corrupt(name, f"only {len(found)} of its {says} facets can be read")
     return np.array(found, dtype=np.float64).reshape(-1, 3), np.arange(3 * says).reshape(-1, 3)
@@ -83,7 +83,7 @@ def read_ply_mesh(content: bytes, name: str) -> Arrays:
     return vertices, read(rest, header, lists[0], name)
 
 
-READERS: dict[str, Callable[[bytes, str], Arrays]] = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply_mesh}
+MESH_READERS: dict[str, Callable[[bytes, str], Arrays]] = {".stl": read_stl, ".obj": read_obj, ".ply": read_ply_mesh}
 
 
 def _text_faces(rest: bytes, header: PlyHeader, at: int, name: str) -> Indices:

@@ -1,4 +1,4 @@
-"""Repair of surfaces: coincident corners become one, normals point outwards, holes close, overlapping shells unite."""
+"""Repair of surfaces: corners at one place are one, normals point outwards, holes close, overlapping shells unite."""
 
 from itertools import pairwise
 
@@ -9,11 +9,11 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from poise.errors import ErrorCode, InputError
 from poise.types import Array, Indices
 
-WELD = 1e-7
+_WELD = 1e-7
 """Corners closer than this share of the mesh's size are one."""
-MOST_OPEN = 0.1
+_MOST_OPEN = 0.1
 """A surface with more than this share of its edges open is a sheet, not the skin of a body."""
-NO_VOLUME = 1e-9
+_NO_VOLUME = 1e-9
 
 
 def repair(points: Array, triangles: Indices, name: str) -> tuple[Array, Indices, tuple[str, ...]]:
@@ -35,7 +35,7 @@ def repair(points: Array, triangles: Indices, name: str) -> tuple[Array, Indices
         points, triangles = _close(points, triangles, notes, name)
     points, triangles = _unite(points, triangles, notes)
     size = float(np.ptp(points, axis=0).max())
-    if not _volume(points, triangles) > NO_VOLUME * size**3:
+    if not _volume(points, triangles) > _NO_VOLUME * size**3:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: the surface encloses no volume; give a closed mesh")
     used, corners = np.unique(triangles, return_inverse=True)
     return points[used], corners.reshape(-1, 3), tuple(notes)
@@ -43,7 +43,7 @@ def repair(points: Array, triangles: Indices, name: str) -> tuple[Array, Indices
 
 def _weld(points: Array, triangles: Indices, notes: list[str]) -> tuple[Array, Indices]:
     """One vertex per place, no triangle without three different ones, none twice."""
-    grid = WELD * max(float(np.ptp(points[triangles].reshape(-1, 3), axis=0).max()), 1e-300)
+    grid = _WELD * max(float(np.ptp(points[triangles].reshape(-1, 3), axis=0).max()), 1e-300)
     with np.errstate(over="ignore", invalid="ignore"):
         places = np.round((points - points[triangles[0, 0]]) / grid)
     _, first, inverse = np.unique(places, axis=0, return_index=True, return_inverse=True)
@@ -109,7 +109,7 @@ def _close(points: Array, triangles: Indices, notes: list[str], name: str) -> tu
     ends, inverse = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     balance = np.bincount(inverse.reshape(-1), np.where(edges[:, 0] < edges[:, 1], 1, -1)).astype(int)
     open_ends, times = ends[balance != 0], balance[balance != 0]
-    if len(open_ends) > MOST_OPEN * len(ends):
+    if len(open_ends) > _MOST_OPEN * len(ends):
         message = f"{name}: the surface has holes around {len(open_ends)} of its {len(ends)} edges: a sheet? Close it"
         raise InputError(ErrorCode.MESH_INVALID, message)
     if not len(open_ends):
@@ -124,7 +124,7 @@ def _close(points: Array, triangles: Indices, notes: list[str], name: str) -> tu
         loop = [start]
         while not (len(loop) > 1 and loop[-1] == start):
             if loop[-1] not in ways:
-                raise InputError(ErrorCode.MESH_INVALID, f"{name}: the edges of a hole form no loop; repair the mesh")
+                raise InputError(ErrorCode.MESH_INVALID, f"{name}: the edges of a hole form no loop; fix the mesh")
             onwards = ways[loop[-1]].pop()
             if not ways[loop[-1]]:
                 del ways[loop[-1]]
@@ -152,7 +152,7 @@ def _unite(points: Array, triangles: Indices, notes: list[str]) -> tuple[Array, 
         shells, volumes = [shell[:, ::-1].copy() for shell in shells], -volumes
     boxes = np.array([[points[shell].min(axis=(0, 1)), points[shell].max(axis=(0, 1))] for shell in shells])
     reach = np.all((boxes[:, None, 0] <= boxes[None, :, 1]) & (boxes[None, :, 0] <= boxes[:, None, 1]), axis=2)
-    if np.sum(reach) == len(shells):  # no bounding boxes overlap: a negative volume is inside out
+    if np.sum(reach) == len(shells):  # no bounding boxes meet: a negative volume is inside out
         if np.any(volumes < 0):
             notes.append(f"{np.sum(volumes < 0)} of {len(shells)} shells were inside out and were turned")
         shells = [shell if volume > 0 else shell[:, ::-1] for shell, volume in zip(shells, volumes, strict=True)]

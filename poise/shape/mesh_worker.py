@@ -1,4 +1,4 @@
-"""Parsing of mesh files in a process of its own, with little memory and time: what breaks it breaks nothing else.
+"""Parsing of mesh files in a separate process with limited memory and time, so that a bad file cannot harm the caller.
 
 A request is a line of JSON (format, name, size) and the file's bytes; an answer is a line of JSON and the two arrays.
 """
@@ -18,18 +18,18 @@ import numpy as np
 
 import poise
 from poise.errors import ErrorCode, InputError
-from poise.shape.mesh_formats import READERS, Arrays
+from poise.shape.mesh_formats import MESH_READERS, Arrays
 
-MAX_MEMORY = 3_000_000_000
+_MAX_MEMORY = 3_000_000_000
 """Bytes of address space; a file of 100 MB as text needs about half."""
-MAX_SECONDS = 60.0
-MAX_LINE = 100_000
+_MAX_SECONDS = 60.0
+_MAX_LINE = 100_000
 
 
 class MeshWorker:
     """The process, started when the first file comes, and again after one has broken it."""
 
-    def __init__(self, seconds: float = MAX_SECONDS, memory: int = MAX_MEMORY) -> None:
+    def __init__(self, seconds: float = _MAX_SECONDS, memory: int = _MAX_MEMORY) -> None:
         self._seconds, self._memory = seconds, memory
         self._process: subprocess.Popen[bytes] | None = None
         self._one_at_a_time = threading.Lock()
@@ -71,7 +71,7 @@ class MeshWorker:
         stdin.write(json.dumps(request).encode() + b"\n" + content)
         stdin.flush()
         line = b""
-        while not line.endswith(b"\n") and len(line) < MAX_LINE:
+        while not line.endswith(b"\n") and len(line) < _MAX_LINE:
             line += _receive(stdout.fileno(), 1, deadline)
         answer = json.loads(line)
         if "code" in answer:
@@ -104,11 +104,11 @@ def _receive(descriptor: int, size: int, deadline: float) -> bytes:
 
 def serve(requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer requests until there are none."""
-    while line := requests.readline(MAX_LINE):
+    while line := requests.readline(_MAX_LINE):
         request = json.loads(line)
         content = requests.read(int(request["size"]))
         try:
-            vertices, triangles = READERS[request["suffix"]](content, request["name"])
+            vertices, triangles = MESH_READERS[request["suffix"]](content, request["name"])
         except InputError as error:
             answers.write(json.dumps({"code": int(error.code), "message": error.message}).encode() + b"\n")
         else:

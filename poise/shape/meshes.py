@@ -13,7 +13,7 @@ from poise.shape.mesh_repair import repair
 from poise.shape.mesh_worker import MeshWorker
 from poise.types import Array, Indices
 
-MAX_BYTES = 100_000_000
+_MAX_BYTES = 100_000_000
 MESH_FORMATS = (".stl", ".obj", ".ply")
 _worker = MeshWorker()
 
@@ -49,7 +49,7 @@ def read_mesh(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> 
 
 
 def read_triangles(source: str | Path, folder: Path = Path(), scale: float = 1.0) -> tuple[Array, Indices]:
-    """A file's vertices (V, 3) m and triangles (T, 3) as they are: not repaired, shells kept separate.
+    """A file's vertices (V, 3) m and triangles (T, 3) as they are: not repaired, shells kept apart.
 
     Args:
         source, folder, scale: as for `read_mesh`.
@@ -73,8 +73,8 @@ def parse_mesh(content: bytes, suffix: str, name: str = "mesh", scale: float = 1
     """
     if suffix.lower() not in MESH_FORMATS:
         raise InputError(ErrorCode.UNSUPPORTED, f"{name}: expected a mesh in {', '.join(MESH_FORMATS)}")
-    if len(content) > MAX_BYTES:
-        raise InputError(ErrorCode.MESH_INVALID, f"{name}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
+    if len(content) > _MAX_BYTES:
+        raise InputError(ErrorCode.MESH_INVALID, f"{name}: larger than {_MAX_BYTES // 1_000_000} MB; simplify it")
     return check_mesh(*_worker.parse(content, suffix.lower(), name), scale, name)
 
 
@@ -89,8 +89,8 @@ def _content(source: str, folder: Path) -> tuple[bytes, str]:
                 ErrorCode.FILE_UNREADABLE, f"{path}: no such file; give a mesh in {', '.join(MESH_FORMATS)}"
             )
         size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(ErrorCode.MESH_INVALID, f"{path}: larger than {MAX_BYTES // 1_000_000} MB; simplify it")
+        if size > _MAX_BYTES:
+            raise InputError(ErrorCode.MESH_INVALID, f"{path}: larger than {_MAX_BYTES // 1_000_000} MB; simplify it")
         return path.read_bytes(), path.suffix.lower()
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise InputError(ErrorCode.FILE_UNREADABLE, f"{source}: {getattr(error, 'strerror', None) or error}") from error
@@ -105,7 +105,7 @@ def check_mesh(vertices: ArrayLike, triangles: ArrayLike, scale: float = 1.0, na
         scale: from the unit of the vertices to m.
 
     Raises:
-        InputError: BAD_INPUT for a scale that is no positive number, NOT_FINITE, and MESH_INVALID for what is no
+        InputError: BAD_INPUT for a scale that is not a positive number, NOT_FINITE, and MESH_INVALID for what is no
             closed surface around a volume and cannot be made one.
     """
     points, corners = _checked(vertices, triangles, scale, name)

@@ -36,7 +36,7 @@ class SegmentationOptions:
     costs: MergeCosts = field(default_factory=MergeCosts)
 
 
-DEFAULT = SegmentationOptions()
+_DEFAULT = SegmentationOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Segmentation:
         return triangles, self.tetrahedron_labels[owners]
 
 
-def segment(points: Array, colours: Array | None = None, options: SegmentationOptions = DEFAULT) -> Segmentation:
+def segment(points: Array, colours: Array | None = None, options: SegmentationOptions = _DEFAULT) -> Segmentation:
     """Cut an object into parts.
 
     Args:

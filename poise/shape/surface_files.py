@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from poise.shape.segmentation import Segmentation
 from poise.types import Array, Indices
 
-PALETTE = np.array(
+_PALETTE = np.array(
     [
         [76, 120, 168], [245, 133, 24], [84, 162, 75], [228, 87, 86], [114, 183, 178], [238, 202, 59],
         [178, 121, 162], [255, 157, 166], [157, 117, 93], [130, 130, 130],
@@ -18,7 +18,7 @@ PALETTE = np.array(
 
 def colour_of(parts: ArrayLike) -> NDArray[np.uint8]:
     """(..., 3) RGB of parts."""
-    return np.asarray(PALETTE[np.asarray(parts) % len(PALETTE)])
+    return np.asarray(_PALETTE[np.asarray(parts) % len(_PALETTE)])
 
 
 def labelled_ply(points: Array, labels: Indices) -> bytes:

@@ -4,7 +4,7 @@ import numpy as np
 
 from poise.types import Array, Indices
 
-ROUNDS = 12
+_ROUNDS = 12
 
 
 def thin(points: Array, wanted: int) -> Indices:
@@ -19,7 +19,7 @@ def thin(points: Array, wanted: int) -> Indices:
     low, extent = points.min(axis=0), np.ptp(points, axis=0).max()
     small, large = extent * 1e-6, extent
     best = first[:1]
-    for _ in range(ROUNDS):  # the count falls as the cubes grow: halve their ratio
+    for _ in range(_ROUNDS):  # the count falls as the cubes grow: halve their ratio
         cube = np.sqrt(small * large)
         cells = np.floor((points[first] - low) / cube).astype(np.int64)
         off_middle = np.linalg.norm((points[first] - low) / cube - cells - 0.5, axis=1)

@@ -9,15 +9,15 @@ from poise.shape.solid import Solid, tetrahedron_moments
 from poise.shape.surface_graph import surface_edges, unit_normals
 from poise.types import Array, Indices
 
-PUSH = 0.5
+_PUSH = 0.5
 """Of how far a point of the surface stands out from the middle of its neighbours."""
-LAYER = 0.5
+_LAYER = 0.5
 """Spacings under the surface in which points are taken for its own; farther in they belong to something else."""
-TOGETHER = 16
+_TOGETHER = 16
 """Points of the surface whose buried neighbours are averaged."""
-LEAST_KEPT = 0.3
+_LEAST_KEPT = 0.3
 """Share of its volume and second moments that every part keeps, or its points move less."""
-ROUNDS = 6
+_ROUNDS = 6
 
 
 def unbiased(solid: Solid, labels: Indices, spacing: float) -> Solid:
@@ -31,12 +31,12 @@ def unbiased(solid: Solid, labels: Indices, spacing: float) -> Solid:
         labels: (T,) part of each tetrahedron, 0..P-1.
         spacing: m between neighbouring points.
     """
-    moves = PUSH * _standing_out(solid) - _depth(solid, LAYER * spacing)
+    moves = _PUSH * _standing_out(solid) - _depth(solid, _LAYER * spacing)
     before = _moments(solid, labels)
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         found = replace(solid, vertices=solid.vertices + moves)
         kept = np.linalg.eigvals(np.linalg.solve(before, _moments(found, labels))).real.min(axis=1)
-        spoilt = kept < LEAST_KEPT
+        spoilt = kept < _LEAST_KEPT
         if not spoilt.any():
             return found
         moves[solid.tetrahedra[spoilt[labels]]] /= 2
@@ -76,7 +76,7 @@ def _depth(solid: Solid, layer: float) -> Array:
     own = (under > 0) & (under < layer)
     sums = np.bincount(above[own], under[own], minlength=len(outer))
     counts = np.bincount(above[own], minlength=len(outer)) + 1
-    around = tree.query(solid.vertices[outer], k=min(TOGETHER, len(outer)))[1]
+    around = tree.query(solid.vertices[outer], k=min(_TOGETHER, len(outer)))[1]
     depth = np.zeros(len(normals))
     depth[outer] = sums[around].sum(axis=1) / counts[around].sum(axis=1)
     return np.asarray(depth[:, None] * normals)

@@ -16,7 +16,7 @@ from poise.assembly.robustness import RobustnessMap
 from poise.geometry import Pose
 from poise.types import Array, Mask
 from poise.viewing.canvas import PALETTE
-from poise.viewing.z_buffer import NOTHING, Camera, see
+from poise.viewing.z_buffer import NOTHING, PictureCamera, see
 
 _TOWARD = (-1.0, -1.7, 0.9)
 """From the middle of the picture to the viewer."""
@@ -66,7 +66,7 @@ class Stage:
     """
 
     axes: Axes
-    camera: Camera
+    camera: PictureCamera
 
     def at(self, points: Array) -> Array:
         """(N, 2) where points (N, 3) are in the picture."""
@@ -101,7 +101,7 @@ def stage(
     movable = [item.vertices for item in assembly.objects if not item.fixed]
     movable += [item.vertices for item in (shown or assembly).objects if not item.fixed]
     movable += [] if beside is None else [beside]
-    camera = Camera.around(np.concatenate(movable), _TOWARD, width, height, 0.07)
+    camera = PictureCamera.around(np.concatenate(movable), _TOWARD, width, height, 0.07)
     fine = _PIXELS_PER_POINT * _SUPERSAMPLED
     sharp = replace(camera, scale=fine * camera.scale, width=fine * width, height=fine * height)
     picture = _painted(shown or assembly, sharp, colours or {}, surface)
@@ -140,7 +140,9 @@ class SurfaceColours:
         return colours
 
 
-def _painted(assembly: Assembly, camera: Camera, colours: Mapping[int, str], surface: SurfaceColours | None) -> Array:
+def _painted(
+    assembly: Assembly, camera: PictureCamera, colours: Mapping[int, str], surface: SurfaceColours | None
+) -> Array:
     """(H, W, 3) of 0..1."""
     bodies, objects = Bodies.of(assembly), assembly.objects
     seen = see(camera, bodies.triangles)

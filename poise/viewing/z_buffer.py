@@ -12,7 +12,7 @@ NOTHING = -1
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class PictureCamera:
     """A parallel view.
 
     Args:
@@ -29,7 +29,7 @@ class Camera:
     height: int
 
     @classmethod
-    def around(cls, points: Array, toward: Sequence[float], width: int, height: int, margin: float) -> "Camera":
+    def around(cls, points: Array, toward: Sequence[float], width: int, height: int, margin: float) -> "PictureCamera":
         """See all points (N, 3) from a direction, upright (z up), with a margin as a share of the picture."""
         view = np.asarray(toward, dtype=np.float64) / np.linalg.norm(toward)
         right = np.cross([0.0, 0.0, 1.0], view)
@@ -59,7 +59,7 @@ class Seen:
     points: Array
 
 
-def see(camera: Camera, triangles: Array) -> Seen:
+def see(camera: PictureCamera, triangles: Array) -> Seen:
     """Draw triangles (T, 3, 3), m; of two at the same depth, the later one is seen."""
     depth = np.full((camera.height, camera.width), -np.inf)
     seen = np.full((camera.height, camera.width), NOTHING, dtype=np.int64)

@@ -179,6 +179,29 @@ def test_an_arm_that_does_not_follow_is_told_to_stay_where_it_is():
     np.testing.assert_allclose(fake.moves[-1][0].position, [held_up, held_up])
 
 
+@pytest.mark.parametrize(("failures", "stops"), [(1, 1), (2, 0)])
+def test_a_stop_that_fails_is_replaced_by_holding_the_pose_and_the_tick_never_raises(failures, stops):
+    fake = FakeRobot()
+    playing = fake.play()
+    fake.until(playing, lambda: fake.position[0] > 0.3)
+    move, left = fake.robot.move, [OSError("the publisher is gone")] * failures
+
+    def failing(plan, stamp):
+        if left:
+            raise left.pop()
+        move(plan, stamp)
+
+    fake.robot.move = failing
+    before = len(fake.moves)
+    playing.cancel(fake.now)
+    assert playing.done
+    assert playing.error.code is ErrorCode.CANCELLED
+    assert len(fake.moves) == before + stops
+    assert ("could not be sent" in playing.error.message) == (stops == 0)
+    if stops:
+        assert np.ptp(fake.moves[-1][0].position, axis=0).max() == 0
+
+
 def test_an_arm_that_stops_short_of_the_end_has_its_slack_and_no_more():
     fake = FakeRobot()
     playing = fake.play(slack=0.5)

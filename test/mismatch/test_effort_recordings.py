@@ -18,13 +18,15 @@ PHI = InertialParameters(2.0, np.array([0.0, 0.01, 0.1]), 0.01 * np.eye(3)).phi
 NOISE = WrenchNoise(rate=100.0, force=0.1, torque=0.005)
 
 
-def read(model: NominalModel, seed: int = 2, phi: np.ndarray = PHI, seconds: float = 8.0) -> ReadRecording:
-    """A recording of the ideal robot with effort noise, read."""
+def read(
+    model: NominalModel, seed: int = 2, phi: np.ndarray = PHI, seconds: float = 8.0, damping: np.ndarray | float = 0.0
+) -> ReadRecording:
+    """A recording of the ideal robot with effort noise and damped joints, read."""
     motion = FourierTrajectory.random(ROBOT, np.random.default_rng(seed), duration=seconds, speed=0.3)
     ideal = IdealRobot(ROBOT, phi, [0.0, 0.0, -(model.gravity or 9.80665)], model.tool_in_wrench)
     made = record(ideal, motion, np.random.default_rng(seed), NOISE)
     noise = np.random.default_rng(seed).normal(size=made.joints.effort.shape) * 0.1
-    joints = replace(made.joints, effort=made.joints.effort + noise)
+    joints = replace(made.joints, effort=made.joints.effort + noise + damping * made.joints.velocity)
     streams = MeasuredStreams("test", made.wrench, lambda _: joints, None, lambda: URDF)
     return read_streams(streams, model)
 
@@ -56,3 +58,21 @@ def test_the_last_of_two_recordings_with_efforts_is_held_out_in_both_signals():
     lengths = {each.problem.signal: int(each.held_out.sum()) for each in found.examinations}
     assert lengths == {"wrench": len(parts[1]), "effort": len(parts[1].effort.seconds)}
     assert not found.findings
+
+
+def test_no_fit_leaves_the_physical_bounds_of_a_friction():
+    """An elbow that drives itself is no friction: its damping ends at zero, that of the shoulder is found."""
+    model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
+    damping = np.zeros(len(ROBOT.joint_names))
+    shoulder, elbow = (ROBOT.joint_names.index(name) for name in ("shoulder_lift_joint", "elbow_joint"))
+    damping[[shoulder, elbow]] = 30.0, -8.0
+    reading = read(model, damping=damping)
+    found = diagnose(reading.recorded, reading.model, library=effects_called(["viscous_friction"]))
+    (named,) = (each for each in found.findings if each.effect.name == "viscous_friction")
+    assert min(named.values.values()) >= 0.0
+    assert reading.recorded.effort is not None
+    numbers = [
+        f"damping_{reading.recorded.effort.names.index(name) + 1}" for name in ("shoulder_lift_joint", "elbow_joint")
+    ]
+    assert named.values[numbers[0]] == pytest.approx(30.0, rel=0.1)
+    assert named.values[numbers[1]] == 0.0

@@ -30,6 +30,7 @@ from benchmarks.foreign.score import calibration_error, judge, wilson
 from benchmarks.foreign.seals import PUBLIC, seal, truth_file, unseal
 from benchmarks.foreign.strength import CLOSE, LEAST, MULTIPLE, Rig, Signals, by_wrench, share, tuned
 from benchmarks.foreign.world import GRAVITY, Scene, Track, World, rigid
+from poise.mismatch.effects import all_effects
 from poise.recording import open_recording
 
 SECONDS = 3.2
@@ -144,7 +145,7 @@ def test_rotors_forces_and_moving_bases_follow_their_equations() -> None:
     turn = track.turn
     rate = np.einsum("nij,nik->njk", turn, np.gradient(turn, STEP, axis=0))[track.active]
     omega = np.stack([rate[:, 2, 1], rate[:, 0, 2], rate[:, 1, 0]], axis=1)
-    # The ring also has inertia of its own, well inside the tolerance; its spin keeps the speed against the world.
+    # The inertia of the ring itself is well inside the tolerance.
     np.testing.assert_allclose(wrench[:, 3:], -np.cross(omega, 0.2 * along), atol=0.02)
     track, wrench, _ = change_of(what, WorldForce(3.0, {"along": list(along), "place": [0.0, 0.0, 0.1]}))
     force = 3.0 * along @ turn_at(track)
@@ -178,7 +179,7 @@ def test_a_liquid_swings_at_the_frequency_of_a_pendulum() -> None:
     loudest = int(np.argmax(track.wrench[:, :3].std(axis=0)))
     swing = track.wrench[:, loudest] - track.wrench[:, loudest].mean()
     spectrum = np.abs(np.fft.rfft(swing * np.hanning(len(swing)), 1 << 16))
-    # Lying on 2 % of its own inertia, the bob swings a hundredth slower than a point.
+    # The bob has 2 % more inertia than a point, which slows it by a hundredth.
     expected = np.sqrt(GRAVITY / 0.08 / 1.02) / (2 * np.pi)
     assert np.fft.rfftfreq(1 << 16, STEP)[np.argmax(spectrum)] == pytest.approx(expected, rel=0.03)
 
@@ -302,6 +303,12 @@ def test_the_clock_stays_inside_its_tolerance_in_every_profile() -> None:
         assert max(abs(rig.honest.late + delay), abs(rig.honest.late + delay - skew)) <= 0.004
 
 
+def test_every_effect_of_the_library_has_its_case() -> None:
+    names = {effect.name for effect in all_effects()}
+    assert names <= cases.FAULTS.keys(), "a new effect needs physics of this world too"
+    assert {name for name, fault in cases.FAULTS.items() if fault.library} <= names
+
+
 def test_noise_families_have_one_standard_deviation() -> None:
     for family in NOISES.values():
         noise = family(60_000, 6, np.random.default_rng(1))
@@ -341,7 +348,7 @@ def label(kind: str, *names: str, accept: tuple[str, ...] = ()) -> dict[str, obj
 
 def said(verdict: str, *names: str, holdout: tuple[float, float] = (2.0, 1.0)) -> dict[str, object]:
     effects = [{"name": name, "probability": 0.9} for name in names]
-    fit = {"holdout": {"nominal": holdout[0], "augmented": holdout[1]}}
+    fit = {"holdout": {"nominal": 9.0, "calibrated": holdout[0], "augmented": holdout[1]}}
     return {"status": 0, "cpu": 1.0, "answer": {"verdict": verdict, "effects": effects, "fit": fit}}
 
 
@@ -358,6 +365,7 @@ def test_the_scorer_counts_what_it_says() -> None:
     assert not judge("a", label("outside", "gusts"), said("none")).right
     assert judge("a", label("outside", "motor_gain", accept=("effort_gain",)), said("named", "effort_gain")).right
     assert judge("a", label("healthy"), said("unknown", holdout=(1.0, 1.1))).worse
+    assert not judge("a", label("healthy"), said("unknown", holdout=(1.1, 1.0))).worse
 
 
 def test_intervals_and_calibration_error() -> None:

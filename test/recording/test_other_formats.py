@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 import zstandard
-from other_formats import NOETIC, write_ros1, write_rosbag2, write_splits
+from other_formats import JAZZY, NOETIC, write_ros1, write_rosbag2, write_splits
 from rosbags.rosbag1 import Writer as Writer1
 from test_bag_bad_input import refused
 
@@ -15,11 +15,13 @@ from poise.errors import ErrorCode
 from poise.recording import (
     JointStream,
     LossKind,
+    RecordingWriter,
     find_recordings,
     open_recording,
     rewrite_recording,
     write_recording,
 )
+from poise.recording.images import image_of, messages_of
 
 WRITERS = {
     "db3": lambda bag, folder: write_rosbag2(bag, folder / "bag", "db3"),
@@ -128,6 +130,21 @@ def test_messages_of_unknown_types_are_skipped_and_listed(bag, tmp_path):
     assert loss.kind == LossKind.UNSUPPORTED
     assert loss.messages == 1
     assert "/gripper (my_msgs/Grip)" in loss.sentence
+
+
+@pytest.mark.parametrize("name", ["db3", "ROS 1"])
+def test_images_are_read_from_every_format(tmp_path, name):
+    make = JAZZY.types
+    header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](sec=5, nanosec=6), "camera")
+    pixels = np.arange(12, dtype=np.uint16)
+    image = make["sensor_msgs/msg/Image"](header, 3, 4, "16UC1", 0, 8, pixels.view(np.uint8))
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        writer.add_topic("image", "sensor_msgs/msg/Image")
+        writer.write("image", 7, bytes(JAZZY.serialize_cdr(image, "sensor_msgs/msg/Image")))
+    (message,) = messages_of(open_recording(WRITERS[name](tmp_path / "run.mcap", tmp_path)), "image")
+    found = image_of(message, "image")
+    assert (found.stamp, found.frame_id) == (5_000_000_006, "camera")
+    np.testing.assert_array_equal(found.pixels.ravel(), pixels)
 
 
 def test_the_recordings_of_a_folder_are_found(written, tmp_path, bag):

@@ -1,4 +1,4 @@
-"""Derivatives of samples: exact where they must be, as good as they can be elsewhere, and honest about the rest."""
+"""Derivatives of samples: exact for polynomials, close to optimal with noise, with true error bars."""
 
 import numpy as np
 import pytest

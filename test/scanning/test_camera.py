@@ -1,4 +1,4 @@
-"""Cameras and depth images: rays and projection undo each other, and what no camera says is refused."""
+"""Cameras and depth images: rays and projection undo each other, and invalid calibrations are refused."""
 
 import numpy as np
 import pytest

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.rasteriser import Body, Scene
 from poise.scanning import Frame, ScanOptions, View, scan
-from poise.scanning.scan import DEFAULT, HIDDEN_OFF
+from poise.scanning.scan import DEFAULT_SCAN, HIDDEN_OFF
 from poise.scanning.sweep import Ring
 from poise.shape.segmentation import segment
 
@@ -30,7 +30,7 @@ def off_brick(points):
     return np.where(np.all(q < 0, axis=1), -q.max(axis=1), np.linalg.norm(np.maximum(q, 0), axis=1))
 
 
-def refusal(code, views, options=DEFAULT):
+def refusal(code, views, options=DEFAULT_SCAN):
     with pytest.raises(InputError) as caught:
         scan(views, options)
     assert caught.value.code == code

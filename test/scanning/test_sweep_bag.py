@@ -56,12 +56,12 @@ def test_one_command_takes_the_sweep_to_its_parts(tmp_path):
     parts, picture = tmp_path / "parts.ply", tmp_path / "parts.png"
     command = ["scan", str(BAG), "--out", str(out), "--parts", str(parts), "--picture", str(picture)]
     assert run([*command, "--json", str(answer)]) == 0
-    said = json.loads(answer.read_text())
+    result = json.loads(answer.read_text())
     cloud = read_cloud(out)
-    assert len(cloud.points) == said["n_points"] == len(said["labels"]) == len(said["seen"])
-    assert said["frame"] == "base_link"
-    assert said["volume"] == pytest.approx(TRUE_VOLUME, rel=0.3)
-    assert said["n_parts"] > 1
+    assert len(cloud.points) == result["n_points"] == len(result["labels"]) == len(result["seen"])
+    assert result["frame"] == "base_link"
+    assert result["volume"] == pytest.approx(TRUE_VOLUME, rel=0.3)
+    assert result["n_parts"] > 1
     length = np.sort(np.ptp(cloud.points, axis=0))[-1]
     assert length == pytest.approx(0.3, abs=0.03)
     assert parts.stat().st_size > 1000

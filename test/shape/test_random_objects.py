@@ -1,4 +1,4 @@
-"""Random objects are what they say they are, and what nothing was chosen on is cut into its parts, too."""
+"""Random objects have the stated properties, and objects that no constant was tuned on are cut into their parts."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Parts of objects whose parts are known, and what the command says about them."""
+"""Parts of objects whose parts are known, and the output of the command."""
 
 import json
 from pathlib import Path

@@ -22,7 +22,7 @@ def test_finer_cuts_inside_the_parts_are_no_error() -> None:
 def test_one_segment_over_two_parts_bleeds_the_smaller_share_on_both_sides() -> None:
     # Part 0 has 6 inside and 4 outside, part 1 has 4 inside and 6 outside: min is 4 twice.
     assert undersegmentation_error([0] * 10, TRUTH) == pytest.approx(0.8)
-    # Whatever refines is consistent for GCE.
+    # A refinement is consistent for GCE.
     assert global_consistency_error([0] * 10, TRUTH) == 0
 
 

@@ -10,7 +10,7 @@ from poise.errors import ErrorCode, InputError
 from poise.viewing.assembly_figures import graph_panel, limits_panel, map_panel, mechanism_panel
 from poise.viewing.assembly_picture import SurfaceColours, moved
 from poise.viewing.canvas import write_picture
-from poise.viewing.z_buffer import NOTHING, Camera, see
+from poise.viewing.z_buffer import NOTHING, PictureCamera, see
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def test_a_pixel_sees_the_nearest_triangle_where_it_is():
     """Two parallel triangles, the nearer one over half of the other; seen along -y."""
     far = [[-1, 1, -1], [1, 1, -1], [-1, 1, 1]]
     near = [[-1, 0, -1], [0, 0, -1], [-1, 0, 0]]
-    camera = Camera(np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]), np.array([-1.0, -1.0]), 50.0, 100, 100)
+    camera = PictureCamera(np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]]), np.array([-1.0, -1.0]), 50.0, 100, 100)
     seen = see(camera, np.array([near, far], dtype=float))
     x, z = np.meshgrid((np.arange(100) + 0.5) / 50 - 1, (np.arange(100) + 0.5) / 50 - 1)
     expected = np.where(x + z < -1, 0, np.where(x + z < 0, 1, NOTHING))
@@ -39,7 +39,7 @@ def test_a_pixel_sees_the_nearest_triangle_where_it_is():
 
 def test_the_camera_sees_all_it_is_asked_to_see():
     points = np.random.default_rng(0).normal(size=(50, 3))
-    camera = Camera.around(points, (-1, -1, 1), 300, 200, 0.05)
+    camera = PictureCamera.around(points, (-1, -1, 1), 300, 200, 0.05)
     pixels = camera.project(points)
     assert np.all(pixels >= [0.05 * 300 - 1, 0.05 * 200 - 1])
     assert np.all(pixels <= [0.95 * 300 + 1, 0.95 * 200 + 1])

@@ -5,7 +5,7 @@ from collections import Counter, deque
 import numpy as np
 
 from poise.inertia.model.solution import RejectedInterval
-from poise.robot import USED, Reasons
+from poise.robot import USED, PairingReasons
 from poise.types import Stamps
 
 
@@ -23,7 +23,7 @@ class RejectionLog:
         """In the order of time."""
         return tuple(self._intervals)
 
-    def add(self, stamps: Stamps, reasons: Reasons) -> None:
+    def add(self, stamps: Stamps, reasons: PairingReasons) -> None:
         """Note what became of samples (N,), in the order of time; an empty reason means used."""
         if not len(stamps):
             return

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.robot import USED, Reasons
+from poise.robot import USED, PairingReasons
 from poise.types import Array, Mask, Stamps
 
 NOT_FINITE, OUT_OF_ORDER, SATURATED, STALE = "not_finite", "out_of_order", "saturated", "stale"
-"""Reasons of rejection, as in poise_msgs/RejectedInterval."""
+"""PairingReasons of rejection, as in poise_msgs/RejectedInterval."""
 
 _REPEATS = 4
 """A moving sensor that gives the same six numbers this many times in a row does not measure."""
@@ -31,7 +31,7 @@ class SampleChecks:
         self._last_stamp = np.iinfo(np.int64).min
         self._last_wrench, self._repeats = np.full(6, np.nan), 0
 
-    def judge(self, stamps: Stamps, wrench: Array, angular_velocity: Array, reasons: Reasons) -> Reasons:
+    def judge(self, stamps: Stamps, wrench: Array, angular_velocity: Array, reasons: PairingReasons) -> PairingReasons:
         """(N,) the reason why each sample cannot be used, empty where it can.
 
         Args:

@@ -19,7 +19,7 @@ from poise.inertia.estimators import (
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
 from poise.recording import MAX_LATENESS
-from poise.robot import USED, MotionBuffer, Reasons, SensorMotion, StampedBuffer
+from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
 
 _AFTER_JUMP = 10**9
@@ -37,7 +37,7 @@ class PairedSamples:
     stamps: Stamps
     wrench: Array
     motion: SensorMotion
-    reasons: Reasons
+    reasons: PairingReasons
 
 
 class MethodPipeline:

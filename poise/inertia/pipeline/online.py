@@ -26,7 +26,7 @@ from poise.inertia.pipeline.estimator_group import EstimatorGroup
 from poise.inertia.pipeline.measuring_source import MeasuringSource
 from poise.inertia.pipeline.method_pipeline import MethodPipeline, PairedSamples
 from poise.robot import (
-    JUMP,
+    CLOCK_JUMP,
     LAG_STEP,
     LONGEST_DELAY,
     NO_KINEMATICS,
@@ -234,7 +234,7 @@ class OnlineEstimator:
         times = np.atleast_1d(np.asarray(stamps, dtype=np.int64))
         rows = np.asarray(wrench, dtype=np.float64).reshape(-1, 6)
         while len(times):
-            back = np.flatnonzero(times[1:] < np.maximum.accumulate(times)[:-1] - JUMP)
+            back = np.flatnonzero(times[1:] < np.maximum.accumulate(times)[:-1] - CLOCK_JUMP)
             end = int(back[0]) + 1 if len(back) else len(times)
             self._add_wrench(times[:end], rows[:end])
             times, rows = times[end:], rows[end:]

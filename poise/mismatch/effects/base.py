@@ -44,7 +44,7 @@ class EffectParameter:
             `Effect.starts` and never refined.
         resolution: of a non-linear parameter that the response does not follow smoothly (the moment of a step): how
             finely `Effect.starts` resolves it. It is not refined.
-        positive: of a linear parameter: negative values are impossible (a mass, a drag); fits with them are dropped.
+        positive: of a linear parameter: a physical bound, no fit goes below zero (a mass, a drag, a friction).
         hidden: kept in the model, not reported (`Effect.derived` reports physical quantities instead).
     """
 
@@ -60,6 +60,15 @@ class EffectParameter:
     resolution: float = 0.0
     positive: bool = False
     hidden: bool = False
+
+    @property
+    def lower(self) -> float:
+        """The least value that a fit may give to a linear parameter."""
+        return 0.0 if self.positive else -np.inf
+
+    def at_bound(self, value: float) -> bool:
+        """Whether a linear parameter is at its physical bound."""
+        return self.positive and value <= 1e-9 * self.scale
 
     def to_unit(self, value: float) -> float:
         """Where a value lies in its prior, 0 to 1 (the distribution function)."""

@@ -21,7 +21,10 @@ class CoulombFriction(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = torque_sizes(recorded)
-        return tuple(EffectParameter(f"torque_{i}", "N m", s) for i, s in zip(numbers(recorded), sizes, strict=True))
+        return tuple(
+            EffectParameter(f"torque_{i}", "N m", s, positive=True)
+            for i, s in zip(numbers(recorded), sizes, strict=True)
+        )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear

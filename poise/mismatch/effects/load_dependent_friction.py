@@ -22,7 +22,7 @@ class LoadDependentFriction(Effect):
     needs = ("effort",)
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        return tuple(EffectParameter(f"ratio_{i}", "", 0.08) for i in numbers(recorded))
+        return tuple(EffectParameter(f"ratio_{i}", "", 0.08, positive=True) for i in numbers(recorded))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear

@@ -21,7 +21,10 @@ class MotorInertia(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = per(recorded, efforts(recorded).acceleration) if recorded.effort is not None else ()
-        return tuple(EffectParameter(f"inertia_{i}", "kg m2", s) for i, s in zip(numbers(recorded), sizes, strict=True))
+        return tuple(
+            EffectParameter(f"inertia_{i}", "kg m2", s, positive=True)
+            for i, s in zip(numbers(recorded), sizes, strict=True)
+        )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear

@@ -28,9 +28,10 @@ class StribeckFriction(Effect):
         joints, sizes = numbers(recorded), torque_sizes(recorded)
         rates = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else sizes
         made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True)]
-        made += [EffectParameter(f"torque_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
-        made += [EffectParameter(f"stiction_{i}", "N m", s) for i, s in zip(joints, sizes, strict=True)]
-        made += [EffectParameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(joints, rates, strict=True)]
+        kinds = (("torque", "N m", sizes), ("stiction", "N m", sizes), ("damping", "N m s/rad", rates))
+        for kind, unit, scales in kinds:
+            pairs = zip(joints, scales, strict=True)
+            made += [EffectParameter(f"{kind}_{i}", unit, scale, positive=True) for i, scale in pairs]
         return tuple(made)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:

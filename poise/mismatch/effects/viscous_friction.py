@@ -22,7 +22,8 @@ class ViscousFriction(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         sizes = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else ()
         return tuple(
-            EffectParameter(f"damping_{i}", "N m s/rad", s) for i, s in zip(numbers(recorded), sizes, strict=True)
+            EffectParameter(f"damping_{i}", "N m s/rad", s, positive=True)
+            for i, s in zip(numbers(recorded), sizes, strict=True)
         )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:

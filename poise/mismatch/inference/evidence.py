@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
+from scipy.optimize import lsq_linear
 
 from poise.types import Array, Mask
 
@@ -105,9 +106,14 @@ class ProjectedColumns:
     information: Array
     vector: Array
 
-    def solve(self, precision: Array) -> Array:
-        """(m,) most likely coefficients for priors about zero."""
-        return np.asarray(cho_solve(cho_factor(self._posterior(precision), lower=True), self.vector))
+    def solve(self, precision: Array, lower: Array | None = None) -> Array:
+        """(m,) most likely coefficients for priors about zero, none below `lower` (m,)."""
+        factor = np.linalg.cholesky(self._posterior(precision))
+        free = np.asarray(cho_solve((factor, True), self.vector))
+        if lower is None or (free >= lower).all():
+            return free
+        target = solve_triangular(factor, self.vector, lower=True)
+        return np.asarray(lsq_linear(factor.T, target, (lower, np.inf), method="bvls").x)
 
     def drop(self, coefficients: Array) -> float:
         """Decrease of the square for these coefficients."""

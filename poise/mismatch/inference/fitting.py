@@ -151,8 +151,9 @@ def _linear(
         return _Point(nonlinear, np.zeros((0, len(response))), response, drop, np.zeros(0))
     columns = problem.whiten(effect.columns(recorded, nonlinear))
     projected = regression.project(columns)
-    linear = projected.solve(weak)
-    names = [p.name for p in effect.parameters(recorded) if p.linear]
+    parameters = [p for p in effect.parameters(recorded) if p.linear]
+    linear = projected.solve(weak, np.array([p.lower for p in parameters]))
+    names = [p.name for p in parameters]
     values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
     drop = projected.drop(linear) - float(weak @ linear**2)
     return _Point(values, columns, linear @ columns, drop, np.diag(projected.information))
@@ -226,11 +227,12 @@ def _evidence_gain(
     regression: WhitenedRegression, at: _Point, parameters: Sequence[EffectParameter], slopes: Array
 ) -> float:
     """Gain of log evidence: exact in the linear parameters, Laplace in the others, averaged over prior widths."""
-    linear = [p for p in parameters if p.linear]
-    if any(p.positive and at.values[p.name] < 0.0 for p in linear):
+    inside = [not p.at_bound(at.values[p.name]) for p in parameters if p.linear]
+    if inside and not any(inside):
         return -np.inf
+    linear = [p for p in parameters if p.linear and not p.at_bound(at.values[p.name])]
     count = len(linear)
-    projected = regression.project(np.vstack([at.columns, slopes]))
+    projected = regression.project(np.vstack([at.columns[inside], slopes]))
     inner = projected.pick(slice(0, count))
     scores = []
     for scale in PRIOR_SCALES if count else (1.0,):
@@ -264,6 +266,7 @@ class LinearizationPoint:
 def linearization_point(problem: Problem, parts: Sequence[FittedEffect]) -> LinearizationPoint:
     """The linearization about some parts at their values."""
     about = linearised(problem, tuple(parts), None)
+    about = about.inside() or about
     precision, mean = about.priors(1.0)
     calibrated = problem.calibrated(problem.groups(about.whole, parts), about.calibration.coefficients())
     return LinearizationPoint(
@@ -310,9 +313,10 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
     own = at.parameters()
     projected = at.calibration.project(at.columns)
     vector = projected.vector + precision * mean
+    lower = np.array([p.lower - at.parts[i].values[p.name] if p.positive else -np.inf for i, p in own])
     for strength in damping.tries():
         held = strength * np.diag(projected.information) + 1e-9
-        step = ProjectedColumns(projected.information, vector).solve(np.where(precision > 0, precision, held))
+        step = ProjectedColumns(projected.information, vector).solve(np.where(precision > 0, precision, held), lower)
         values = [dict(part.values) for part in at.parts]
         for (i, p), s in zip(own, step, strict=True):
             old = values[i][p.name]
@@ -326,6 +330,8 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
 
 
 def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
+    inside = at.inside()
+    at = inside or at
     own = at.parameters()
     linear = np.array([p.linear for _, p in own], dtype=bool)
     calibration = at.calibration.project(at.columns)
@@ -341,7 +347,7 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
         if p.resolution and not p.linear
     )
     evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale
-    if any(p.positive and at.parts[i].values[p.name] < 0.0 for i, p in own):
+    if inside is None:
         evidence = -np.inf
     precision, mean = at.priors(PRIOR_SCALES[best])
     whole = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)

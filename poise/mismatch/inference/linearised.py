@@ -8,7 +8,7 @@ from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
-from poise.types import Array
+from poise.types import Array, Mask
 
 PRIOR_SCALES = (1 / 3, 1.0, 3.0)
 SLOPE_STEP = 1e-4
@@ -17,7 +17,7 @@ SLOPE_STEP = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """A hypothesis linearised at its values; coefficients count from there."""
+    """A hypothesis linearised at its values; coefficients count from there. `free`: parameters with columns, or all."""
 
     parts: tuple[FittedEffect, ...]
     inputs: list[RecordedMotion]
@@ -25,14 +25,27 @@ class Linearised:
     calibration: WhitenedRegression
     columns: Array
     square: float
+    free: Mask | None = None
 
     def parameters(self) -> list[tuple[int, EffectParameter]]:
         """(part, parameter) of the columns."""
-        return [
+        every = [
             (i, p)
             for i, (part, recorded) in enumerate(zip(self.parts, self.inputs, strict=True))
             for p in continuous_parameters(part.effect, recorded)
         ]
+        return (
+            every if self.free is None else [each for each, free in zip(every, self.free.tolist(), strict=True) if free]
+        )
+
+    def inside(self) -> "Linearised | None":
+        """Without the columns of parameters at a bound; None when nothing linear is left of a part."""
+        own = self.parameters()
+        free = np.array([not p.at_bound(self.parts[i].values[p.name]) for i, p in own], dtype=bool)
+        linear = [(i, inside) for (i, p), inside in zip(own, free.tolist(), strict=True) if p.linear]
+        if {i for i, _ in linear} != {i for i, inside in linear if inside}:
+            return None
+        return self if free.all() else replace(self, columns=self.columns[free], free=free)
 
     def priors(self, scale: float) -> tuple[Array, Array]:
         """Precision and mean of the columns' coefficients, which count from the present values."""
