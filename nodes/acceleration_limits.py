@@ -25,7 +25,7 @@ from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import InertialEstimate
 
 _TURN_STEP, _TILT_STEP = 0.01, 0.002
-"""Changes of rad/s or rad/s2, and of rad, below which nothing is published anew."""
+"""Changes of rad/s or rad/s2, and of rad, below which nothing is published again."""
 
 ACCELERATION_LIMITS_PARAMETERS = (
     Parameter("azimuths", 72, "directions in the horizontal plane, counter-clockwise from x", (3, 10_000)),
@@ -62,7 +62,7 @@ class AccelerationLimitsNode(Node):
         self._estimate: InertialEstimate | None = None
         self._limits: AccelerationLimits | None = None
         self._gravity = 0.0
-        self._told: TurningBase | None = None
+        self._published: TurningBase | None = None
         self._publisher = self.create_publisher(AccelerationLimitsMessage, "acceleration_limits", LATCHED)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
         if values["payload"]:
@@ -73,7 +73,7 @@ class AccelerationLimitsNode(Node):
 
     def _on_assembly(self, message: AssemblyMessage) -> None:
         self._frame_id = message.header.frame_id
-        self._structure = self._told = None
+        self._structure = self._published = None
         try:
             self._structure = Structure.of(assembly_of(message, self._folders))
         except PoiseError as error:
@@ -81,7 +81,7 @@ class AccelerationLimitsNode(Node):
 
     def _on_estimate(self, message: InertialEstimate) -> None:
         if message.error.code == ErrorCode.OK:
-            self._estimate, self._told = message, None
+            self._estimate, self._published = message, None
 
     def _on_odom(self, message: Odometry) -> None:
         stamp = stamp_of(message)
@@ -91,22 +91,23 @@ class AccelerationLimitsNode(Node):
         self._odom_stamp = stamp
 
     def _update(self) -> None:
-        """Publish anew when something has changed enough to matter."""
-        base, told = self._base, self._told
+        """Publish again when something has changed enough to matter."""
+        base, before = self._base, self._published
         if self._structure is None:
             return
-        changed = told is None or base.tilt_from(told) > _TILT_STEP
+        changed = before is None or base.tilt_from(before) > _TILT_STEP
         turned = (
-            told is None or max(abs(base.speed - told.speed), abs(base.acceleration - told.acceleration)) > _TURN_STEP
+            before is None
+            or max(abs(base.speed - before.speed), abs(base.acceleration - before.acceleration)) > _TURN_STEP
         )
         if not changed and not turned:
             return
-        self._told = base
+        self._published = base
         try:
             if changed:
                 self._limits = None
                 self._limits = self._solved(self._structure, base)
-            if self._limits is None:  # what was wrong has been said
+            if self._limits is None:  # the error has been published
                 return
             self._publisher.publish(self._message(self._error(self._limits, base), self._limits, base))
         except PoiseError as error:

@@ -1,4 +1,4 @@
-"""RViz markers of an assembly: its objects, its contact interface graph, a map of its robustness, how it gives way."""
+"""RViz markers of an assembly: objects, contact interface graph, robustness map, collapse mechanism."""
 
 from collections.abc import Sequence
 from typing import Any

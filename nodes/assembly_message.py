@@ -225,7 +225,7 @@ def robustness_message(result: Robustness) -> RobustnessMessage:
 def map_message(found: RobustnessMap, frame_id: str) -> RobustnessMapMessage:
     """Turn a map into a message; its arrays are copied whole."""
     surface, objects = found.surface, found.analysis.assembly.objects
-    # The points that give way in the same way share their movers.
+    # The points that collapse in the same way share their movers.
     _, first, way = np.unique(np.stack([found.mechanism, found.block]), axis=1, return_index=True, return_inverse=True)
     names = [found.moves(int(point)) for point in first]
     movers = sorted({json.dumps(ids) for ids in names if ids})

@@ -41,7 +41,7 @@ FEEDBACK_TICKS = 10
 _PLANNED_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05, force_bias=5.0, torque_bias=0.25)
 """Motions are planned for these levels where none are given. They show the sensor's bias, even of a zeroed sensor."""
 
-PARAMETERS = (
+_PARAMETERS = (
     Parameter("speed_limit", COLLABORATIVE_SPEED, "m/s that no point of hand and object exceeds", (1e-3, 5.0)),
     Parameter("object_radius", 0.15, "m: the object is nowhere farther from the tool centre point", (0.0, 5.0)),
     Parameter("tcp_frame", "", "frame of the tool centre point; empty: the sensor's"),
@@ -96,7 +96,7 @@ class IdentifyPayload:
 
     def __init__(self, node: Node) -> None:
         self._node, self._live = node, node.live
-        self._values = declare_parameters(node, PARAMETERS)
+        self._values = declare_parameters(node, _PARAMETERS)
         self._arm = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self._goal: ServerGoalHandle | None = None
         self._session: Session | None = None

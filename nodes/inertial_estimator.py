@@ -28,7 +28,7 @@ UPDATE_PERIOD = 0.05
 """s between bringing wrenches and motion together: many at once cost less than one by one."""
 SOLVING = 0.2
 """Share of a core that solving may take: with many samples it is done less often."""
-LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class InertialEstimator(Node):
@@ -42,19 +42,19 @@ class InertialEstimator(Node):
         self._published = self._told = 0
         self._rest = 0.0
         # Who joins later (a planner, the demo) still hears what is being held.
-        self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", LATCHED)
-        self._changes = self.create_publisher(PayloadChange, "payload_change", LATCHED)
+        self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", _LATCHED)
+        self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         best_effort = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
         wrench_qos = best_effort if values["best_effort"] else QoSProfile(depth=2000)
         for message_type, topic, callback, qos in (
             (WrenchStamped, "wrench", self._on_wrench, wrench_qos),
             (JointState, "joint_states", self._on_joint_state, QoSProfile(depth=2000)),
-            (String, "robot_description", self._on_description, LATCHED),
+            (String, "robot_description", self._on_description, _LATCHED),
             (Imu, "imu", self._on_imu, QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)),
             (TFMessage, "tf", self._on_tf, QoSProfile(depth=2000)),
-            (TFMessage, "tf_static", self._on_tf_static, LATCHED),
-            (SegmentedObject, "segmented_object", self._on_shape, LATCHED),
+            (TFMessage, "tf_static", self._on_tf_static, _LATCHED),
+            (SegmentedObject, "segmented_object", self._on_shape, _LATCHED),
         ):
             self.create_subscription(message_type, topic, guarded(self, callback), qos)
         self.create_service(Trigger, "reset_estimate", self._on_reset)

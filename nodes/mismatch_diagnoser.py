@@ -156,8 +156,8 @@ class MismatchDiagnoser(Node):
         if report.error.code:
             return DiagnosticStatus.WARN, report.error.message
         sentences = [*(effect.sentence for effect in report.effects), report.unknown_sentence]
-        said = " ".join(sentence for sentence in sentences if sentence)
-        return (DiagnosticStatus.WARN, said) if said else (DiagnosticStatus.OK, "recording and simulation agree")
+        summary = " ".join(sentence for sentence in sentences if sentence)
+        return (DiagnosticStatus.WARN, summary) if summary else (DiagnosticStatus.OK, "recording and simulation agree")
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 

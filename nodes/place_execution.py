@@ -42,7 +42,7 @@ _ARM_TOPIC, _GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
 PLACE_EXECUTION_PARAMETERS = (
     Parameter("tcp_frame", "tcp", "execute: frame of robot_description between the finger tips, z out of the hand"),
     Parameter("base", [0.0] * 4, "execute: where the robot stands in the assembly's frame, x y z m and yaw rad"),
-    Parameter("speed", 0.5, "execute: m/s of the tool at the most", (0.01, 2.0)),
+    Parameter("speed", 0.5, "execute: m/s of the tool at most", (0.01, 2.0)),
     Parameter("ways_seconds", 10.0, "execute: s of the deadline for looking for ways of the arm", (0.1, 3600.0)),
     Parameter("arrival_tolerance", 0.003, "execute: rad that a joint may be off the end of a motion", (1e-5, 0.1)),
     Parameter("path_tolerance", 0.05, "execute: rad off its path, besides what it covers in 0.15 s", (1e-4, 1.0)),
@@ -50,7 +50,9 @@ PLACE_EXECUTION_PARAMETERS = (
     Parameter("gripper_joint", Gripper.joint, "execute: the joint that gripper_trajectory commands"),
     Parameter("gripper_open", Gripper.opened, "execute: rad or m, its position 85 mm open", (-10.0, 10.0)),
     Parameter("gripper_closed", Gripper.closed, "execute: rad or m, its position closed", (-10.0, 10.0)),
-    Parameter("gripper_squeeze", Gripper.squeeze, "execute: m that it is told to close beyond a grasp", (0.0, 0.08)),
+    Parameter(
+        "gripper_squeeze", Gripper.squeeze, "execute: m that it closes beyond the width of what it grasps", (0.0, 0.08)
+    ),
     Parameter("gripper_seconds", Gripper.seconds, "execute: s that the fingers take", (0.05, 60.0)),
 )
 
@@ -83,7 +85,7 @@ class Carrying:
         self.playing: TransferExecution | None = None
 
     def found_start(self, now: float) -> bool:
-        """Whether it is known where the arm rests; raises as `Robot.rests_at`."""
+        """Whether it is known where the arm rests; raises as `RobotPort.rests_at`."""
         self.start = self.robot.rests_at(now, self._begun)
         return self.start is not None
 
@@ -125,7 +127,7 @@ class Carrying:
         self.playing = TransferExecution(name, steps_of(self._transfer, values["speed"]), self.robot, tolerances, now)
 
     def stop(self) -> None:
-        """Whatever it is at."""
+        """Stop the arm, also in the middle of a motion."""
         if self.playing is not None:
             self.playing.cancel(time.monotonic())
 
@@ -190,7 +192,7 @@ class PlaceExecution:
         self._arm = None
         try:
             self._arm = Arm.from_urdf(message.data, self._base, tcp_frame=self._values["tcp_frame"])
-        except Exception as failure:  # told to whoever asks for a robot
+        except Exception as failure:  # raised when a goal needs the robot
             self._problem = coded(failure)
 
     def _move(self, names: tuple[str, ...], motion: WaypointTrajectory, stamp: int) -> None:

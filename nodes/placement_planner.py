@@ -43,7 +43,7 @@ PLACEMENT_PLANNER_PARAMETERS = (
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
     Parameter("planner", DEFAULT_PLANNER, "how a placement is found", PLACEMENT_PLANNERS.names()),
     Parameter("deadline", 5.0, "s for a goal that gives none", (0.001, 3600.0)),
-    Parameter("attempts", 500, "poses to test at the most", (1, 1_000_000)),
+    Parameter("attempts", 500, "poses to test at most", (1, 1_000_000)),
     Parameter("candidates", 10, "placements to find before the best is taken", (1, 10_000)),
     Parameter("criterion", "least", "what is best", CRITERIA),
     Parameter("support", "any", "what may carry the object", SUPPORT_KINDS),
@@ -56,12 +56,12 @@ PLACEMENT_PLANNER_PARAMETERS = (
 
 
 class PlacementTask:
-    """One goal: what the thread that plans and the executor tell each other.
+    """One goal: what the planning thread and the executor exchange.
 
     Args:
         goal: its handle.
         assembly: what it is about.
-        due: when it is answered, whatever the planner is at; on the monotonic clock, s.
+        due: when it is answered, also when the planner is still busy; on the monotonic clock, s.
         carrying: the robot that puts it there; None: it is only planned.
     """
 
@@ -82,7 +82,7 @@ class PlacementTask:
 
     @property
     def ready(self) -> bool:
-        """It can be planned: nobody has to move, or it is known from where."""
+        """It can be planned: no arm has to move, or its start is known."""
         return self.carrying is None or self.carrying.start is not None
 
     @property
@@ -125,7 +125,7 @@ class PlacementPlannerNode(Node):
             self._heard = assembly_message(load_scene(values["scene"]), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
-        self._told, self._told_stage = 0.0, ""
+        self._last_feedback, self._last_stage = 0.0, ""
         self._execution = PlaceExecution(self)
         self._jobs = Jobs(self, 1)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
@@ -158,7 +158,7 @@ class PlacementPlannerNode(Node):
             return
         try:
             self._task = self._begin(goal)
-        except Exception as failure:  # whatever it is, the caller must not wait for ever
+        except Exception as failure:  # of any kind: the caller must get an answer
             error = coded(failure)
             goal.execute(lambda handle: _result(handle, error))
             return
@@ -187,7 +187,7 @@ class PlacementPlannerNode(Node):
         return PlacementTask(goal, message, time.monotonic() + seconds, carrying)
 
     def _tick(self) -> None:
-        """Answer the goal when there is something to say, or go on with it and let it know how far it is."""
+        """Answer the goal when it ends; otherwise continue it and publish feedback."""
         task = self._task
         if task is None:
             return
@@ -197,11 +197,11 @@ class PlacementPlannerNode(Node):
                 self._play(task, task.carrying.playing, now)
             else:
                 self._await_plan(task, now)
-        except Exception as failure:  # whatever it is, neither the caller must wait for ever nor the arm go on
+        except Exception as failure:  # of any kind: the caller must get an answer, and the arm must stop
             self._stop_arm()
             self._end(task, coded(failure))
-        if self._task is not None and (now > self._told + _FEEDBACK_PERIOD or task.stage != self._told_stage):
-            self._told, self._told_stage = now, task.stage
+        if self._task is not None and (now > self._last_feedback + _FEEDBACK_PERIOD or task.stage != self._last_stage):
+            self._last_feedback, self._last_stage = now, task.stage
             task.goal.publish_feedback(_feedback(task))
 
     def _play(self, task: PlacementTask, playing: TransferExecution, now: float) -> None:
@@ -267,7 +267,7 @@ class PlacementPlannerNode(Node):
         return self._planner.plan(analysis, item, replace(self._options, deadline=left), request.seed, task.report)
 
     def _analysis(self, message: AssemblyMessage) -> Analysis:
-        """Of the assembly in a message; what is the same as the last time is not worked out again."""
+        """Of the assembly in a message; what is unchanged since the last one is not computed again."""
         if self._known is None or self._known[0] is not message:
             before = None if self._known is None else self._known[1]
             assembly = assembly_of(message, self._folders)

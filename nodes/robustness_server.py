@@ -125,7 +125,7 @@ class RobustnessServer(Node):
             mapped = robustness_map(analysis, request.map_points, tolerance, request.model, left)
             complete &= mapped.complete
         for result in found.results:
-            _ = result.mode, result.mechanism  # worked out when asked for: part of the computation, too
+            _ = result.mode, result.mechanism  # computed when first used: part of the computation, too
         response.seconds = time.perf_counter() - start
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
         response.robustness = [robustness_message(result) for result in found.results]
@@ -188,7 +188,7 @@ class RobustnessServer(Node):
         return request.assembly[0].header.frame_id if request.assembly else self._frame_id
 
     def _keep(self, analysis: Analysis, publish: bool = True) -> None:
-        """Make an analysis the one that calls without an assembly ask; tell the others."""
+        """Make an analysis the one for calls without an assembly, and publish its assembly."""
         self._analysis, self._problem = analysis, None
         self._answered = (), None
         self._drawn = False

@@ -6,8 +6,9 @@
 import importlib
 import inspect
 import pkgutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from typing import Generic, Protocol, TypeVar
 
@@ -51,7 +52,7 @@ class Registry(Generic[Entry]):
 
     def names(self) -> tuple[str, ...]:
         """All names, without importing an entry."""
-        return tuple(sorted(name for name, _ in self._files()))
+        return tuple(sorted(_modules(self.packages)))
 
     def find(self, name: str) -> Entry:
         """The entry of a name.
@@ -59,7 +60,7 @@ class Registry(Generic[Entry]):
         Raises:
             InputError: BAD_INPUT for an unknown name; UNSUPPORTED when a module that the entry needs is not installed.
         """
-        module = dict(self._files()).get(name)
+        module = _modules(self.packages).get(name)
         if module is None:
             known = ", ".join(self.names())
             raise InputError(ErrorCode.BAD_INPUT, f"there is no {self.kind} {name!r}; choose one of {known}")
@@ -73,15 +74,19 @@ class Registry(Generic[Entry]):
             )
         return entry
 
-    def _files(self) -> Iterator[tuple[str, str]]:
-        """The name and the module of each entry."""
-        for package in self.packages:
-            try:
-                folders = importlib.import_module(package).__path__
-            except ModuleNotFoundError:
-                continue
-            for file in pkgutil.iter_modules(folders):
-                yield file.name.replace("_", "-"), f"{package}.{file.name}"
+
+@cache
+def _modules(packages: tuple[str, ...]) -> dict[str, str]:
+    """The name and the module of each entry in some packages."""
+    found = {}
+    for package in packages:
+        try:
+            folders = importlib.import_module(package).__path__
+        except ModuleNotFoundError:
+            continue
+        for file in pkgutil.iter_modules(folders):
+            found[file.name.replace("_", "-")] = f"{package}.{file.name}"
+    return found
 
 
 Base = TypeVar("Base")

@@ -51,7 +51,7 @@ def make_case(plan: Plan, seconds: float | None = None) -> Case:
     track = rig.run(())
     chosen = choose(rig, plan, track, for_fault)
     faults = [fault for fault, _ in chosen]
-    if any(fault.simulated for fault in faults):
+    if any(fault.simulated for fault in faults):  # the search may have ended on another size than its last
         track = rig.run(faults)
     streams = Recorder(profile, rig.true, rig.honest, faults, for_recorder).record(track)
     label = {

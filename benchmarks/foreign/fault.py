@@ -25,14 +25,14 @@ class Fault(Mechanism):
     truth: dict[str, Any] = field(default_factory=dict)
 
     name: ClassVar[str] = ""
-    """As the tool's library calls it, or a name of this world for what the library has not."""
+    """The name in the tool's library; a name of this world where the library has none."""
     accept: ClassVar[tuple[str, ...]] = ()
     """Other names that are right too."""
     needs: ClassVar[str] = "any"
     """`wrench`, `effort` or `any`: what the recording must have."""
     usual: ClassVar[float] = 1.0
     largest: ClassVar[float] = np.inf
-    """Sizes at which the search begins, and beyond which no robot goes."""
+    """The size at which the search begins, and the largest one that is used."""
     outside_tolerance: ClassVar[float] = 0.0
     """The size that a tolerance of model.yaml still allows; strength 1 is at least five of it."""
     simulated: ClassVar[bool] = True
@@ -111,7 +111,7 @@ def vector(stem: str, value: Array, scale: float = 1.0) -> dict[str, float]:
 
 
 def window(track: Track, shortest: float, longest: float, rng: np.random.Generator) -> tuple[float, float]:
-    """A random window inside a run, in s, at most a third of it, not in its first two seconds."""
+    """A random window inside a run, in s, at most a third of it, not in its first 1.5 s."""
     end = float(track.seconds[-1])
     length = min(float(rng.uniform(shortest, longest)), end / 3)
     start = float(rng.uniform(1.5, end - length - 0.5))

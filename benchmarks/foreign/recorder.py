@@ -27,15 +27,27 @@ _DRIVER = butter(2, DRIVER_CUTOFF, fs=1 / STEP, output="sos")
 _OFFLINE = butter(2, 12.0, fs=1 / STEP, output="sos")
 
 
-def sensed(track: Track, honest: Honest, faults: Sequence[Fault]) -> Array:
-    """(N, 6) the wrench behind the sensor and its calibration, on the clock of its stamps, without noise."""
-    chain = sorted(faults, key=lambda fault: fault.stage)
-    wrench = track.wrench
+def in_order(faults: Sequence[Fault]) -> list[Fault]:
+    """Effects in the order of the sensor's chain."""
+    return sorted(faults, key=lambda fault: fault.stage)
+
+
+def measured(track: Track, honest: Honest, faults: Sequence[Fault]) -> Array:
+    """(N, 6) the wrench behind the sensor and its calibration, before noise and converter."""
+    wrench, chain = track.wrench, in_order(faults)
     for fault in (f for f in chain if f.stage < 5):
         wrench = fault.sense(track, wrench)
     wrench = honest.sense(track.seconds, wrench)
     for fault in (f for f in chain if f.stage >= 5):
         wrench = fault.sense(track, wrench)
+    return wrench
+
+
+def sensed(track: Track, honest: Honest, faults: Sequence[Fault]) -> Array:
+    """(N, 6) the wrench as it would be recorded without noise, on the clock of its stamps."""
+    wrench = measured(track, honest, faults)
+    for fault in in_order(faults):
+        wrench = fault.read(wrench)
     stamps = stamped(track.seconds, honest, faults)
     return np.stack([np.interp(track.seconds, stamps, column) for column in wrench.T], axis=1)
 
@@ -90,16 +102,10 @@ class Recorder:
         )
 
     def _wrench(self, track: Track) -> Wrenches:
-        profile, chain = self.profile, sorted(self.faults, key=lambda fault: fault.stage)
-        wrench = track.wrench
-        for fault in (f for f in chain if f.stage < 5):
-            wrench = fault.sense(track, wrench)
-        wrench = self.honest.sense(track.seconds, wrench)
-        for fault in (f for f in chain if 5 <= f.stage < 7):
-            wrench = fault.sense(track, wrench)
+        profile = self.profile
         level = profile.force * np.repeat([1.0, LEVER], 3)
-        wrench = self._noisy(wrench, level, profile.noise)
-        for fault in chain:
+        wrench = self._noisy(measured(track, self.honest, self.faults), level, profile.noise)
+        for fault in in_order(self.faults):
             wrench = fault.read(wrench)
         rows = self._rows(track, profile.wrench_rate)
         clock = stamped(track.seconds[rows], self.honest, self.faults)

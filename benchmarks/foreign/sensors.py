@@ -184,9 +184,6 @@ class Saturation(SensorFault):
         """N."""
         return float(self.truth["loudest"] * (1 - self.size))
 
-    def sense(self, track: Track, wrench: Array) -> Array:
-        return self.read(wrench)
-
     def read(self, wrench: Array) -> Array:
         return np.hstack([np.clip(wrench[:, :3], -self.level(), self.level()), wrench[:, 3:]])
 
@@ -198,9 +195,6 @@ class Quantisation(SensorFault):
     """A coarse converter; size: N a step, and LEVER times as many N m."""
 
     name, usual, largest, stage = "quantisation", 0.5, 5.0, 8
-
-    def sense(self, track: Track, wrench: Array) -> Array:
-        return self.read(wrench)
 
     def read(self, wrench: Array) -> Array:
         step = self.size * np.repeat([1.0, LEVER], 3)

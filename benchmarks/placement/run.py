@@ -22,9 +22,9 @@ from rich.table import Table
 from benchmarks.placement.scenes import SCENES, box, cube, scene
 from benchmarks.placement.trial import NAN, STILL, Trial, mean, run
 from poise.files import write_whole
-from poise.placement import PLACEMENT_PLANNERS, Options
+from poise.placement import DEFAULT_PLANNER, PLACEMENT_PLANNERS, Options
 
-EVERYONE = (*PLACEMENT_PLANNERS.names(), "robust")
+EVERYONE = (*sorted(PLACEMENT_PLANNERS.names(), key=lambda name: name != DEFAULT_PLANNER), "robust")
 SHORT = {"uniform": 20, "robust": 20, "sim-above": 10, "hm": 4, "sim-random": 2, "chance": 1}
 """Runs a scene, at the most, of what takes seconds a placement, unless --whole."""
 ATTEMPTS = 500

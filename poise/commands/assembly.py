@@ -1,4 +1,4 @@
-"""`poise robustness`, `poise msa` and `poise disassemble`: what a scene file of objects in contact bears."""
+"""`poise robustness`, `poise msa`, `poise disassemble`: pushes, accelerations and disassembly of a scene file."""
 
 import time
 from pathlib import Path

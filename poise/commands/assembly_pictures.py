@@ -46,12 +46,12 @@ def draw_pushes(
             panel = mechanism_panel(analysis, pushes[weakest], results[weakest])
         else:
             panel = graph_panel(analysis)
-        _say(write_picture([panel], picture), json_target)
+        _print_written(write_picture([panel], picture), json_target)
     if rerun is not None:
         from poise.viewing import write_assembly_recording
 
         shown = pushes if results else ()
-        _say(write_assembly_recording(rerun, analysis, shown, results), json_target)
+        _print_written(write_assembly_recording(rerun, analysis, shown, results), json_target)
 
 
 def draw_map(found: RobustnessMap, picture: Path | None, rerun: Path | None, json_target: str | None) -> None:
@@ -59,11 +59,11 @@ def draw_map(found: RobustnessMap, picture: Path | None, rerun: Path | None, jso
     if picture is not None:
         from poise.viewing import map_panel, write_picture
 
-        _say(write_picture([map_panel(found)], picture), json_target)
+        _print_written(write_picture([map_panel(found)], picture), json_target)
     if rerun is not None:
         from poise.viewing import write_assembly_recording
 
-        _say(write_assembly_recording(rerun, found.analysis, found_map=found), json_target)
+        _print_written(write_assembly_recording(rerun, found.analysis, found_map=found), json_target)
 
 
 def draw_limits(
@@ -77,12 +77,12 @@ def draw_limits(
     if picture is not None:
         from poise.viewing import limits_panel, write_picture
 
-        _say(write_picture([limits_panel(found)], picture), json_target)
+        _print_written(write_picture([limits_panel(found)], picture), json_target)
     if rerun is not None:
         from poise.viewing import write_assembly_recording
 
-        _say(write_assembly_recording(rerun, analysis, limits=found), json_target)
+        _print_written(write_assembly_recording(rerun, analysis, limits=found), json_target)
 
 
-def _say(written: Path, json_target: str | None) -> None:
+def _print_written(written: Path, json_target: str | None) -> None:
     console(json_target).print(f"written: {written}", soft_wrap=True, markup=False)

@@ -19,8 +19,8 @@ from poise.commands.place import (
     content_of,
     failure_of,
     looks_of,
+    print_answer,
     read_spec,
-    say,
     watching,
 )
 from poise.commands.scenes import SceneArgument, open_scene
@@ -43,7 +43,7 @@ BaseOption = Annotated[
     typer.Option("--base", metavar="X Y Z YAW", help="Where the robot stands in the scene, m and rad."),
 ]
 _TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the URDF between the finger tips, z out of the hand.")]
-_SpeedOption = Annotated[float, typer.Option("--speed", help="m/s of the tool at the most.", min=0.01, max=2.0)]
+_SpeedOption = Annotated[float, typer.Option("--speed", help="m/s of the tool at most.", min=0.01, max=2.0)]
 WaysOption = Annotated[float, typer.Option("--seconds", help="s for looking for ways of the arm.", min=0.1)]
 
 
@@ -82,8 +82,8 @@ def carry(
     known: dict[str, Any] = {}
     try:
         reach.require_pick()
-        with watching(people, attempts) as tell:
-            found = plan_placement(analysis, item, options, seed, tell)
+        with watching(people, attempts) as report:
+            found = plan_placement(analysis, item, options, seed, report)
         known = content_of(found)
         transfer = plan_transfer(reach, found.analysis, found.item, Limits(speed=speed), seconds, seed)
     except NoAnswerError as error:
@@ -94,7 +94,7 @@ def carry(
         write_scene(found.analysis.assembly, output)
     if picture is not None:
         people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
-    say(people, found)
+    print_answer(people, found)
     moving = sum(phase.seconds for phase in transfer.phases)
     people.print(f"held firmly up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
 

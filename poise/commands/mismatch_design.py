@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.commands.output import progress_bar
 from poise.excitation import write_waypoints
-from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, separating_motion
+from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, design_motion
 from poise.robot import RobotModel
 
 _STEP = 0.1
@@ -20,7 +20,7 @@ def designed(found: Diagnosis, robot: RobotModel | None) -> DiscriminatingMotion
         return None
     with progress_bar("designing a motion") as progress:
         for examined in found.examinations:
-            design = separating_motion(examined, robot, progress=progress)
+            design = design_motion(examined, robot, progress=progress)
             if design is not None:
                 return design
     return None

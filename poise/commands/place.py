@@ -46,7 +46,7 @@ SpecsOption = Annotated[
     ),
 ]
 PlacementSeedOption = Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)]
-AttemptsOption = Annotated[int, typer.Option("--attempts", help="Poses to test at the most.", min=1)]
+AttemptsOption = Annotated[int, typer.Option("--attempts", help="Poses to test at most.", min=1)]
 _DeadlineOption = Annotated[
     float | None, typer.Option("--deadline", help="s; the best found by then is taken.", show_default=False)
 ]
@@ -113,18 +113,18 @@ def place(
         raise InputError(ErrorCode.BAD_INPUT, f"--planner {planner} places one object; give one --object")
     people = console(json_target)
     try:
-        with watching(people, attempts) as tell:
+        with watching(people, attempts) as report:
             if len(items) > 1:
-                found: Placement | PlacementSequence = plan_sequence(analysis, items, options, seed, orders, tell)
+                found: Placement | PlacementSequence = plan_sequence(analysis, items, options, seed, orders, report)
             else:
-                found = chosen.plan(analysis, items[0], options, seed, tell)
+                found = chosen.plan(analysis, items[0], options, seed, report)
     except NoAnswerError as error:
         write_json(json_target, failure_of(error))
         raise
     write_json(json_target, _sequence_content(found) if isinstance(found, PlacementSequence) else content_of(found))
     if output is not None:
         write_scene(found.analysis.assembly, output)
-    say(people, found)
+    print_answer(people, found)
 
 
 def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, PoseTest], ...]:
@@ -136,20 +136,20 @@ def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, PoseTest],
 
 @contextmanager
 def watching(people: Console, attempts: int) -> Iterator[Callable[[PlacementProgress], bool]]:
-    """A line that says how far the search is."""
+    """A progress line on the terminal."""
     with Bar(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=people) as bar:
         task = bar.add_task("looking", total=None)
 
-        def tell(progress: PlacementProgress) -> bool:
+        def report(progress: PlacementProgress) -> bool:
             found = "" if progress.best is None else ", one that stays is found"
             bar.update(task, description=f"pose {progress.iteration} of up to {attempts}{found}")
             return True
 
-        yield tell
+        yield report
 
 
-def say(people: Console, found: Placement | PlacementSequence) -> None:
-    """The answer for people."""
+def print_answer(people: Console, found: Placement | PlacementSequence) -> None:
+    """Print the answer as text."""
     placements = found.placements if isinstance(found, PlacementSequence) else (found,)
     for number, placement in enumerate(placements):
         x, y, z, *quaternion = placement.pose.vector

@@ -1,4 +1,4 @@
-"""How commands open a scene file: made ready for questions, what was mended in its meshes told."""
+"""How commands open a scene file: prepared for many questions, with warnings about repaired meshes."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""`poise sensitivity`: on what the robustness to a push depends, and how sure it is."""
+"""`poise sensitivity`: derivatives of the robustness to a push, and the probability of motion."""
 
 import time
 from pathlib import Path
@@ -39,7 +39,7 @@ def sensitivity(
 ) -> None:
     """Differentiate robustness by masses, poses, friction and the point of the push.
 
-    Exact derivatives, from how things give way. With --force: the probability that a push this hard moves anything,
+    Exact derivatives, from how things collapse. With --force: the probability that a push this hard moves anything,
     given the covariances and deviations in the scene.
 
     Example:  poise sensitivity scene.yaml --queries pushes.json --force 3 --friction-deviation 0.05

@@ -85,7 +85,7 @@ def _borne(before: Analysis, pushes: list[Push]) -> list[float]:
     """N, of each push; one by one where they cannot be answered together."""
     try:
         return [float(result.lower) for result in assess(before, pushes, "limit").results]
-    except PoiseError:  # a direction about which nothing is known recommends itself to nobody
+    except PoiseError:  # a direction without an answer comes last
         return [0.0] if len(pushes) == 1 else [_borne(before, [push])[0] for push in pushes]
 
 

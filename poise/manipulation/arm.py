@@ -91,7 +91,7 @@ class Arm:
         try:
             model = pin.buildModelFromXML(text)
             geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
-        except Exception as error:  # whatever its C++ threw
+        except Exception as error:  # any pinocchio exception
             raise InputError(
                 ErrorCode.ROBOT_DESCRIPTION_INVALID, f"{source}: cannot be built with its collision shapes: {error}"
             ) from error
@@ -172,7 +172,7 @@ class Arm:
 
     @cached_property
     def reach(self) -> float:
-        """m, how far from the shoulder the tool frame can be at the most: all links in one line."""
+        """m, how far from the shoulder the tool frame can be at most: all links in one line."""
         joints = [np.linalg.norm(place.translation) for place in self.model.jointPlacements[2:]]
         return float(sum(joints) + np.linalg.norm(self.wrist_tcp.translation))
 

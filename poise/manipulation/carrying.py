@@ -19,7 +19,7 @@ from poise.types import Array
 _GENTLY = 0.1
 """m/s of the tool on the straight ways."""
 _HOLD_SHARE = 0.8
-"""Of the acceleration that the grip bears."""
+"""Of the acceleration that the grip withstands."""
 _WIDE = (0.01, 0.01)
 """m that the robot and what it holds keep from everything on long ways, where there is room."""
 ROOMY: Margins = (0.006, 0.0075)
@@ -85,7 +85,7 @@ def plan_transfer(
         reach: of the object, where it lies.
         after: the assembly with the object at its place.
         placed: the object there.
-        limits: of the motions; what the grip bears limits them further while it holds.
+        limits: of the motions; what the grip withstands limits them further while it holds.
         seconds: for looking for ways.
         seed: same seed, same motion (unless time runs out).
 

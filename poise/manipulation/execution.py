@@ -1,4 +1,4 @@
-"""A transfer played by a robot: what arm and fingers are told when, and whether they do it; or else the arm is stopped.
+"""Carries out a transfer: commands arm and fingers step by step, supervises them, and stops the arm on an error.
 
 Knows nothing of ROS: joint states and the time go in, commands come out. Nothing in it waits: `tick` returns at once.
 """
@@ -32,7 +32,7 @@ class TransferStep(NamedTuple):
         motion: of the arm, from rest to rest; None: the fingers move.
         opening: m, of the fingers.
         holding: the object is in the hand.
-        stop_time: s that a stop may take at the least.
+        stop_time: s that a stop may take at least.
     """
 
     name: str
@@ -43,7 +43,7 @@ class TransferStep(NamedTuple):
 
     @property
     def stage(self) -> str:
-        """As it is told to people."""
+        """The stage of the goal, as feedback names it."""
         return _STAGES.get(self.name, "picking")
 
 
@@ -52,14 +52,14 @@ def steps_of(transfer: Transfer, speed: float) -> tuple[TransferStep, ...]:
 
     Args:
         transfer: the plan.
-        speed: m/s of the tool, at the most; a stop from it must not shake off what is held.
+        speed: m/s of the tool, at most; a stop from it must not shake off what is held.
     """
     steps: list[TransferStep] = []
     for phase in transfer.phases:
         if not steps or (phase.opening, phase.holding) != (steps[-1].opening, steps[-1].holding):
             steps.append(TransferStep(phase.name, None, phase.opening, phase.holding))
         if phase.motions:
-            # Time slows down as 1 - 3 u^2 + 2 u^3, at 1.5 / stop_time at the most.
+            # Time slows down as 1 - 3 u^2 + 2 u^3, at 1.5 / stop_time at most.
             gently = max(_STOP_TIME, 1.5 * speed / transfer.ends.hold) if phase.holding else _STOP_TIME
             steps.append(TransferStep(phase.name, joined(phase.motions), phase.opening, phase.holding, gently))
     return tuple(steps)
@@ -92,7 +92,7 @@ class Tolerances:
 
 
 class RobotPort:
-    """What joint states tell of an arm and its fingers, and the two things that it can be told.
+    """The state of an arm and its fingers from joint states, and the two commands that they take.
 
     Args:
         arm: whose joints.
@@ -138,7 +138,7 @@ class TransferExecution:
     Args:
         name: of the object.
         steps: what to do.
-        robot: which is told, and hears joint states.
+        robot: takes the commands and the joint states.
         tolerances: how well it has to follow.
         now: s of a clock that never goes back, the one of all calls.
     """
@@ -151,7 +151,7 @@ class TransferExecution:
         self._step: TransferStep | None = None
         self._since = self._ticked = self._trusting_until = now
         self._begin = self._sent = 0  # ns on the joint states' clock: of the motion, and when it was sent
-        self._gripped: float | None = None  # where the fingers were when they were told to move
+        self._gripped: float | None = None  # where the fingers were when they were commanded to move
         self._felt = robot.fingers.position is not None
         self.stage, self.done = "picking", False
         self.error: PoiseError | None = None
@@ -174,10 +174,10 @@ class TransferExecution:
         except PoiseError as error:
             self._fail(error, now)
         except Exception as error:  # of ours; the arm has to stop all the same
-            self._fail(PoiseError(ErrorCode.INTERNAL, f"a fault of ours: {error!r}; please report it"), now)
+            self._fail(PoiseError(ErrorCode.INTERNAL, f"internal error: {error!r}; please report it"), now)
 
     def cancel(self, now: float) -> None:
-        """Tell the arm to stop; be done."""
+        """Command the arm to stop, and end."""
         if not self.done:
             self._conclude(ErrorCode.CANCELLED, f"the arm stopped while {self.stage} {self._name}; {self._hand}")
             self._stop(now, on_path=True)
@@ -218,7 +218,8 @@ class TransferExecution:
         joints, tolerances = self._robot.joints, self._tolerances
         if joints.stamp < self._sent:
             raise SensorError(
-                ErrorCode.SENSOR_STALE, f"the clock of joint_states was set back during {name}: mend it, and ask again"
+                ErrorCode.SENSOR_STALE,
+                f"the clock of joint_states was set back during {name}: fix that clock and send the goal again",
             )
         seconds = (joints.stamp - self._begin) * 1e-9
         there = motion.at(np.array([seconds]))
@@ -254,8 +255,8 @@ class TransferExecution:
         if waited > gripper.seconds + self._tolerances.slack:
             raise NoAnswerError(
                 ErrorCode.NOT_FOLLOWING,
-                f"{gripper.joint} is at {fingers.position:.3f} and was told {self._target(step):.3f}: is the gripper's"
-                " controller active, and does it listen to gripper_trajectory",
+                f"{gripper.joint} is at {fingers.position:.3f} and was commanded to {self._target(step):.3f}: is the"
+                " gripper's controller active, and does it listen to gripper_trajectory",
             )
         return False
 
@@ -269,15 +270,20 @@ class TransferExecution:
         return "it still holds it" if step is not None and step.holding else "its hand is empty"
 
     def _fail(self, error: PoiseError, now: float) -> None:
-        told = "rests" if self._step is None or self._step.motion is None else "was told to stop"
-        self._conclude(error.code, f"{error.message}; the arm {told} while {self.stage} {self._name}, and {self._hand}")
+        state = "rests" if self._step is None or self._step.motion is None else "was commanded to stop"
+        self._conclude(
+            error.code, f"{error.message}; the arm {state} while {self.stage} {self._name}, and {self._hand}"
+        )
         self._stop(now, on_path=error.code is not ErrorCode.NOT_FOLLOWING)
 
     def _conclude(self, code: ErrorCode, message: str) -> None:
         self.error, self.done = PoiseError(code, message), True
 
     def _stop(self, now: float, on_path: bool) -> None:
-        """Stop along the path, which is free; where the arm is, when it is off its path or that fails. Never raises."""
+        """Stop along the path, which is free, or in place when the arm is off it or that fails.
+
+        Never raises. An arm at rest gets no command.
+        """
         step = self._step
         if step is None or step.motion is None:
             return

@@ -25,7 +25,7 @@ _BEYOND = 0.004
 
 
 def antipodal_grasps(shape: Shape, hand: Hand, sides: int = APPROACH_SIDES) -> tuple[Grasp, ...]:
-    """All grasps of a shape by flat opposite faces, from so many sides; room for the hand is not asked for."""
+    """All grasps of a shape by flat opposite faces, from a number of sides; room for the hand is not checked."""
     polyhedron = shape.polyhedron
     areas = [shapely.area(_outline(polyhedron, facet, facet)) for facet in range(len(polyhedron.normals))]
     largest = np.argsort(areas, kind="stable")[::-1][:_FACETS]

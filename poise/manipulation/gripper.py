@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 _NEAR = 0.05
-"""Of the whole way: nearer than that, the fingers are where they were told to be."""
+"""Of the whole way: nearer than that, the fingers are at the commanded position."""
 _STILL = 0.01
 """Of the whole way: within it a resting joint stays,"""
 _REST = 0.2
@@ -24,7 +24,7 @@ class Gripper:
         joint: its name.
         opened, closed: rad or m, its position with the fingers `stroke` apart, and together.
         stroke: m.
-        squeeze: m by which the fingers are told to close further than to what they grasp, or they would not press.
+        squeeze: m by which the commanded position closes beyond the grasped width, so that the fingers press.
         seconds: in which they open or close.
     """
 
@@ -47,7 +47,7 @@ class Gripper:
 
 
 class FingerWatch:
-    """Where the fingers are, if joint states tell.
+    """The position of the fingers, where joint states contain it.
 
     Args:
         gripper: whose.
@@ -57,7 +57,7 @@ class FingerWatch:
         self._gripper = gripper
         self.position: float | None = None
         self.heard = -np.inf
-        """s, when they last told."""
+        """s, time of the last joint state with the joint."""
         self._rests_at, self._since = np.inf, 0.0
 
     def add(self, names: Sequence[str], position: ArrayLike, now: float) -> None:
@@ -74,7 +74,7 @@ class FingerWatch:
         return now - self._since > _REST
 
     def near(self, target: float) -> bool:
-        """They are where they were told to be."""
+        """They are at the commanded position."""
         return self.position is not None and abs(self.position - target) <= _NEAR * self._gripper.travel
 
     def moved(self, before: float | None) -> bool:

@@ -28,7 +28,7 @@ TOUCHING = 0.01
 _FAR = 0.04
 """m from all contacts: far enough."""
 _FIRM = 20.0
-"""m/s2 that a grip bears: firm enough."""
+"""m/s2 that a grip withstands: firm enough."""
 _LEAST_HOLD = 1.0
 """m/s2 that a grip has to bear besides gravity."""
 _MOST_GRASPS = 16
@@ -82,7 +82,7 @@ class Ends:
         pick, place: the arm there.
         approach: (3,) unit vector along which the object comes to its place.
         forgiving: N, least robustness of its neighbours to pushes along it.
-        hold: m/s2 that the grip bears.
+        hold: m/s2 that the grip withstands.
     """
 
     grasp: Grasp
@@ -142,7 +142,7 @@ class Reach:
         if touching is not None:
             raise NoAnswerError(
                 ErrorCode.INTERPENETRATION,
-                f"where the arm is, {touching[0]} touches {touching[1]}, or nearly: move it away, or mend base",
+                f"where the arm is, {touching[0]} touches {touching[1]}, or nearly: move it away, or correct base",
             )
 
     @property

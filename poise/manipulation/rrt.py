@@ -82,7 +82,7 @@ def find_way(
         bounds: (J,) least and greatest position.
         rng: chooses; the same seed finds the same way, unless the deadline comes first.
         deadline: moment of the monotonic clock, s.
-        nodes: of both trees at the most.
+        nodes: of both trees at most.
     """
     if free(start, goal):
         return np.stack([start, goal])

@@ -1,4 +1,4 @@
-"""Whether presses at some points could carry an object at all: asked before anything that costs time is."""
+"""Whether forces at some points could carry an object at all: a cheap test before the costly ones."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ _ON_LINE = 1e-3
 
 
 def unbalanced_share(points: Array, normals: Array, friction: Array, gravity: Array, size: float) -> float:
-    """How much of a unit weight, force and moment, presses at some points cannot balance at the least.
+    """How much of a unit weight, force and moment, presses at some points cannot balance at least.
 
     Thesis section 5.5.4 asks the forces of a QR (eq. 5.6-5.8) first; these may pull where others need not. Here the
     forces press, within pyramids around the friction cones: what they leave over, nothing within the cones balances.
@@ -75,7 +75,7 @@ class SupportCheck:
     gravity: Array
 
     def allows(self, pose: Pose, contacts: tuple[SupportPoint, ...]) -> bool:
-        """Planes by a point and the normal; asked for each before a pose is tested in earnest."""
+        """Whether the object could rest on planes (a point and a normal each); a cheap test before the full ones."""
         corners, com = pose.apply(self.vertices), pose.apply(self.com)
         points, normals = [], []
         for contact in contacts:

@@ -55,7 +55,7 @@ def poses_on_two(
             run = unit(b.point - a.point)
             down = rotation_between(face.normal, -a.normal)
             along = down @ face.along
-            # The longest extent along the line between the places, either way round, or anyhow.
+            # The longest extent along the line between the places, in either direction, or a random angle.
             yaw: float = _signed_angle(along, run, a.normal) + rng.integers(4) * np.pi / 2
             yaw = yaw if rng.random() < 0.5 else float(rng.uniform(0, 2 * np.pi))
             rotation = rotation_about(a.normal, yaw) @ down

@@ -24,7 +24,7 @@ from poise.placement.validation import PlacementTest, PoseTest, Validator, requi
 SUPPORT_KINDS = ("any", "objects", "fixed")
 SUPPORT_PLACES = 400
 _TRIES, _TESTED = 24, 3
-"""Pairs of features tried on each pair of places, and poses of each draw that are tested in earnest."""
+"""Pairs of features tried on each pair of places, and poses of each draw that get the full test."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Options:
     """What is wanted.
 
     Args:
-        attempts: poses tested at the most.
+        attempts: poses tested at most.
         deadline: s for the whole plan; None: only `attempts` ends it.
         candidates: placements to find before the best is taken; the deadline may end it with fewer.
         criterion: least, median (robustness), volume or compactness.
@@ -89,7 +89,7 @@ class Placement:
 
     @cached_property
     def score(self) -> PlacementScore:
-        """Of the assembly with the object, certified; worked out when asked for.
+        """Of the assembly with the object, certified; computed when first used.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
@@ -104,7 +104,7 @@ class Placement:
 
 @dataclass(frozen=True, eq=False)
 class PlacementProgress:
-    """Told after every pose: how many were tested, and the best placement so far."""
+    """Reported after every pose: how many were tested, and the best placement so far."""
 
     iteration: int
     best: RigidObject | None
@@ -197,7 +197,7 @@ class _Search:
                 else:
                     best = self._better(best, *accepted)
                     found += 1
-                self._tell(best)
+                self._report(best)
                 if found >= self._options.candidates or self.iteration >= self._options.attempts or self.late:
                     break
             if found >= self._options.candidates:
@@ -214,7 +214,7 @@ class _Search:
             return analysis, item, score
         return best
 
-    def _tell(self, best: tuple[Analysis, RigidObject, PlacementScore | None] | None) -> None:
+    def _report(self, best: tuple[Analysis, RigidObject, PlacementScore | None] | None) -> None:
         if self._progress is None:
             return
         item, score = (None, None) if best is None else best[1:]
@@ -256,7 +256,7 @@ class _Search:
         yield from ((pose, (a,)) for pose in poses_on_one(a, face, self._features.com, self._yaw(rng)))
 
     def _yaw(self, rng: np.random.Generator) -> np.ndarray:
-        """Along the axes as often as anyhow: what is placed square leaves room for the next."""
+        """Along the axes or at random, with equal probability: aligned objects leave more room for the next."""
         square = rng.integers(4) * np.pi / 2
         return np.array([square if rng.random() < 0.5 else rng.uniform(0, 2 * np.pi)])
 

@@ -1,4 +1,4 @@
-"""How good a placement is: what the weakest push has to be, what the middling one, and how much room is taken."""
+"""The score of a placement: least and median robustness, volume and compactness of the assembly."""
 
 from dataclasses import dataclass, replace
 
@@ -15,7 +15,7 @@ from poise.types import Array
 _TOLERANCE = 0.02
 """Relative; between the certified bounds of a robustness."""
 _ASKED = 16
-"""Programs solved for each body of a block for an estimate, at the most."""
+"""Programs solved for each body of a block for an estimate, at most."""
 _MEDIAN_POINTS, _MEDIAN_TOLERANCE = 200, 0.1
 CRITERIA = ("least", "median", "volume", "compactness")
 
@@ -26,7 +26,7 @@ class PlacementScore:
 
     Args:
         least: N, robustness to pushes into the surface, over all movable objects; a certified lower bound.
-        median: the same, of points spread over the surface; NaN when it was not asked for.
+        median: N, median robustness of points spread over the surface; NaN when it was not requested.
         volume: m3 of the box, aligned with gravity, around the movable objects.
         compactness: m, mean distance of the movable objects' centres of mass from their common one.
     """
@@ -86,9 +86,9 @@ def estimate_score(analysis: Analysis, median: bool = False) -> PlacementScore:
 
 
 def _largest_inverse(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array) -> float:
-    """1/N of the corner that brings a block nearest to collapse, as far as a few programs tell.
+    """1/N of the corner that brings a block nearest to collapse, as far as a few programs show.
 
-    Every collapse mechanism found bounds all corners from below; the one it says most of is asked next.
+    Every collapse mechanism found bounds all corners from below; the corner with the largest bound is solved next.
     """
     bodies = block.bodies_of(surface.place)
     rows = np.flatnonzero(bodies >= 0)

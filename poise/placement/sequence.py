@@ -43,7 +43,7 @@ class PlacementSequence:
 
     @cached_property
     def score(self) -> PlacementScore:
-        """Of that assembly, certified; worked out when asked for.
+        """Of that assembly, certified; computed when first used.
 
         Raises:
             NoAnswerError: SOLVER_FAILED.
@@ -67,7 +67,7 @@ def plan_sequence(
 
     Args:
         assembly: what is there; it has to stand.
-        items: the objects to place, with ids of their own.
+        items: the objects to place, with unique ids.
         options: of each placement; a deadline is for all together.
         seed: same seed, same answer (unless a deadline cuts it short).
         orders: how many are looked at.

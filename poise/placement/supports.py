@@ -96,7 +96,7 @@ class Supports:
         return SupportPoint(self.points[number], self.normals[number])
 
     def distrust(self, point: Array, reach: float) -> None:
-        """Try places near a failure less often (the mend that thesis section 5.8.2 proposes)."""
+        """Try places near a failure less often (as thesis section 5.8.2 proposes)."""
         near = np.linalg.norm(self.points - point, axis=1) < reach
         self.trust[near] = np.maximum(self.trust[near] * _FAILED, 0.02)
 
@@ -104,13 +104,13 @@ class Supports:
 def find_supports(
     analysis: Analysis, on: str, guide: str, count: int, scale: float, rng: np.random.Generator
 ) -> Supports:
-    """Spread places over the faces that look up, over ridges and peaks, and ask how much each bears.
+    """Sample places on upward faces, ridges and peaks, with the robustness of each.
 
     Args:
         analysis: of the assembly; it has to stand.
         on: objects, fixed, or any: what may carry.
-        guide: what says how much places bear: limit (robustness map), approx or thesis (the models of that name, place
-            by place), or uniform (nothing).
+        guide: source of the robustness of places: limit (robustness map), approx or thesis (the models of that name,
+            place by place), or uniform (none).
         count: places to spread.
         scale: m, of the object to place; nearness falls off over it and the size of the scene.
         rng: of the spread.
@@ -212,7 +212,7 @@ def _guide(analysis: Analysis, guide: str, places: NDArray[np.int64], points: Ar
             else:
                 robustness[movable] = _asked(analysis, guide, surface)
         except PoiseError:
-            robustness[movable] = 1.0  # a guide that fails guides nobody
+            robustness[movable] = 1.0  # without a guide all places are equal
     return np.asarray(robustness)
 
 

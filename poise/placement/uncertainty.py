@@ -1,4 +1,4 @@
-"""Placements that stay although the pose, the weight and the friction are not quite what they were taken for."""
+"""Placements that stay in spite of errors of pose, mass and friction."""
 
 from dataclasses import dataclass, replace
 
@@ -31,9 +31,9 @@ class Uncertainty:
 def stands_disturbed(analysis: Analysis, item: RigidObject, uncertainty: Uncertainty) -> bool:
     """Whether the assembly stands in the worst of a ring of errors.
 
-    The contacts stay where they are planned, and the centre of mass moves instead of the object: for what rests on
-    faces that is the same to first order. Leaning turns gravity. With less friction, and with a heavier and a lighter
-    object, the errors of eight directions are asked one by one.
+    The contacts stay where they are planned, and the centre of mass moves instead of the object: for objects that rest
+    on faces this is equivalent to first order. Leaning turns gravity. The errors of eight directions are checked one by
+    one, with less friction, and with a heavier or lighter object in turn.
     """
     up = -unit(analysis.assembly.gravity)
     first = plane_axes(up)[0]

@@ -41,7 +41,7 @@ def require_new(objects: Iterable[RigidObject], item: RigidObject) -> None:
 
 @dataclass(frozen=True, eq=False)
 class KeptFree:
-    """A look: nothing is put into a room, such as where the next objects will be picked up.
+    """A pose test that keeps a region free, for example where the next objects will be picked up.
 
     Args:
         low, high: (3,) m, corners of the room in the world.
@@ -55,8 +55,8 @@ class KeptFree:
 
     def __post_init__(self) -> None:
         if not np.all(np.isfinite([*self.low, *self.high])) or not np.all(np.less(self.low, self.high)):
-            said = f"{np.asarray(self.low).tolist()} to {np.asarray(self.high).tolist()} m"
-            raise InputError(ErrorCode.BAD_INPUT, f"room to be kept free, {said}: give the lower corner first")
+            region = f"{np.asarray(self.low).tolist()} to {np.asarray(self.high).tolist()} m"
+            raise InputError(ErrorCode.BAD_INPUT, f"room to be kept free, {region}: give the lower corner first")
 
     def __call__(self, item: RigidObject) -> bool:
         corners = item.vertices
@@ -146,7 +146,7 @@ class Validator:
 
 
 def _without_gaps(analysis: Analysis, item: RigidObject) -> Analysis:
-    """The analysis without what only nearly touches an object: it would sink by the gap, and perhaps go on."""
+    """The analysis without what only nearly touches an object: it would sink by the gap, and perhaps keep moving."""
     structure, place = analysis.structure, analysis.assembly.index[item.id]
     kept = tuple(i for i in structure.interfaces if place not in (i.first, i.second) or i.gap <= _LOOSE)
     return analysis if len(kept) == len(structure.interfaces) else Analysis(replace(structure, interfaces=kept))

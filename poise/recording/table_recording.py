@@ -69,7 +69,7 @@ def read_tables(path: Path) -> Contents[MessageBlock]:
 
     Raises:
         InputError: as `load_mapping` and `read_table`; SHAPE_MISMATCH when the tables of a topic differ in length;
-            ROBOT_DESCRIPTION_MISSING when the URDF cannot be read; NOT_FINITE for a rotation that is none.
+            ROBOT_DESCRIPTION_MISSING when the URDF cannot be read; BAD_INPUT for a matrix that is not a rotation.
     """
     mapping = load_mapping(path)
     contents: Contents[MessageBlock] = Contents()
@@ -138,7 +138,7 @@ def _read_topic(mapping: TableMapping, topic: MappedTopic, contents: Contents[Me
     }
     rows = {quantity: len(array) for quantity, array in values.items()}
     count = min(rows.values())
-    if len(set(rows.values())) > 1 and not contents.losses:
+    if len(set(rows.values())) > 1 and not any(table.losses for table in tables.values()):
         listed = ", ".join(f"{quantity} {number}" for quantity, number in rows.items())
         sentence = f"{mapping.path}: the tables of topics.{topic.name} differ in their numbers of rows: {listed}"
         raise InputError(ErrorCode.SHAPE_MISMATCH, sentence)

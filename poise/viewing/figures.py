@@ -8,7 +8,7 @@ from poise.inertia.model import PARAMETER_NAMES
 from poise.inertia.pipeline import Identification
 from poise.types import Array
 from poise.viewing.canvas import PALETTE, Panel, add_axes, mark_rejected, trace
-from poise.viewing.sphere import VIEWS, draw_sphere
+from poise.viewing.sphere import SPHERE_VIEWS, draw_sphere
 from poise.viewing.summary import (
     SCALES,
     UNITS,
@@ -151,7 +151,7 @@ def sphere_panel(identification: Identification) -> Panel:
     turned = np.degrees(np.arccos(np.clip(np.min(down @ down[0], initial=1.0), -1, 1))) if len(down) else 0.0
 
     def draw(figure: FigureBase) -> None:
-        for place, (title, eye) in enumerate(VIEWS):
+        for place, (title, eye) in enumerate(SPHERE_VIEWS):
             axes = figure.add_axes((0.02 + 0.49 * place, 0.02, 0.47, 0.86))
             axes.set_aspect("equal")
             axes.set_axis_off()

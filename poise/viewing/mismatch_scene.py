@@ -36,8 +36,8 @@ def write_mismatch_scene(path: Path, found: Diagnosis) -> Path:
     if rows:
         stamps = scene.origin + np.round(np.array([at for at, _ in rows]) * 1e9).astype(np.int64)
         scene.columns("log", stamps, scene.rr.TextLog.columns(text=[text for _, text in rows]))
-    said = [" – ".join(headline(found)), *(remark.text for remark in remarks(found, ()))]
-    scene.static("answer", scene.rr.TextDocument(readable("\n\n".join(said), 5000), media_type="text/plain"))
+    sentences = [" – ".join(headline(found)), *(remark.text for remark in remarks(found, ()))]
+    scene.static("answer", scene.rr.TextDocument(readable("\n\n".join(sentences), 5000), media_type="text/plain"))
     return scene.write(path, _blueprint(views))
 
 

@@ -128,10 +128,12 @@ def headline(found: Diagnosis) -> tuple[str, str]:
         return "No mismatch", "The recording and the simulation agree within the declared tolerances."
     if found.unknown is None:
         return _capital(named), " ".join(finding.sentence for finding in found.findings)
-    said = found.unknown.sentence
+    unknown = found.unknown.sentence
     if found.verdict == "unknown":
-        return "Unknown physics", said
-    return f"{_capital(named)} + something unknown", " ".join([*(finding.sentence for finding in found.findings), said])
+        return "Unknown physics", unknown
+    return f"{_capital(named)} + something unknown", " ".join(
+        [*(finding.sentence for finding in found.findings), unknown]
+    )
 
 
 def _capital(text: str) -> str:
@@ -140,11 +142,11 @@ def _capital(text: str) -> str:
 
 def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
     """What a person should know before using the answer."""
-    proof, said = found.main.proof, []
+    proof, sentences = found.main.proof, []
     if found.verdict == "none":
-        said.append(Finding("good", f"Nothing is missing: probability {100 * found.probability:.1f} %."))
+        sentences.append(Finding("good", f"Nothing is missing: probability {100 * found.probability:.1f} %."))
     else:
-        said.append(
+        sentences.append(
             Finding(
                 "good" if proof.augmented < _MUCH else "warn",
                 f"Held-out error, times the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} with the nominal "
@@ -153,10 +155,10 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
         )
     for finding in found.findings:
         chance, name = finding.belief.probability, finding.effect.name.replace("_", " ")
-        said.append(Finding("good" if chance > _SURE else "warn", f"{name}: probability {100 * chance:.1f} %."))
+        sentences.append(Finding("good" if chance > _SURE else "warn", f"{name}: probability {100 * chance:.1f} %."))
         if finding.belief.alike:
             others = ", ".join(_label(other) for other in finding.belief.alike)
-            said.append(
+            sentences.append(
                 Finding(
                     "warn",
                     f"This motion does not distinguish {name} from {others}; "
@@ -164,6 +166,6 @@ def remarks(found: Diagnosis, notes: tuple[str, ...]) -> list[Finding]:
                 )
             )
     if found.unknown is not None:
-        said.append(Finding("warn", "Something remains that no effect of the library explains."))
-    said += [Finding("note", note) for note in notes]
-    return said
+        sentences.append(Finding("warn", "Something remains that no effect of the library explains."))
+    sentences += [Finding("note", note) for note in notes]
+    return sentences

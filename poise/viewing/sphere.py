@@ -10,7 +10,7 @@ from poise.viewing.canvas import PALETTE, SPARSE
 
 _EYE = np.array([0.75, 0.5, 0.45]) / np.linalg.norm([0.75, 0.5, 0.45])
 
-VIEWS = (("seen from +x +y +z", _EYE), ("seen from -x -y -z", -_EYE))
+SPHERE_VIEWS = (("seen from +x +y +z", _EYE), ("seen from -x -y -z", -_EYE))
 """Title and direction of the eye; from opposite sides, so that nothing hides behind the sphere."""
 
 _MAX_POINTS = 1500

@@ -56,7 +56,7 @@ def test_contact_forces_have_the_least_sum_of_squares():
 
 @pytest.mark.parametrize("sides", [4, 8, 16])
 def test_a_polygon_holds_less_than_the_circle_and_more_the_more_sides_it_has(sides):
-    """The inscribed polygon's apothem is mu cos(pi / N): a slope between the two tells them apart."""
+    """The inscribed polygon's apothem is mu cos(pi / N): a slope between the two distinguishes them."""
     tangent = 0.5 * np.cos(np.pi / sides)
     # Downhill along a tangent axis lies at the middle of a side when the polygon starts at a corner there.
     below = block(slope(np.degrees(np.arctan(0.99 * tangent)), 0.5)).geometry

@@ -1,4 +1,4 @@
-"""The base under an assembly: how its tilt turns gravity, how odometry tells its turning, and what that leaves."""
+"""The base under an assembly: how its tilt turns gravity, how odometry gives its turning rate, and what that leaves."""
 
 import numpy as np
 import pytest

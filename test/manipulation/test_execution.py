@@ -31,7 +31,7 @@ STEPS = (
 
 
 class FakeRobot:
-    """Two joints that follow (or, where told, do not), and fingers that go at 2 rad/s up to what they grasp.
+    """Two joints that follow (or do not, where a test says so), and fingers that go at 2 rad/s up to what they grasp.
 
     Its stamps are 100 s ahead of the clock.
     """
@@ -44,7 +44,7 @@ class FakeRobot:
         self.follows = self.speaks = self.grips = True
         self.blocked_at = np.inf
         self.position, self.fingers, self._wanted = HOME.copy(), 0.4, 0.4
-        self.moves, self.told, self._plan = [], [], (0, motion(HOME, HOME))
+        self.moves, self.gripped, self._plan = [], [], (0, motion(HOME, HOME))
         for _ in range(20):
             self.run()
 
@@ -53,7 +53,7 @@ class FakeRobot:
         self._plan = stamp, plan
 
     def _grip(self, position):
-        self.told.append((self.now, position))
+        self.gripped.append((self.now, position))
         self._wanted = position
 
     def run(self):
@@ -92,21 +92,21 @@ def test_every_step_waits_for_the_one_before(feels):
     begun, playing = fake.now, fake.play()
     assert fake.until(playing) == ALL
     assert playing.error is None
-    assert [position for _, position in fake.told] == pytest.approx([WIDE, GRIPPED, WIDE])
+    assert [position for _, position in fake.gripped] == pytest.approx([WIDE, GRIPPED, WIDE])
     assert [plan for plan, _ in fake.moves] == [step.motion for step in STEPS if step.motion is not None]
     np.testing.assert_allclose(fake.position, HOME, atol=1e-3)
-    # A motion begins when the fingers have come, and they are told when it has ended.
-    for (told, _), (plan, stamp), wait in zip(fake.told, fake.moves, (0.2, 0.5, 0.25), strict=True):
+    # A motion begins when the fingers have come, and they are commanded when it has ended.
+    for (sent, _), (plan, stamp), wait in zip(fake.gripped, fake.moves, (0.2, 0.5, 0.25), strict=True):
         begin = stamp * 1e-9 - 100.0
-        assert begin - told > wait
-        following = [at for at, _ in fake.told if at > told]
+        assert begin - sent > wait
+        following = [at for at, _ in fake.gripped if at > sent]
         assert all(at > begin + plan.duration for at in following)
     assert fake.now - begun < 3 * (1.0 + 0.2) + 3 * 0.8
 
 
 def test_what_is_grasped_stops_the_fingers_and_that_is_right_only_then():
     fake = FakeRobot()
-    fake.blocked_at = GRIPPED - 0.08  # 8 mm wider than they were told
+    fake.blocked_at = GRIPPED - 0.08  # 8 mm wider than commanded
     playing = fake.play()
     fake.until(playing)
     assert playing.error is None
@@ -114,7 +114,7 @@ def test_what_is_grasped_stops_the_fingers_and_that_is_right_only_then():
     playing = fake.play([TransferStep("return", None, 0.0, False), *STEPS[1:2]])
     fake.until(playing)
     assert playing.error.code is ErrorCode.NOT_FOLLOWING
-    assert "fingers is at 0.300 and was told 0.800" in playing.error.message
+    assert "fingers is at 0.300 and was commanded to 0.800" in playing.error.message
 
 
 def test_fingers_that_do_not_open_keep_the_arm_away():
@@ -152,22 +152,22 @@ def test_cancelled_it_stops_on_its_way_and_says_what_is_in_the_hand(stage, hand)
     run = way.position[-1] - way.position[0]
     along = (np.array(places) - way.position[0]) @ run / (run @ run)
     np.testing.assert_allclose(places, way.position[0] + along[:, None] * run, atol=1e-9)  # and never left its way
-    told = len(fake.told), len(fake.moves)
+    before = len(fake.gripped), len(fake.moves)
     playing.tick(fake.now)
     playing.cancel(fake.now)
-    assert (len(fake.told), len(fake.moves)) == told
+    assert (len(fake.gripped), len(fake.moves)) == before
 
 
 def test_cancelled_between_motions_an_arm_at_rest_is_left_alone():
     fake = FakeRobot()
     playing = fake.play()
-    fake.until(playing, lambda: len(fake.told) == 2)
+    fake.until(playing, lambda: len(fake.gripped) == 2)
     playing.cancel(fake.now)
     assert len(fake.moves) == 1
     assert playing.error.message == "the arm stopped while picking can; its fingers were closing"
 
 
-def test_an_arm_that_does_not_follow_is_told_to_stay_where_it_is():
+def test_an_arm_that_does_not_follow_is_commanded_to_stay_where_it_is():
     fake = FakeRobot()
     playing = fake.play()
     fake.until(playing, lambda: fake.position[0] > 0.3)
@@ -241,7 +241,7 @@ def test_an_arm_that_was_moved_meanwhile_is_not_commanded():
     fake.run()
     playing = fake.play()
     fake.until(playing)
-    assert (playing.error.code, fake.moves, fake.told) == (ErrorCode.BUSY, [], [])
+    assert (playing.error.code, fake.moves, fake.gripped) == (ErrorCode.BUSY, [], [])
 
 
 def test_where_it_rests_is_known_only_when_it_does():

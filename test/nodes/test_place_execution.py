@@ -172,7 +172,7 @@ def test_what_is_missing_or_in_the_way_is_said(start_node, graph, caller):
     assert refused(ErrorCode.UNREACHABLE, "cannot be picked up", item=far, deadline=60.0)
 
 
-def test_joints_that_do_not_follow_are_told_to_stay_where_they_are(start_node, graph, caller):
+def test_joints_that_do_not_follow_are_commanded_to_stay_where_they_are(start_node, graph, caller):
     commands = graph.collect("joint_trajectory", JointTrajectory)
     _, states = start_both(start_node, graph, caller, remaps={"joint_trajectory": "elsewhere"})
     done = caller.result(caller.send(**goal(deadline=60.0)))

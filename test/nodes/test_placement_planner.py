@@ -111,8 +111,8 @@ def test_feedback_tells_the_best_so_far_and_a_second_goal_is_busy_until_the_firs
     caller.cancel(first)
     done = caller.result(first)
     assert (done.status, done.result.error.code) == (GoalStatus.STATUS_CANCELED, ErrorCode.CANCELLED)
-    told = [one.iteration for one in caller.feedback]
-    assert told == sorted(told)
+    reported = [one.iteration for one in caller.feedback]
+    assert reported == sorted(reported)
     best = [one.best_robustness for one in caller.feedback if not math.isnan(one.best_robustness)]
     assert best == sorted(best)
     assert {one.stage for one in caller.feedback} == {"planning"}

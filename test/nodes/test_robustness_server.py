@@ -64,9 +64,13 @@ def test_a_push_with_its_own_assembly_is_answered_as_by_the_core(server, graph):
         [Push("cube", *((v.x, v.y, v.z) for v in (asked.point, asked.direction))) for asked in pushes],
     )
     assert answer.margin == pytest.approx(core.margin)
-    for told, result in zip(answer.robustness, core.results, strict=True):
-        assert told.robustness == result.robustness
-        assert (told.lower, told.upper, list(told.moves)) == (result.lower, result.upper, list(result.moves))
+    for answered, result in zip(answer.robustness, core.results, strict=True):
+        assert answered.robustness == result.robustness
+        assert (answered.lower, answered.upper, list(answered.moves)) == (
+            result.lower,
+            result.upper,
+            list(result.moves),
+        )
     slip, _, down = answer.robustness
     assert slip.robustness == pytest.approx(MU * G)
     assert (slip.mode, down.mode, down.robustness) == (Robustness.MODE_SLIP, Robustness.MODE_NONE, math.inf)
@@ -147,7 +151,7 @@ def test_an_assembly_published_by_others_is_taken_in(server, graph):
     assert ask(graph, assess(LOW_PUSH)).robustness[0].robustness == pytest.approx(3 * MU * G)
     publisher.publish(message(box("cube", (1, 1, 1), (0, 0, 0.2))))
     graph.wait_for(
-        lambda: ask(graph, assess(LOW_PUSH)).error.code == ErrorCode.INTERPENETRATION, what="the overlap to be told"
+        lambda: ask(graph, assess(LOW_PUSH)).error.code == ErrorCode.INTERPENETRATION, what="the overlap to be reported"
     )
 
 

@@ -178,16 +178,16 @@ def test_an_id_of_the_scene_is_refused():
 
 
 def test_cancelling_ends_at_the_next_pose():
-    told = []
+    seen = []
     with pytest.raises(CancelledError) as error:
         plan_placement(
             scene(*CANYON),
             read_object(CUBE),
             Options(candidates=50),
-            progress=lambda p: told.append(p) or len(told) < 3,
+            progress=lambda p: seen.append(p) or len(seen) < 3,
         )
     assert error.value.code is ErrorCode.CANCELLED
-    assert len(told) == 3
+    assert len(seen) == 3
 
 
 def test_a_deadline_before_the_first_pose_is_said():

@@ -304,6 +304,14 @@ def test_tables_of_different_lengths_are_refused(tmp_path):
     refused(lambda: open_recording(mapping), ErrorCode.SHAPE_MISMATCH, "position 3, effort 4")
 
 
+def test_a_cut_table_is_shortened_with_the_other_table_of_its_topic(tmp_path):
+    write_csv(tmp_path / "run.csv", {"t": np.arange(4.0), "q": np.arange(4.0)})
+    (tmp_path / "more.csv").write_text("e,f\n0,0\n1,1\n2")
+    recording = open_recording(write_mapping(tmp_path, effort={"file": "more.csv", "column": "e"}))
+    assert recording.joint_states().effort[:, 0].tolist() == [0, 1]
+    assert len(recording.losses) == 1
+
+
 def test_a_matrix_that_is_no_rotation_is_refused(tmp_path):
     tables = {"t": np.arange(2.0), **{f"r{number}": np.ones(2) for number in range(9)}}
     write_csv(tmp_path / "run.csv", tables)

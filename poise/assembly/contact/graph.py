@@ -16,9 +16,9 @@ FIXED_NODE = -1
 class ContactBlock:
     """A part of the graph that no single body separates, with everything that rests on it.
 
-    What hangs on a body only through that body moves with it and passes its load on unchanged, whatever the contact
-    forces; so each block is a problem of its own, and a push is as strong as the weakest block on its way to the
-    fixed bodies. A stack is a chain of blocks of one body; cycles stay together.
+    A body that is connected to the fixed bodies only through another body moves with it and transmits its load
+    unchanged, for all contact forces. So blocks are independent problems, and the robustness to a push is that of the
+    weakest block between the push and the fixed bodies. A stack is a chain of blocks of one body; cycles stay together.
 
     Args:
         members: for each body of the block, the places in `Assembly.objects` of it (first) and of all that hangs on it.

@@ -55,7 +55,7 @@ def convex_geometry(shape: Hashable) -> "coal.ShapeBase":
 
 
 def _deepest(body: PlacedBody, other: PlacedBody) -> float:
-    """Largest depth of points of the body inside the other; beyond `_EXACT` it may be said too large, or too small."""
+    """Largest depth of points of the body inside the other; beyond `_EXACT` it may be too large or too small."""
     bounds = np.stack([np.maximum(body.bounds[0], other.bounds[0]), np.minimum(body.bounds[1], other.bounds[1])])
     if np.any(bounds[0] >= bounds[1]):
         return 0.0
@@ -101,7 +101,7 @@ def _largest(points: Array, bodies: tuple[PlacedBody, ...], bounds: Array) -> fl
 
 
 def _thinned(points: Array, most: int) -> Array:
-    """At most so many of them, from everywhere in their order."""
+    """An evenly spaced subset of at most this many points."""
     return points[:: max(1, -(-len(points) // most))]
 
 

@@ -1,3 +1,3 @@
-"""The models of when an assembly gives way: one file each, found by the registry of `poise.assembly.robustness`."""
+"""Robustness models, one file each, found by the registry of `poise.assembly.robustness`."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""Model `coulomb`: elastic contacts with Coulomb friction, pushed until something gives way."""
+"""Model `coulomb`: elastic contacts with Coulomb friction, pushed until collapse."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from poise.assembly.statics import FACTOR_TOLERANCE, Analysis, Deadline, Loads
 
 
 def coulomb(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
-    """Elastic contacts with Coulomb friction; see `CoulombBlock`. Limit analysis says where to stop looking."""
+    """Elastic contacts with Coulomb friction; see `CoulombBlock`. Limit analysis bounds the search from above."""
     limit_loads = limit(analysis, loads, deadline)
     check_elastic(limit_loads, analysis, loads, np.ones(loads.count, dtype=bool), deadline, nearly=1.0)
     limit_loads.upper = np.minimum(limit_loads.upper, (1 + FACTOR_TOLERANCE) * limit_loads.lower)

@@ -15,7 +15,7 @@ from poise.geometry import unit
 from poise.types import Array
 
 _FASTEST = 1000.0
-"""Accelerations above this are not looked into, m/s2."""
+"""Accelerations above this are not computed, m/s2."""
 # Bounds on the limits of blocks of several interfaces are brought this close.
 _TOLERANCE = 0.003
 # Directions all around, besides those asked for, from which the polytope is made, and the tolerance for these.
@@ -24,7 +24,7 @@ _AROUND, _TOLERANCE_AROUND = 90, 0.05
 
 @dataclass(frozen=True, eq=False)
 class AccelerationLimits:
-    """How fast a base may accelerate, in the assembly's frame. All objects twice as heavy bear the same.
+    """How fast a base may accelerate, in the assembly's frame; a common factor on all masses changes nothing.
 
     The sustained combinations of linear acceleration, angular acceleration and squared angular speed form a convex
     set: shares of their single limits that add up to at most 1 are safe together.
@@ -152,7 +152,7 @@ Movers = Callable[[int], Callable[[], tuple[str, ...]]]
 def _block_limits(
     block: BlockAnalysis, directions: Array, tolerance: Array, deadline: Deadline
 ) -> tuple[Array, Movers, bool]:
-    """Limits (D,) of one block, m/s2, who moves at each, and whether all are known to the tolerance (D,)."""
+    """Limits (D,) of one block, m/s2, what moves first at each, and whether all are known to the tolerance (D,)."""
     objects = block.structure.assembly.objects
     gravity = np.asarray(block.structure.assembly.gravity)
     if block.geometry.statically_determinate and not block.solvers.self_stress:

@@ -58,7 +58,7 @@ class Robustness:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """Where a robustness comes from; worked out when asked for."""
+    """Where a robustness comes from; computed when first used."""
 
     limit_loads: LimitLoads
     loads: Loads

@@ -18,9 +18,9 @@ from poise.assembly.statics import (
 from poise.types import Array, Indices, Mask
 
 CHECKED_SHARE = 0.98
-"""Elastic contacts are asked at this share of the robustness found: nearer to collapse nothing converges."""
+"""Elastic contacts are checked at this share of the robustness found: closer to collapse they do not converge."""
 CHECKED_WEIGHTS = 1000.0
-"""What is sustained for ever is checked at this many weights of the assembly."""
+"""Loads without limit are checked at this many weights of the assembly."""
 
 
 def limit_factors(block: BlockAnalysis, load: Array) -> list[InverseLoadFactor]:
@@ -47,7 +47,7 @@ def ask_block(
     deadline: Deadline,
     inverses: Callable[[BlockAnalysis, Array], list[InverseLoadFactor]],
 ) -> None:
-    """Ask one block about loads (q, 6 n) on it, one by one; past the deadline nothing is known of the rest."""
+    """Solve one block for loads (q, 6 n) one by one; loads after the deadline are given up."""
     for row, (question, load) in enumerate(zip(questions.tolist(), loads, strict=True)):
         if deadline.passed:
             limit_loads.give_up(questions[row:])
@@ -59,7 +59,7 @@ def ask_block(
 
 
 def ask_single_patch(limit_loads: LimitLoads, block: BlockAnalysis, questions: Indices, loads: Array) -> None:
-    """Ask a block of one body on one interface about all loads at once; other blocks are left alone."""
+    """Solve a block of one body on one interface for all loads at once; other blocks are skipped."""
     single = block.solvers.single_patch
     if single is None:
         return
@@ -79,7 +79,7 @@ def check_elastic(
     deadline: Deadline,
     nearly: float = CHECKED_SHARE,
 ) -> None:
-    """Ask elastic contacts about some questions (Q,), and lower the lower bound of what they do not hold."""
+    """Check some questions (Q,) with elastic contacts, and lower the lower bounds that they do not withstand."""
     if not wanted.any():
         return
     total = sum(block.geometry.units.weight for block in analysis.blocks) or 1.0

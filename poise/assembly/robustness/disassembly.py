@@ -36,7 +36,7 @@ def plan_disassembly(
 ) -> Disassembly:
     """Find an order in which each object can be taken while all others stay where they are.
 
-    Whether the rest stands is solved anew without the object: the thesis' test (section 4.6.3: the force that lifts
+    Whether the rest stands is solved again without the object: the thesis' test (section 4.6.3: the force that lifts
     the object equals its weight) is not the same where objects touch at their sides, since friction there changes
     the force to lift though nothing depends on the object. Of the objects that may go, those on which nothing rests go
     first, then those that leave the most margin; dead ends are taken back.

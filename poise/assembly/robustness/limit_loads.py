@@ -1,4 +1,4 @@
-"""What a model answers: for each question when something gives way, between which bounds, and how."""
+"""What a model returns: for each question the load factor at collapse, its bounds, and the mechanism."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,7 +10,7 @@ from poise.types import Array, Mask
 
 
 class Movement(Protocol):
-    """How something gives way; see `Mechanism`."""
+    """A motion of objects at collapse; see `Mechanism`."""
 
     @property
     def velocities(self) -> dict[int, Array]:
@@ -23,7 +23,7 @@ class Movement(Protocol):
 
 @dataclass(frozen=True)
 class PlainMovement:
-    """A movement that a model states outright."""
+    """A motion given by its velocities."""
 
     velocities: dict[int, Array]
     mode: str
@@ -31,13 +31,13 @@ class PlainMovement:
 
 @dataclass(eq=False)
 class LimitLoads:
-    """For each question the factor at which something moves, bounds on it, and how it moves.
+    """For each question bounds on the load factor at which something moves, and the motion.
 
     Args:
-        lower, upper: (Q,) inf where nothing ever moves.
-        mechanisms: what gives way first, None where nothing does.
-        checked: (Q,) whether elastic contacts were asked too.
-        complete: nothing was left out for want of time.
+        lower, upper: (Q,) inf where nothing moves at any factor.
+        mechanisms: the first to occur, None where nothing moves.
+        checked: (Q,) whether elastic contacts confirmed or lowered the answer.
+        complete: the deadline left time for all questions.
     """
 
     lower: Array
@@ -48,18 +48,18 @@ class LimitLoads:
 
     @classmethod
     def start(cls, count: int) -> "LimitLoads":
-        """Before any block is asked nothing moves."""
+        """Start with no mechanism for any question."""
         never = np.full(count, np.inf)
         return cls(never, never.copy(), [None] * count, np.zeros(count, dtype=bool))
 
     def limit_by(self, question: int, lower: float, upper: float, mechanism: Movement) -> None:
-        """Record that something gives way to a question at a factor between these."""
+        """Record that a mechanism occurs for a question at a load factor between these bounds."""
         if upper < self.upper[question]:
             self.upper[question] = upper
             self.mechanisms[question] = mechanism
         self.lower[question] = min(self.lower[question], lower)
 
     def give_up(self, questions: NDArray[np.int64]) -> None:
-        """There was no time for these: nothing is known of them from below."""
+        """Record that there was no time for these questions: their lower bounds become 0."""
         self.complete = False
         self.lower[questions] = 0.0

@@ -110,7 +110,7 @@ class Pool:
             return np.zeros(len(wrenches)), np.full(len(wrenches), -1)
         twists = np.array([twist[6 * body : 6 * body + 6] for twist in self.twists[start:]])
         numbers = np.array(self.numbers[start:])
-        if len(twists) > _MANY:  # most are of other faces: a few points tell which matter here
+        if len(twists) > _MANY:  # most are of other faces: a few points show which matter here
             probes = wrenches[:: max(1, len(wrenches) // 16)] @ twists.T
             matter = np.any(probes >= _NEAR * np.abs(probes.max(axis=1, keepdims=True)), axis=0)
             matter[probes.max(axis=0).argmax()] = True
@@ -154,7 +154,7 @@ class Region:
         self.lower[better], self.mechanism[better] = values[better], numbers[better]
 
     def open(self, tolerance: float, floor: float) -> Mask:
-        """(n,) whether the bounds are still too far apart to tell the robustness to the tolerance."""
+        """(n,) whether the bounds are still too far apart for the tolerance."""
         known = np.maximum(self.lower, self.pool.bounds.lower[self.rows])
         return (self.upper > (1 + tolerance) * known) & (self.upper > floor) & ~self.solved
 

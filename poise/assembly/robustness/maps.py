@@ -16,7 +16,7 @@ from poise.geometry import wrench_of_force
 from poise.types import Array, Indices, Mask
 
 _CEILING = 100.0
-"""Points that hold this many weights of the assembly are strong enough: how much more is not looked into."""
+"""Points that hold this many weights of the assembly are strong enough: larger robustness is not resolved."""
 MAX_MAP_POINTS = 1_000_000
 """Points of one map: more would take minutes and gigabytes."""
 _LESS = 0.6
@@ -33,11 +33,11 @@ class RobustnessMap:
         analysis: of the assembly.
         surface: where, and along which direction.
         lower, upper: (N,) N; certified by the model. The upper bound is what the best mechanism found allows.
-        block: (N,) number in `analysis.blocks` of what gives way at the upper bound; -1 for none.
-        mechanism: (N,) number in `mechanisms` of how; -1 for none, or when a patch alone gives way (ask `assess`).
+        block: (N,) number in `analysis.blocks` of the block that collapses at the upper bound; -1 for none.
+        mechanism: (N,) its number in `mechanisms`; -1 for none, or when a patch alone collapses (see `assess`).
         mechanisms: collapse mechanisms; each bounds the robustness of every point from above.
-        doubtful: (N,) faces on which elastic contacts did not hold the weakest point of an object (or points that may
-            lean on self-stress), or were not asked for want of time: there the true robustness may be lower.
+        doubtful: (N,) faces on which elastic contacts withstand less at the weakest point of an object (or at points
+            that may depend on self-stress), or were not checked before the deadline: the robustness may be lower there.
         complete: the bounds meet the tolerance everywhere; otherwise the deadline passed before.
         solves: conic programs solved.
         seconds: taken.
@@ -162,7 +162,7 @@ def _bounded(
 def _doubtful(
     block: BlockAnalysis, surface: SurfacePoints, rows: Indices, wrenches: Array, upper: Array, deadline: Deadline
 ) -> Mask:
-    """(r,) of points (rows), the faces where elastic contacts do not hold what the map says.
+    """(r,) of points (rows), faces on which elastic contacts withstand less than the map.
 
     The weakest point of each object is asked about; where the block may lean on self-stress, the weakest, middle and
     strongest of each of its faces.

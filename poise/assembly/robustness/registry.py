@@ -1,4 +1,4 @@
-"""Models of when an assembly gives way, by name: those of Poise, and the baselines of the thesis to compare with."""
+"""Robustness models by name: those of Poise, and the baselines of the thesis to compare with."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -15,7 +15,7 @@ class Sensitivity:
     """Derivatives of the robustness R of one push under limit analysis.
 
     Args:
-        robustness: N; inf where nothing gives way, and then all derivatives are 0.
+        robustness: N; inf where nothing collapses, and then all derivatives are 0.
         mass: N/kg for each object by id (those that do not matter are left out). Linear: masses times derivatives add
             up to R.
         com: (3,) N/m for each object by id, for moves of its centre of mass in the assembly's frame.

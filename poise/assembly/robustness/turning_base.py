@@ -53,7 +53,7 @@ class TurningBase:
         """As odometry says: the attitude (x y z w, world from base) and speed, rad/s, of `seconds` later.
 
         The speed is smoothed before it is differentiated; when time stands still or runs backwards the
-        acceleration starts anew from zero.
+        acceleration starts again from zero.
 
         Raises:
             InputError: NOT_FINITE.

@@ -12,9 +12,9 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.types import Array
 
-# Masses are sampled so often for each draw of friction and poses.
+# Number of samples of the masses for each draw of friction and poses.
 _MASSES_PER_DRAW = 20
-# The rest of the samples is taken to stand when so many solved in a row do, the most critical first.
+# After this many solved samples in a row that stand, in order of criticality, the rest counts as standing.
 _SURE = 8
 
 
@@ -61,7 +61,7 @@ def motion_probability(
         force: N.
         rng: of the samples.
         samples: how many.
-        friction_deviation: of the coefficients of pairs that have no deviation of their own.
+        friction_deviation: of the coefficients of pairs without a deviation.
         pose_deviation: of each coordinate of each movable object's position across gravity, m.
         deadline: s.
 
@@ -116,7 +116,7 @@ def _shifted(structure: Structure, deviation: float, rng: np.random.Generator) -
 
 
 def _with_friction(structure: Structure, default: float, rng: np.random.Generator) -> Structure:
-    """The structure with the coefficients of all interfaces drawn anew, one per pair of objects."""
+    """The structure with the coefficients of all interfaces drawn again, one per pair of objects."""
     objects = structure.assembly.objects
     deviations = {frozenset(pair.objects): pair.deviation for pair in structure.assembly.friction_pairs}
     drawn: dict[tuple[int, int], float] = {}

@@ -1,4 +1,4 @@
-"""Mesh files of a scene as shapes; `poise.shape.meshes` reads, checks and mends them."""
+"""Mesh files of a scene as shapes; `poise.shape.meshes` reads, checks and repairs them."""
 
 from pathlib import Path
 

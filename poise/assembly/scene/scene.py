@@ -131,7 +131,7 @@ class Assembly:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was mended in the meshes, one sentence each, naming the object."""
+        """What was repaired in the meshes, one sentence each, with the name of the object."""
         return tuple(f"object {item.id}: {note}" for item in self.objects for note in getattr(item.shape, "notes", ()))
 
     @cached_property

@@ -154,7 +154,7 @@ class Cylinder:
 class Mesh:
     """A closed triangle mesh. `source` and `scale` say where it came from, for writing the scene again.
 
-    `notes`: what was mended on the way in, one sentence each.
+    `notes`: what was repaired when it was read, one sentence each.
 
     Raises:
         InputError: MESH_INVALID when it is not closed or encloses no volume.

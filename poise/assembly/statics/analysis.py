@@ -1,4 +1,4 @@
-"""An assembly made ready for questions: its blocks with their solvers, built when first needed and kept."""
+"""An assembly prepared for many questions: its blocks, with solvers that are built when first needed and kept."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -65,7 +65,7 @@ class BlockAnalysis:
 
 
 class Mechanism:
-    """How a block gives way.
+    """The motion of a block at collapse.
 
     Args:
         block: which.
@@ -117,7 +117,7 @@ class Mechanism:
 
 
 class PatchMechanism(Mechanism):
-    """How the one interface of a block gives way to a wrench (6,), N and N m; worked out when asked for."""
+    """The motion of a block on one interface at collapse under a wrench (6,), N and N m; computed when first used."""
 
     def __init__(self, block: BlockAnalysis, patch: SinglePatch, wrench: Array, factor: float, slips: bool) -> None:
         self.block = block
@@ -159,7 +159,7 @@ class Analysis:
 
     @classmethod
     def of(cls, assembly: "Assembly | Structure | Analysis", margin: float = CONTACT_MARGIN) -> "Analysis":
-        """Prepare an assembly; what is prepared already is kept.
+        """Prepare an assembly; an `Analysis` is returned unchanged.
 
         Raises:
             InputError: INTERPENETRATION or FLOATING.

@@ -12,7 +12,7 @@ from poise.geometry import plane_axes
 from poise.types import Array, Indices
 
 Sparse = Any
-"""A sparse array of scipy, which publishes no types of its own."""
+"""A sparse array of scipy, which has no published types."""
 
 
 @dataclass(frozen=True, eq=False)

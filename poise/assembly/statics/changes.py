@@ -8,7 +8,7 @@ from poise.types import Array
 
 
 def analysis_after(before: Analysis | None, assembly: Assembly) -> Analysis:
-    """The analysis of an assembly, with all that is the same as in another one kept: contacts, programs, solutions.
+    """The analysis of an assembly, that keeps contacts, programs and solutions which are unchanged from another one.
 
     Raises:
         InputError: INTERPENETRATION, FLOATING.

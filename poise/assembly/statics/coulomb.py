@@ -1,6 +1,6 @@
-"""Model `coulomb`: does friction really hold? Elastic contacts that cannot pull, slip at what presses them together.
+"""Elastic contacts of a block: no tension, Coulomb friction limited by the normal forces that arise.
 
-Limit analysis asks whether contact forces in balance exist. Between two walls they do, as large as one likes, though
+Limit analysis asks whether contact forces in balance exist. Between two walls they exist at any magnitude, although
 nothing presses the walls to the cube. Here normal forces arise only where bodies are pushed into each other.
 """
 
@@ -19,7 +19,7 @@ from poise.assembly.statics.friction_surface import patch_friction
 from poise.geometry import plane_axes
 from poise.types import Array, Mask
 
-# Stiffness of the ground that catches what nothing holds, per mean contact stiffness.
+# Stiffness of a weak spring to the ground that supports unsupported bodies, per mean contact stiffness.
 _CATCH = 1e-8
 # A block stands when the catch carries less than this share of the load.
 _CARRIED = 2e-4
@@ -27,10 +27,10 @@ _CARRIED = 2e-4
 _SETTLED = 1e-7
 # Newton steps in a row; Tresca rounds between two attempts of it; attempts.
 _STEPS, _ROUNDS, _ATTEMPTS = 60, 3, 5
-# A push grows in steps of this part of what is asked, longer after each that holds and cut where one does not; so many.
+# A push grows in steps of 1 / PUSHOVER of the target, longer after success, shorter after failure; most steps.
 _PUSHOVER, _GROW, _CUT, _PUSHES = 6, 1.5, 5, 60
 FACTOR_TOLERANCE = 0.002
-"""To this share the factor at which a block gives way is found."""
+"""Relative tolerance of the load factor at which a block collapses."""
 # Systems up to this size are solved dense; numbers up to which the map from contacts to bodies is kept dense.
 _DENSE, _CELLS = 120, 200_000
 # Share of an interface's stiffness at its corners; the rest is at the cells within.
@@ -39,13 +39,13 @@ _AT_CORNERS = 0.3
 
 @dataclass(frozen=True, eq=False)
 class ElasticState:
-    """Where a block comes to rest.
+    """The equilibrium of a block on elastic contacts.
 
     Args:
         stands: the contacts alone carry the load.
         unbalanced: share of the load that they do not carry.
         displacement: (6 n,) in units of load per mean stiffness.
-        known: there was time to find out.
+        known: it was found before the deadline.
     """
 
     stands: bool
@@ -79,7 +79,7 @@ class CoulombBlock:
         self._ground = self._catch * (np.eye(count) if small else eye_array(count, format="csc"))
 
     def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE) -> ElasticState:
-        """Come to rest under a load (6 n,), gravity included, in the block's units.
+        """Find the equilibrium under a load (6 n,), gravity included, in the block's units.
 
         Args:
             load: N and N m, in those units.

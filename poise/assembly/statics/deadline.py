@@ -1,4 +1,4 @@
-"""A moment to be done by."""
+"""A deadline on the monotonic clock."""
 
 import time
 from dataclasses import dataclass
@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Deadline:
-    """A moment on the monotonic clock, s; None: whenever."""
+    """A time on the monotonic clock, s; None: no deadline."""
 
     at: float | None = None
 
     @classmethod
     def after(cls, seconds: float | None) -> "Deadline":
-        """So many seconds from now."""
+        """The deadline this many seconds from now; None: no deadline."""
         return cls(None if seconds is None else time.monotonic() + seconds)
 
     @property

@@ -80,7 +80,7 @@ class FrictionSurface:
     def normal_force_needed(self, force: Array, moment: Array) -> Array:
         """(...) normal force needed, at friction 1, to resist forces (..., 2) and moments (...) about the centroid."""
         turning = moment / self.radius
-        # Opposite loads need the same.
+        # Opposite loads need equal normal forces.
         azimuth = np.arctan2(force[..., 1], force[..., 0]) + np.where(turning < 0, np.pi, 0.0)
         flat = np.sqrt(force[..., 0] ** 2 + force[..., 1] ** 2)
         column = (azimuth % (2 * np.pi)) * ((_TABLE - 1) / (2 * np.pi))
@@ -93,7 +93,7 @@ class FrictionSurface:
         return np.asarray(np.sqrt(flat**2 + turning**2) * (below * (1 - a) + above * a))
 
     def motion(self, force: Array, moment: float) -> Array:
-        """(3,) velocity of the centroid and turning rate with which the patch gives way to a load."""
+        """(3,) velocity of the centroid and turning rate with which the patch slips under a load."""
         load = np.append(force, moment / self.radius)
         best = self._motions[int((self._motions @ load).argmax())]
         return np.append(best[:2], best[2] / self.radius)

@@ -14,10 +14,10 @@ UNLIMITED = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class InverseLoadFactor:
-    """1 / (the factor at which a load makes a block give way), everything in the block's units.
+    """1 / (the factor at which a load makes a block collapse), everything in the block's units.
 
     Args:
-        value: 0 for loads that may grow for ever, inf for loads that nothing resists.
+        value: 0 for loads that are sustained without limit, inf for loads that nothing resists.
         upper: contact forces prove that the inverse load factor is at most this.
         twist: (6 n,) the collapse mechanism, scaled so that it takes power 1 against gravity. The inverse load factor
             of EVERY load w is at least twist @ w, and equal for this one. Where the value is inf: a motion that

@@ -18,7 +18,7 @@ from poise.types import Array, Indices
 _PRESSED = 1e-6
 """An interface pressed by less than this, in the block's units, has no centre of pressure."""
 # The centres of pressure are moved until friction about the old ones errs by this share of what turning resists,
-# at most so often.
+# at most this many times.
 _SETTLED, _MOVES = 0.05, 4
 # Inverse load factors this much above those of limit analysis are worth moving the centres for.
 _WEAKER = 1.01
@@ -86,7 +86,7 @@ class PatchProgram:
         return bool(np.isfinite(self.resting.inverse_factor(self._geometry.gravity.ravel()).value))
 
     def inverse_factor(self, load: Array, limit: InverseLoadFactor) -> InverseLoadFactor:
-        """InverseLoadFactor of a load (6 n,) with the centres of pressure where they are as the block gives way.
+        """Inverse load factor of a load (6 n,) with the centres of pressure where they are at collapse.
 
         Args:
             load: in the block's units.

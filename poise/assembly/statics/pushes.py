@@ -48,7 +48,7 @@ class Loads:
 
 
 def loads_of(assembly: Assembly, pushes: Sequence[Push | Sequence[Push]], tolerance: float) -> Loads:
-    """Check pushes and turn them into wrenches of 1 N; pushes in a sequence of their own grow together.
+    """Check pushes and turn them into wrenches of 1 N; pushes of one sequence grow together.
 
     The largest of several has 1 N.
 

@@ -16,11 +16,11 @@ _COARSE, _FINE = 8, 9
 
 @dataclass(frozen=True, eq=False)
 class PatchCollapse:
-    """When one body on one interface gives way.
+    """Load factors at which one body on one interface slips or topples.
 
     Args:
         factor: (Q,) of each load; inf where it never does.
-        slips: (Q,) whether friction gives way, not the balance about an edge.
+        slips: (Q,) whether friction collapses, not the balance about an edge.
     """
 
     factor: Array
@@ -149,7 +149,7 @@ class SinglePatch:
         return end
 
     def mechanism(self, load: Array, factor: float, slips: bool) -> Array:
-        """(6,) velocity at the world's origin and angular velocity of the body as it gives way to one load (6,)."""
+        """(6,) velocity at the world's origin and angular velocity of the body as it collapses to one load (6,)."""
         supply = self._rest + factor * self._demand(load)
         pressure = supply[1:3] / max(supply[0], 1e-12 * self._weight)
         if slips:

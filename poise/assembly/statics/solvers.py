@@ -1,4 +1,4 @@
-"""The one door to the conic solver (Clarabel): finite data in, capped time, an own check of every answer."""
+"""Calls the conic solver (Clarabel): checks that data are finite, limits the time, and verifies every answer."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -69,13 +69,13 @@ class Cones:
 
 
 _LARGEST_SVD = 1_000_000
-"""Entries of a matrix that is still taken apart to find directions that no row notices."""
+"""Entries of a matrix up to which a singular value decomposition finds directions that no row constrains."""
 
 
 class ConicProgram:
     """min 1/2 x'Px + q'x subject to b - A x in a cone; kept in memory, so that only q is sent again.
 
-    A solver of its own per program: not to be shared between threads.
+    Each program has one solver: not to be shared between threads.
 
     Args:
         matrix: (m, n) A.
@@ -172,7 +172,7 @@ class ConicProgram:
         return ConicSolution(Outcome.SOLVED, x, z, float(raw.obj_val), float(raw.obj_val_dual))
 
     def _free_descent(self, q: Array) -> Array | None:
-        """(n,) a direction that no row and no curvature notices, along which q x falls; None when there is none.
+        """(n,) a direction along which q x falls, unconstrained by rows and curvature; None when there is none.
 
         Without curvature such a line (a cylinder that may roll) is easily missed by an interior-point method.
         """
@@ -184,7 +184,7 @@ class ConicProgram:
         return descent if _norm(descent) > 1e-8 * _norm(q) else None
 
     def _residuals(self, raw: "clarabel.DefaultSolution", x: Array, z: Array, q: Array) -> tuple[float, float, bool]:
-        """What is left of the rows and of the gradient, and whether an answer is accepted, whatever it is called."""
+        """Residuals of rows and gradient, and whether the answer is accepted, for any status of the solver."""
         primal = _norm(self._rows @ x + np.array(raw.s) - self._b)
         gradient = self._columns @ z + q
         if self._curvature is not None:

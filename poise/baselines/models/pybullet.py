@@ -26,7 +26,7 @@ def pybullet(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads
     """Robustness as the force at which the engine's kinetic energy after one step passes a threshold.
 
     Its own error: a threshold on energy lets heavy objects move more slowly unnoticed, few contact points turn the
-    patches, and 100 N count as for ever (22-67 % in the thesis' Table 4.1).
+    patches, and 100 N count as without limit (22-67 % in the thesis' Table 4.1).
 
     Raises:
         InputError: UNSUPPORTED for meshes that are not convex, and for coefficients of friction that

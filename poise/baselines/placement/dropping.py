@@ -28,7 +28,7 @@ _SIGNIFICANT = 2e-3
 
 
 def from_above(analysis: Analysis, item: RigidObject, rng: np.random.Generator) -> Iterator[Pose | str]:
-    """Drop the object, turned anyhow, from slightly above the objects."""
+    """Drop the object in a random orientation from slightly above the objects."""
     size = radius(item)
     low, high = surroundings(analysis, 0.0)
     drop = _Drop(analysis, item)

@@ -109,7 +109,7 @@ class Engine:
         return Pose(np.array(body.xmat).reshape(3, 3), np.array(body.xpos))
 
     def speed(self, name: str) -> float:
-        """m/s, of the object's fastest point, at the most."""
+        """m/s, of the object's fastest point, at most."""
         joint = self.model.body(name).jntadr[0]
         velocity = self.data.qvel[self.model.jnt_dofadr[joint] :][:6]
         item = self.assembly.objects[self.assembly.index[name]]

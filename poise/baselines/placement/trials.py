@@ -33,7 +33,7 @@ def first_that_stays(
     seed: int,
     progress: Callable[[PlacementProgress], bool] | None,
 ) -> Placement:
-    """Try poses until one is a placement, by the same tests as `plan_placement`; nothing is mended.
+    """Try poses until one is a placement, with the tests of `plan_placement` but without settling.
 
     Raises:
         InputError, NoAnswerError: as `plan_placement`.
@@ -94,7 +94,7 @@ def surroundings(analysis: Analysis, size: float) -> Array:
 
 
 def at_random(item: RigidObject, rng: np.random.Generator, com: Array) -> Pose:
-    """The object turned anyhow, its centre of mass at (3,) m."""
+    """A random orientation of the object with its centre of mass at (3,) m."""
     x, y, z, w = rng.normal(size=4)
     turned = Pose.from_vector([0, 0, 0, *(np.array([x, y, z, w]) / np.linalg.norm([x, y, z, w]))])
     inside = replace(item, pose=Pose(np.eye(3), np.zeros(3))).com_in_world

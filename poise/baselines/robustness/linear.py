@@ -13,13 +13,13 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.types import Array
 
 _MOST = 1e7
-"""Weights of the assembly; what holds these is held for ever."""
+"""Weights of the assembly; larger load factors count as infinite."""
 # Objects slower than this share of the fastest are at rest.
 _STILL = 1e-4
 
 
 def linear_model(sides: int, analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
-    """Limit loads with friction circles as inscribed polygons of so many sides."""
+    """Limit loads with friction circles as inscribed polygons with a number of sides."""
     geometry = whole_geometry(analysis.structure)
     body_of = {place: body for body, place in enumerate(analysis.structure.movable)}
     inside = csr_array(block_diag([polygon_rows(mu, sides) for mu in geometry.friction]))

@@ -15,7 +15,7 @@ _WHOLE = 1 << 28
 
 
 def point_robustness(forces: Array, directions: Array, friction: Array) -> Array:
-    """(..., K) force that each point bears before it slips (thesis eq. 4.21-4.25).
+    """(..., K) force that each point withstands before it slips (thesis eq. 4.21-4.25).
 
     Errata: the normal here points out of the pushed body, because a push along it must press (the thesis' text has it
     inward, its eq. 4.27 outward); eq. 4.24 needs the sign of e_n, which its norms lose; without real roots, where
@@ -61,7 +61,7 @@ class Slipping:
     contacts: SampledContacts
 
     def capacities(self, directions: Array) -> tuple[Array, Array]:
-        """(Q, I) N that each interface bears when its first, or its second, body is pushed along (Q, 3) (eq. 4.28)."""
+        """(Q, I) N that each interface withstands when its first, or second, body is pushed along (Q, 3) (eq. 4.28)."""
         contacts = self.contacts
         local = np.einsum("kij,qj->qki", contacts.frames, directions)
         return tuple(  # type: ignore[return-value]
@@ -102,7 +102,7 @@ class Slipping:
         for block in self.structure.blocks:
             if not any(place in members for members in block.members):
                 continue
-            # All edges of a block lie on simple paths through it; which side pushes is told by the nearer to the push.
+            # All edges of a block lie on simple paths through it; the side nearer to the push is the pushing one.
             heads = [members[0] for members in block.members if place in members]
             for number in block.interfaces:
                 rows = slice(contacts.starts[number], contacts.starts[number] + counts[number])

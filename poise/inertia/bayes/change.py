@@ -11,7 +11,7 @@ from poise.inertia.bayes.estimator import BayesSolution, PoiseEstimator
 from poise.inertia.model import NoiseLevels, Parts
 from poise.types import Array, Stamps
 
-BLOCK = 50_000_000
+_BLOCK = 50_000_000
 """ns: a change begins within one, and only the next one is all of the new payload."""
 
 WINDOWS = (5, 6, 8)
@@ -79,7 +79,7 @@ class ContinuousEstimator:
         self._since = self._looked = self._sure = np.iinfo(np.int64).min
         self._solved: int | None = None
         self._mass: float | None = None
-        self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **options)
+        self._estimator = PoiseEstimator(parts, noise, block=_BLOCK, **options)
 
     def hold(self, parts: Parts | None) -> None:
         """Set the shape of what is held since the last change; to be called while its samples are remembered."""
@@ -138,7 +138,7 @@ class ContinuousEstimator:
         """Compare the newest samples with the expected ones, and update the expectation from time to time."""
         most = 0.0
         for count in WINDOWS:
-            begin = (now // BLOCK - count + 1) * BLOCK
+            begin = (now // _BLOCK - count + 1) * _BLOCK
             if self._solved is None or begin <= self._solved:
                 continue
             found = self._estimator.contradiction(begin, LEAST)
@@ -180,7 +180,7 @@ class ContinuousEstimator:
         self._restart(since, None, known)
 
     def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:
-        self._estimator = PoiseEstimator(parts, noise, block=BLOCK, **self._options)
+        self._estimator = PoiseEstimator(parts, noise, block=_BLOCK, **self._options)
         self._solved = self._sure = since
         for stamps, rows in self._memory:
             late = stamps >= since

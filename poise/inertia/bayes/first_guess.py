@@ -6,7 +6,7 @@ from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.model import N_UNKNOWNS, NormalEquations
 from poise.types import Array
 
-LEAST_MASS = 0.3
+_LEAST_MASS = 0.3
 """In its own standard deviations, when the samples show none."""
 
 SPREAD = np.concatenate([[10.0], np.full(3, 1.0), np.full(6, 0.1)])
@@ -18,7 +18,7 @@ TYPICAL_DENSITY = 2000.0
 ELONGATION = 1.5
 """What a hand tool's radius of gyration is, in units of that of a ball."""
 
-REACH = 1.0
+_REACH = 1.0
 """m, beyond which nothing is held."""
 
 
@@ -30,7 +30,7 @@ def states_of_shape(model: MassModel, normal: NormalEquations, bias_variances: A
     states = np.zeros((len(bias_variances), model.n_states))
     for state, variances in zip(states, bias_variances, strict=True):
         mean, deviation = _ridge(normal, directions, np.concatenate([[np.inf], variances]))
-        state[: model.n_parts] = np.log(max(mean[0], LEAST_MASS * deviation[0]))
+        state[: model.n_parts] = np.log(max(mean[0], _LEAST_MASS * deviation[0]))
     return states
 
 
@@ -39,9 +39,9 @@ def blob(normal: NormalEquations, bias_variances: Array) -> tuple[MassModel, Arr
     masses, centres = np.empty(len(bias_variances)), np.empty((len(bias_variances), 3))
     for case, variances in enumerate(bias_variances):
         mean, deviation = _ridge(normal, np.eye(N_UNKNOWNS), np.concatenate([SPREAD**2, variances]))
-        masses[case] = max(mean[0], LEAST_MASS * deviation[0])
+        masses[case] = max(mean[0], _LEAST_MASS * deviation[0])
         centre = mean[1:4] / masses[case]
-        centres[case] = centre * min(1.0, REACH / max(float(np.linalg.norm(centre)), REACH))
+        centres[case] = centre * min(1.0, _REACH / max(float(np.linalg.norm(centre)), _REACH))
     sphere = np.cbrt(3 * masses[EXPECTED] / (4 * np.pi * TYPICAL_DENSITY))
     model = MassModel.of_blob(centres[EXPECTED], float(ELONGATION * sphere / np.sqrt(5)))
     states = np.zeros((len(masses), model.n_states))

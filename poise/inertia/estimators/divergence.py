@@ -10,7 +10,7 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.model import InertialParameters, phi_of_pseudo_inertia, pseudo_inertia
 from poise.types import Array
 
-MAX_ITERATIONS = 200
+_MAX_ITERATIONS = 200
 MAX_HALVINGS = 50
 LONGEST_STEP = 3.0
 """Of the logarithm of an eigenvalue."""
@@ -179,7 +179,7 @@ def _newton(objective: Objective, point: _Point, tolerance: float) -> _Point:
     bent valley, and the other one is taken next.
     """
     curved, decrement = True, np.inf
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(_MAX_ITERATIONS):
         slope, hessian = objective.derivatives(point, curved)
         step = _downhill_step(hessian, -slope)
         decrement = float(-step @ slope)

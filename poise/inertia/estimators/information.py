@@ -5,10 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from poise.inertia.model import N_UNKNOWNS
 from poise.types import Array
-
-N_UNKNOWNS = 16
-"""phi (10), then the bias of force (3) and torque (3)."""
 
 FORCE, TORQUE = 0, 1
 """The two groups of channels; each has its own noise."""

@@ -6,13 +6,12 @@ from numpy.typing import ArrayLike
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators.information import (
     FORCE,
-    N_UNKNOWNS,
     TORQUE,
     InformationAccumulator,
     correlation_factor,
     quadratic,
 )
-from poise.inertia.model import PARAMETER_NAMES, InertialSolution, root_mean_square
+from poise.inertia.model import N_UNKNOWNS, PARAMETER_NAMES, InertialSolution, root_mean_square
 from poise.types import Array
 
 # Eigenvalues of the scaled information matrix below this are rounding: the direction was not excited.
@@ -20,8 +19,8 @@ NULL_EIGENVALUE = 1e-11
 # A direction takes part in a parameter above this share.
 NULL_SHARE = 1e-5
 # One sigma as wide as the whole mass swung by this many metres says nothing about what a hand can hold.
-REACH = 0.1
-MAX_ITERATIONS = 50
+_REACH = 0.1
+_MAX_ITERATIONS = 50
 
 
 def solve(information: InformationAccumulator, noise: ArrayLike | None = None) -> InertialSolution:
@@ -49,7 +48,7 @@ def solve(information: InformationAccumulator, noise: ArrayLike | None = None) -
     sums = information.sums
     variances = _noise_variances(sums, n, noise)
     weighted = _Weighted(sums, variances)
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(_MAX_ITERATIONS):
         if noise is not None:
             break
         estimated = _residual_variances(sums, n, weighted)
@@ -141,4 +140,4 @@ def _solution(information: InformationAccumulator, weighted: _Weighted) -> Inert
 def _useless_deviation(mass: float) -> Array:
     """(10,) standard deviations above which a parameter counts as not seen, for a mass in kg."""
     heavy = max(abs(mass), 1.0)
-    return heavy * np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
+    return heavy * np.array([1.0] + [_REACH] * 3 + [_REACH**2] * 6)

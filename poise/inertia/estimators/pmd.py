@@ -15,12 +15,12 @@ from poise.types import Array
 NOISE_AMPLITUDES = (1.0, 1.0, 0.5)
 """n_1 m/s2, n_2 rad/s2 and n_3 rad/s of thesis eq. 3.5."""
 
-MAX_ITERATIONS = 100
+_MAX_ITERATIONS = 100
 TIME_LIMIT = 5.0  # s
 
 # The thesis wants every m_i > 0; an optimum may have zeros, which would leave a body flat. This share of the mean
 # point mass is below what any sensor sees.
-LEAST_MASS = 1e-6
+_LEAST_MASS = 1e-6
 
 
 def pmd(problem: IdentificationProblem, *, c1: float = 300.0, regularisation: float = 0.1) -> InertialSolution:
@@ -56,7 +56,7 @@ def pmd(problem: IdentificationProblem, *, c1: float = 300.0, regularisation: fl
     masses = minimise_sum_of_norms(norms)
     if not masses.sum() > 0:
         raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, "pmd: the wrench shows no weight; is the force's sign right?")
-    return answer(problem, points @ np.maximum(masses, LEAST_MASS * masses.mean()))
+    return answer(problem, points @ np.maximum(masses, _LEAST_MASS * masses.mean()))
 
 
 def dynamism(problem: IdentificationProblem) -> Array:
@@ -112,7 +112,7 @@ def minimise_sum_of_norms(norms: list[tuple[Array, Array]]) -> Array:
     cost = np.concatenate([np.zeros(n), np.ones(count)])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.max_iter, settings.time_limit = MAX_ITERATIONS, TIME_LIMIT
+    settings.max_iter, settings.time_limit = _MAX_ITERATIONS, TIME_LIMIT
     nothing = sparse.csc_matrix((n + count, n + count))
     solver = clarabel.DefaultSolver(
         nothing, cost, sparse.csc_matrix(np.vstack(rows)), np.concatenate(right), cones, settings

@@ -20,7 +20,7 @@ from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels
 from poise.robot import SensorMotion
 from poise.types import Array, Stamps
 
-CAPACITY = 65_536
+_CAPACITY = 65_536
 """Samples that are kept to compare the clocks. With more of them, the delay stays what these showed."""
 
 _CHECKPOINTS = 1.05
@@ -59,7 +59,7 @@ class PoiseStream:
     def add(self, motion: SensorMotion, wrench: Array) -> None:
         """See `StreamingEstimator`."""
         stamps, rows = motion.stamps, sample_rows(motion, wrench - self._prior.tare, self._prior.gravity)
-        room = CAPACITY - self._samples.count
+        room = _CAPACITY - self._samples.count
         if not self._samples.is_full:
             self._samples.add(stamps[:room], rows[:room])
             if len(stamps) < room:
@@ -96,7 +96,7 @@ class PoiseStream:
 
     def _compare_clocks(self) -> None:
         """Compare them at the last checkpoint, so that it does not matter how often solutions are asked for."""
-        if self._samples.is_full and self._compared == CAPACITY:
+        if self._samples.is_full and self._compared == _CAPACITY:
             return
         checkpoint = _last_checkpoint(self._samples.count)
         if checkpoint > self._compared:
@@ -120,7 +120,7 @@ _NOT_COMPARED = Delay(0.0, np.inf)
 
 
 class _SampleStore:
-    """Up to `CAPACITY` samples."""
+    """Up to `_CAPACITY` samples."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -169,8 +169,8 @@ class _FedEstimator:
 
 def _last_checkpoint(count: int) -> int:
     """The largest checkpoint that is no more than a number of samples."""
-    if count >= CAPACITY:
-        return CAPACITY
+    if count >= _CAPACITY:
+        return _CAPACITY
     if count < 1:
         return 0
     exponent = int(np.floor(np.log(count) / np.log(_CHECKPOINTS) + 1e-9))

@@ -9,7 +9,7 @@ from poise.inertia.model import IdentificationProblem, InertialSolution
 from poise.robot import SensorMotion
 from poise.types import Array, Mask
 
-CAPACITY = 20_000
+_CAPACITY = 20_000
 """Samples; of more, every second one is kept, then every fourth and so on."""
 
 
@@ -41,7 +41,7 @@ class SampleWindow:
         self._numbers = np.concatenate([self._numbers, numbers[kept]])
         if np.isfinite(self._prior.window):
             self._keep(self._motion.stamps >= self._motion.stamps[-1] - round(self._prior.window * 1e9))
-        while len(self._wrench) > CAPACITY:
+        while len(self._wrench) > _CAPACITY:
             self._stride *= 2
             self._keep(self._numbers % self._stride == 0)
 

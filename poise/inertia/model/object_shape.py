@@ -35,7 +35,7 @@ LARGEST, SMALLEST = 3.0, 1e-3
 PIECES = 8
 """That a shape of one piece is cut into, because it is not known to be of one material."""
 
-CELLS = 4000
+_CELLS = 4000
 
 MOST_BODIES = 100
 
@@ -171,9 +171,9 @@ def _cut(body: trimesh.Trimesh) -> ObjectShape:
     words = f"closed surface, segmented into {labels.max() + 1} parts"
     if labels.max() == 0:
         corners = np.asarray(body.vertices[body.faces])
-        places = spread(cells_of(corners, (abs(body.volume) / CELLS) ** (1 / 3))[0], PIECES)
+        places = spread(cells_of(corners, (abs(body.volume) / _CELLS) ** (1 / 3))[0], PIECES)
         labels, words = np.arange(len(places)), f"closed surface, cut into {PIECES} pieces"
-    return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, CELLS), UNCUT_ACCURACY, words)
+    return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, _CELLS), UNCUT_ACCURACY, words)
 
 
 def parts_of_solid(solid: Solid, labels: ArrayLike | None = None) -> Parts:

@@ -12,7 +12,7 @@ from poise.shape import tetrahedron_moments
 from poise.types import Array
 
 # Cells that a shape is cut into before each is given to a part.
-CELLS = 8000
+_CELLS = 8000
 # Parts whose colours differ by less than this (0..1 in three channels) are likely of one material: correlation of the
 # logarithms of their densities.
 SAME_COLOUR, SAME_DENSITY = 0.15, 0.95
@@ -119,7 +119,7 @@ class Parts:
         faces: ArrayLike,
         labelled_points: ArrayLike | None = None,
         labels: ArrayLike | None = None,
-        cells: int = CELLS,
+        cells: int = _CELLS,
     ) -> "Parts":
         """Parts of a closed triangle mesh; each place belongs to the part of the nearest labelled point.
 

@@ -2,7 +2,7 @@
 
 from poise.mismatch.answer.belief import MAX_PROBABILITY, BeliefBasis
 from poise.mismatch.answer.diagnosis import Diagnosis, NamedEffect, Quantity, SignalDiagnosis, diagnose
-from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, separating_motion
+from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, design_motion
 from poise.mismatch.answer.live_window import LiveWindow, effects_called, examine
 from poise.mismatch.answer.residual_windows import ResidualWindow
 
@@ -16,8 +16,8 @@ __all__ = [
     "Quantity",
     "ResidualWindow",
     "SignalDiagnosis",
+    "design_motion",
     "diagnose",
     "effects_called",
     "examine",
-    "separating_motion",
 ]

@@ -21,13 +21,13 @@ from poise.mismatch.inference import (
     HypothesisFit,
     HypothesisSearch,
     Problem,
+    dependence_curve,
     effort_problem,
     fit,
     held_out,
     names,
     residual_of,
     search,
-    shape,
     state_description,
     tail,
     wrench_problem,
@@ -319,7 +319,7 @@ def _unknown(problem: Problem, best: HypothesisFit, rest: ResidualTest) -> Unkno
         return UnknownPhysics(
             tuple(depends),
             first.effect.sentence(problem.recorded, first.values),
-            shape(first.effect, problem.recorded, first.values),
+            dependence_curve(first.effect, problem.recorded, first.values),
         )
     if rest.louder:
         return UnknownPhysics(

@@ -55,7 +55,7 @@ class DiscriminatingMotion:
         return self.expected >= _ENOUGH
 
 
-def separating_motion(
+def design_motion(
     examined: SignalDiagnosis, robot: RobotModel, seed: int = 0, progress: Callable[[float], None] = lambda share: None
 ) -> DiscriminatingMotion | None:
     """Design the motion that resolves an ambiguous diagnosis; None when it is not ambiguous.

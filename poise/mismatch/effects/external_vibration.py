@@ -146,8 +146,8 @@ class ExternalVibration(Effect):
         """Most likely first and last moment of a sine whose amplitude is that of the samples inside."""
         wave = np.exp(-2j * np.pi * frequency * recorded.seconds)
         amplitude = 2.0 * (shake[inside] * wave[inside, None]).mean(axis=0)
-        said = (amplitude * wave.conj()[:, None]).real
-        gain = (2.0 * shake * said - said**2).sum(axis=1)
+        predicted = (amplitude * wave.conj()[:, None]).real
+        gain = (2.0 * shake * predicted - predicted**2).sum(axis=1)
         _, begin, end = _longest_gain(gain[:, None])
         return float(recorded.seconds[begin[0]]), float(recorded.seconds[end[0]])
 

@@ -6,7 +6,13 @@ from poise.mismatch.inference.heldout import HeldOutProof, held_out, tail
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, names, residual_of, search
-from poise.mismatch.inference.unknown import Dependence, DependenceCurve, linear_bspline_basis, shape, state_description
+from poise.mismatch.inference.unknown import (
+    Dependence,
+    DependenceCurve,
+    dependence_curve,
+    linear_bspline_basis,
+    state_description,
+)
 
 __all__ = [
     "PRIOR_SIGMA",
@@ -19,6 +25,7 @@ __all__ = [
     "HypothesisSearch",
     "Problem",
     "SignalNoise",
+    "dependence_curve",
     "effort_problem",
     "fit",
     "held_out",
@@ -29,7 +36,6 @@ __all__ = [
     "refine",
     "residual_of",
     "search",
-    "shape",
     "state_description",
     "tail",
     "wrench_problem",

@@ -281,7 +281,9 @@ class DependenceCurve:
     response: Array
 
 
-def shape(effect: Dependence, recorded: RecordedMotion, values: Values, points: int = 60) -> DependenceCurve | None:
+def dependence_curve(
+    effect: Dependence, recorded: RecordedMotion, values: Values, points: int = 60
+) -> DependenceCurve | None:
     """Means of the response over the state's range, for the component of the state that it follows most."""
     state = effect.at(recorded)
     if state is None:
