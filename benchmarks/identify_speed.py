@@ -1,6 +1,6 @@
 """CPU seconds of `identify` on a simulated minute of an FR3 with wrench and joint states at 1 kHz.
 
-    python benchmarks/identify_speed.py           # what docs/identify.md quotes: seven runs
+    python benchmarks/identify_speed.py           # a minute, seven runs
     python benchmarks/identify_speed.py --quick   # 10 s of recording, two runs
 
 The recording is written once; each run reads it and identifies the payload, as `poise identify BAG` does. Exits with 1

@@ -8,8 +8,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 from tools.draw_architecture import PAGE, page
 from tools.source_rules import imports_past_a_face, names_used_twice, private_wording
 
@@ -336,22 +334,18 @@ def test_a_function_does_one_thing() -> None:
     assert not offenders, f"longer than {MAX_FUNCTION_LINES} lines:\n" + "\n".join(offenders)
 
 
-@pytest.mark.xfail(strict=False, reason="rooms get their faces one by one")
 def test_rooms_import_from_faces_alone() -> None:
     assert not (offenders := imports_past_a_face()), "\n".join(offenders)
 
 
-@pytest.mark.xfail(strict=False, reason="names are made unique room by room")
 def test_no_two_public_classes_or_constants_share_a_name() -> None:
     assert not (offenders := names_used_twice()), "\n".join(offenders)
 
 
-@pytest.mark.xfail(strict=False, reason="rooms are reworded one by one")
 def test_the_wording_is_plain_engineering_english() -> None:
     assert not (offenders := private_wording()), "\n".join(offenders)
 
 
-@pytest.mark.xfail(strict=False, reason="drawn again when all rooms have their imports")
 def test_the_picture_of_the_rooms_is_that_of_the_imports() -> None:
     assert page() == PAGE.read_text(encoding="utf-8"), "run python tools/draw_architecture.py"
 

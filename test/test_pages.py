@@ -118,7 +118,7 @@ def check_ros2(where: str, words: list[str]) -> None:
         check_node(where, words[2], words[3:])
     elif words[0] == "launch":
         assert words[1] == "poise", where
-        source = (ROOT / "launch" / words[2]).read_text()
+        source = (ROOT / "launch" / words[2]).read_text() + (ROOT / "nodes" / "launching.py").read_text()
         for argument in words[3:]:
             assert f'"{argument.partition(":=")[0]}"' in source, f"{where}: {argument}"
     else:

@@ -30,7 +30,10 @@ GAP_INTERVALS = 6.0
 _FASTEST = 300.0
 """Hz; of faster samples, several are averaged before a spline is fitted, so that about 250 Hz remain."""
 
-_CHECKED = 200
+_WORTHWHILE = 0.01
+"""Information of measured rates, relative to that of the positions, below which they are not used."""
+
+_CHECKED = 120
 """Samples, evenly spread, at which a spline is compared with a finer one."""
 
 
@@ -249,7 +252,7 @@ class _Smoother:
         nearest = np.minimum(np.arange(inside.start, inside.stop) // self._count, len(self._at) - 1)
         gains = fit.gains(self._at[nearest[0] : nearest[-1] + 1])
         checked = self._at[self._interior(m)]
-        checked = checked[:: max(len(checked) // _CHECKED, 1)]
+        checked = checked[:: max(-(-len(checked) // _CHECKED), 1)]
         difference = (fit.derivatives(checked) - finer.derivatives(checked))[:, :, 0]
         # The spline spaces nearly contain one another: the difference varies by what the finer one varies more.
         excess = finer.gains(checked) * finer.sigma**2 - fit.gains(checked) * fit.sigma**2
@@ -264,6 +267,9 @@ class _Smoother:
         best = self._plain(plain)
         scatter = float(np.mean((rates[:, column] - best(self._at, 1)[:, column]) ** 2))
         weight = float(best.sigma[column] ** 2) / scatter if scatter > 0 else 0.0
+        band, rate_band = best.information
+        if weight * rate_band < _WORTHWHILE * band:
+            return plain
         sums = self._sums(rates)
         fit = cache(lambda m: self._plain(m).with_slopes(slice(column, column + 1), sums(m), weight))
         self._fit[column] = fit

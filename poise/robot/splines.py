@@ -184,6 +184,11 @@ class SplineFit:
         self.degrees_of_freedom = len(values) - self.grid.size
         self.square_sum = np.einsum("nk,nk->k", right, right) + np.einsum("ik,ik->k", step, product - 2.0 * gradient)
 
+    @property
+    def information(self) -> tuple[float, float]:
+        """Traces of the normal matrices of values and of slopes: what samples of equal noise say about the spline."""
+        return float(self._design.band(0)[0].sum()), float(self._design.band(1)[0].sum())
+
     def slope_sums(self, slopes: Array) -> tuple[Array, Array]:
         """Gradient (size, K) and square sum (K,) that measured first derivatives (N, K) leave about this spline."""
         left = slopes - self(self._design.seconds, 1)

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from poise.inertia import InertialParameters
 from poise.robot import BaseMotion, RobotModel, inertia_of, phi_of
 from poise.robot.model import MODELS
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion
@@ -87,3 +88,12 @@ def test_a_falling_payload_weighs_nothing():
     )
     np.testing.assert_allclose(truth.wrench_in_sensor, 0.0, atol=1e-12)
     np.testing.assert_allclose(truth.effort, 0.0, atol=1e-10)
+
+
+def test_an_empty_hand_gives_finite_efforts_equal_to_those_of_a_vanishing_load():
+    robot = RobotModel.from_file("ridgeback_ur10")
+    zeros = np.zeros((1, len(robot.joint_names)))
+    joints = JointMotion(zeros, zeros, zeros)
+    empty = IdealRobot(robot).effort(joints)
+    light = IdealRobot(robot, InertialParameters(1e-9, np.zeros(3), 1e-12 * np.eye(3)).phi).effort(joints)
+    np.testing.assert_allclose(empty, light, atol=1e-6)

@@ -6,7 +6,6 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from poise.errors import ErrorCode, InputError
 from poise.force_torque.wire import Calibration, FakeSensor, Link, Reports, WrenchSource
 
 SensorValues = Mapping[str, Any]
@@ -69,10 +68,3 @@ def rated(
     return Calibration.from_counts(
         counts_per_force, counts_per_torque, limit=rating, reports=reports_of(values)
     ).with_limit(limit_of(values))
-
-
-def refused_bias(name: str) -> InputError:
-    """The error for a device without a bias command."""
-    return InputError(
-        ErrorCode.UNSUPPORTED, f"{name} has no bias command; set hardware_bias to false for the driver's own bias"
-    )
