@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.robot import STALE, USED
+from poise.robot import STALE, USED, PairingReasons
 from poise.types import Array, Mask, Stamps
 
 NOT_FINITE, OUT_OF_ORDER, SATURATED = "not_finite", "out_of_order", "saturated"
