@@ -75,6 +75,11 @@ def test_a_pip_installed_node_runs_as_ros2_run_would_start_it(
     starts_and_stops([str(shim)], node_environment, graph, tmp_path / "node.log")
 
 
+def test_poise_run_starts_a_node_without_ros2cli(node_environment: dict[str, str], graph: Any, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "poise.cli", "run", "inertial_estimator", "--ros-args", "-p", "gravity:=9.81"]
+    starts_and_stops(command, node_environment, graph, tmp_path / "node.log")
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("symlink", [False, True], ids=["copied", "symlink-install"])
