@@ -35,9 +35,9 @@ from poise.robot import RobotModel
 from poise.types import Array
 from poise_msgs.action import IdentifyPayload as Action
 
-TICK = 0.02
+_TICK = 0.02
 """s between looks at a running session."""
-FEEDBACK_TICKS = 10
+_FEEDBACK_TICKS = 10
 _PLANNED_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05, force_bias=5.0, torque_bias=0.25)
 """Motions are planned for these levels where none are given. They show the sensor's bias, even of a zeroed sensor."""
 
@@ -129,7 +129,7 @@ class IdentifyPayload:
         self._joints = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, self._on_joint_state), 100
         )
-        self._timer = self._node.create_timer(TICK, guarded(self._node, self._tick))
+        self._timer = self._node.create_timer(_TICK, guarded(self._node, self._tick))
 
     def _begin(self, request: Action.Goal) -> Session:
         """What the goal asks for.
@@ -240,7 +240,7 @@ class IdentifyPayload:
         self._ticks += 1
         if session.phase is SessionPhase.DONE:
             self._end()
-        elif session.phase is not self._told or self._ticks % FEEDBACK_TICKS == 0:
+        elif session.phase is not self._told or self._ticks % _FEEDBACK_TICKS == 0:
             self._told = session.phase
             goal.publish_feedback(self._feedback(session))
 

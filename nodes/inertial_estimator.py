@@ -24,9 +24,9 @@ from poise.nodes.runtime import guarded, run
 from poise.recording import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
-UPDATE_PERIOD = 0.05
+_UPDATE_PERIOD = 0.05
 """s between bringing wrenches and motion together: many at once cost less than one by one."""
-SOLVING = 0.2
+_SOLVING = 0.2
 """Share of a core that solving may take: with many samples it is done less often."""
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -58,7 +58,7 @@ class InertialEstimator(Node):
         ):
             self.create_subscription(message_type, topic, guarded(self, callback), qos)
         self.create_service(Trigger, "reset_estimate", self._on_reset)
-        self.create_timer(UPDATE_PERIOD, guarded(self, self._update))
+        self.create_timer(_UPDATE_PERIOD, guarded(self, self._update))
         self.create_timer(1.0 / values["publish_rate"], guarded(self, self._publish))
         self.create_timer(1.0, guarded(self, self._diagnose))
         self._action = IdentifyPayload(self)
@@ -138,7 +138,7 @@ class InertialEstimator(Node):
             message = no_estimate_message(error, self.live.sensor_frame)
         self._estimates.publish(message)
         now = time.monotonic()
-        self._rest = now + (now - begun) * (1 / SOLVING - 1)
+        self._rest = now + (now - begun) * (1 / _SOLVING - 1)
 
     def _diagnose(self) -> None:
         status = status_of(self.live, time.monotonic())

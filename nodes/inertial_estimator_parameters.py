@@ -12,7 +12,7 @@ from poise.inertia.pipeline import IMUS, SOURCES, LiveOptions
 from poise.nodes.parameters import Parameter
 from poise.robot import PairingSettings
 
-SETTINGS = ("max_gap", "rest_gap", "rest_window", "rest_turning", "rest_speed", "block", "margin")
+_SETTINGS = ("max_gap", "rest_gap", "rest_window", "rest_turning", "rest_speed", "block", "margin")
 NOISE = ("force", "torque", "linear_acceleration", "angular_acceleration")
 BIAS = ("force_bias", "torque_bias")
 
@@ -100,5 +100,5 @@ def live_options(values: dict[str, Any]) -> LiveOptions:
         continuous=values["continuous"],
         saturation=(values["max_force"] or np.inf, values["max_torque"] or np.inf),
         **shape,
-        settings=PairingSettings(**{name: values[name] for name in SETTINGS}),
+        settings=PairingSettings(**{name: values[name] for name in _SETTINGS}),
     )

@@ -18,12 +18,13 @@ from poise.robot.differentiation import Derivatives, RotationDerivatives, differ
 from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
 from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
-from poise.robot.live_imu import LAG_STEP, LONGEST_DELAY, LiveImu
+from poise.robot.live_imu import IMU_LAG_STEP, IMU_LONGEST_DELAY, LiveImu
 from poise.robot.measured import MeasuredMotion, motion_from_derivatives, motion_from_joints, motion_from_poses
 from poise.robot.model import RobotModel, find_urdf, inertia_of, phi_of
 from poise.robot.motion import SensorMotion
 from poise.robot.motion_buffers import (
     NO_KINEMATICS,
+    STALE,
     USED,
     MotionBuffer,
     PairingReasons,
@@ -44,9 +45,10 @@ from poise.robot.urdf import parse_urdf, read_urdf
 
 __all__ = [
     "CLOCK_JUMP",
-    "LAG_STEP",
-    "LONGEST_DELAY",
+    "IMU_LAG_STEP",
+    "IMU_LONGEST_DELAY",
     "NO_KINEMATICS",
+    "STALE",
     "USED",
     "BaseMotion",
     "Derivatives",

@@ -12,7 +12,7 @@ from poise.robot.scatter import ScatterMeter
 from poise.robot.stamped_buffer import StampedBuffer
 from poise.types import Array, Stamps
 
-LONGEST_DELAY, LAG_STEP = 0.012, 0.003
+IMU_LONGEST_DELAY, IMU_LAG_STEP = 0.012, 0.003
 """s, see `PoiseEstimator`: an IMU follows vibrations, and a delay of a whole period of one looks like none."""
 
 

@@ -42,7 +42,7 @@ def test_every_reason_is_on_the_page():
         sample_checks.OUT_OF_ORDER,
         tracks.MOVING,
         tracks.NO_KINEMATICS,
-        sample_checks.STALE,
+        tracks.STALE,
         estimator.EXTERNAL_CONTACT,
     }
 

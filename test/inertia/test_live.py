@@ -6,7 +6,7 @@ from simulated_motion import LOAD, Scene, record, steps
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.pipeline.identification import Kinematics, identify_wrenches
-from poise.inertia.pipeline.live import GRACE, QUIET, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.live import FLUSH_AFTER, GRACE, LiveEstimator, LiveOptions
 from poise.inertia.pipeline.online import OnlineEstimator
 from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf
@@ -63,9 +63,9 @@ def test_tf_is_taken_when_nothing_better_came_in_a_second_and_no_wrench_is_lost_
     assert live.estimator is None
     now = play(live, scene, ("wrench", "tf"), begin=0.9 * GRACE)
     assert words(live).startswith("tf")
-    live.update(now + QUIET + 0.1)
+    live.update(now + FLUSH_AFTER + 0.1)
     at_once = LiveEstimator(LiveOptions(method="static", motion_source="tf"))
-    at_once.update(play(at_once, scene, ("wrench", "tf")) + QUIET + 0.1)
+    at_once.update(play(at_once, scene, ("wrench", "tf")) + FLUSH_AFTER + 0.1)
     assert live.n_samples == at_once.n_samples > 0
     np.testing.assert_allclose(live.estimate().phi, at_once.estimate().phi, rtol=1e-12)
 
@@ -88,7 +88,7 @@ def test_joint_states_from_before_the_description_are_used_and_the_answer_is_the
     play(live, scene, ("wrench", "joints"), until=0.5)
     assert live.estimator is None
     live.set_robot_description(URDF, 0.5)
-    live.update(play(live, scene, ("wrench", "joints"), begin=0.5) + QUIET + 0.1)
+    live.update(play(live, scene, ("wrench", "joints"), begin=0.5) + FLUSH_AFTER + 0.1)
     source = JointSource(scene.model)
 
     def add(part: slice) -> None:
@@ -128,10 +128,10 @@ def test_when_all_falls_quiet_what_is_there_is_used(scene):
     live.set_robot_description(URDF, 0.0)
     now = play(live, scene, ("wrench", "joints"), until=1.0)
     before = live.n_samples
-    live.update(now + 0.9 * QUIET)
+    live.update(now + 0.9 * FLUSH_AFTER)
     assert live.n_samples <= before + 20  # what the rest window had still held back
     held = live.n_samples
-    live.update(now + 1.1 * QUIET)
+    live.update(now + 1.1 * FLUSH_AFTER)
     assert live.n_samples > held
 
 
@@ -243,7 +243,7 @@ def test_rubbish_in_between_neither_stops_it_nor_moves_the_answer(scene, seed):
             wild = int(rng.integers(-(2**31), 2**31)) * 10**9
             live.add_joint_state(wild, joints.names, rng.normal(size=7), [], now)
             live.add_wrench(wild, "ft_sensor", rng.normal(size=6), now)
-    live.update(now + QUIET + 0.1)
+    live.update(now + FLUSH_AFTER + 0.1)
     estimate = live.estimate()
     assert estimate.parameters.mass == pytest.approx(LOAD.mass, abs=0.005)
     np.testing.assert_allclose(estimate.parameters.com, LOAD.com, atol=0.001)

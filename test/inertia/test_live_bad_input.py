@@ -11,7 +11,7 @@ from poise.inertia import InertialEstimate
 from poise.inertia.model import regressor
 from poise.inertia.model.parts import Parts, box_moments
 from poise.inertia.model.problem import NoiseLevels
-from poise.inertia.pipeline.live import QUIET, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.live import FLUSH_AFTER, LiveEstimator, LiveOptions
 from poise.inertia.pipeline.status import Level, status_of
 from poise.robot.model import find_urdf
 
@@ -51,7 +51,7 @@ def play(estimator: LiveEstimator, scene: Scene, joints: bool = True) -> LiveEst
         if now - updated > 0.05:
             estimator.update(now)
             updated = now
-    estimator.update(now + 2 * QUIET)
+    estimator.update(now + 2 * FLUSH_AFTER)
     return estimator
 
 

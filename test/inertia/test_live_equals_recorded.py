@@ -12,7 +12,7 @@ from poise.inertia import InertialEstimate, InertialParameters, identify
 from poise.inertia.estimators import method_choices
 from poise.inertia.model import Parts
 from poise.inertia.model.parts import box_moments
-from poise.inertia.pipeline import QUIET, LiveEstimator, LiveOptions
+from poise.inertia.pipeline import FLUSH_AFTER, LiveEstimator, LiveOptions
 from poise.recording import WrenchStream, open_recording, write_recording
 from poise.robot import find_urdf
 from poise.types import Array
@@ -171,7 +171,7 @@ def live(messages: Messages, method: str) -> InertialEstimate:
         if now - updated > UPDATE_PERIOD:
             estimator.update(now)
             updated = now
-    estimator.update(now + 2 * QUIET)
+    estimator.update(now + 2 * FLUSH_AFTER)
     return estimator.estimate()
 
 

@@ -303,3 +303,25 @@ def test_a_window_is_weighed_by_itself_and_the_running_estimate_goes_on():
     online.begin_window()
     online.end_window()
     np.testing.assert_array_equal(online.estimate().phi, window.phi)
+
+
+def test_no_wrench_at_all_changes_nothing(swinging):
+    online = estimator(swinging)
+    online.add_wrench(np.zeros(0, dtype=np.int64), np.zeros((0, 6)))
+    assert online.update()["poise"].stamps.size == 0
+    assert online.n_samples == 0
+
+
+def test_a_clock_that_is_set_back_within_a_portion_is_noticed(swinging):
+    """After the jump the default estimator goes on, too; its samples are not all out of order."""
+    online = estimator(swinging)
+    play(online, swinging, [0.5, 1.0])
+    learnt = online.n_samples
+    stamps, wrench = swinging.wrench.stamps, swinging.wrench.wrench_in_sensor
+    back = -100 * SECOND
+    online.add_wrench(np.concatenate([stamps[-2:] + 1, stamps[:3] + back]), np.vstack([wrench[-2:], wrench[:3]]))
+    assert online.clock_jumps == 1
+    play(online, swinging, [0.5, 1.0], shift=back)
+    online.finish()
+    assert online.n_samples > 1.8 * learnt
+    assert online.estimate().parameters.mass == pytest.approx(LOAD.mass, rel=0.01)

@@ -12,16 +12,16 @@ from poise.inertia.bayes.sensor_bias import WithoutBias
 from poise.inertia.model import N_UNKNOWNS, NormalEquations, mixed
 from poise.types import Array, Indices, Mask
 
-ANY_MASS = 100.0
+_ANY_MASS = 100.0
 """Variance of the logarithm of the mass: it may be e^10 times the first guess, or e^-10."""
 
-LARGEST_FALL = 0.8
+_LARGEST_FALL = 0.8
 """Share of its mass that a part may lose in one step."""
 
-LARGEST_STEP = 0.5
+_LARGEST_STEP = 0.5
 """Of a deformation."""
 
-SHORTENING = 0.25
+_SHORTENING = 0.25
 """Of a step that made things worse."""
 
 _IDENTITY = np.eye(N_UNKNOWNS)
@@ -212,7 +212,7 @@ class ModelAverage:
             log = np.sum(phi * (linear - _apply(square, phi) / 2), axis=1) - penalty
             gain = log - mode.log[moving]
             better = gain >= 0
-            length[moving] = np.where(better, 1.0, length[moving] * SHORTENING)
+            length[moving] = np.where(better, 1.0, length[moving] * _SHORTENING)
             gained = moving[better]
             prior = self._prior(jacobian[better], variances[gained])
             for target, value in zip(
@@ -248,19 +248,19 @@ class ModelAverage:
             # The prior of the state, moved by what the samples pull at phi: C^-1 times the change is that pull.
             pull = _apply(jacobian.swapaxes(1, 2), gradient - _apply(square, change)) * free
             step = offset + pull @ self._likeness * variances * free
-            step[:, :n_parts] += ANY_MASS * pull[:, :n_parts].sum(axis=1, keepdims=True) * free[:, :n_parts]
-            lost = step[:, :n_parts] < -LARGEST_FALL
+            step[:, :n_parts] += _ANY_MASS * pull[:, :n_parts].sum(axis=1, keepdims=True) * free[:, :n_parts]
+            lost = step[:, :n_parts] < -_LARGEST_FALL
             if not lost.any():
                 break
-            offset[:, :n_parts][lost] = -LARGEST_FALL
+            offset[:, :n_parts][lost] = -_LARGEST_FALL
             free[:, :n_parts][lost] = False
         return np.asarray(step)
 
     def _moved(self, states: Array, step: Array, length: Array) -> Array:
         """States after a share of their steps, with all of them short enough for masses to stay positive."""
         n_parts = self.model.n_parts
-        fall = -step[:, :n_parts].min(axis=1) / LARGEST_FALL
-        turn = np.abs(step[:, n_parts:]).max(axis=1) / LARGEST_STEP
+        fall = -step[:, :n_parts].min(axis=1) / _LARGEST_FALL
+        turn = np.abs(step[:, n_parts:]).max(axis=1) / _LARGEST_STEP
         taken = step * (length / np.maximum(1.0, np.maximum(fall, turn)))[:, None]
         taken[:, :n_parts] = np.log1p(taken[:, :n_parts])
         return np.asarray(states + taken)
@@ -277,13 +277,13 @@ class ModelAverage:
         mass = jacobian[:, :, : self.model.n_parts].sum(axis=2)
         rooted = jacobian @ self._root
         spread = (rooted * variances[:, None]) @ rooted.swapaxes(1, 2)
-        return np.asarray(spread + ANY_MASS * mass[:, :, None] * mass[:, None, :])
+        return np.asarray(spread + _ANY_MASS * mass[:, :, None] * mass[:, None, :])
 
     def _narrowed(self, states: Array, information: Array) -> Array:
         """(H, 10, 10) posterior covariance of phi; symmetric all the way, so that it stays positive."""
         n_parts, variances = self.model.n_parts, self.hypotheses.state_variances[self._left]
         jacobian = self._linearised(states)[1]
-        mass = np.sqrt(ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
+        mass = np.sqrt(_ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
         root = np.concatenate([jacobian @ self._root * np.sqrt(variances)[:, None], mass], axis=2)
         back = root.swapaxes(1, 2)
         seen = back @ information @ root
@@ -303,7 +303,7 @@ class ModelAverage:
         common = densities @ ones / number
         spread = variances[:, :n_parts].mean(axis=1)
         apart = np.sum((densities - common[:, None] * ones) ** 2, axis=1) / np.maximum(spread, _TINY)
-        together = number * common**2 / (spread + number * ANY_MASS)
+        together = number * common**2 / (spread + number * _ANY_MASS)
         return np.asarray((apart + together + np.sum(deformations**2 / variances[:, n_parts:], axis=1)) / 2)
 
     def _to_sensor(self) -> Array:

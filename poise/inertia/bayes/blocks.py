@@ -10,7 +10,7 @@ from poise.types import Array, Mask, Stamps
 BLOCK = 100_000_000
 """ns: a push lasts longer, and a clean tenth of a second beside it is worth keeping."""
 
-MAX_BLOCKS = 600
+_MAX_BLOCKS = 600
 """A minute of them; from then on the older half is merged two by two, again and again."""
 
 
@@ -64,7 +64,7 @@ _FIELDS = ("moments", "counts", "sizes", "start", "end")
 
 
 class BlockStore:
-    """MomentBlocks that become more, up to `MAX_BLOCKS`; then the older ones become longer. No sum is ever lost.
+    """MomentBlocks that become more, up to `_MAX_BLOCKS`; then the older ones become longer. No sum is ever lost.
 
     Args:
         n_lags: at which samples are paired.
@@ -103,12 +103,12 @@ class BlockStore:
             new = new.select(slice(1, None))
         while len(new):
             # Whatever comes at once, blocks are merged when they would be if they came one by one.
-            space = MAX_BLOCKS - self._n if self._marked is None else len(new)
+            space = _MAX_BLOCKS - self._n if self._marked is None else len(new)
             self._extend(new.select(slice(0, space)))
             new = new.select(slice(space, None))
             if len(new):
-                half = self._room.select(slice(0, MAX_BLOCKS // 2)).in_pairs()
-                rest = self._room.select(slice(MAX_BLOCKS // 2, self._n))
+                half = self._room.select(slice(0, _MAX_BLOCKS // 2)).in_pairs()
+                rest = self._room.select(slice(_MAX_BLOCKS // 2, self._n))
                 rest = MomentBlocks(*(getattr(rest, name).copy() for name in _FIELDS))
                 _copy(half, self._room, 0)
                 _copy(rest, self._room, len(half))

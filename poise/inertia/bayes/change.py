@@ -14,31 +14,31 @@ from poise.types import Array, Stamps
 _BLOCK = 50_000_000
 """ns: a change begins within one, and only the next one is all of the new payload."""
 
-WINDOWS = (5, 6, 8)
+_WINDOWS = (5, 6, 8)
 """Blocks, the newest of which may have begun just now, in which a change shows."""
 
 LEAST = 240_000_000
 """ns that they span; a knock is over before."""
 
-CERTAIN = 14.0
+_CERTAIN = 14.0
 """Log of the odds of a change against none: a million to one."""
 
-SUSPICIOUS = 3.0
+_SUSPICIOUS = 3.0
 """Below this, what came last may become part of what is expected at once; above, when it is no change for long."""
 
-LEAST_CHANGE, LEAST_SHARE = 0.03, 0.1
+_LEAST_CHANGE, _LEAST_SHARE = 0.03, 0.1
 """kg, and share of the mass, by which payloads differ that count as two; models of a motion err by less."""
 
-EXPLAINED = 8.0
+_EXPLAINED = 8.0
 """Standard deviations by which a block may differ from the new payload and still be held for it."""
 
-LOOK, REFERENCE, PATIENCE = 50_000_000, 1_000_000_000, 600_000_000
+_LOOK, _REFERENCE, _PATIENCE = 50_000_000, 1_000_000_000, 600_000_000
 """ns between looks for a change, and between what they compare with; and of doubt that was no change after all."""
 
-MEMORY = 2_000_000_000
+_MEMORY = 2_000_000_000
 """ns of samples, for a new beginning."""
 
-SPREAD_AFTER, LEAST_SPREAD = 3.0, 0.1
+_SPREAD_AFTER, _LEAST_SPREAD = 3.0, 0.1
 """Of the bias after a change: in units of how well it was known before, but at least this share of a sample's noise."""
 
 
@@ -98,9 +98,9 @@ class ContinuousEstimator:
         now = int(stamps[-1])
         if self._solved is None:
             self._solved = self._sure = int(stamps[0])
-        while self._memory[0][0][-1] < now - MEMORY:
+        while self._memory[0][0][-1] < now - _MEMORY:
             self._memory.popleft()
-        if now - self._looked < LOOK:
+        if now - self._looked < _LOOK:
             return None
         self._looked = now
         return self._look(now)
@@ -137,7 +137,7 @@ class ContinuousEstimator:
     def _look(self, now: int) -> PayloadChange | None:
         """Compare the newest samples with the expected ones, and update the expectation from time to time."""
         most = 0.0
-        for count in WINDOWS:
+        for count in _WINDOWS:
             begin = (now // _BLOCK - count + 1) * _BLOCK
             if self._solved is None or begin <= self._solved:
                 continue
@@ -146,17 +146,17 @@ class ContinuousEstimator:
                 continue
             most = max(most, found.log_odds)
             before = float(self._known.phi[0])
-            differs = abs(found.mass - before) > max(LEAST_CHANGE, LEAST_SHARE * before)
-            if differs and found.log_odds > CERTAIN and found.surprise < EXPLAINED:
+            differs = abs(found.mass - before) > max(_LEAST_CHANGE, _LEAST_SHARE * before)
+            if differs and found.log_odds > _CERTAIN and found.surprise < _EXPLAINED:
                 change = PayloadChange(now, begin, before, found.mass)
                 self.changes.append(change)
                 self._begin(begin)
                 self._mass = found.mass
                 return change
-        if most < SUSPICIOUS:
+        if most < _SUSPICIOUS:
             self._sure = now
-        settled = most < SUSPICIOUS or now - self._sure > PATIENCE
-        if settled and self._solved is not None and now - self._solved > REFERENCE:
+        settled = most < _SUSPICIOUS or now - self._sure > _PATIENCE
+        if settled and self._solved is not None and now - self._solved > _REFERENCE:
             self._expect(now)
         return None
 
@@ -174,7 +174,7 @@ class ContinuousEstimator:
         self._tare = self._tare + self._known.bias
         deviation = np.sqrt(np.diag(self._known.bias_covariance).reshape(2, 3).max(axis=1))
         noise = self._estimator.noise
-        spread = np.maximum(SPREAD_AFTER * deviation, LEAST_SPREAD * np.array([noise.force, noise.torque]))
+        spread = np.maximum(_SPREAD_AFTER * deviation, _LEAST_SPREAD * np.array([noise.force, noise.torque]))
         known = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
         self._since = since
         self._restart(since, None, known)

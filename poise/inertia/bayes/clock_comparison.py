@@ -7,7 +7,7 @@ from poise.inertia.bayes.recorder import ALPHA, LARGEST_GAP, OMEGA, SPECIFIC, WR
 from poise.inertia.model import ENTRIES, N_MOTION, N_SIGNALS, motion_signals
 from poise.types import Array, Indices, Stamps
 
-LONGEST, STEP = 60_000_000, 2_000_000
+_LONGEST, STEP = 60_000_000, 2_000_000
 """ns: the range and the resolution of the lags. Shaking at 40 Hz turns around within 12 ms."""
 
 _PERIOD = 4_000_000
@@ -32,7 +32,7 @@ class ClockComparison:
     """
 
     def __init__(self) -> None:
-        self.lags = np.arange(-LONGEST, LONGEST + 1, STEP, dtype=np.int64)
+        self.lags = np.arange(-_LONGEST, _LONGEST + 1, STEP, dtype=np.int64)
         n = 2 * _PARTS
         self._moments, self._counts = np.zeros((n, len(self.lags), N_SIGNALS, N_SIGNALS)), np.zeros((n, len(self.lags)))
         self._part_size, self._n_summed, self._done = 2 * _LEAST_PER_PART, 0, 0
@@ -48,7 +48,7 @@ class ClockComparison:
         """
         if not len(stamps):
             return None
-        end = int(np.searchsorted(stamps, stamps[-1] - LONGEST, "right"))
+        end = int(np.searchsorted(stamps, stamps[-1] - _LONGEST, "right"))
         period = stamps[:end] // _PERIOD
         first = np.flatnonzero(np.diff(period[max(self._done - 1, 0) :], prepend=-1)) + max(self._done - 1, 0)
         chosen = first[first >= self._done]
@@ -68,8 +68,8 @@ class ClockComparison:
             self._part_size *= 2
         part = self._n_summed // self._part_size
         self._n_summed += len(chosen)
-        low = max(int(np.searchsorted(stamps, stamps[chosen[0]] - 2 * LONGEST)) - 1, 0)
-        high = int(np.searchsorted(stamps, stamps[chosen[-1]] + 2 * LONGEST, "right")) + 1
+        low = max(int(np.searchsorted(stamps, stamps[chosen[0]] - 2 * _LONGEST)) - 1, 0)
+        high = int(np.searchsorted(stamps, stamps[chosen[-1]] + 2 * _LONGEST, "right")) + 1
         when, motion = stamps[low:high], rows[low:high]
         signals = motion_signals(motion[:, SPECIFIC], motion[:, OMEGA], motion[:, ALPHA])
         wanted = stamps[chosen] - self.lags[:, None]  # (L, N)

@@ -11,10 +11,10 @@ from poise.types import Array
 LAG_STEP = 0.02
 """s: what a robot does hardly changes in this time, so that a parabola through three lags is enough."""
 
-PROFILE_DEGREE = 4
+_PROFILE_DEGREE = 4
 """Of the polynomial through the log evidence: its curvature counts, and not how noise differs from lag to lag."""
 
-FINE_STEPS = 1200
+_FINE_STEPS = 1200
 """Of the grid on which the delay is integrated over."""
 
 PRIOR_SPREAD = 0.03
@@ -84,6 +84,6 @@ def _fine_grid(steps: int) -> tuple[Array, Array]:
     """(F,) delays in steps, and the (F, L) map from values at the lags to the polynomial through them."""
     if steps == 0:
         return np.zeros(1), np.ones((1, 1))
-    coarse, fine = np.linspace(-1.0, 1.0, 2 * steps + 1), np.linspace(-1.0, 1.0, FINE_STEPS + 1)
-    smooth = np.vander(fine, PROFILE_DEGREE + 1) @ np.linalg.pinv(np.vander(coarse, PROFILE_DEGREE + 1))
+    coarse, fine = np.linspace(-1.0, 1.0, 2 * steps + 1), np.linspace(-1.0, 1.0, _FINE_STEPS + 1)
+    smooth = np.vander(fine, _PROFILE_DEGREE + 1) @ np.linalg.pinv(np.vander(coarse, _PROFILE_DEGREE + 1))
     return fine * steps, smooth

@@ -42,10 +42,10 @@ LONGEST_DELAY = 0.06
 SHAPE_ACCURACY = 0.0007
 """Relative error of lengths in a shape from CAD; one from a scan is good to 0.03, say."""
 
-SHAPE_RESOLUTION = 1e-5
+_SHAPE_RESOLUTION = 1e-5
 """m: no length is known better, however short."""
 
-BENT = 0.02
+_BENT = 0.02
 """Deformation of the shape from which the centre of mass might be outside."""
 
 EXTERNAL_CONTACT = "external_contact"
@@ -241,7 +241,7 @@ class PoiseEstimator:
             return ModelAverage(model, hypotheses_for_blob(model, self.noise), starts)
         hypotheses = hypotheses_for_shape(mass_model.n_parts, self.shape_accuracy, self.noise)
         starts = states_of_shape(mass_model, normal, hypotheses.bias_variances)
-        return ModelAverage(mass_model, hypotheses.rougher(mass_model.roughness(SHAPE_RESOLUTION)), starts)
+        return ModelAverage(mass_model, hypotheses.rougher(mass_model.roughness(_SHAPE_RESOLUTION)), starts)
 
     def _solution(self, search: PosteriorSearch, parts: Parts | None) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
@@ -273,7 +273,7 @@ class PoiseEstimator:
             points=np.zeros((0, 3)) if parts is None else parts.points,
         )
         # Parts lie inside the hull; only a shape that is bent to fit can leave it.
-        if not findings[1] and search.bent > BENT and solution.com_in_hull is False:
+        if not findings[1] and search.bent > _BENT and solution.com_in_hull is False:
             findings.append(outside(solution.parameters.com))
         return replace(solution, findings=tuple(finding for finding in findings if finding is not None))
 

@@ -7,16 +7,16 @@ from poise.geometry import cross_matrix
 from poise.inertia.model import PARAMETER_NAMES, EstimateFinding, InertialParameters, about_com_jacobian
 from poise.types import Array
 
-SURELY = 5.0
+_SURELY = 5.0
 """Standard deviations."""
 
-SHARP = 0.2
+_SHARP = 0.2
 """Relative uncertainty of a weight that two things have in common by more than chance."""
 
-UNSEEN = 1e-100
+_UNSEEN = 1e-100
 """Information that is none."""
 
-CHI_SQUARE_4 = 18.5
+_CHI_SQUARE_4 = 18.5
 """99.9 % of chi-square with four degrees of freedom."""
 
 
@@ -36,7 +36,7 @@ def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float) -> Est
     weight = float(phi[0] * gravity)
     direction = force / max(size, np.finfo(np.float64).tiny)
     deviation = float(np.sqrt(direction @ covariance[10:13, 10:13] @ direction))
-    if size <= SURELY * deviation or deviation > SHARP * weight:
+    if size <= _SURELY * deviation or deviation > _SHARP * weight:
         return None
     com = phi[1:4] / phi[0]
     mismatch = np.concatenate([[size - weight], torque - np.cross(com, force)])
@@ -48,7 +48,7 @@ def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float) -> Est
     jacobian[1:, 10:13] = -cross_matrix(com)
     jacobian[1:, 13:] = np.eye(3)
     spread = jacobian @ covariance @ jacobian.T
-    if mismatch @ np.linalg.solve(spread, mismatch) > CHI_SQUARE_4 or np.sqrt(spread[0, 0]) > SHARP * weight:
+    if mismatch @ np.linalg.solve(spread, mismatch) > _CHI_SQUARE_4 or np.sqrt(spread[0, 0]) > _SHARP * weight:
         return None
     return EstimateFinding(
         ErrorCode.ZEROED_UNDER_LOAD,
@@ -105,5 +105,5 @@ def not_shown(information: Array, phi: Array) -> tuple[str, ...]:
     units = np.concatenate([[1.0], np.full(3, radius), np.full(6, radius**2)]) * body.mass
     jacobian = np.concatenate([np.eye(1, 10), about_com_jacobian(phi)]) * units / scale[:, None]
     eigenvalues, vectors = np.linalg.eigh(information * np.outer(units, units))
-    variance = np.square(jacobian @ vectors) @ (1 / eigenvalues.clip(min=UNSEEN))
+    variance = np.square(jacobian @ vectors) @ (1 / eigenvalues.clip(min=_UNSEEN))
     return tuple(name for name, value in zip(PARAMETER_NAMES, variance, strict=True) if value > 1)

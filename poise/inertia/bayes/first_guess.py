@@ -9,13 +9,13 @@ from poise.types import Array
 _LEAST_MASS = 0.3
 """In its own standard deviations, when the samples show none."""
 
-SPREAD = np.concatenate([[10.0], np.full(3, 1.0), np.full(6, 0.1)])
+_SPREAD = np.concatenate([[10.0], np.full(3, 1.0), np.full(6, 0.1)])
 """kg, kg m, kg m2: of what a sensor holds, at most."""
 
-TYPICAL_DENSITY = 2000.0
+_TYPICAL_DENSITY = 2000.0
 """kg/m3, between wood and steel."""
 
-ELONGATION = 1.5
+_ELONGATION = 1.5
 """What a hand tool's radius of gyration is, in units of that of a ball."""
 
 _REACH = 1.0
@@ -38,12 +38,12 @@ def blob(normal: NormalEquations, bias_variances: Array) -> tuple[MassModel, Arr
     """A body of unknown shape about where the samples put it, and (B, n) states for each prior of the bias (B, 6)."""
     masses, centres = np.empty(len(bias_variances)), np.empty((len(bias_variances), 3))
     for case, variances in enumerate(bias_variances):
-        mean, deviation = _ridge(normal, np.eye(N_UNKNOWNS), np.concatenate([SPREAD**2, variances]))
+        mean, deviation = _ridge(normal, np.eye(N_UNKNOWNS), np.concatenate([_SPREAD**2, variances]))
         masses[case] = max(mean[0], _LEAST_MASS * deviation[0])
         centre = mean[1:4] / masses[case]
         centres[case] = centre * min(1.0, _REACH / max(float(np.linalg.norm(centre)), _REACH))
-    sphere = np.cbrt(3 * masses[EXPECTED] / (4 * np.pi * TYPICAL_DENSITY))
-    model = MassModel.of_blob(centres[EXPECTED], float(ELONGATION * sphere / np.sqrt(5)))
+    sphere = np.cbrt(3 * masses[EXPECTED] / (4 * np.pi * _TYPICAL_DENSITY))
+    model = MassModel.of_blob(centres[EXPECTED], float(_ELONGATION * sphere / np.sqrt(5)))
     states = np.zeros((len(masses), model.n_states))
     states[:, 0] = np.log(masses)
     states[:, -3:] = (centres - centres[EXPECTED]) / model.radii

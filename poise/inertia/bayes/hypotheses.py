@@ -10,44 +10,44 @@ from poise.inertia.bayes.mass_model import N_DEFORMATIONS, MassModel
 from poise.inertia.model import NoiseLevels
 from poise.types import Array, Mask
 
-DENSITIES = ((0.03, 0.5), (1.0, 0.5))
+_DENSITIES = ((0.03, 0.5), (1.0, 0.5))
 """(spread of the log densities of parts, probability): one material, or several (wood and steel differ by e^2.4)."""
 
-BALANCE = 0.1
+_BALANCE = 0.1
 """Probability that parts of different density balance, so that the object looks like one of a single density.
 
 Made things are symmetric, so a centre of mass where one density would have it is no proof of one density.
 """
 
-CUT_ACCURACY = 0.0045
+_CUT_ACCURACY = 0.0045
 """Relative error of lengths from parts that are cut in not quite the right place, where densities differ."""
 
-SHAPE_ERRORS = ((1.0, 0.9895), (10.0, 0.01))
+_SHAPE_ERRORS = ((1.0, 0.9895), (10.0, 0.01))
 """(error of the shape in units of its accuracy, probability): as stated, and bad.
 
 The tail is thin because every case adds its square times its probability to the variance of an answer for which the
 samples cannot distinguish the cases.
 """
 
-WRONG_SHAPE = (0.5, 0.0005)
+_WRONG_SHAPE = (0.5, 0.0005)
 """(relative error of lengths, probability) of a shape that is not the object's."""
 
-SHIFT_PER_STRETCH = 0.7
+_SHIFT_PER_STRETCH = 0.7
 """A centroid errs by this much of the radius of gyration, when the radius errs by one."""
 
-BIASES = ((0.0, 0.5), (1.0, 0.4), (20.0, 0.1))
+_BIASES = ((0.0, 0.5), (1.0, 0.4), (20.0, 0.1))
 """(spread of the sensor's bias in units of what is expected, probability): zeroed, as expected, never zeroed."""
 
-EXPECTED_BIAS = (0.5, 0.02)
+_EXPECTED_BIAS = (0.5, 0.02)
 """N, N m: of a sensor that was zeroed some time ago; where nothing else is given."""
 
-UNKNOWN_BIAS = (100.0, 5.0)
+_UNKNOWN_BIAS = (100.0, 5.0)
 """N, N m: as good as infinite."""
 
-BLOB_STRETCH = 1.0
+_BLOB_STRETCH = 1.0
 """Spread of the logarithm of a radius of gyration when the shape is not known: hand tools are long or flat."""
 
-BLOB_SHIFT = 0.15
+_BLOB_SHIFT = 0.15
 """m, spread of the centre of mass about its first guess when the shape is not known."""
 
 
@@ -83,30 +83,30 @@ class Hypotheses:
         return replace(self, state_variances=self.state_variances + more)
 
     def balanced(self, left: NDArray[np.int64], log_weights: Array) -> Array:
-        """Weights (H,) of the cases `left` with the share of one density that may be several in `BALANCE`."""
+        """Weights (H,) of the cases `left` with the share of one density that may be several in `_BALANCE`."""
         row = np.full(len(self), -1)
         row[left] = np.arange(len(left))
         twin = row[self.twins[left]]
         shares = (twin >= 0) & (twin != np.arange(len(left)))
         result = log_weights.copy()
-        giving = log_weights[shares] + np.log(BALANCE)
+        giving = log_weights[shares] + np.log(_BALANCE)
         np.logaddexp.at(result, twin[shares], giving)
-        result[shares] += np.log1p(-BALANCE)
+        result[shares] += np.log1p(-_BALANCE)
         return result
 
 
 @functools.lru_cache(maxsize=64)
 def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels) -> Hypotheses:
-    """All combinations of `DENSITIES`, `BIASES` and errors of the shape, or of how it is cut.
+    """All combinations of `_DENSITIES`, `_BIASES` and errors of the shape, or of how it is cut.
 
     Args:
         n_parts: K; a single part has no densities to differ.
         shape_accuracy: relative error of lengths of the shape.
         noise: says which bias to expect.
     """
-    biases = [probability for _, probability in BIASES]
-    one, several = DENSITIES
-    kinds = [(one, _shapes(shape_accuracy)), (several, _shapes(max(shape_accuracy, CUT_ACCURACY)))]
+    biases = [probability for _, probability in _BIASES]
+    one, several = _DENSITIES
+    kinds = [(one, _shapes(shape_accuracy)), (several, _shapes(max(shape_accuracy, _CUT_ACCURACY)))]
     if n_parts == 1:
         kinds = [((0.0, 1.0), kinds[0][1])]
     cases = [
@@ -119,14 +119,14 @@ def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels
     for row, (spread, error, *_) in zip(variances, cases, strict=True):
         row[:n_parts] = spread**2
         row[n_parts : n_parts + 6] = error**2
-        row[n_parts + 6 :] = (SHIFT_PER_STRETCH * error) ** 2
+        row[n_parts + 6 :] = (_SHIFT_PER_STRETCH * error) ** 2
     size, per_kind = len(cases), len(cases) // len(kinds)
     return Hypotheses(
         state_variances=variances,
         bias_case=np.array([bias for _, _, bias, _, _ in cases]),
         bias_variances=bias_variances(noise),
         log_probability=np.log([probability for *_, probability, _ in cases]),
-        wrong_shape=np.array([rank == len(SHAPE_ERRORS) for *_, rank in cases]),
+        wrong_shape=np.array([rank == len(_SHAPE_ERRORS) for *_, rank in cases]),
         twins=size - per_kind + np.arange(size) % per_kind,
         scouts=size - per_kind + np.arange(len(biases)),
     )
@@ -134,16 +134,16 @@ def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels
 
 def _shapes(accuracy: float) -> list[tuple[float, float]]:
     """(relative error, probability) of a shape of some accuracy."""
-    stated = [(min(factor * accuracy, WRONG_SHAPE[0]), probability) for factor, probability in SHAPE_ERRORS]
-    return [*stated, WRONG_SHAPE]
+    stated = [(min(factor * accuracy, _WRONG_SHAPE[0]), probability) for factor, probability in _SHAPE_ERRORS]
+    return [*stated, _WRONG_SHAPE]
 
 
 def hypotheses_for_blob(model: MassModel, noise: NoiseLevels) -> Hypotheses:
     """One wide prior for a body of unknown shape, for each bias."""
-    biases = [probability for _, probability in BIASES]
+    biases = [probability for _, probability in _BIASES]
     variances = np.zeros((len(biases), model.n_states))
-    variances[:, model.n_parts : model.n_parts + 6] = BLOB_STRETCH**2
-    variances[:, model.n_parts + 6 :] = (BLOB_SHIFT / model.radii) ** 2
+    variances[:, model.n_parts : model.n_parts + 6] = _BLOB_STRETCH**2
+    variances[:, model.n_parts + 6 :] = (_BLOB_SHIFT / model.radii) ** 2
     return Hypotheses(
         state_variances=variances,
         bias_case=np.arange(len(biases)),
@@ -158,6 +158,6 @@ def hypotheses_for_blob(model: MassModel, noise: NoiseLevels) -> Hypotheses:
 def bias_variances(noise: NoiseLevels) -> Array:
     """(B, 6) N^2 and (N m)^2, of the cases of the sensor's bias."""
     given = np.array([noise.force_bias, noise.torque_bias])
-    expected = np.where(given > 0, np.minimum(given, UNKNOWN_BIAS), EXPECTED_BIAS)
-    spreads = np.minimum(np.outer([factor for factor, _ in BIASES], expected), UNKNOWN_BIAS)
+    expected = np.where(given > 0, np.minimum(given, _UNKNOWN_BIAS), _EXPECTED_BIAS)
+    spreads = np.minimum(np.outer([factor for factor, _ in _BIASES], expected), _UNKNOWN_BIAS)
     return np.repeat(spreads**2, 3, axis=1)

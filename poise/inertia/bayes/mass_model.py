@@ -10,7 +10,7 @@ from poise.types import Array
 N_DEFORMATIONS = 9
 """Six ways to stretch, three to shift."""
 
-HALVINGS = 2
+_HALVINGS = 2
 """The deformation of a body of unknown shape is the 4th power of a quarter of itself."""
 
 
@@ -24,10 +24,10 @@ def _generators() -> Array:
     return matrices
 
 
-GENERATORS = _generators()
+_GENERATORS = _generators()
 _ONE = np.eye(4)
 # (9, 9 * 16) symmetrised products of two generators: the derivative of Y^2/2.
-_PRODUCTS = np.array([[(a @ b + b @ a) / 2 for b in GENERATORS] for a in GENERATORS]).reshape(N_DEFORMATIONS, -1)
+_PRODUCTS = np.array([[(a @ b + b @ a) / 2 for b in _GENERATORS] for a in _GENERATORS]).reshape(N_DEFORMATIONS, -1)
 # phi as a linear map of the 16 entries of a symmetric pseudo-inertia, and back.
 _PHI = np.stack([phi_of_pseudo_inertia((unit + unit.T) / 2) for unit in np.eye(16).reshape(16, 4, 4)], axis=1)
 _MOMENTS = np.stack([pseudo_inertia(unit).ravel() for unit in np.eye(10)], axis=1)
@@ -79,7 +79,7 @@ class MassModel:
         """A body of unknown shape: one part about `centre` (3,) m, with a radius of gyration in m along each axis."""
         frame = _frame(radius * np.eye(3), centre)
         to_sensor = _PHI @ np.kron(frame, frame) @ _MOMENTS
-        return cls(np.eye(4)[None], np.ones(1), to_sensor, np.full(3, radius), HALVINGS)
+        return cls(np.eye(4)[None], np.ones(1), to_sensor, np.full(3, radius), _HALVINGS)
 
     def roughness(self, resolution: float) -> Array:
         """(9,) variances of deformations when every length may be off by `resolution` m, however short it is."""
@@ -129,7 +129,7 @@ def _deformation(coordinates: Array, halvings: int) -> tuple[Array, Array]:
     and never singular, for 1 + y + y^2/2 > 0 for every real y.
     """
     share = 0.5**halvings
-    flat = GENERATORS.reshape(N_DEFORMATIONS, 16)
+    flat = _GENERATORS.reshape(N_DEFORMATIONS, 16)
     slopes = flat + (share * coordinates @ _PRODUCTS).reshape(-1, N_DEFORMATIONS, 16)
     # Y (1 + Y) is the sum of what the coordinates do along their slopes, so this is 1 + Y + Y^2/2.
     result = _ONE + (share / 2 * (coordinates[:, None] @ (flat + slopes))[:, 0]).reshape(-1, 4, 4)

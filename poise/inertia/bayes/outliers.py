@@ -11,13 +11,13 @@ from poise.types import Array, Mask
 UNLIKELY = 6.0
 """Standard deviations at which a block is held for a push; noise comes there once in a billion."""
 
-NOTABLE = 4.0
+_NOTABLE = 4.0
 """Standard errors at which more noise than was said counts as that, and not as chance."""
 
-ENOUGH_BLOCKS = 12
+_ENOUGH_BLOCKS = 12
 """From this many on, means over blocks show whether errors are correlated in time."""
 
-MEAN_UNKNOWNS = 5
+_MEAN_UNKNOWNS = 5
 """Degrees of freedom that the answer takes from the means of one of the two groups of channels, about."""
 
 
@@ -70,7 +70,7 @@ def sample_excess(found: Residuals, sizes: NDArray[np.int64]) -> Array:
     freedom = 3 * sizes.mean()
     median = np.median(found.variance_ratio, axis=0) / (1 - 2 / (9 * freedom)) ** 3
     by_chance = 1.25 * np.sqrt(2 / (freedom * len(sizes)))
-    return np.where(np.abs(median - 1) > NOTABLE * by_chance, median, 1.0)
+    return np.where(np.abs(median - 1) > _NOTABLE * by_chance, median, 1.0)
 
 
 def slow_excess(found: Residuals, usable: Mask) -> Array:
@@ -80,8 +80,8 @@ def slow_excess(found: Residuals, usable: Mask) -> Array:
     than those means, so theirs is the variance that counts.
     """
     count = int(usable.sum())
-    if count < ENOUGH_BLOCKS:
+    if count < _ENOUGH_BLOCKS:
         return np.ones(2)
-    freedom = 3 * count - MEAN_UNKNOWNS
+    freedom = 3 * count - _MEAN_UNKNOWNS
     means = found.mean_ratio[usable].sum(axis=0) * 3 / freedom
-    return np.where(means > 1 + NOTABLE * np.sqrt(2 / freedom), means, 1.0)
+    return np.where(means > 1 + _NOTABLE * np.sqrt(2 / freedom), means, 1.0)

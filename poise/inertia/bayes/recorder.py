@@ -14,7 +14,7 @@ LARGEST_GAP = 100_000_000
 CHUNK = 64
 """Samples that wait before they are summed; together they cost little more than one."""
 
-PORTION = 4096
+_PORTION = 4096
 """Samples that are in memory at all lags at once."""
 
 SPECIFIC, OMEGA, ALPHA, WRENCH = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 15)
@@ -72,8 +72,8 @@ class BlockRecorder:
         self._store.rewind()
         stamps, rows, usable = (np.concatenate(columns) for columns in zip(*self._new, strict=True))
         self._new, self._n_new = [], 0
-        for begin in range(0, len(stamps), PORTION):
-            some = slice(begin, begin + PORTION)
+        for begin in range(0, len(stamps), _PORTION):
+            some = slice(begin, begin + _PORTION)
             self._take(stamps[some], rows[some], usable[some])
 
     def _take(self, stamps: Stamps, rows: Array, usable: Mask) -> None:

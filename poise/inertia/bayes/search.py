@@ -20,28 +20,28 @@ from poise.inertia.model import (
 )
 from poise.types import Array, Indices, Mask
 
-COARSE, FINE = SolverEffort(0.1, 10, 0.0), SolverEffort(0.003, 25, 1e-4)
+_COARSE, _FINE = SolverEffort(0.1, 10, 0.0), SolverEffort(0.003, 25, 1e-4)
 """Of the first rounds, and of the last ones."""
 
-MAX_ROUNDS = 10
+_MAX_ROUNDS = 10
 
-IMPATIENT = 3
+_IMPATIENT = 3
 """Rounds after which noise and blocks are judged by an answer that still moves: perhaps it does because of them."""
 
 STILL = 0.3
 """Standard deviations; what moves less from round to round has arrived."""
 
-SAME_NOISE = 0.1
+_SAME_NOISE = 0.1
 """Relative change of a variance that does not matter."""
 
 
-HEAVY, REACH = 0.3, 0.15
+_HEAVY, REACH = 0.3, 0.15
 """kg and m: a payload changes by so much, or by its own mass."""
 
-DIFFERENT, DRIFT = 0.02, 0.5
+_DIFFERENT, _DRIFT = 0.02, 0.5
 """The same payload looks different by this share of itself, and of the noise of a sample."""
 
-YOUNG, LOOK = 0.15, 0.1
+_YOUNG, _LOOK = 0.15, 0.1
 """After one second an answer is good to this share of the payload, after two to half of it; s it is from at least."""
 
 
@@ -93,14 +93,14 @@ class PosteriorSearch:
         """Go round until nothing moves any more."""
         normals = self._normals()
         self._find_delays(normals, None)
-        self.posterior = self._solve(normals, COARSE)
-        for number in range(MAX_ROUNDS):
+        self.posterior = self._solve(normals, _COARSE)
+        for number in range(_MAX_ROUNDS):
             before = self.posterior
             normals = self._normals()
             self._find_delays(normals, before)
-            self.posterior = self._solve(normals, FINE)
+            self.posterior = self._solve(normals, _FINE)
             moved = self._moved(before)
-            if (number >= IMPATIENT or not moved) and not self._judge() and not moved:
+            if (number >= _IMPATIENT or not moved) and not self._judge() and not moved:
                 return self
         self._compare()
         return self
@@ -130,10 +130,10 @@ class PosteriorSearch:
         normal = normal_equations(total, count, self._residual_covariance, self.noise)
         mass = float(self._phi[0])
         units = np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
-        change = max(HEAVY, mass) * units
-        drift = DRIFT * self.noise.wrench * np.sqrt(np.repeat(self._sample * self.slow, 3))
-        seconds = max((self.blocks.end[-1] - self.blocks.start[0]) * 1e-9, LOOK)
-        different = max(DIFFERENT, YOUNG / seconds) * mass
+        change = max(_HEAVY, mass) * units
+        drift = _DRIFT * self.noise.wrench * np.sqrt(np.repeat(self._sample * self.slow, 3))
+        seconds = max((self.blocks.end[-1] - self.blocks.start[0]) * 1e-9, _LOOK)
+        different = max(_DIFFERENT, _YOUNG / seconds) * mass
         slack = np.concatenate([different * units[:4], change[4:], drift])
         change = np.concatenate([change[:4], np.zeros(12)])
         gradient = normal.vector - normal.information @ self.posterior.unknowns
@@ -249,4 +249,4 @@ def _explained(covariance: Array, information: Array, gradient: Array) -> tuple[
 
 
 def _differ(one: Array, other: Array) -> bool:
-    return bool(np.abs(one / other - 1).max() > SAME_NOISE)
+    return bool(np.abs(one / other - 1).max() > _SAME_NOISE)

@@ -11,19 +11,19 @@ from poise.inertia.model import InertialParameters, phi_of_pseudo_inertia, pseud
 from poise.types import Array
 
 _MAX_ITERATIONS = 200
-MAX_HALVINGS = 50
-LONGEST_STEP = 3.0
+_MAX_HALVINGS = 50
+_LONGEST_STEP = 3.0
 """Of the logarithm of an eigenvalue."""
 
 # The squared Newton decrement says how far the objective is above its optimum, in units of the divergence. Arrived:
 TOLERANCE = 1e-18
 # or below what rounding leaves, as a share of the two large terms that cancel.
-ROUNDING = (64 * float(np.finfo(np.float64).eps)) ** 2
+_ROUNDING = (64 * float(np.finfo(np.float64).eps)) ** 2
 # Absurd priors (1 mm for an object of 1 m) leave more to rounding; no body feels this difference.
-GOOD_ENOUGH = 1e-3
+_GOOD_ENOUGH = 1e-3
 # On the central path it need not be closer than this, and the data's weight grows by this factor.
-ON_THE_WAY = 0.3
-WEIGHT_GROWTH = 30.0
+_ON_THE_WAY = 0.3
+_WEIGHT_GROWTH = 30.0
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,8 @@ class Objective:
         """The first point along a step where the objective has gone down enough, and the share of the step; or None."""
         rates, directions = np.linalg.eigh((step @ _ENTRIES).reshape(4, 4))
         across, pull = point.root @ directions, self.pull(point)
-        length = min(1.0, LONGEST_STEP / float(np.abs(rates).max()))
-        for _ in range(MAX_HALVINGS):
+        length = min(1.0, _LONGEST_STEP / float(np.abs(rates).max()))
+        for _ in range(_MAX_HALVINGS):
             change = (across * (np.expm1(length * rates) if curved else length * rates)) @ across.T
             there = _Point.of(point.matrix + (change + change.T) / 2)
             if there.eigenvalues[0] > 0:
@@ -166,8 +166,8 @@ def minimise(objective: Objective) -> Array:
     weight = min(1.0, 1 / pull) if pull > 0 else 1.0
     while weight < 1:
         lighter = replace(objective, quadratic=weight * objective.quadratic, linear=weight * objective.linear)
-        point = _newton(lighter, point, ON_THE_WAY)
-        weight = min(1.0, WEIGHT_GROWTH * weight)
+        point = _newton(lighter, point, _ON_THE_WAY)
+        weight = min(1.0, _WEIGHT_GROWTH * weight)
     return _newton(objective, point, TOLERANCE).entries
 
 
@@ -184,14 +184,14 @@ def _newton(objective: Objective, point: _Point, tolerance: float) -> _Point:
         step = _downhill_step(hessian, -slope)
         decrement = float(-step @ slope)
         x = point.entries
-        if decrement < tolerance + ROUNDING * float(x @ objective.quadratic @ x + abs(objective.linear @ x)):
+        if decrement < tolerance + _ROUNDING * float(x @ objective.quadratic @ x + abs(objective.linear @ x)):
             return point
         found = objective.search(point, step, decrement, curved) if np.isfinite(decrement) else None
         if found is None:
             break
         point, length = found
         curved ^= length < 0.5
-    if decrement < GOOD_ENOUGH:
+    if decrement < _GOOD_ENOUGH:
         return point
     raise NoAnswerError(
         ErrorCode.SOLVER_FAILED, "geo: Newton's method did not arrive; is the prior of the object's size, in SI units?"

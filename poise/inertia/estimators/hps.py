@@ -13,14 +13,14 @@ from poise.types import Array
 MAX_PARTS = 4
 """At rest the data matrix has rank four (thesis, footnote 3): more parts cannot be distinguished."""
 
-STANDSTILL = 1.0
+_STANDSTILL = 1.0
 """m/s2 and rad/s2: samples below both count as standing still (thesis section 3.2.4)."""
 
 
 def hps(problem: IdentificationProblem) -> InertialSolution:
     """Minimise ||A m - b||_2 subject to m >= 0 over part masses m (thesis eq. 3.25 and 3.26), phi = unit_parts m.
 
-    Only samples with both accelerations below `STANDSTILL` are used, and their motion is taken for none. The sensor
+    Only samples with both accelerations below `_STANDSTILL` are used, and their motion is taken for none. The sensor
     is taken for unbiased, every row has the same weight, and more than four parts are merged into four, the smallest
     into its nearest neighbour first (the thesis stops its segmentation at four).
 
@@ -34,7 +34,7 @@ def hps(problem: IdentificationProblem) -> InertialSolution:
     if not np.any(still):
         raise NoAnswerError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"hps: none of {len(problem)} samples is below {STANDSTILL} m/s2 and {STANDSTILL} rad/s2; stop and go",
+            f"hps: none of {len(problem)} samples is below {_STANDSTILL} m/s2 and {_STANDSTILL} rad/s2; stop and go",
         )
     unit_parts = merge_parts(problem.unit_parts, problem.part_volumes, MAX_PARTS)
     rows = static_regressor(problem.gravity_in_sensor[still]) @ unit_parts[:4]
@@ -45,10 +45,10 @@ def hps(problem: IdentificationProblem) -> InertialSolution:
 
 
 def standing_still(problem: IdentificationProblem) -> Array:
-    """(N,) bool, samples whose accelerations, as measured, are both below `STANDSTILL`."""
+    """(N,) bool, samples whose accelerations, as measured, are both below `_STANDSTILL`."""
     return np.asarray(
-        (np.linalg.norm(problem.linear_acceleration, axis=1) < STANDSTILL)
-        & (np.linalg.norm(problem.angular_acceleration, axis=1) < STANDSTILL)
+        (np.linalg.norm(problem.linear_acceleration, axis=1) < _STANDSTILL)
+        & (np.linalg.norm(problem.angular_acceleration, axis=1) < _STANDSTILL)
     )
 
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from poise.inertia.model import N_UNKNOWNS
 from poise.types import Array
 
-FORCE, TORQUE = 0, 1
+FORCE_GROUP, TORQUE_GROUP = 0, 1
 """The two groups of channels; each has its own noise."""
 
 

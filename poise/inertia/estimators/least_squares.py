@@ -5,8 +5,8 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators.information import (
-    FORCE,
-    TORQUE,
+    FORCE_GROUP,
+    TORQUE_GROUP,
     InformationAccumulator,
     correlation_factor,
     quadratic,
@@ -130,8 +130,8 @@ def _solution(information: InformationAccumulator, weighted: _Weighted) -> Inert
         bias_covariance=covariance[10:, 10:],
         unidentified=tuple(np.array(PARAMETER_NAMES)[hidden[:10]].tolist()),
         condition_number=np.inf if hidden.any() else weighted.condition_number,
-        residual_force=root_mean_square(squares[FORCE], n),
-        residual_torque=root_mean_square(squares[TORQUE], n),
+        residual_force=root_mean_square(squares[FORCE_GROUP], n),
+        residual_torque=root_mean_square(squares[TORQUE_GROUP], n),
         n_samples=n,
         n_effective=float(n / factor.max()),
     )

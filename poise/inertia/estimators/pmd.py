@@ -12,11 +12,11 @@ from poise.inertia.estimators.sample_window import SampleWindow
 from poise.inertia.model import IdentificationProblem, InertialSolution, phi_of_pseudo_inertia
 from poise.types import Array
 
-NOISE_AMPLITUDES = (1.0, 1.0, 0.5)
+_NOISE_AMPLITUDES = (1.0, 1.0, 0.5)
 """n_1 m/s2, n_2 rad/s2 and n_3 rad/s of thesis eq. 3.5."""
 
 _MAX_ITERATIONS = 100
-TIME_LIMIT = 5.0  # s
+_TIME_LIMIT = 5.0  # s
 
 # The thesis wants every m_i > 0; an optimum may have zeros, which would leave a body flat. This share of the mean
 # point mass is below what any sensor sees.
@@ -66,7 +66,7 @@ def dynamism(problem: IdentificationProblem) -> Array:
     """
     signals = (problem.linear_acceleration, problem.angular_acceleration, problem.angular_velocity)
     ratios = [
-        np.linalg.norm(signal, axis=1) / amplitude for signal, amplitude in zip(signals, NOISE_AMPLITUDES, strict=True)
+        np.linalg.norm(signal, axis=1) / amplitude for signal, amplitude in zip(signals, _NOISE_AMPLITUDES, strict=True)
     ]
     return np.asarray(np.sum(np.square(ratios), axis=0))
 
@@ -112,7 +112,7 @@ def minimise_sum_of_norms(norms: list[tuple[Array, Array]]) -> Array:
     cost = np.concatenate([np.zeros(n), np.ones(count)])
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    settings.max_iter, settings.time_limit = _MAX_ITERATIONS, TIME_LIMIT
+    settings.max_iter, settings.time_limit = _MAX_ITERATIONS, _TIME_LIMIT
     nothing = sparse.csc_matrix((n + count, n + count))
     solver = clarabel.DefaultSolver(
         nothing, cost, sparse.csc_matrix(np.vstack(rows)), np.concatenate(right), cones, settings

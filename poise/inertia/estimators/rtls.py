@@ -11,7 +11,7 @@ from poise.inertia.model import IdentificationProblem, InertialSolution, NoiseLe
 from poise.types import Array
 
 # A smallest singular vector with less of the measurement in it than this stands for no solution at all.
-NONGENERIC = 1e-10
+_NONGENERIC = 1e-10
 
 
 class RecursiveTotalLeastSquares:
@@ -71,7 +71,7 @@ class RecursiveTotalLeastSquares:
             )
         vector = np.linalg.svd(self._triangle[exact:, exact:])[2][-1]
         diagonal = np.abs(np.diag(self._triangle)[:exact])
-        if abs(vector[-1]) < NONGENERIC or np.any(diagonal <= 1e-12 * diagonal.max(initial=0.0)):
+        if abs(vector[-1]) < _NONGENERIC or np.any(diagonal <= 1e-12 * diagonal.max(initial=0.0)):
             raise NoAnswerError(
                 ErrorCode.NOT_IDENTIFIABLE,
                 "rtls: the motion leaves a combination of parameters open; turn and accelerate about all axes",

@@ -26,10 +26,10 @@ from poise.shape import (
 )
 from poise.types import Array
 
-SAMPLED = 6000
+_SAMPLED = 6000
 """Points on a surface that is not closed."""
 
-LARGEST, SMALLEST = 3.0, 1e-3
+_LARGEST, _SMALLEST = 3.0, 1e-3
 """m, of what a robot holds."""
 
 PIECES = 8
@@ -37,12 +37,12 @@ PIECES = 8
 
 _CELLS = 4000
 
-MOST_BODIES = 100
+_MOST_BODIES = 100
 
-LOOSE_FACES = 0.05
+_LOOSE_FACES = 0.05
 """Share of faces outside of closed surfaces from which on the surface counts as open."""
 
-MESH_ACCURACY, UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.015
+_MESH_ACCURACY, _UNCUT_ACCURACY, CLOUD_ACCURACY = 0.0007, 0.03, 0.015
 """Relative errors of lengths: a mesh whose bodies are its parts; one that was cut here; a cloud."""
 
 
@@ -116,7 +116,7 @@ def _read_mesh(path: Path, scale: float) -> tuple[Array, NDArray[np.int64]] | No
 
 def _check_size(path: Path, vertices: Array) -> None:
     size = float(np.ptp(vertices, axis=0).max())
-    if not SMALLEST < size < LARGEST:
+    if not _SMALLEST < size < _LARGEST:
         raise InputError(
             ErrorCode.OBJECT_INVALID,
             f"{path}: the object is {size:.3g} m long, which no hand holds; if the file is in millimetres,"
@@ -131,12 +131,12 @@ def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
         if merge:
             mesh.merge_vertices()
         number = _bodies(mesh)
-        if number.max() >= MOST_BODIES:
+        if number.max() >= _MOST_BODIES:
             continue
         bodies = [trimesh.Trimesh(mesh.vertices, mesh.faces[number == body]) for body in range(number.max() + 1)]
-        if sum(len(body.faces) for body in bodies if not body.is_watertight) <= LOOSE_FACES * len(mesh.faces):
+        if sum(len(body.faces) for body in bodies if not body.is_watertight) <= _LOOSE_FACES * len(mesh.faces):
             return _of_bodies(mesh, [body for body in bodies if body.is_watertight and abs(body.volume) > 0])
-    points = trimesh.sample.sample_surface(mesh, SAMPLED, seed=0)[0]
+    points = trimesh.sample.sample_surface(mesh, _SAMPLED, seed=0)[0]
     shape = _of_cloud(np.asarray(points), None)
     return replace(shape, words=f"a surface that is not closed: {shape.words}")
 
@@ -154,7 +154,7 @@ def _of_bodies(mesh: trimesh.Trimesh, bodies: list[trimesh.Trimesh]) -> ObjectSh
         return _cut(bodies[0] if len(bodies) == 1 else mesh)
     moments = [np.sign(body.volume) * surface_moments(body.vertices[body.faces]) for body in bodies]
     parts = Parts.from_moments(moments, np.arange(len(bodies)), mesh.vertices)
-    return ObjectShape(parts, MESH_ACCURACY, f"{len(bodies)} closed surfaces, taken for the parts")
+    return ObjectShape(parts, _MESH_ACCURACY, f"{len(bodies)} closed surfaces, taken for the parts")
 
 
 def _cut(body: trimesh.Trimesh) -> ObjectShape:
@@ -162,7 +162,7 @@ def _cut(body: trimesh.Trimesh) -> ObjectShape:
     body = body.copy()
     if body.volume < 0:
         body.invert()
-    points = np.asarray(trimesh.sample.sample_surface(body, SAMPLED, seed=0)[0])
+    points = np.asarray(trimesh.sample.sample_surface(body, _SAMPLED, seed=0)[0])
     try:
         found = segment(points)
         places, labels = found.solid.centroids, independent_parts(found)
@@ -173,7 +173,7 @@ def _cut(body: trimesh.Trimesh) -> ObjectShape:
         corners = np.asarray(body.vertices[body.faces])
         places = spread(cells_of(corners, (abs(body.volume) / _CELLS) ** (1 / 3))[0], PIECES)
         labels, words = np.arange(len(places)), f"closed surface, cut into {PIECES} pieces"
-    return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, _CELLS), UNCUT_ACCURACY, words)
+    return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, _CELLS), _UNCUT_ACCURACY, words)
 
 
 def parts_of_solid(solid: Solid, labels: ArrayLike | None = None) -> Parts:

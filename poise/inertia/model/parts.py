@@ -15,9 +15,9 @@ from poise.types import Array
 _CELLS = 8000
 # Parts whose colours differ by less than this (0..1 in three channels) are likely of one material: correlation of the
 # logarithms of their densities.
-SAME_COLOUR, SAME_DENSITY = 0.15, 0.95
+_SAME_COLOUR, SAME_DENSITY = 0.15, 0.95
 # Cut into cells, a closed surface keeps its volume within this share; an open one does not.
-VOLUME_TOLERANCE = 0.1
+_VOLUME_TOLERANCE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class Parts:
             return cls.from_moments(exact[None], [0], vertices)
         centres, moments = cells_of(corners, (exact[3, 3] / cells) ** (1 / 3))
         share = moments[:, 3, 3].sum() / exact[3, 3]
-        if abs(share - 1) > VOLUME_TOLERANCE:
+        if abs(share - 1) > _VOLUME_TOLERANCE:
             raise InputError(
                 ErrorCode.MESH_INVALID, f"shape: cut into cells it has {share:.0%} of its volume; close its holes"
             )
@@ -161,9 +161,9 @@ def likeness_of_colours(colours: ArrayLike) -> Array | None:
     """
     shades = np.asarray(colours, dtype=np.float64)
     apart = np.linalg.norm(shades[:, None] - shades, axis=2)
-    if not np.all(np.isfinite(shades)) or apart.max(initial=0.0) < SAME_COLOUR:
+    if not np.all(np.isfinite(shades)) or apart.max(initial=0.0) < _SAME_COLOUR:
         return None
-    alike = SAME_DENSITY * np.exp(-((apart / SAME_COLOUR) ** 2) / 2)
+    alike = SAME_DENSITY * np.exp(-((apart / _SAME_COLOUR) ** 2) / 2)
     return np.asarray(alike + (1 - SAME_DENSITY) * np.eye(len(shades)))
 
 

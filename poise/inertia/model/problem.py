@@ -100,7 +100,7 @@ class IdentificationProblem:
                 ErrorCode.BAD_INPUT, "identification problem: stamps must be one row of increasing nanoseconds; sort"
             )
         n = len(stamps)
-        for name in KINEMATICS:
+        for name in _KINEMATICS:
             self._check(name, (n, 3))
         self._check("wrench", (n, 6))
         n_parts = 0 if self.unit_parts is None else np.shape(self.unit_parts)[-1]
@@ -153,7 +153,7 @@ class IdentificationProblem:
 
     def select(self, mask: Any) -> "IdentificationProblem":
         """The samples that a boolean mask, an index array or a slice picks."""
-        rows = {name: getattr(self, name)[mask] for name in ("stamps", "wrench", *KINEMATICS)}
+        rows = {name: getattr(self, name)[mask] for name in ("stamps", "wrench", *_KINEMATICS)}
         return replace(self, **rows)
 
     @classmethod
@@ -172,7 +172,7 @@ class IdentificationProblem:
         )
 
 
-KINEMATICS = ("gravity_in_sensor", "linear_acceleration", "angular_velocity", "angular_acceleration")
+_KINEMATICS = ("gravity_in_sensor", "linear_acceleration", "angular_velocity", "angular_acceleration")
 """Fields of a problem with one 3-vector per sample."""
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.robot import USED, PairingReasons
+from poise.robot import STALE, USED, PairingReasons
 from poise.types import Array, Mask, Stamps
 
-NOT_FINITE, OUT_OF_ORDER, SATURATED, STALE = "not_finite", "out_of_order", "saturated", "stale"
+NOT_FINITE, OUT_OF_ORDER, SATURATED = "not_finite", "out_of_order", "saturated"
 """PairingReasons of rejection, as in poise_msgs/RejectedInterval."""
 
 _REPEATS = 4

@@ -8,13 +8,13 @@
 
 from poise.inertia.pipeline.estimate import Identification, InertialEstimate
 from poise.inertia.pipeline.identification import identify, identify_wrenches, recorded_gravity
-from poise.inertia.pipeline.live import IMUS, QUIET, SOURCES, LiveEstimator, LiveOptions
+from poise.inertia.pipeline.live import FLUSH_AFTER, IMUS, SOURCES, LiveEstimator, LiveOptions
 from poise.inertia.pipeline.online import OnlineEstimator
 from poise.inertia.pipeline.status import status_of
 
 __all__ = [
+    "FLUSH_AFTER",
     "IMUS",
-    "QUIET",
     "SOURCES",
     "Identification",
     "InertialEstimate",

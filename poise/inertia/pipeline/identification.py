@@ -139,6 +139,11 @@ def _note(history: list[InertialEstimate], estimator: OnlineEstimator) -> None:
 
 def _wrench(recording: Recording, topic: str) -> tuple[WrenchStream, dict[str, int]]:
     """The wrenches of the frame that is named first, and how many there are of each other frame."""
+    try:
+        return recording.wrench(topic), {}
+    except InputError as error:
+        if error.code is not ErrorCode.FRAME_UNKNOWN:
+            raise
     first, *others = (counts := recording.wrench_frames(topic))
     return recording.wrench(topic, first), {name: counts[name] for name in others}
 
@@ -205,16 +210,15 @@ def _identification(
     answer: InertialEstimate, before: tuple[InertialEstimate, ...], samples: PairedSamples, estimator: OnlineEstimator
 ) -> Identification:
     """The answer with its samples; predictions are for the samples as they were stamped."""
-    matrix = model_matrix(samples.motion, estimator.gravity)
+    predicted = model_matrix(samples.motion, estimator.gravity) @ np.nan_to_num(answer.phi)
     if np.nan_to_num(answer.delay):
         then = samples.stamps - round(answer.delay * 1e9)
-        flat = interpolate(samples.stamps, matrix.reshape(len(matrix), -1), then, max_gap=_LARGEST_GAP).values
-        matrix = flat.reshape(matrix.shape)
+        predicted = interpolate(samples.stamps, predicted, then, max_gap=_LARGEST_GAP).values
     return Identification(
         estimate=answer,
         stamps=samples.stamps,
         wrench_measured=samples.wrench,
-        wrench_predicted=matrix @ np.nan_to_num(answer.phi) + np.nan_to_num(answer.bias),
+        wrench_predicted=predicted + np.nan_to_num(answer.bias),
         motion=samples.motion,
         history=(*before, answer),
         source=estimator.motion_words,

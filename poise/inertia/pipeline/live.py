@@ -16,15 +16,15 @@ from poise.inertia.pipeline.estimate import InertialEstimate
 from poise.inertia.pipeline.online import OnlineEstimator
 from poise.robot import FrameSource, FrameTree, JointSource, LiveImu, MotionSource, PairingSettings, RobotModel
 
-JOINTS, FRAMES = "joint_states", "tf"
-SOURCES = (AUTO, JOINTS, FRAMES)
+_JOINTS, _FRAMES = "joint_states", "tf"
+SOURCES = (AUTO, _JOINTS, _FRAMES)
 
-ALWAYS, NEVER = "always", "never"
-IMUS = (AUTO, ALWAYS, NEVER)
+_ALWAYS, _NEVER = "always", "never"
+IMUS = (AUTO, _ALWAYS, _NEVER)
 
 GRACE = 1.0
 """s that tf waits, in `auto`, for joint states and a robot description: they are the better source."""
-QUIET = 0.5
+FLUSH_AFTER = 0.5
 """s without any message after which the pipeline waits no longer."""
 _EARLY, _EARLY_SPAN = 20_000, 20.0
 """Wrenches and joint states, and s of tf, that are kept until the source of the motion is chosen."""
@@ -125,7 +125,7 @@ class LiveEstimator:
 
     def set_robot_description(self, text: str, now: float) -> None:
         """Take a URDF; another one than before starts the estimate afresh."""
-        if text == self._description or self.options.motion_source == FRAMES:
+        if text == self._description or self.options.motion_source == _FRAMES:
             return
         self._description = text
         if self._uses(self.joints):
@@ -137,7 +137,7 @@ class LiveEstimator:
         self, stamp: int, names: Sequence[str], position: ArrayLike, velocity: ArrayLike, now: float
     ) -> None:
         """Take a joint state, (K,) each; no velocities: an empty array."""
-        if self.options.motion_source == FRAMES:
+        if self.options.motion_source == _FRAMES:
             return
         if self.joints is None:
             self.early_joints.append((stamp, names, position, velocity))
@@ -158,7 +158,7 @@ class LiveEstimator:
         """
         turn, shift = np.asarray(rotation)[None], np.asarray(translation)[None]
         self.hand.add([stamp], parent, child, turn, shift, fixed=fixed)
-        if self.options.motion_source == JOINTS or self._uses(self.joints):
+        if self.options.motion_source == _JOINTS or self._uses(self.joints):
             return
         used = self.frames.extend([stamp], parent, child, turn, shift, fixed=fixed)
         if used and not fixed and self.frames.newest is not None:
@@ -182,7 +182,7 @@ class LiveEstimator:
 
     def add_imu(self, stamp: int, frame_id: str, acceleration: ArrayLike) -> None:
         """Take the linear acceleration (3,) m/s2 of an IMU, in its own axes, gravity's reaction included."""
-        if self.options.imu != NEVER:
+        if self.options.imu != _NEVER:
             self.imu.add(stamp, frame_id, acceleration)
 
     # -- what comes out --------------------------------------------------------------------------------------
@@ -204,7 +204,7 @@ class LiveEstimator:
             self.frames.keep_last(_EARLY_SPAN)
             return
         self._take_imu()
-        quiet = now - max(self.heard.values(), default=now) > QUIET
+        quiet = now - max(self.heard.values(), default=now) > FLUSH_AFTER
         if not self._flushed:
             self.estimator.update(flush=quiet)
             self._flushed = quiet
@@ -303,7 +303,7 @@ class LiveEstimator:
             return
         lacking = estimator.source is self.frames and not self.frames.has_positions
         lacking &= estimator_named(self.options.method).uses_imu
-        if (lacking or self.options.imu == ALWAYS) and self.imu.rides_on(self.sensor_frame):
+        if (lacking or self.options.imu == _ALWAYS) and self.imu.rides_on(self.sensor_frame):
             estimator.take_imu(self.imu)
 
     def _uses(self, source: MotionSource | None) -> bool:

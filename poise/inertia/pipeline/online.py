@@ -27,8 +27,8 @@ from poise.inertia.pipeline.measuring_source import MeasuringSource
 from poise.inertia.pipeline.method_pipeline import MethodPipeline, PairedSamples
 from poise.robot import (
     CLOCK_JUMP,
-    LAG_STEP,
-    LONGEST_DELAY,
+    IMU_LAG_STEP,
+    IMU_LONGEST_DELAY,
     NO_KINEMATICS,
     LiveImu,
     MotionBuffer,
@@ -39,7 +39,7 @@ from poise.robot import (
 )
 from poise.types import Array, Stamps
 
-MAX_GRAVITY = 1000.0
+_MAX_GRAVITY = 1000.0
 """m/s2; more is a typing error, and far more would overflow the sums."""
 
 _SETTLED = 1_000_000_000
@@ -148,7 +148,7 @@ class OnlineEstimator:
     def take_imu(self, imu: LiveImu) -> None:
         """Take the linear acceleration from an IMU on the sensor; estimates that did without it are dropped."""
         self.imu = imu
-        self._prior = replace(self._prior, longest_delay=LONGEST_DELAY, lag_step=LAG_STEP)
+        self._prior = replace(self._prior, longest_delay=IMU_LONGEST_DELAY, lag_step=IMU_LAG_STEP)
         self._renew_buffers()
         self.reset(self._running.prior.parts)
 
@@ -366,8 +366,8 @@ def check_options(method: str, gravity: float | None, saturation: tuple[float, f
     for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
         if value is not None and not value > 0:
             raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
-    if gravity is not None and gravity > MAX_GRAVITY:
-        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {MAX_GRAVITY:g} is possible")
+    if gravity is not None and gravity > _MAX_GRAVITY:
+        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {_MAX_GRAVITY:g} is possible")
 
 
 def _foreign_frames(counts: Counter[str], frame_id: str) -> EstimateFinding:

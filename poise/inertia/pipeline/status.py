@@ -5,9 +5,9 @@ from enum import IntEnum
 
 from poise.inertia.pipeline.live import LiveEstimator
 
-SILENCE = 1.0
+_SILENCE = 1.0
 """s without wrenches or kinematics that are worth a warning."""
-MUCH_REJECTED = 0.5
+_MUCH_REJECTED = 0.5
 """Share of rejected samples, other than for moving, that is worth a warning."""
 
 
@@ -44,9 +44,9 @@ def _judge(live: LiveEstimator, now: float) -> tuple[Level, str]:
         return Level.ERROR, live.problem.message
     if kinematics is None:
         return Level.ERROR, _no_kinematics(live)
-    if now - wrench > SILENCE:
+    if now - wrench > _SILENCE:
         return Level.WARN, f"no wrench for {now - wrench:.1f} s"
-    if now - kinematics > SILENCE:
+    if now - kinematics > _SILENCE:
         return Level.ERROR, f"no usable kinematics for {now - kinematics:.1f} s"
     if live.estimator is None:
         return Level.WARN, "waiting for joint_states before tf is used"
@@ -57,7 +57,7 @@ def _judge_samples(live: LiveEstimator) -> tuple[Level, str]:
     rejected = dict(live.estimator.rejected) if live.estimator else {}
     rejected.pop("moving", None)
     total = sum(rejected.values())
-    if total and total >= MUCH_REJECTED * (total + live.n_samples):
+    if total and total >= _MUCH_REJECTED * (total + live.n_samples):
         worst = max(rejected, key=lambda reason: rejected[reason])
         return Level.WARN, f"{total} samples cannot be used, most of them because of {worst}{_clocks(live)}"
     if not live.n_samples:
@@ -81,7 +81,7 @@ def _no_kinematics(live: LiveEstimator) -> str:
 def _clocks(live: LiveEstimator) -> str:
     """A note on clocks that are far apart."""
     apart = None if live.estimator is None else live.estimator.clocks_apart
-    if apart is None or abs(apart) < SILENCE:
+    if apart is None or abs(apart) < _SILENCE:
         return ""
     where = "ahead of" if apart > 0 else "behind"
     return f"; wrench stamps are {abs(apart):.1f} s {where} the kinematics: check the clocks"
