@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import are_rotations
-from poise.robot.rest import find_rests
+from poise.robot.rest import Rest, find_rests
 from poise.robot.splines import DEGREE, Design, Grid, SplineFit
 from poise.types import Array, Mask, Stamps
 
@@ -159,7 +159,7 @@ def _answer(out: Derivatives, rows: slice, smoother: "_Smoother", inside: slice,
         covariance = smoother.covariance(column, inside) if errors else out.covariance[rows, column]
         shortest = min(1.5 * smoother.spacing[column], 0.8 * float(smoother.seconds[-1] - smoother.seconds[0]))
         for rest in find_rests(smoother.seconds, smoother.values[:, column], shortest):
-            still = slice(max(rest.begin - inside.start, 0), max(rest.end - inside.start, 0))
+            still = smoother.inner(column, rest, inside.start)
             values[:, still] = np.array([[rest.level], [0.0], [0.0]])
             covariance[still] = np.diag(np.square(rest.sigma))
             out.at_rest[rows][still, column] = True
@@ -237,6 +237,14 @@ class _Smoother:
                 chosen[k] = self._with_rates(int(k), rates, chosen[k], spacing)
         self._chosen = chosen
         self.spacing = np.array([design(m).grid.spacing for m in chosen])
+
+    def inner(self, column: int, rest: Rest, start: int) -> slice:
+        """Samples of a rest, counted from `start`, that lie a knot away from motion: a motion begins before it shows."""
+        rate = (len(self.seconds) - 1) / float(self.seconds[-1] - self.seconds[0])
+        margin = math.ceil(self.spacing[column] * rate)
+        begin = rest.begin + margin if rest.begin > 0 else 0
+        end = rest.end - margin if rest.end < len(self.seconds) else rest.end
+        return slice(max(begin - start, 0), max(end - start, begin - start, 0))
 
     def at(self, column: int, inside: slice) -> Array:
         """(3, M) position, velocity, acceleration at the samples inside."""

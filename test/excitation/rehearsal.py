@@ -10,7 +10,7 @@ from poise.errors import ErrorCode, NoAnswerError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
 from poise.excitation.execution import IdentificationTask, Session, SessionPhase, TimedMotion
 from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
-from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.model.problem import UNKNOWN_NOISE, NoiseLevels
 from poise.inertia.pipeline.live import LiveEstimator, LiveOptions
 from poise.recording.encoding import typestore
 from poise.robot import RobotModel, frame_poses
@@ -18,8 +18,6 @@ from poise.robot.model import find_urdf
 from poise.simulation import IdealRobot, JointNoise, wrench_noise
 
 TICK = 0.02
-ENCODERS = NoiseLevels(linear_acceleration=0.01, angular_acceleration=0.05)
-"""What differentiating the joint states of `Rehearsal` leaves; the thesis' arm is ten times worse."""
 TYPES = {
     "joint_states": "sensor_msgs/msg/JointState",
     "wrench": "geometry_msgs/msg/WrenchStamped",
@@ -79,7 +77,7 @@ class Rehearsal:
     start: np.ndarray | None = None
     sensor: str = "ft300"
     bias: tuple[float, ...] = (0.0,) * 6
-    noise: NoiseLevels = ENCODERS
+    noise: NoiseLevels = UNKNOWN_NOISE
     seed: int = 0
     lost: Callable[[str, float], bool] = lambda topic, seconds: False
     deaf: bool = False

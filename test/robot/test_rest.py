@@ -101,3 +101,16 @@ def test_samples_faster_than_the_fit_needs_are_averaged_without_a_bias():
     inner = slice(100, -100)
     np.testing.assert_allclose(found.position[inner], truth[inner], atol=1e-8)
     np.testing.assert_allclose(found.acceleration[inner], -(rate**2) * truth[inner], atol=5e-4 * 0.3 * rate**2)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_motion_that_begins_is_not_at_rest_before_it_shows_in_the_noise(seed):
+    since = np.clip(SECONDS - 2.0, 0.0, None)
+    noise = 1e-5
+    truth, acceleration = 5.0 * since**4, 60.0 * since**2
+    slow = since < 0.3
+    rng = np.random.default_rng(seed)
+    found = differentiate(STAMPS[slow], (truth[slow] + rng.normal(size=slow.sum()) * noise)[:, None])
+    still = found.at_rest[:, 0]
+    assert still.mean() > 0.6
+    assert np.abs(acceleration[slow][still]).max() == 0.0

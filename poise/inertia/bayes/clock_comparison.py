@@ -18,6 +18,9 @@ _PARTS = 10
 the spread of the answer (jackknife, Tukey 1958)."""
 
 _LEAST_PER_PART = 10
+_LEAST_SPAN = 5_000_000_000
+"""ns of samples: the errors of a smoothed motion hang together over tenths of a second, so shorter parts would all share
+them, and the jackknife would not see them."""
 _ITERATIONS = 4
 _START_VARIANCE = np.repeat([0.1, 0.005], 3) ** 2
 _NEIGHBOURS = 6
@@ -36,6 +39,7 @@ class ClockComparison:
         n = 2 * _PARTS
         self._moments, self._counts = np.zeros((n, len(self.lags), N_SIGNALS, N_SIGNALS)), np.zeros((n, len(self.lags)))
         self._part_size, self._n_summed, self._done = 2 * _LEAST_PER_PART, 0, 0
+        self._begin: int | None = None
 
     def delay(self, stamps: Stamps, rows: Array) -> Delay | None:
         """The delay at which least squares leave least, and one sigma of it; None for too few samples in motion.
@@ -53,10 +57,14 @@ class ClockComparison:
         first = np.flatnonzero(np.diff(period[max(self._done - 1, 0) :], prepend=-1)) + max(self._done - 1, 0)
         chosen = first[first >= self._done]
         self._done = max(end, self._done)
+        if self._begin is None and len(chosen):
+            self._begin = int(stamps[chosen[0]])
         while len(chosen):
             room = self._part_size - self._n_summed % self._part_size
             self._sum(stamps, rows, chosen[:room])
             chosen = chosen[room:]
+        if self._begin is None or stamps[end - 1] - self._begin < _LEAST_SPAN:
+            return None
         return self._estimate()
 
     def _sum(self, stamps: Stamps, rows: Array, chosen: Indices) -> None:

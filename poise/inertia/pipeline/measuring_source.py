@@ -59,10 +59,11 @@ class MeasuringSource:
         if not isinstance(self._source, JointSource | FrameSource):
             return self._source.motion(begin, end, margin)
         measured = self._source.measured(begin, end, margin)
-        if len(measured.motion):
+        moving = measured.motion.angular_velocity_in_sensor.any(axis=1)  # at rest the acceleration is known better
+        if moving.any():
             if self._n_stretches % self._stride == 0:
                 sigmas = measured.linear_acceleration_sigma, measured.angular_acceleration_sigma
-                linear, angular = (float(np.median(sigma**2)) for sigma in sigmas)
+                linear, angular = (float(np.median(sigma[moving] ** 2)) for sigma in sigmas)
                 self._variances.append((linear, angular))
             self._n_stretches += 1
             if len(self._variances) > _MOST_STRETCHES:
