@@ -239,7 +239,7 @@ class _Smoother:
         self.spacing = np.array([design(m).grid.spacing for m in chosen])
 
     def inner(self, column: int, rest: Rest, start: int) -> slice:
-        """Samples of a rest, counted from `start`, that lie a knot away from motion: a motion begins before it shows."""
+        """Samples of a rest, counted from `start`, at least one knot spacing away from motion, which shows late."""
         rate = (len(self.seconds) - 1) / float(self.seconds[-1] - self.seconds[0])
         margin = math.ceil(self.spacing[column] * rate)
         begin = rest.begin + margin if rest.begin > 0 else 0

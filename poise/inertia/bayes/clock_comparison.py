@@ -19,8 +19,8 @@ the spread of the answer (jackknife, Tukey 1958)."""
 
 _LEAST_PER_PART = 10
 _LEAST_SPAN = 5_000_000_000
-"""ns of samples: the errors of a smoothed motion hang together over tenths of a second, so shorter parts would all share
-them, and the jackknife would not see them."""
+"""ns of samples. The errors of a smoothed motion are correlated over tenths of a second; the jackknife does not see
+errors that its parts share, so the parts must be longer."""
 _ITERATIONS = 4
 _START_VARIANCE = np.repeat([0.1, 0.005], 3) ** 2
 _NEIGHBOURS = 6
