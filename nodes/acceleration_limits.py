@@ -29,17 +29,19 @@ _TURN_STEP, _TILT_STEP = 0.01, 0.002
 
 ACCELERATION_LIMITS_PARAMETERS = (
     Parameter("azimuths", 72, "directions in the horizontal plane, counter-clockwise from x", (3, 10_000)),
-    Parameter("rate", 10.0, "Hz at which changes are looked for", (0.1, 100.0)),
-    Parameter("longest", 1.0, "s that the limits may take; what is certified by then is published", (0.01, 60.0)),
+    Parameter("rate", 10.0, "Hz at which inputs are checked for changes", (0.1, 100.0)),
+    Parameter(
+        "longest", 1.0, "time limit of the computation, s; the limits certified by then are published", (0.01, 60.0)
+    ),
     Parameter("axis", [0.0, 0.0], "x and y of the axis about which the base turns, m, in the assembly's frame"),
     Parameter("tilt", [0.0, 0.0], "roll and pitch of the base, rad: turns the assembly's gravity"),
-    Parameter("turning_speed", 0.0, "rad/s at which the base turns", (-100.0, 100.0)),
-    Parameter("turning_acceleration", 0.0, "rad/s2 at which the base turns faster", (-1000.0, 1000.0)),
+    Parameter("turning_speed", 0.0, "angular speed of the base, rad/s", (-100.0, 100.0)),
+    Parameter("turning_acceleration", 0.0, "angular acceleration of the base, rad/s2", (-1000.0, 1000.0)),
     Parameter("from_odom", False, "take tilt and turning from odom instead"),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),
-    Parameter("payload", "", "id of the object that inertial_estimate weighs; empty: none"),
+    Parameter("payload", "", "id of the object that gets the payload of inertial_estimate; empty: none"),
     Parameter("payload_pose", [0.0] * 6 + [1.0], "pose x y z qx qy qz qw of that object in the sensor's frame"),
 )
 

@@ -12,7 +12,7 @@ from poise.force_torque.wire import Link, Reports
 from poise.nodes.parameters import Parameter, one_of
 
 FT_DRIVER_PARAMETERS = (
-    Parameter("device", "rdt", "what is connected", tuple(sensor.name for sensor in all_sensors())),
+    Parameter("device", "rdt", "the connected device", tuple(sensor.name for sensor in all_sensors())),
     Parameter("address", "192.168.1.1", "; ".join(f"{sensor.name}: {sensor.address}" for sensor in all_sensors())),
     Parameter("frame_id", "ft_sensor", "frame of the sensor"),
     Parameter(
@@ -26,12 +26,12 @@ FT_DRIVER_PARAMETERS = (
     *(Parameter(*setting) for setting in sensor_settings()),
     Parameter("publish_rate", 1000.0, "Hz of `wrench`, at the most; the device's rate if that is lower", (1.0, 1e4)),
     Parameter("batch_rate", 0.0, "Hz of `wrench_batch`, which holds every sample; 0: none", (0.0, 1000.0)),
-    Parameter("publish_saturated", False, "publish averages of saturated samples on `wrench` too"),
-    Parameter("silence", 0.05, "s without a sample that make a sensor silent", (0.02, 5.0)),
-    Parameter("bias", [0.0] * 6, "N and N m subtracted from the start: fx fy fz tx ty tz in the contract's sign"),
-    Parameter("bias_samples", 500, "how many samples bias_sensor averages", (10, 100000)),
-    Parameter("hardware_bias", False, "bias_sensor zeroes the device itself, for every client (rdt only)"),
-    Parameter("autostart", True, "configure and activate at start, as a node without a manager needs"),
+    Parameter("publish_saturated", False, "also publish averages of saturated samples on `wrench`"),
+    Parameter("silence", 0.05, "s without a sample after which the sensor counts as silent", (0.02, 5.0)),
+    Parameter("bias", [0.0] * 6, "N and N m subtracted from the start: fx fy fz tx ty tz, of the load on the sensor"),
+    Parameter("bias_samples", 500, "number of samples that bias_sensor averages", (10, 100000)),
+    Parameter("hardware_bias", False, "bias_sensor zeroes in the device, for every client (rdt only)"),
+    Parameter("autostart", True, "configure and activate at start, for use without a lifecycle manager"),
 )
 
 

@@ -17,52 +17,68 @@ NOISE = ("force", "torque", "linear_acceleration", "angular_acceleration")
 BIAS = ("force_bias", "torque_bias")
 
 PARAMETERS = (
-    Parameter("sensor_frame", "", "frame of the wrench; empty: what its first message says"),
-    Parameter("base_frame", "", "gravity-aligned frame in tf; empty: the topmost"),
-    Parameter("motion_source", "auto", "joint_states, tf, or auto: the former when a robot_description comes", SOURCES),
+    Parameter("sensor_frame", "", "frame of the wrench; empty: that of its first message"),
+    Parameter("base_frame", "", "gravity-aligned frame in tf; empty: the root of the tree"),
+    Parameter(
+        "motion_source",
+        "auto",
+        "joint_states, tf, or auto: joint_states if a robot_description arrives, otherwise tf",
+        SOURCES,
+    ),
     Parameter(
         "imu",
         "auto",
-        "linear acceleration from an IMU that tf_static joins to the sensor: never; always, as on a base that drives;"
+        "linear acceleration from an IMU that tf_static connects to the sensor: never; always, as on a moving base;"
         " auto: where tf has attitudes only",
         IMUS,
     ),
-    Parameter("gravity", 9.80665, "m/s2", (0.1, 100.0)),
+    Parameter("gravity", 9.80665, "gravity, m/s2", (0.1, 100.0)),
     Parameter(
         "method",
         "poise",
-        "estimator; poise: all that is known; static: poses held still; ols: motion; auto: one of these two, as the"
-        " motion suits; the others keep samples, see window",
+        "estimator; poise: uses all information; static: poses at rest; ols: motion; auto: static or ols, by motion;"
+        " the others keep samples, see window",
         method_choices(),
     ),
-    Parameter("window", 0.0, "s of samples, for rtls, geo, pmd and hps; 0: all since the start", (0.0, 600.0)),
-    Parameter("publish_rate", 10.0, "Hz of inertial_estimate while samples come, at the most", (0.1, 100.0)),
-    Parameter("continuous", True, "poise alone: start again when the payload has changed, and report it"),
     Parameter(
-        "object", "", "path of a mesh or cloud of what is held, as for poise identify --object; empty: not known"
+        "window", 0.0, "s of samples that are kept, for rtls, geo, pmd and hps; 0: all since the start", (0.0, 600.0)
     ),
+    Parameter("publish_rate", 10.0, "largest rate of inertial_estimate while samples arrive, Hz", (0.1, 100.0)),
+    Parameter("continuous", True, "method poise only: report a change of the payload, and start again after it"),
+    Parameter("object", "", "path of a mesh or cloud of the payload, as for poise identify --object; empty: unknown"),
     Parameter("object_scale", 1.0, "m per unit of that file", (1e-9, 1e9)),
-    Parameter("object_pose", [0.0] * 6 + [1.0], "of that file in the sensor frame: x y z m, quaternion x y z w"),
+    Parameter(
+        "object_pose", [0.0] * 6 + [1.0], "pose of that file's frame in the sensor frame: x y z m, quaternion x y z w"
+    ),
     Parameter("noise_force", 0.0, "N, one sigma of a sample; 0: estimated from the samples", (0.0, 1e3)),
     Parameter("noise_torque", 0.0, "N m, one sigma of a sample; 0: estimated from the samples", (0.0, 1e3)),
-    Parameter("noise_linear_acceleration", 0.0, "m/s2, one sigma of the motion's; 0: estimated", (0.0, 1e3)),
-    Parameter("noise_angular_acceleration", 0.0, "rad/s2, one sigma of the motion's; 0: estimated", (0.0, 1e3)),
     Parameter(
-        "noise_force_bias", -1.0, "N to expect without a load; 0: the sensor was zeroed; -1: not known", (-1.0, 1e6)
+        "noise_linear_acceleration", 0.0, "m/s2, one sigma of the motion's acceleration; 0: estimated", (0.0, 1e3)
     ),
     Parameter(
-        "noise_torque_bias", -1.0, "N m to expect without a load; 0: the sensor was zeroed; -1: not known", (-1.0, 1e6)
+        "noise_angular_acceleration", 0.0, "rad/s2, one sigma of the motion's acceleration; 0: estimated", (0.0, 1e3)
+    ),
+    Parameter(
+        "noise_force_bias", -1.0, "N, expected bias, one sigma; 0: the sensor was zeroed; -1: unknown", (-1.0, 1e6)
+    ),
+    Parameter(
+        "noise_torque_bias", -1.0, "N m, expected bias, one sigma; 0: the sensor was zeroed; -1: unknown", (-1.0, 1e6)
     ),
     Parameter("max_force", 0.0, "N at which an axis of the sensor is saturated; 0: no limit", (0.0, 1e6)),
     Parameter("max_torque", 0.0, "N m at which an axis of the sensor is saturated; 0: no limit", (0.0, 1e6)),
-    Parameter("max_gap", 0.2, "s between kinematic samples across which nothing is interpolated", (0.001, 10.0)),
-    Parameter("rest_gap", 1.0, "s, the same for attitudes held still", (0.001, 60.0)),
-    Parameter("rest_window", 0.1, "s before and after a sample in which the sensor has to hold still", (0.01, 10.0)),
-    Parameter("rest_turning", 0.02, "rad/s below which it does", (0.0, 10.0)),
-    Parameter("rest_speed", 0.01, "m/s below which it does", (0.0, 10.0)),
-    Parameter("block", 0.5, "s of motion that are differentiated together", (0.1, 10.0)),
-    Parameter("margin", 0.5, "s of motion on either side that take part in it; the estimate lags by both", (0.1, 10.0)),
-    Parameter("best_effort", False, "take wrenches from a best-effort publisher too (some may be lost)"),
+    Parameter("max_gap", 0.2, "s between kinematic samples above which they are not interpolated", (0.001, 10.0)),
+    Parameter("rest_gap", 1.0, "s, the same for attitudes at rest", (0.001, 60.0)),
+    Parameter("rest_window", 0.1, "s before and after a sample in which the sensor must be at rest", (0.01, 10.0)),
+    Parameter("rest_turning", 0.02, "rad/s below which it is at rest", (0.0, 10.0)),
+    Parameter("rest_speed", 0.01, "m/s below which it is at rest", (0.0, 10.0)),
+    Parameter("block", 0.5, "s of motion that are differentiated in one block", (0.1, 10.0)),
+    Parameter(
+        "margin",
+        0.5,
+        "s of motion on either side of a block that its spline includes; block and margin delay the estimate",
+        (0.1, 10.0),
+    ),
+    Parameter("best_effort", False, "also accept wrenches from a best-effort publisher (some may be lost)"),
 )
 
 

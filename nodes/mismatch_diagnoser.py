@@ -37,13 +37,13 @@ _GIL_SLICE = 5e-4
 
 _PARAMETERS = (
     Parameter("model", "", "model.yaml: payload, tolerances, noise; empty: the payload is identified from each window"),
-    Parameter("bags", WORDS, "bags to diagnose instead of topics, once; of several the last is held out"),
+    Parameter("bags", WORDS, "bags to diagnose once, instead of topics; with several, the last is held out"),
     Parameter("window", 35.0, "s of messages that are examined together", (8.0, 600.0)),
     Parameter("period", 10.0, "least time from the start of one examination to the next, s", (0.1, 3600.0)),
-    Parameter("share", 0.4, "of a core that examinations may take on average", (0.01, 1.0)),
-    Parameter("effects", WORDS, "effects to look for; empty: the whole library"),
-    Parameter("keep", "", "folder in which windows with a mismatch are kept as bags; empty: nowhere"),
-    Parameter("save", "", "model.yaml to write, with the effects found, after each finding; empty: none"),
+    Parameter("share", 0.4, "largest share of a core for examinations, on average", (0.01, 1.0)),
+    Parameter("effects", WORDS, "effects to search for; empty: the whole library"),
+    Parameter("keep", "", "folder in which windows with a mismatch are saved as bags; empty: none"),
+    Parameter("save", "", "model.yaml to write with the effects found, after each finding; empty: none"),
 )
 
 

@@ -14,13 +14,13 @@ _NOWHERE, _UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
 
 SCANNER_PARAMETERS = (
     Parameter("object_id", "scanned_object", "id and frame of the object when the goal gives none"),
-    Parameter("max_frames", MOST_FRAMES, "frames of a scan, at the most", (1, 600)),
-    Parameter("frame_period", 0.2, "s between frames, at the least", (0.0, 10.0)),
-    Parameter("duration", 60.0, "s after which a scan goes on with the frames it has", (0.1, 3600.0)),
-    Parameter("patience", 5.0, "s without a frame after which it does", (0.1, 600.0)),
-    Parameter("best_effort", False, "take images from a best-effort publisher too (some may be lost)"),
-    Parameter("depth_unit", 0.001, "m, of integer depth images", (1e-6, 1.0)),
-    Parameter("camera_delay", 0.0, "s that the stamps of images are late against those of joint_states", (-1.0, 1.0)),
+    Parameter("max_frames", MOST_FRAMES, "largest number of frames of a scan", (1, 600)),
+    Parameter("frame_period", 0.2, "least time between frames, s", (0.0, 10.0)),
+    Parameter("duration", 60.0, "s after which a scan ends with the frames it has", (0.1, 3600.0)),
+    Parameter("patience", 5.0, "s without a frame after which it ends", (0.1, 600.0)),
+    Parameter("best_effort", False, "also accept images from a best-effort publisher (some may be lost)"),
+    Parameter("depth_unit", 0.001, "unit of integer depth images, m", (1e-6, 1.0)),
+    Parameter("camera_delay", 0.0, "delay of the stamps of images relative to those of joint_states, s", (-1.0, 1.0)),
     Parameter("hand_frame", "ft_sensor", "link of the robot for hand_eye, and for the joints that `sweep` moves"),
     Parameter(
         "hand_eye",
@@ -28,12 +28,14 @@ SCANNER_PARAMETERS = (
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
     Parameter("sweep", "", "trajectory file (YAML, CSV) for joint_trajectory; empty: another program moves the arm"),
-    Parameter("start_tolerance", 0.05, "rad that the arm may be off where the sweep begins", (0.0, 3.2)),
-    Parameter("near", _NOWHERE, "m in the robot's base: of several objects, the one nearest to it; NaN: in the middle"),
-    Parameter("voxel", 0.0015, "m, spacing of the points", (2e-4, 0.05)),
-    Parameter("farthest", 1.2, "m from the camera up to which it is looked at", (0.1, 5.0)),
-    Parameter("refine", "auto", "poses by ICP: when views disagree (auto), always or never", _REFINE),
-    Parameter("complete", True, "fill what no view saw, down to the table"),
+    Parameter("start_tolerance", 0.05, "largest distance of a joint from the start of the sweep, rad", (0.0, 3.2)),
+    Parameter(
+        "near", _NOWHERE, "of several objects, the one nearest to this point in the robot's base, m; NaN: to the middle"
+    ),
+    Parameter("voxel", 0.0015, "spacing of the points, m", (2e-4, 0.05)),
+    Parameter("farthest", 1.2, "largest depth that is used, m", (0.1, 5.0)),
+    Parameter("refine", "auto", "refine poses by ICP: if views disagree (auto), always or never", _REFINE),
+    Parameter("complete", True, "fill the volume hidden from all views, down to the table"),
     Parameter(
         "independent_parts", True, "at most four parts, which a sensor at rest can distinguish; false: all of them"
     ),

@@ -41,19 +41,25 @@ _ARM_TOPIC, _GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
 
 PLACE_EXECUTION_PARAMETERS = (
     Parameter("tcp_frame", "tcp", "execute: frame of robot_description between the finger tips, z out of the hand"),
-    Parameter("base", [0.0] * 4, "execute: where the robot stands in the assembly's frame, x y z m and yaw rad"),
-    Parameter("speed", 0.5, "execute: m/s of the tool at most", (0.01, 2.0)),
-    Parameter("ways_seconds", 10.0, "execute: s of the deadline for looking for ways of the arm", (0.1, 3600.0)),
-    Parameter("arrival_tolerance", 0.003, "execute: rad that a joint may be off the end of a motion", (1e-5, 0.1)),
-    Parameter("path_tolerance", 0.05, "execute: rad off its path, besides what it covers in 0.15 s", (1e-4, 1.0)),
-    Parameter("slack", 2.0, "execute: s that arm and fingers may come late", (0.0, 600.0)),
+    Parameter("base", [0.0] * 4, "execute: pose of the robot's base in the assembly's frame, x y z m and yaw rad"),
+    Parameter("speed", 0.5, "execute: largest speed of the tool, m/s", (0.01, 2.0)),
+    Parameter("ways_seconds", 10.0, "execute: time limit for planning paths of the arm, s", (0.1, 3600.0)),
+    Parameter("arrival_tolerance", 0.003, "execute: largest error of a joint at the end of a motion, rad", (1e-5, 0.1)),
+    Parameter(
+        "path_tolerance", 0.05, "execute: largest error on the path, rad, plus the travel in 0.15 s", (1e-4, 1.0)
+    ),
+    Parameter("slack", 2.0, "execute: s that arm and fingers may arrive late", (0.0, 600.0)),
     Parameter("gripper_joint", Gripper.joint, "execute: the joint that gripper_trajectory commands"),
-    Parameter("gripper_open", Gripper.opened, "execute: rad or m, its position 85 mm open", (-10.0, 10.0)),
-    Parameter("gripper_closed", Gripper.closed, "execute: rad or m, its position closed", (-10.0, 10.0)),
+    Parameter(
+        "gripper_open", Gripper.opened, "execute: its position with the fingers 85 mm apart, rad or m", (-10.0, 10.0)
+    ),
+    Parameter(
+        "gripper_closed", Gripper.closed, "execute: its position with the fingers together, rad or m", (-10.0, 10.0)
+    ),
     Parameter(
         "gripper_squeeze", Gripper.squeeze, "execute: m that it closes beyond the width of what it grasps", (0.0, 0.08)
     ),
-    Parameter("gripper_seconds", Gripper.seconds, "execute: s that the fingers take", (0.05, 60.0)),
+    Parameter("gripper_seconds", Gripper.seconds, "execute: time that the fingers need, s", (0.05, 60.0)),
 )
 
 

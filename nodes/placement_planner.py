@@ -39,16 +39,18 @@ _FEEDBACK_PERIOD = 0.1
 """s between two feedbacks."""
 
 PLACEMENT_PLANNER_PARAMETERS = (
-    Parameter("scene", "", "scene file to begin with; empty: what comes on the topic assembly"),
+    Parameter("scene", "", "scene file to begin with; empty: use the topic assembly"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
-    Parameter("planner", DEFAULT_PLANNER, "how a placement is found", PLACEMENT_PLANNERS.names()),
-    Parameter("deadline", 5.0, "s for a goal that gives none", (0.001, 3600.0)),
-    Parameter("attempts", 500, "poses to test at most", (1, 1_000_000)),
-    Parameter("candidates", 10, "placements to find before the best is taken", (1, 10_000)),
-    Parameter("criterion", "least", "what is best", CRITERIA),
-    Parameter("support", "any", "what may carry the object", SUPPORT_KINDS),
-    Parameter("robust", False, "it has to stay in spite of 2 mm, 2 degrees, 20 % of friction and 10 % of its mass"),
-    Parameter("refine", False, "then move it as long as it gets better"),
+    Parameter("planner", DEFAULT_PLANNER, "planner that finds a placement", PLACEMENT_PLANNERS.names()),
+    Parameter("deadline", 5.0, "s, for goals without a deadline", (0.001, 3600.0)),
+    Parameter("attempts", 500, "largest number of poses to test", (1, 1_000_000)),
+    Parameter("candidates", 10, "placements to find; the best is returned", (1, 10_000)),
+    Parameter("criterion", "least", "criterion of the best placement", CRITERIA),
+    Parameter("support", "any", "what may support the object", SUPPORT_KINDS),
+    Parameter(
+        "robust", False, "require stability under errors of 2 mm, 2 degrees, 20 % of friction and 10 % of the mass"
+    ),
+    Parameter("refine", False, "then move the object as long as the criterion improves"),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),

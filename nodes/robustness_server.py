@@ -49,15 +49,15 @@ _MAX_PUSHES = 10_000
 ROBUSTNESS_SERVER_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with; empty: none"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
-    Parameter("waiting", 200, "calls that may wait; more are refused with BUSY", (1, 10_000)),
-    Parameter("longest", 30.0, "s that a call may take that gives no deadline", (0.01, 3600.0)),
-    Parameter("poses_from_tf", False, "movable objects stand where tf has the frames of their ids, in the assembly's"),
-    Parameter("tf_rate", 5.0, "Hz at which tf is looked at", (0.1, 50.0)),
-    Parameter("tf_tolerance", 0.0005, "m and rad by which an object has to move in tf to be moved", (0.0, 1.0)),
+    Parameter("waiting", 200, "calls that may wait; further calls are refused with BUSY", (1, 10_000)),
+    Parameter("longest", 30.0, "deadline of calls without one, s", (0.01, 3600.0)),
+    Parameter("poses_from_tf", False, "poses of movable objects are those of the tf frames named by their ids"),
+    Parameter("tf_rate", 5.0, "Hz at which tf is read", (0.1, 50.0)),
+    Parameter("tf_tolerance", 0.0005, "m and rad; smaller motions in tf are ignored", (0.0, 1.0)),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),
-    Parameter("most_map_points", 100_000, "points that one call may ask a map of", (1, MAX_MAP_POINTS)),
+    Parameter("most_map_points", 100_000, "largest number of map points of one call", (1, MAX_MAP_POINTS)),
     Parameter("marker_map_points", 0, "points of the map in the markers of a new assembly; 0: none", (0, MOST_DRAWN)),
 )
 

@@ -28,10 +28,10 @@ COMMANDS = {
     "disassemble": ("assembly", "Find an order in which a scene can be taken apart without moving other objects."),
     "sensitivity": (
         "sensitivity",
-        "Differentiate robustness by masses, poses, friction and the point of the push.",
+        "Differentiate robustness with respect to masses, poses, friction and the push.",
     ),
     "place": ("place", "Find a stable placement for one or more objects in a scene."),
-    "carry": ("carry", "Plan the arm motion that picks up an object and places it where it stays."),
+    "carry": ("carry", "Plan the arm motion that picks up an object and places it in a stable pose."),
     "mismatch": ("mismatch", "Identify the physical effects that a recording shows and the simulation lacks."),
     "simulate": ("simulate", "Simulate the sensor and the joints along a motion and write a recording."),
     "run": ("run", "Start a ROS 2 node of Poise; works without ros2cli."),
@@ -63,7 +63,7 @@ def _placeholder() -> None:
 
 app = typer.Typer(
     cls=LazyGroup,
-    help="Weigh what a robot holds, compute how hard a stack can be pushed, and place the next object where it stays.",
+    help="Weigh what a robot holds, compute how hard a stack can be pushed, and find stable placements.",
     epilog="Exit status: 0 done, 2 bad input, 3 the job has no answer, 1 an internal error.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -90,7 +90,7 @@ def main_options(
         bool, typer.Option("--debug", help="Show the traceback of an error (also: POISE_DEBUG=1).")
     ] = False,
 ) -> None:
-    """Weigh what a robot holds, compute how hard a stack can be pushed, and place the next object where it stays."""
+    """Weigh what a robot holds, compute how hard a stack can be pushed, and find stable placements."""
 
 
 def run(arguments: list[str]) -> int:

@@ -26,10 +26,12 @@ from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.types import Array
 
-_QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow together."
+_QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow in proportion."
 DeadlineOption = Annotated[
     float | None,
-    typer.Option("--deadline", help="s; what is certified by then is returned.", show_default=False, min=0.0),
+    typer.Option(
+        "--deadline", help="Time limit, s; the bounds certified by then are returned.", show_default=False, min=0.0
+    ),
 ]
 
 
@@ -39,11 +41,13 @@ def robustness(
         Path | None,
         typer.Option("--queries", metavar="FILE", help=_QUERIES_HELP, show_default=False),
     ] = None,
-    surface: Annotated[bool, typer.Option("--map", help="Pushes inward all over the surface instead.")] = False,
-    points: Annotated[int, typer.Option("--points", help="Of the map.", min=1, max=1_000_000)] = 10_000,
-    tolerance: Annotated[float, typer.Option("--tolerance", help="Of the map, relative.", min=1e-4, max=1.0)] = 0.03,
+    surface: Annotated[bool, typer.Option("--map", help="Map inward pushes all over the surface instead.")] = False,
+    points: Annotated[int, typer.Option("--points", help="Points of the map.", min=1, max=1_000_000)] = 10_000,
+    tolerance: Annotated[
+        float, typer.Option("--tolerance", help="Relative tolerance of the map.", min=1e-4, max=1.0)
+    ] = 0.03,
     model: Annotated[
-        str | None, typer.Option("--model", help=f"One of {', '.join(ROBUSTNESS_MODELS.names())}.")
+        str | None, typer.Option("--model", help=f"Contact model: {', '.join(ROBUSTNESS_MODELS.names())}.")
     ] = None,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
@@ -59,7 +63,7 @@ def robustness(
     """
     refuse_folders(json_target, picture, rerun)
     if surface and queries is not None:
-        raise InputError(ErrorCode.BAD_INPUT, "--queries and --map ask different questions; give one of them")
+        raise InputError(ErrorCode.BAD_INPUT, "--queries and --map exclude each other; give one of them")
     analysis = open_scene(scene)
     if surface:
         found_map = robustness_map(analysis, points, tolerance, model, deadline)
@@ -84,7 +88,7 @@ def msa(
     scene: SceneArgument,
     directions: Annotated[
         str,
-        typer.Option("--directions", metavar="FILE_OR_N", help="JSON list of [x, y, z], or how many in the plane."),
+        typer.Option("--directions", metavar="FILE_OR_N", help="JSON list of [x, y, z], or a number of azimuths."),
     ] = "72",
     load: LoadOption = None,
     model: LoadModelOption = None,
@@ -141,7 +145,7 @@ def disassemble(
     scene: SceneArgument,
     target: Annotated[
         str | None,
-        typer.Option("--target", help="Take this object only, and what has to go first.", show_default=False),
+        typer.Option("--target", help="Remove this object, and those that must go first.", show_default=False),
     ] = None,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
@@ -210,7 +214,7 @@ def _map_json(found: RobustnessMap) -> dict[str, Any]:
 
 def _print_assessment(found: Assessment, pushes: list[Question], json_target: str | None) -> None:
     people = console(json_target)
-    people.print(f"stands: {'yes' if found.stable else 'no'}, margin {found.margin:.4g} N")
+    people.print(f"stable: {'yes' if found.stable else 'no'}, margin {found.margin:.4g} N")
     if not found.stable or not pushes:
         return
     table = Table("object", "robustness N", "bounds N", "mode", "moves")

@@ -23,7 +23,7 @@ RerunOption = Annotated[
 
 
 def refuse_folders(json_target: str | None, picture: Path | None, rerun: Path | None) -> None:
-    """Say before anything is computed that a folder is no file."""
+    """Refuse a folder as a file name before anything is computed."""
     for option, target in (("--json", json_target), ("--picture", picture), ("--rerun", rerun)):
         refuse_folder(None if target is None else str(target), option)
 

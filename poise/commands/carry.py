@@ -33,7 +33,7 @@ SpecOption = Annotated[
     typer.Option(
         "--object",
         metavar="SPEC",
-        help="What to carry, as an entry of a scene file; its pose is where it lies. A YAML or JSON file, or the text.",
+        help="Object to carry, as an entry of a scene file with its present pose: a YAML or JSON file, or the text.",
         show_default=False,
     ),
 ]
@@ -42,9 +42,9 @@ BaseOption = Annotated[
     tuple[float, float, float, float],
     typer.Option("--base", metavar="X Y Z YAW", help="Where the robot stands in the scene, m and rad."),
 ]
-_TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the URDF between the finger tips, z out of the hand.")]
-_SpeedOption = Annotated[float, typer.Option("--speed", help="m/s of the tool at most.", min=0.01, max=2.0)]
-WaysOption = Annotated[float, typer.Option("--seconds", help="s for looking for ways of the arm.", min=0.1)]
+_TcpOption = Annotated[str, typer.Option("--tcp", help="URDF frame between the finger tips, z out of the hand.")]
+_SpeedOption = Annotated[float, typer.Option("--speed", help="Largest speed of the tool, m/s.", min=0.01, max=2.0)]
+WaysOption = Annotated[float, typer.Option("--seconds", help="Time limit for planning paths of the arm, s.", min=0.1)]
 
 
 def carry(
@@ -65,7 +65,7 @@ def carry(
     picture: ScenePictureOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Plan the arm motion that picks up an object and places it where it stays.
+    """Plan the arm motion that picks up an object and places it in a stable pose.
 
     The answer is a grasp, and joint trajectories that pick the object up, carry it, put it down and let go.
 
@@ -96,7 +96,7 @@ def carry(
         people.print(f"written: {_draw(reach, transfer, found.item, picture)}")
     print_answer(people, found)
     moving = sum(phase.seconds for phase in transfer.phases)
-    people.print(f"held firmly up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
+    people.print(f"the grip holds it up to {transfer.ends.hold:.3g} m/s2; {moving:.1f} s of motion")
 
 
 def _draw(reach: Reach, transfer: Transfer, placed: RigidObject, picture: Path) -> Path:

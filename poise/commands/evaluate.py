@@ -27,7 +27,7 @@ from poise.viewing import readable, rounded
 
 
 def evaluate(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Holds recordings.", show_default=False)],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of recordings.", show_default=False)],
     method: MethodOption = DEFAULT_METHOD,
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,

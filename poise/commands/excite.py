@@ -36,25 +36,31 @@ StartOption = Annotated[
     typer.Option("--start", metavar="Q1,Q2,..", help="Joint positions, rad (default: mid-range).", show_default=False),
 ]
 RadiusOption = Annotated[
-    float, typer.Option("--radius", help="m: the object is nowhere farther from the tool centre point.")
+    float, typer.Option("--radius", help="m: largest distance of the object from the tool centre point.")
 ]
 ObjectMeshOption = Annotated[
     Path | None,
-    typer.Option("--object", metavar="MESH", help="Its shape in the sensor's axes, m, instead.", show_default=False),
+    typer.Option(
+        "--object", metavar="MESH", help="Its shape in the sensor frame, m, in place of --radius.", show_default=False
+    ),
 ]
-StopAndGoOption = Annotated[bool, typer.Option("--stop-and-go", help="Rest in a few poses instead: the safest.")]
-DurationOption = Annotated[float, typer.Option("--duration", help="s of the optimal motion.")]
-PosesOption = Annotated[int, typer.Option("--poses", help="To rest in.")]
-DwellOption = Annotated[float, typer.Option("--dwell", help="s at rest in each.")]
+StopAndGoOption = Annotated[bool, typer.Option("--stop-and-go", help="Stop in a few poses instead; the safest motion.")]
+DurationOption = Annotated[float, typer.Option("--duration", help="Duration of the optimal motion, s.")]
+PosesOption = Annotated[int, typer.Option("--poses", help="Number of poses to stop in.")]
+DwellOption = Annotated[float, typer.Option("--dwell", help="Time at rest in each pose, s.")]
 SpeedOption = Annotated[
-    float, typer.Option("--speed", help="m/s that neither the tool centre point nor the object exceeds.")
+    float, typer.Option("--speed", help="Largest speed of the tool centre point and the object, m/s.")
 ]
-AccelerationOption = Annotated[float, typer.Option("--acceleration", help="rad/s2 of each joint.")]
-RoomOption = Annotated[float, typer.Option("--room", help="m that the tool centre point may go from its start.")]
-MassOption = Annotated[float, typer.Option("--mass", help="kg, a guess at the payload.")]
+AccelerationOption = Annotated[
+    float, typer.Option("--acceleration", help="Largest acceleration of each joint, rad/s2.")
+]
+RoomOption = Annotated[
+    float, typer.Option("--room", help="Largest distance of the tool centre point from its start, m.")
+]
+MassOption = Annotated[float, typer.Option("--mass", help="Approximate mass of the payload, kg.")]
 _SensorFrameOption = Annotated[str, typer.Option("--sensor-frame", help="Frame of the wrench.")]
 TcpOption = Annotated[str, typer.Option("--tcp", help="Frame of the tool centre point; empty: the sensor's.")]
-SeedOption = Annotated[int, typer.Option("--seed", help="The same one gives the same motion.", min=0)]
+SeedOption = Annotated[int, typer.Option("--seed", help="Equal seeds give equal motions.", min=0)]
 OutOption = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="Write the trajectory (YAML).", show_default=False)
 ]
@@ -143,10 +149,10 @@ def sentences(plan: ExcitationPlan, limit: float) -> list[str]:
     proof, about_com = plan.certificate, _about_com_std(plan)
     diagonal = np.sqrt(np.mean(about_com[[3, 6, 8]] ** 2))
     return [
-        f"{proof.duration:.2f} s, back to rest where it began; the tool centre point stays within {proof.room:.3f} m",
+        f"{proof.duration:.2f} s, ends at rest where it began; the tool centre point stays within {proof.room:.3f} m",
         f"certified at every instant: {proof.speed:.3f} of {limit:g} m/s, joints at {proof.joint_speed:.0%} of their"
         f" speed limits and {proof.acceleration:.1f} rad/s²",
-        f"{plan.information:.0f} nats; of a payload of {plan.belief.phi[0]:g} kg it would leave unknown, one sigma:"
+        f"{plan.information:.0f} nats; remaining uncertainty of a payload of {plan.belief.phi[0]:g} kg, one sigma:"
         f" {plan.mass_std * 1e3:.2g} g, {1e3 * float(np.max(about_com[:3])):.2g} mm, {1e6 * diagonal:.2g} kg mm²",
     ]
 
@@ -162,7 +168,9 @@ def _numbers(text: str) -> Array:
     try:
         return np.array([float(part) for part in text.split(",")])
     except ValueError as error:
-        raise InputError(ErrorCode.BAD_INPUT, f"--start '{text}': give numbers with commas between, rad") from error
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"--start '{text}': give joint positions in rad, separated by commas"
+        ) from error
 
 
 def _about_com_std(plan: ExcitationPlan) -> Array:

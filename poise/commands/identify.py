@@ -43,8 +43,8 @@ ObjectOption = Annotated[
     typer.Option(
         "--object",
         metavar="CLOUD_OR_MESH",
-        help="Shape of what is held, in the sensor frame or placed by --object-pose: a mesh (STL, OBJ, PLY; closed"
-        " bodies are its parts) or points on its surface (PLY, XYZ, CSV, NPY, PCD), which are segmented. In m.",
+        help="Shape of the payload in m, in the sensor frame or placed by --object-pose: a mesh (STL, OBJ, PLY; each"
+        " closed body is a part) or points on its surface (PLY, XYZ, CSV, NPY, PCD), which are segmented.",
         show_default=False,
     ),
 ]
@@ -53,25 +53,25 @@ ObjectPoseOption = Annotated[
     typer.Option(
         "--object-pose",
         metavar="'X Y Z QX QY QZ QW'",
-        help="Where the shape's own frame is in the sensor frame, m and a unit quaternion.",
+        help="Pose of the shape's frame in the sensor frame, m and a unit quaternion.",
         show_default=False,
     ),
 ]
 ObjectScaleOption = Annotated[
-    float, typer.Option("--object-scale", help="From the file's unit to m: 0.001 for a mesh in millimetres.")
+    float, typer.Option("--object-scale", help="m per unit of the file: 0.001 for a mesh in millimetres.")
 ]
 ShapeAccuracyOption = Annotated[
     float | None,
     typer.Option(
         "--shape-accuracy",
-        help="Relative error of lengths in the shape, and of where its parts are cut (default: 0.0007 for a mesh of"
-        " several bodies, 0.03 for one body, 0.05 for points).",
+        help="Relative error, one sigma, of lengths in the shape and of the borders of its parts (default: 0.0007 for a"
+        " mesh of several bodies, 0.03 for one body, 0.015 for points).",
         show_default=False,
     ),
 ]
 SensorFrameOption = Annotated[
     str | None,
-    typer.Option("--sensor-frame", help="Frame of the wrench (default: what its messages say).", show_default=False),
+    typer.Option("--sensor-frame", help="Frame of the wrench (default: that of its messages).", show_default=False),
 ]
 UrdfOption = Annotated[
     Path | None,
@@ -83,14 +83,14 @@ UrdfOption = Annotated[
 ]
 GravityOption = Annotated[
     float | None,
-    typer.Option("--gravity", help="m/s2 (default: what the recording says, else 9.80665).", show_default=False),
+    typer.Option("--gravity", help="m/s2 (default: that of the recording, else 9.80665).", show_default=False),
 ]
 WrenchTopicOption = Annotated[str, typer.Option("--wrench-topic", help="Topic of the force-torque sensor.")]
 MaxForceOption = Annotated[
     float,
-    typer.Option("--max-force", help="Range of the sensor, N: what reaches it is not used.", show_default=False),
+    typer.Option("--max-force", help="Range of the sensor, N; samples that reach it are rejected.", show_default=False),
 ]
-MaxTorqueOption = Annotated[float, typer.Option("--max-torque", help="The same, N m.", show_default=False)]
+MaxTorqueOption = Annotated[float, typer.Option("--max-torque", help="The same for torque, N m.", show_default=False)]
 
 
 ReportOption = Annotated[
@@ -104,7 +104,7 @@ ModelOption = Annotated[
     typer.Option(
         "--model",
         metavar="FILE",
-        help="model.yaml of poise mismatch --save: the effects in it are taken out of the wrench first.",
+        help="model.yaml of poise mismatch --save; its effects are first subtracted from the wrench.",
         show_default=False,
     ),
 ]
@@ -278,7 +278,7 @@ def write_report(folder: Path, bag: Path, answer: Identification) -> list[Path]:
 
 
 def print_answer(people: Console, bag: Path, answer: Identification) -> None:
-    """The answer as a table with one-sigma uncertainties, and what it rests on."""
+    """The answer as a table with one-sigma uncertainties, and the data it is based on."""
     estimate = answer.estimate
     title = escape(readable(f"{bag.name}, in the axes of {estimate.frame_id}"))
     table = Table("", "", title=title, title_justify="left")
@@ -307,24 +307,24 @@ def _facts(answer: Identification) -> list[tuple[str, str]]:
     for span in estimate.rejected:
         reasons[span.reason] = reasons.get(span.reason, 0) + span.n_samples
     left_out = ", ".join(f"{count} {reason}" for reason, count in reasons.items()) or "none"
-    used = f"{estimate.n_samples} used, worth {estimate.n_effective:.0f} independent ones"
+    used = f"{estimate.n_samples} used, equivalent to {estimate.n_effective:.0f} independent ones"
     late = (
         ""
         if np.isnan(estimate.delay)
-        else "; wrenches stamped {} ± {} ms after the motion".format(
+        else "; stamps of the wrench are {} ± {} ms late against the motion".format(
             *rounded(1e3 * estimate.delay, 1e3 * estimate.delay_std)
         )
     )
     return [
         ("method", f"{estimate.method}; motion from {answer.source}{late}"),
-        ("samples", f"{used}; left out: {left_out}"),
+        ("samples", f"{used}; rejected: {left_out}"),
         ("residual", f"{estimate.residual_force:.3g} N and {estimate.residual_torque:.3g} N m rms per axis"),
-        ("physics", "a body like this can exist" if estimate.consistent else "NO BODY LIKE THIS CAN EXIST"),
+        ("physics", "physically consistent" if estimate.consistent else "NOT PHYSICALLY CONSISTENT"),
     ]
 
 
 def _doubts(answer: Identification) -> list[str]:
-    """What an answer has to be read with, one sentence each."""
+    """Warnings that qualify an answer, one sentence each."""
     estimate = answer.estimate
     doubts = [finding.message for finding in estimate.findings]
     moved = bool(np.any(answer.motion.angular_velocity_in_sensor))

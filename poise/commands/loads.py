@@ -17,7 +17,9 @@ from poise.types import Array
 
 LoadOption = Annotated[
     str | None,
-    typer.Option("--load", metavar="ID", help="Object of the scene whose mass --model knows.", show_default=False),
+    typer.Option(
+        "--load", metavar="ID", help="Object of the scene that gets the payload of --model.", show_default=False
+    ),
 ]
 LoadModelOption = Annotated[
     Path | None,
@@ -28,7 +30,7 @@ LoadPoseOption = Annotated[
     typer.Option(
         "--load-pose",
         metavar="'X Y Z QX QY QZ QW'",
-        help="Where that object's own frame is in the sensor frame, m and a unit quaternion (default: the same).",
+        help="Pose of that object's frame in the sensor frame, m and a unit quaternion (default: the same frame).",
         show_default=False,
     ),
 ]
@@ -46,7 +48,7 @@ def loaded(
         return analysis, []
     if load is None or model is None:
         raise InputError(
-            ErrorCode.BAD_INPUT, "--load and --model belong together: which object, and what is known of it"
+            ErrorCode.BAD_INPUT, "--load and --model belong together: give the object's id and the model of its payload"
         )
     assembly = analysis.assembly
     item = assembly.objects[assembly.place_of(load)]

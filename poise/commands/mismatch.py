@@ -34,7 +34,7 @@ _ModelOption = Annotated[
 
 BagsArgument = Annotated[
     list[Path],
-    typer.Argument(metavar="BAG...", help=f"{BAG_HELP} Of several, the last is held out.", show_default=False),
+    typer.Argument(metavar="BAG...", help=f"{BAG_HELP} With several, the last is held out.", show_default=False),
 ]
 _ReportOption = Annotated[
     Path | None,
@@ -49,7 +49,7 @@ SeparateOption = Annotated[
     typer.Option(
         "--separate",
         metavar="FILE",
-        help="Design the motion that discriminates between the remaining explanations, and write it (YAML).",
+        help="Design a motion that separates the effects that remain indistinguishable, and write it (YAML).",
         show_default=False,
     ),
 ]
@@ -194,16 +194,16 @@ def print_answer(people: Console, found: Diagnosis) -> None:
         people.print(f"{escape(finding.sentence)} ({100 * finding.belief.probability:.1f} %)", soft_wrap=True)
         if finding.belief.alike:
             people.print(
-                f"  Indistinguishable here from {', '.join(finding.belief.alike)} here; "
-                f"a motion that discriminates: {escape(finding.effect.separating_motion)}",
+                f"  Indistinguishable from {', '.join(finding.belief.alike)} in this recording; "
+                f"a motion that separates them: {escape(finding.effect.separating_motion)}",
                 soft_wrap=True,
             )
         people.print(_table(finding))
     if found.unknown is not None:
         people.print(escape(readable(found.unknown.sentence, 500)), soft_wrap=True)
     people.print(
-        f"Held-out error, in units of the noise: {proof.as_given:.2f} as given, {proof.nominal:.2f} calibrated within "
-        f"the tolerances, {proof.augmented:.2f} with the effects found.",
+        f"Held-out error, in units of the noise: {proof.as_given:.2f} for the model as given, {proof.nominal:.2f}"
+        f" calibrated within the tolerances, {proof.augmented:.2f} with the effects found.",
         soft_wrap=True,
     )
     clock = next(

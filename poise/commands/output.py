@@ -26,7 +26,7 @@ BAG_HELP = "A recording: .mcap, .db3, rosbag2 folder, ROS 1 .bag, or a table wit
 
 
 def console(json_target: str | None) -> Console:
-    """Where people read: stdout, or stderr when stdout carries the JSON."""
+    """The console for text: stdout, or stderr when stdout has the JSON."""
     people = Console(stderr=json_target == STDOUT, highlight=False)
     if not people.is_terminal:
         people.width = max(people.width, PAGE_WIDTH)  # a file has no edge to wrap at

@@ -48,25 +48,24 @@ SpecsOption = Annotated[
 PlacementSeedOption = Annotated[int, typer.Option("--seed", help="Same seed, same answer.", min=0)]
 AttemptsOption = Annotated[int, typer.Option("--attempts", help="Poses to test at most.", min=1)]
 _DeadlineOption = Annotated[
-    float | None, typer.Option("--deadline", help="s; the best found by then is taken.", show_default=False)
+    float | None,
+    typer.Option("--deadline", help="Time limit, s; the best placement by then is returned.", show_default=False),
 ]
-CandidatesOption = Annotated[
-    int, typer.Option("--candidates", help="Placements to find before the best is taken.", min=1)
-]
-CriterionOption = Annotated[str, typer.Option("--criterion", help=f"What is best: {', '.join(CRITERIA)}.")]
-OnOption = Annotated[str, typer.Option("--on", help="What may carry it: any, objects or fixed.")]
+CandidatesOption = Annotated[int, typer.Option("--candidates", help="Placements to find; the best is returned.", min=1)]
+CriterionOption = Annotated[str, typer.Option("--criterion", help=f"Criterion of the best: {', '.join(CRITERIA)}.")]
+OnOption = Annotated[str, typer.Option("--on", help="What may support it: any, objects or fixed.")]
 RobustOption = Annotated[
-    bool, typer.Option("--robust", help="It has to stay in spite of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
+    bool, typer.Option("--robust", help="Require stability under errors of 2 mm, 2 degrees, 20 % friction, 10 % mass.")
 ]
-RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as it gets better.")]
+RefiningOption = Annotated[bool, typer.Option("--refine", help="Then move it as long as the criterion improves.")]
 PlannerOption = Annotated[str, typer.Option("--planner", help=f"One of {', '.join(PLACEMENT_PLANNERS.names())}.")]
-OrdersOption = Annotated[int, typer.Option("--orders", help="Orders of several objects to look at.", min=1)]
+OrdersOption = Annotated[int, typer.Option("--orders", help="Orders of several objects to try.", min=1)]
 KeepFreeOption = Annotated[
     tuple[float, float, float, float, float, float] | None,
     typer.Option(
         "--keep-free",
         metavar="X Y Z X Y Z",
-        help="Two corners, m, of a room into which nothing is put: where more will be picked up.",
+        help="Two opposite corners, m, of a box that stays free, for example where objects are picked up.",
         show_default=False,
     ),
 ]
@@ -128,7 +127,7 @@ def place(
 
 
 def looks_of(keep_free: tuple[float, ...] | None) -> tuple[tuple[str, PoseTest], ...]:
-    """For `Options.looks`: the room that the option names stays free."""
+    """For `Options.looks`: the box of the option stays free."""
     if keep_free is None:
         return ()
     return (("in the room to be kept free", KeptFree(np.array(keep_free[:3]), np.array(keep_free[3:]))),)
@@ -155,8 +154,8 @@ def print_answer(people: Console, found: Placement | PlacementSequence) -> None:
         x, y, z, *quaternion = placement.pose.vector
         turn = f"{number + 1}. " if len(placements) > 1 else ""
         where = f"x {x:.4f} y {y:.4f} z {z:.4f} m, quaternion {np.round(quaternion, 4).tolist()}"
-        people.print(f"{turn}{placement.item.id} stays at {where}")
-    people.print(f"least robustness of the assembly then: {found.score.least:.3g} N")
+        people.print(f"{turn}{placement.item.id}: stable at {where}")
+    people.print(f"least robustness of the resulting assembly: {found.score.least:.3g} N")
     counts = sum((Counter(placement.rejected) for placement in placements), Counter[str]())
     rejected = ", ".join(f"{count} {why}" for why, count in counts.most_common())
     tested = sum(placement.iterations for placement in placements)
@@ -164,7 +163,7 @@ def print_answer(people: Console, found: Placement | PlacementSequence) -> None:
 
 
 def failure_of(error: NoAnswerError) -> dict[str, Any]:
-    """Why there is no answer, for programs."""
+    """The reason why there is no answer, as JSON fields."""
     return {"error": error.code.name, "code": int(error.code), "message": error.message, **error.data}
 
 
@@ -216,5 +215,5 @@ def read_spec(spec: str, number: int = 0, needs: str | None = None) -> RigidObje
     if isinstance(content, dict):
         content.setdefault("id", f"placed_{number + 1}" if number else "placed")
         if needs is not None and needs not in content:
-            raise InputError(ErrorCode.BAD_INPUT, f"--object: has no {needs}; give it")
+            raise InputError(ErrorCode.BAD_INPUT, f"--object: {needs} is missing; give it")
     return read_object(content, folder, "--object")

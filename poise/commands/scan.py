@@ -20,7 +20,9 @@ from poise.shape import Segmentation, labelled_ply, segment, surface_ply
 _BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help=BAG_HELP)]
 CloudOption = Annotated[
     Path | None,
-    typer.Option("--out", metavar="PLY", help="Write the cloud: colours, normals, what was seen.", show_default=False),
+    typer.Option(
+        "--out", metavar="PLY", help="Write the cloud with colours, normals and the field seen.", show_default=False
+    ),
 ]
 PartsOption = Annotated[
     Path | None,
@@ -38,8 +40,8 @@ NearOption = Annotated[
     typer.Option(
         "--near",
         metavar="'X Y Z'",
-        help="m in the robot's base: of several objects, the one nearest to it (the grasp). Without: nearest to where"
-        " the camera looks.",
+        help="Point in the robot's base frame, m: of several objects, the one nearest to it is scanned (default: the"
+        " one in the middle of the views).",
         show_default=False,
     ),
 ]
@@ -48,21 +50,23 @@ HandEyeOption = Annotated[
     typer.Option(
         "--hand-eye",
         metavar="'LINK X Y Z QX QY QZ QW'",
-        help="The camera's optical frame in a link of the robot, m and a quaternion. Without: robot_description or"
-        " tf_static have it.",
+        help="Pose of the camera's optical frame in a link of the robot, m and a quaternion (default: from"
+        " robot_description or tf_static).",
         show_default=False,
     ),
 ]
 _UrdfOption = Annotated[
     str | None,
-    typer.Option("--urdf", metavar="FILE", help="The robot. Without: the bag's robot_description.", show_default=False),
+    typer.Option(
+        "--urdf", metavar="FILE", help="The robot (default: robot_description in the bag).", show_default=False
+    ),
 ]
-FramesOption = Annotated[int, typer.Option("--frames", min=1, max=600, help="The most frames that are used.")]
-VoxelOption = Annotated[float, typer.Option("--voxel", min=2e-4, max=0.05, help="m, spacing of the points.")]
-UnitOption = Annotated[float, typer.Option("--depth-unit", min=1e-6, max=1.0, help="m, of integer depth.")]
-DelayOption = Annotated[float, typer.Option("--delay", help="s that the images' stamps are late.")]
+FramesOption = Annotated[int, typer.Option("--frames", min=1, max=600, help="Largest number of frames.")]
+VoxelOption = Annotated[float, typer.Option("--voxel", min=2e-4, max=0.05, help="Spacing of the points, m.")]
+UnitOption = Annotated[float, typer.Option("--depth-unit", min=1e-6, max=1.0, help="Unit of integer depth, m.")]
+DelayOption = Annotated[float, typer.Option("--delay", help="Delay of the images' stamps, s.")]
 TopicOption = Annotated[
-    str, typer.Option("--depth-topic", help="Depth image or PointCloud2. Without: found.", show_default=False)
+    str, typer.Option("--depth-topic", help="Depth image or PointCloud2 (default: found by type).", show_default=False)
 ]
 
 

@@ -20,7 +20,7 @@ CloudArgument = Annotated[
 
 def segment(
     cloud: CloudArgument,
-    scale: Annotated[float, typer.Option("--scale", help="From the file's unit to m (0.001 for mm).")] = 1.0,
+    scale: Annotated[float, typer.Option("--scale", help="m per unit of the file (0.001 for mm).")] = 1.0,
     picture: Annotated[
         Path | None, typer.Option("--picture", metavar="PNG", help="Draw the parts.", show_default=False)
     ] = None,

@@ -26,18 +26,20 @@ def sensitivity(
     ],
     force: Annotated[
         float | None,
-        typer.Option("--force", help="N; also: how probably does a push this hard move anything?", min=0.0),
+        typer.Option("--force", help="N; also compute the probability that this push moves anything.", min=0.0),
     ] = None,
     friction_deviation: Annotated[
-        float, typer.Option("--friction-deviation", help="Of pairs that have none in the scene.", min=0.0)
+        float, typer.Option("--friction-deviation", help="One sigma of pairs without one in the scene.", min=0.0)
     ] = 0.0,
-    pose_deviation: Annotated[float, typer.Option("--pose-deviation", help="m, across gravity.", min=0.0)] = 0.0,
-    samples: Annotated[int, typer.Option("--samples", help="For --force.", min=1, max=1_000_000)] = 1000,
-    seed: Annotated[int, typer.Option("--seed", help="Of the samples.", min=0)] = 0,
+    pose_deviation: Annotated[
+        float, typer.Option("--pose-deviation", help="m, one sigma, normal to gravity.", min=0.0)
+    ] = 0.0,
+    samples: Annotated[int, typer.Option("--samples", help="Samples for --force.", min=1, max=1_000_000)] = 1000,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     deadline: DeadlineOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Differentiate robustness by masses, poses, friction and the point of the push.
+    """Differentiate robustness with respect to masses, poses, friction and the push.
 
     Exact derivatives, from how things collapse. With --force: the probability that a push this hard moves anything,
     given the covariances and deviations in the scene.

@@ -45,7 +45,7 @@ def simulate(
     noise: Annotated[
         bool, typer.Option("--noise", help="Add the model's noise to the wrench, 0.1 N m to efforts.")
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Of the noise.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the noise.")] = 0,
     json_target: Annotated[
         str | None,
         typer.Option("--json", metavar="FILE", help="Write a summary as JSON; - for stdout.", show_default=False),

@@ -33,7 +33,7 @@ def test_the_plan_ends_with_the_object_where_it_stays(tmp_path, capsys):
     placed = {item.id: item for item in load_scene(scene).objects}["can"]
     np.testing.assert_allclose(placed.pose.vector, answer["pose"], atol=1e-9)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert "can stays at" in capsys.readouterr().out
+    assert "can: stable at" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
