@@ -26,14 +26,12 @@ def sensitivity(
     ],
     force: Annotated[
         float | None,
-        typer.Option("--force", help="N; also compute the probability that this push moves anything.", min=0.0),
+        typer.Option("--force", help="N; also: the probability that it moves anything.", min=0.0),
     ] = None,
     friction_deviation: Annotated[
-        float, typer.Option("--friction-deviation", help="One sigma of pairs without one in the scene.", min=0.0)
+        float, typer.Option("--friction-deviation", help="One sigma, if the scene has none.", min=0.0)
     ] = 0.0,
-    pose_deviation: Annotated[
-        float, typer.Option("--pose-deviation", help="m, one sigma, normal to gravity.", min=0.0)
-    ] = 0.0,
+    pose_deviation: Annotated[float, typer.Option("--pose-deviation", help="m, normal to gravity.", min=0.0)] = 0.0,
     samples: Annotated[int, typer.Option("--samples", help="Samples for --force.", min=1, max=1_000_000)] = 1000,
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 0,
     deadline: DeadlineOption = None,

@@ -116,7 +116,7 @@ def test_bad_queries_are_refused(run, tmp_path, content, code):
 
 
 def test_queries_and_map_together_are_refused(run, tmp_path):
-    with pytest.raises(InputError, match="different questions"):
+    with pytest.raises(InputError, match="exclude each other"):
         run("robustness", scenes.cube(), "--map", "--queries", write_queries(tmp_path, []))
 
 

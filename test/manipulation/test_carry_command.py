@@ -39,7 +39,7 @@ def test_the_plan_ends_with_the_object_where_it_stays(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
-        (["--object", "{cylinder: [0.03, 0.1], mass: 0.3}"], 2, "has no pose"),
+        (["--object", "{cylinder: [0.03, 0.1], mass: 0.3}"], 2, "pose is missing"),
         (["--object", CAN.replace("can", "cube")], 2, "id that is not in the scene"),
         (["--object", CAN.replace("-0.42, 0.05", "0.0, 0.05").replace("-0.1", "0.0")], 2, "cube"),
         (["--object", CAN, "--robot", "no_such.urdf"], 2, "no_such.urdf"),

@@ -48,5 +48,5 @@ def test_the_effect_of_the_page_works(tmp_path, monkeypatch):
 
 
 def test_the_page_names_the_whole_library_and_nothing_else():
-    table = PAGE[PAGE.index("## What is in the library") : PAGE.index("Each file in")]
+    table = PAGE[PAGE.index("## Effects in the library") : PAGE.index("Each file in")]
     assert set(re.findall(r"`(\w+)`", table)) == {effect.name for effect in all_effects()}
