@@ -174,7 +174,8 @@ setup(
             "types-pyserial",
             "pre-commit",
             "colcon-common-extensions",
-            "setuptools<80",  # colcon build --symlink-install calls `develop --editable`, which release 80 removed
+            # 70.1 brings bdist_wheel; 80 removed `develop --editable`, which colcon build --symlink-install calls.
+            "setuptools>=70.1,<80",
             "mcap-ros2-support",  # a second reader, for tests and benchmarks/bags.py
             *SIM_REQUIRES,
             *BASELINE_REQUIRES,

@@ -67,6 +67,10 @@ class Witness:
                 assert time.monotonic() < end, self.kinds
                 self._arrived.wait(0.02)
 
+    def wait_for_wrench(self, wrench: np.ndarray) -> None:
+        """Wait until no sample on its way shows another wrench (6,)."""
+        self.wait_for(lambda: np.allclose(self.all_blocks[-1].wrench_in_sensor[-1], wrench, atol=1e-6))
+
 
 @pytest.fixture
 def sensor() -> Iterator[FakeRdtSensor]:
@@ -210,7 +214,7 @@ def test_a_bias_is_taken_off_what_follows(sensor: FakeRdtSensor) -> None:
         witness.wait_for(lambda: witness.all_blocks)
         bias = session.acquisition.zero(100, timeout=20.0)
         np.testing.assert_allclose(bias.wrench_in_sensor, WRENCH, atol=1e-6)
-        witness.wait_for(lambda: np.allclose(witness.all_blocks[-1].wrench_in_sensor[-1], 0, atol=1e-6))
+        witness.wait_for_wrench(np.zeros(6))
         np.testing.assert_allclose(session.acquisition.report().bias, WRENCH, atol=1e-6)
         again = session.acquisition.zero(100, timeout=20.0)  # of the raw samples, not of what is left of them
         np.testing.assert_allclose(again.wrench_in_sensor, WRENCH, atol=1e-6)
@@ -227,13 +231,13 @@ def test_a_device_that_does_not_zero_itself_is_found_out(sensor: FakeRdtSensor) 
     with Session(sensor) as session:
         session.witness.wait_for(lambda: session.witness.all_blocks)
         sensor._source = WrenchSource([[0.0] * 6])  # what it zeroes at
+        session.witness.wait_for_wrench(np.zeros(6))
         bias = session.acquisition.zero(50, timeout=20.0, hardware=True)
         assert bias.count == 50
         report = session.acquisition.report()
         assert (report.restarts, report.duplicates, report.lost) == (1, 0, 0)  # the stream restarted
         sensor._source = WrenchSource(WRENCH)
-        received = session.acquisition.report().received
-        session.witness.wait_for(lambda: session.acquisition.report().received > received + 200)
+        session.witness.wait_for_wrench(WRENCH)
         sensor.deaf_to_bias = True
         with pytest.raises(SensorError, match="did not zero itself") as caught:
             session.acquisition.zero(50, timeout=20.0, hardware=True)
