@@ -4,6 +4,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
@@ -32,7 +33,7 @@ _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class InertialEstimator(Node):
-    """Subscribes to wrench, joint_states, robot_description, tf; publishes inertial_estimate and diagnostics."""
+    """Subscribes to wrench, joint_states, robot_description, odom, tf; publishes inertial_estimate and diagnostics."""
 
     def __init__(self) -> None:
         super().__init__("inertial_estimator")
@@ -50,6 +51,7 @@ class InertialEstimator(Node):
         for message_type, topic, callback, qos in (
             (WrenchStamped, "wrench", self._on_wrench, wrench_qos),
             (JointState, "joint_states", self._on_joint_state, QoSProfile(depth=2000)),
+            (Odometry, "odom", self._on_odometry, QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)),
             (String, "robot_description", self._on_description, _LATCHED),
             (Imu, "imu", self._on_imu, QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)),
             (TFMessage, "tf", self._on_tf, QoSProfile(depth=2000)),
@@ -71,6 +73,11 @@ class InertialEstimator(Node):
     def _on_joint_state(self, message: JointState) -> None:
         stamp, now = stamp_of(message), time.monotonic()
         self.live.add_joint_state(stamp, message.name, message.position, message.velocity, now)
+
+    def _on_odometry(self, message: Odometry) -> None:
+        turn, at = message.pose.pose.orientation, message.pose.pose.position
+        rotation = rotation_of_quaternion([turn.x, turn.y, turn.z, turn.w])
+        self.live.add_odometry(stamp_of(message), rotation, (at.x, at.y, at.z), time.monotonic())
 
     def _on_imu(self, message: Imu) -> None:
         felt = message.linear_acceleration

@@ -34,7 +34,7 @@ from poise.robot.motion_buffers import (
     StaticPoseBuffer,
 )
 from poise.robot.odometry import MeasuredBase, base_from_odometry, base_motion_at
-from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of
+from poise.robot.recorded_kinematics import Kinematics, find_kinematics, has_topic, robot_of, robot_on_odometry
 from poise.robot.regular_clock import regular_clock
 from poise.robot.resampled import ResampledSignal, resample, sampling_times
 from poise.robot.scatter import ScatterMeter, scatter
@@ -101,6 +101,7 @@ __all__ = [
     "regular_clock",
     "resample",
     "robot_of",
+    "robot_on_odometry",
     "sampling_times",
     "scatter",
     "sensor_motion",

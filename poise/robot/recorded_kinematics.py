@@ -103,21 +103,38 @@ def robot_of(
     Raises:
         InputError: JOINT_MISSING, or as `RobotModel.from_urdf`.
     """
+    found: dict[tuple[str, ...], JointStream] = {}
+
+    def has_joints(names: tuple[str, ...]) -> bool:
+        try:
+            found[names] = joint_states(names)
+        except InputError as error:
+            if error.code is not ErrorCode.JOINT_MISSING:
+                raise
+        return names in found
+
     robot = RobotModel.from_urdf(text, sensor_frame)
-    if odometry is None:
-        return joint_states(robot.joint_names), robot, None
-    try:
-        joints = joint_states(robot.joint_names)
-    except InputError as error:
-        leading = robot.base_joints or int(robot.slides_first)
-        if error.code is not ErrorCode.JOINT_MISSING or not leading:
-            raise
-        joints = joint_states(robot.joint_names[leading:])
-        locked = robot.joint_names[:leading]
-        return joints, RobotModel.from_urdf(text, sensor_frame, base="floating", locked=locked), odometry
-    if robot.base_joints:
-        return joints, robot, None
-    return joints, RobotModel.from_urdf(text, sensor_frame, base="floating"), odometry
+    if odometry is not None:
+        robot = robot_on_odometry(robot, text, has_joints)
+    joints = found.get(robot.joint_names) or joint_states(robot.joint_names)
+    return joints, robot, odometry if robot.base == "floating" else None
+
+
+def robot_on_odometry(robot: RobotModel, text: str, has_joints: Callable[[tuple[str, ...]], bool]) -> RobotModel:
+    """The same robot with a floating base, where odometry has to move it; see `robot_of`.
+
+    Args:
+        robot: with a fixed base.
+        text: its URDF.
+        has_joints: whether the joint states contain all of these joints.
+    """
+    if has_joints(robot.joint_names):
+        return robot if robot.base_joints else RobotModel.from_urdf(text, robot.sensor_frame, base="floating")
+    leading = robot.base_joints or int(robot.slides_first)
+    if not leading or not has_joints(robot.joint_names[leading:]):
+        return robot
+    locked = robot.joint_names[:leading]
+    return RobotModel.from_urdf(text, robot.sensor_frame, base="floating", locked=locked)
 
 
 def _joint_kinematics(stream: JointStream, model: RobotModel, odometry: PoseStream | None) -> Kinematics:

@@ -14,7 +14,17 @@ from poise.inertia.estimators import AUTO, DEFAULT_METHOD, check_method, estimat
 from poise.inertia.model import UNKNOWN_NOISE, NoiseLevels, Parts
 from poise.inertia.pipeline.estimate import InertialEstimate
 from poise.inertia.pipeline.online import OnlineEstimator
-from poise.robot import FrameSource, FrameTree, JointSource, LiveImu, MotionSource, PairingSettings, RobotModel
+from poise.robot import (
+    FrameSource,
+    FrameTree,
+    JointSource,
+    LiveImu,
+    MotionSource,
+    PairingSettings,
+    RobotModel,
+    robot_on_odometry,
+)
+from poise.types import Array
 
 _JOINTS, _FRAMES = "joint_states", "tf"
 SOURCES = (AUTO, _JOINTS, _FRAMES)
@@ -28,6 +38,8 @@ FLUSH_AFTER = 0.5
 """s without any message after which the pipeline waits no longer."""
 _EARLY, _EARLY_SPAN = 20_000, 20.0
 """Wrenches and joint states, and s of tf, that are kept until the source of the motion is chosen."""
+_RECENT = 4000
+"""Joint states and odometry that are kept for the source that replaces the present one when the base begins to move."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +104,9 @@ class LiveEstimator:
         """Wrenches of other frames than the first one's, by frame."""
         self.early_joints: deque[tuple[int, Sequence[str], ArrayLike, ArrayLike]] = deque(maxlen=_EARLY)
         """Joint states that wait for a robot description."""
+        self._recent_joints: deque[tuple[int, Sequence[str], ArrayLike, ArrayLike]] = deque(maxlen=_RECENT)
+        self._odometry: deque[tuple[int, Array, Array]] = deque(maxlen=_RECENT)
+        self._base_moves = False
         self.heard: dict[str, float] = {}
         """When a wrench and usable kinematics came last."""
         self._wrench_frame = ""
@@ -142,11 +157,33 @@ class LiveEstimator:
         if self.joints is None:
             self.early_joints.append((stamp, names, position, velocity))
             return
+        self._recent_joints.append((stamp, names, position, velocity))
         rates = np.asarray(velocity, dtype=np.float64)
         if self.joints.extend([stamp], names, np.asarray(position)[None], rates[None] if rates.size else None):
             self._has_moved(now)
             if not self._uses(self.joints):
                 self._choose(self.joints)
+
+    def add_odometry(self, stamp: int, rotation: ArrayLike, translation: ArrayLike, now: float) -> None:
+        """Take the pose of the root link in the world, (3, 3) and (3,) m.
+
+        As in a recording, odometry counts once it shows motion that the joint states do not contain.
+        """
+        if self.options.motion_source == _FRAMES:
+            return
+        turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+        self._odometry.append((stamp, turn, shift))
+        if self._base_moves:
+            if self.joints is not None:
+                self.joints.add_odometry([stamp], turn[None], shift[None])
+            return
+        _, first_turn, first_shift = self._odometry[0]
+        self._base_moves = not (np.array_equal(turn, first_turn) and np.array_equal(shift, first_shift))
+        if self._base_moves and self.joints is not None:
+            self.early_joints.extend(self._recent_joints)
+            self._recent_joints.clear()
+            self.joints = None
+            self._read_description(now)
 
     def add_transform(
         self, stamp: int, parent: str, child: str, rotation: ArrayLike, translation: ArrayLike, fixed: bool, now: float
@@ -288,13 +325,24 @@ class LiveEstimator:
         if not self._description or not self.sensor_frame or self.joints is not None:
             return
         try:
-            self.joints = JointSource(RobotModel.from_urdf(self._description, self.sensor_frame))
+            robot = RobotModel.from_urdf(self._description, self.sensor_frame)
+            if self._base_moves:
+                robot = robot_on_odometry(robot, self._description, self._has_joints)
+            self.joints = JointSource(robot)
             self.problem = None
         except InputError as error:
             self.problem = error
             return
+        if self._base_moves:
+            for stamp, turn, shift in self._odometry:
+                self.joints.add_odometry([stamp], turn[None], shift[None])
         while self.early_joints:
             self.add_joint_state(*self.early_joints.popleft(), now)
+
+    def _has_joints(self, names: tuple[str, ...]) -> bool:
+        """Some joint state contains these joints; True before the first one."""
+        heard = [message[1] for message in self.early_joints]
+        return not heard or any(set(names) <= set(each) for each in heard)
 
     def _take_imu(self) -> None:
         """Once it is known how it is mounted, and wanted."""
