@@ -30,7 +30,7 @@ class Trial:
         seconds: of processor time until the placement was known; judging it is part of Poise's own planning.
         attempts: poses tried.
         wrench: N, the weakest of twelve wrenches on any object (moments counted as forces at its radius).
-        least, volume: see `poise.placement.Merit`.
+        least, volume: see `poise.placement.PlacementScore`.
         moved: m, in MuJoCo, in two seconds; infinite when it fell.
         shaken: the same with errors of pose and friction.
         why: when there is no placement.

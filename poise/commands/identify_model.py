@@ -27,7 +27,7 @@ def without_effects(
     Sensor frame and gravity of the command line count before the model's.
 
     Raises:
-        InputError: as `load_model` and `take_out`.
+        InputError: as `load_model` and `compensate`.
     """
     if model is None:
         yield bag, None

@@ -56,7 +56,7 @@ def encode_rows(topic: str, stream: Stream, stamps: Stamps) -> Rows:
 
 
 def _columns(stream: Stream) -> dict[str, Array]:
-    """(N, K) numbers by their names in `cdr.SPECS`."""
+    """(N, K) numbers by their names in the message layouts of `cdr.py`."""
     if isinstance(stream, WrenchStream):
         return {"wrench": stream.wrench_in_sensor}
     if isinstance(stream, JointStream):

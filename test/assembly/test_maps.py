@@ -215,6 +215,13 @@ def test_a_map_has_a_largest_size():
     assert refused.value.code is ErrorCode.BAD_INPUT
 
 
+@pytest.mark.parametrize("count", [0, -1])
+def test_a_map_without_points_is_refused(count):
+    with pytest.raises(InputError, match="at least one") as refused:
+        robustness_map(scenes.cube(), count)
+    assert refused.value.code is ErrorCode.BAD_INPUT
+
+
 def test_chunks_of_rows_change_no_bound(monkeypatch):
     scene = on_floor(capsule())
     whole = robustness_map(scene, 600)

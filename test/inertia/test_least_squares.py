@@ -34,6 +34,17 @@ def test_covariances_are_symmetric_to_the_last_digit(rng):
         np.testing.assert_array_equal(covariance, covariance.T)
 
 
+@pytest.mark.parametrize("still", [[0, 1, 2, 3, 4, 5], [3, 4, 5]])
+def test_a_sensor_that_reads_zero_gives_an_answer(rng, still):
+    """An unplugged amplifier reads zero everywhere; a point mass at the origin has no torque."""
+    matrix = regressor(*random_motion(rng, 100))
+    wrench = noise(rng, 100)
+    wrench[:, still] = 0.0
+    solution = solve(accumulated(matrix, wrench))
+    assert abs(solution.phi[0]) < 0.1
+    assert np.isfinite(solution.covariance[0, 0])
+
+
 def test_without_noise_the_truth_comes_back_with_its_bias(rng):
     for _ in range(20):
         body = random_body(rng)

@@ -137,6 +137,7 @@ INPUTS = {
     "healthy": healthy,
     "opposite sign": scaled(-1.0),
     "kgf": scaled(1 / 9.80665),
+    "zero": scaled(0.0),
     "clipped": clipped,
     "saturated": saturated,
     "not finite": not_finite,

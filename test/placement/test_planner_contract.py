@@ -112,5 +112,6 @@ def test_a_planner_whose_engine_is_not_installed_says_how_to_install_it(monkeypa
 
 def test_without_the_baselines_those_of_poise_remain():
     own = Registry("planner", ("poise.placement.planners", "poise.not_installed.planners"))
-    assert own.names() == ("poise",)
+    assert "poise" in own.names()
+    assert not {"approx", "sim-above"} & set(own.names())
     assert set(own.names()) < set(PLACEMENT_PLANNERS.names())

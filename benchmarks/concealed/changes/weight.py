@@ -38,7 +38,7 @@ class OtherPayload(Change):
 
 @dataclass
 class PointMass(Change):
-    """A point fixed to the load whose mass is `mass_at` a time; the payload counts it as it is in the beginning."""
+    """A point fixed to the load with `masses` at `times`; the payload counts it as it is in the beginning."""
 
     place: Array = field(default_factory=lambda: np.zeros(3))
     times: tuple[float, ...] = ()

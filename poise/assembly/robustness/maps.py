@@ -89,7 +89,7 @@ def robustness_map(
         deadline: s; what is certified by then is returned, with bounds 0 and inf for the rest.
 
     Raises:
-        InputError: BAD_INPUT for a model without certified bounds, or for more than `MAX_MAP_POINTS` points;
+        InputError: BAD_INPUT for a model without certified bounds, or for no points or more than `MAX_MAP_POINTS`;
             INTERPENETRATION, FLOATING.
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
@@ -122,6 +122,8 @@ def robustness_map(
 def _check_request(model: str, count: int) -> None:
     if not ROBUSTNESS_MODELS.find(model).maps:
         raise InputError(ErrorCode.BAD_INPUT, f"maps are certified for limit, patch and default, not for {model!r}")
+    if count < 1:
+        raise InputError(ErrorCode.BAD_INPUT, f"a map of {count} points shows nothing; ask for at least one")
     if count > MAX_MAP_POINTS:
         raise InputError(ErrorCode.BAD_INPUT, f"a map of {count} points is too large; ask for {MAX_MAP_POINTS} at most")
 

@@ -31,7 +31,7 @@ def thesis(analysis: Analysis, loads: Loads, deadline: Deadline) -> LimitLoads:
 
     Its own error: contact forces at rest decide, so that what the push itself adds to them is missed where friction
     and normal forces couple, and 20 sampled points move edges inwards (4-7 %). Blocks of a wall have exponentially
-    many cuts: past `toppling.SUBSETS` the answer is not complete.
+    many cuts: past `toppling.MOST_CUTS` the answer is not complete.
 
     Raises:
         InputError: BAD_INPUT for several forces at once.

@@ -63,7 +63,7 @@ class MassModel:
 
     @classmethod
     def of_parts(cls, unit_phi: Array, volumes: Array, likeness: Array | None = None) -> "MassModel":
-        """From parts in the sensor frame, see `poise.inertia.parts.Parts`."""
+        """From parts in the sensor frame, see `poise.inertia.model.Parts`."""
         shares = volumes / volumes.sum()
         moments = (_MOMENTS @ unit_phi).T.reshape(-1, 4, 4)
         whole = (shares @ moments.reshape(-1, 16)).reshape(4, 4)

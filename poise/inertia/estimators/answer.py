@@ -40,7 +40,7 @@ def answer(
 
 
 def condition_number(problem: IdentificationProblem) -> float:
-    """Of the noise-weighted normal matrix of phi with columns scaled to one, as in `Solution`; infinite when singular.
+    """Of the noise-weighted normal matrix of phi with scaled columns, as in `InertialSolution`; infinite when singular.
 
     Its square root is the condition number of the scaled regressor (Gautier and Khalil 1992).
     """

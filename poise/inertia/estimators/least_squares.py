@@ -21,6 +21,8 @@ NULL_SHARE = 1e-5
 # One sigma as wide as the whole mass swung by this many metres says nothing about what a hand can hold.
 _REACH = 0.1
 _MAX_ITERATIONS = 50
+# N^2 and (N m)^2, far below what a sensor resolves: wrenches without noise, or all zero, get finite weights.
+_LEAST_VARIANCE = 1e-24
 
 
 def solve(information: InformationAccumulator, noise: ArrayLike | None = None) -> InertialSolution:
@@ -87,7 +89,7 @@ def _noise_variances(sums: Array, n: int, noise: ArrayLike | None) -> Array:
     """(2,) the given variances, or a first guess: the mean square of what was measured."""
     if noise is not None:
         return np.square(np.asarray(noise, dtype=np.float64))
-    return np.maximum(sums[:, N_UNKNOWNS, N_UNKNOWNS] / (3 * n), np.finfo(np.float64).tiny)
+    return np.maximum(sums[:, N_UNKNOWNS, N_UNKNOWNS] / (3 * n), _LEAST_VARIANCE)
 
 
 def _residual_variances(sums: Array, n: int, weighted: _Weighted) -> Array:
@@ -101,7 +103,7 @@ def _residual_variances(sums: Array, n: int, weighted: _Weighted) -> Array:
         )
     variances: Array = quadratic(sums, weighted.unknowns) / freedom
     rounding = 1e-14 * sums[:, N_UNKNOWNS, N_UNKNOWNS] / (3 * n)
-    return variances.clip(min=np.maximum(rounding, np.finfo(np.float64).tiny))
+    return variances.clip(min=np.maximum(rounding, _LEAST_VARIANCE))
 
 
 def _solution(information: InformationAccumulator, weighted: _Weighted) -> InertialSolution:

@@ -52,13 +52,13 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     loud = _louder_when_fast(problem, residual)
     allowed = _MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
-    depends = _depends(problem, seconds, residual, scaled, loud) if structured else ()
+    depends = _depends(problem, seconds, scaled, loud) if structured else ()
     return ResidualTest(
         excess, structured, loud, depends, _strongest_correlation(whitened.reshape(residual.shape[1], -1))
     )
 
 
-def _depends(problem: Problem, seconds: Array, residual: Array, scaled: Array, loud: bool) -> tuple[str, ...]:
+def _depends(problem: Problem, seconds: Array, scaled: Array, loud: bool) -> tuple[str, ...]:
     if loud:
         return ("joint_velocity",)
     direct = goes_with(problem.recorded, seconds, scaled, slice(None)) if len(seconds) == len(problem.recorded) else []
