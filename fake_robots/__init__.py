@@ -1,1 +1,1 @@
-"""Fake hardware: simulated arms, replayed bags and sensors with the real protocols, with faults on purpose."""
+"""Fake hardware: simulated arms, replayed bags and sensors with the real protocols, with injected faults."""

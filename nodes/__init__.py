@@ -1,1 +1,1 @@
-"""ROS 2 nodes: parameters in, one core call, messages out."""
+"""ROS 2 nodes: they read parameters, call the core and publish messages."""

@@ -1,7 +1,7 @@
-"""Poise: weigh what a mobile manipulator holds, compute how hard a stack can be pushed, place the next object.
+"""Poise: weigh the object that a robot holds, compute how hard a stack can be pushed, place the next object.
 
 The functions below load their room on first use, so `import poise` is fast. The rooms (`poise.inertia`,
-`poise.assembly`, ...) offer more. Nothing in here but `nodes` and `fake_robots` imports ROS.
+`poise.assembly`, ...) have more functions. Only `poise.nodes` and `poise.fake_robots` import ROS.
 
 Example:
     >>> import poise

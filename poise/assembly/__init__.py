@@ -1,7 +1,7 @@
-"""How hard objects in frictional contact may be pushed and carried, and in which order they may be taken apart.
+"""How hard objects in frictional contact can be pushed, how fast they can be carried, and how to take them apart.
 
-- `load_scene`, `Assembly`, `RigidObject`: the objects. `Analysis`: an assembly prepared for many questions.
-- `assess`: robustness to pushes. `robustness_map`: to pushes all over the surface.
+- `load_scene`, `Assembly`, `RigidObject`: the objects. `Analysis`: an assembly prepared for many queries.
+- `assess`: robustness to pushes. `robustness_map`: robustness at points all over the surface.
 - `sensitivity`, `motion_probability`: derivatives of robustness, and the probability that something moves.
 - `acceleration_limits`: how fast a base that carries the objects may accelerate. `plan_disassembly`: order of removal.
 

@@ -1,7 +1,7 @@
-"""Models and planners that others proposed, to compare with; registries find them by name.
+"""Published models and planners for comparison; registries find them by name.
 
-- `models`: robustness models, over `robustness`: sampled contacts, flows, cuts and linear programs.
-- `planners`: placement planners, over `placement`: a physics engine and the trial of whole poses.
+- `models`: robustness models, which use `robustness`: sampled contacts, flows, cuts and linear programs.
+- `planners`: placement planners, which use `placement`: a physics engine, and tests of sampled poses.
 """
 
 __all__: list[str] = []

@@ -65,7 +65,7 @@ ShapeAccuracyOption = Annotated[
     typer.Option(
         "--shape-accuracy",
         help="Relative error of lengths in the shape, and of where its parts are cut (default: 0.0007 for a mesh of"
-        " several bodies, 0.03 for one body, 0.05 for points).",
+        " several bodies, 0.03 for one body, 0.015 for points).",
         show_default=False,
     ),
 ]

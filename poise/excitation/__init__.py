@@ -1,10 +1,10 @@
-"""Motions that weigh a payload: as much information as the limits allow, and bounds that prove the limits.
+"""Motions for weighing a payload: the most information within the limits, and a certificate of these limits.
 
 - `limits`: `MotionLimits`, and `Guard`, the points whose speed is limited.
-- `hand`: the motion of the hand by the joints, with derivatives; `clamped_spline`: from rest back to rest.
-- `information`: what the wrenches of a motion will show. `search`: the most informative motion.
+- `hand`: the motion of the hand from that of the joints, with derivatives; `clamped_spline`: from rest to rest.
+- `information`: Fisher information of the wrenches of a motion. `search`: the most informative motion.
 - `stop_and_go`: a few poses at rest. `certificate`: bounds that hold at every instant.
-- `plan`: all of it together; `plan_file`: a plan as YAML. `execution`: a plan carried out.
+- `plan`: the complete planning; `plan_file`: a plan as YAML. `execution`: the supervised execution of a plan.
 """
 
 from poise.excitation.certificate import Certificate, certify, slowed

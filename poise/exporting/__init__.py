@@ -1,6 +1,6 @@
 """An identified payload in the formats of simulators, planners and robot controllers.
 
-- `base`: `Exporter`, what an entry is. Every other file: one format. See docs/add_an_exporter.md.
+- `base`: `Exporter`, the base class of an entry. Every other file: one format. See docs/add_an_exporter.md.
 """
 
 from functools import cache

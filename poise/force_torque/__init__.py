@@ -1,10 +1,10 @@
-"""From a force-torque sensor's bytes to calibrated, stamped, accounted-for samples.
+"""From the bytes of a force-torque sensor to calibrated and stamped samples, with counts of losses.
 
-- `wire`: what a device delivers, and what links and fakes are built from. `sensors`: the registry of devices.
-- `acquisition`: the thread that reads a device; `connection`: when it tries again.
+- `wire`: samples, and the building blocks of links and fakes. `sensors`: the registry of devices.
+- `acquisition`: the thread that reads a device; `connection`: the times of its new attempts.
 - `sequence`: new, late, duplicate and lost samples. `clock`: stamps without jitter.
-- `decimation`, `batch`: block averages; many samples in a message.
-- `bias`: the zero, and whether the load was at rest.
+- `decimation`, `batch`: block averages; all samples in one message.
+- `bias`: the mean reading, and a test that the load was at rest.
 - `health`: the conditions of the fault contract in docs/ft_driver.md.
 """
 

@@ -1,6 +1,6 @@
-"""Weighing what a sensor holds: from wrenches and motion to mass, centre of mass and inertia with their covariance.
+"""Weighing a payload: from wrenches and motion to mass, centre of mass and inertia with their covariance.
 
-- `model`: inertial parameters, the regressor, parts of a shape, the question and the answer of an estimator.
+- `model`: inertial parameters, the regressor, parts of a shape, the problem and the solution of an estimator.
 - `bayes`: the `poise` estimator. `estimators`: the registry of all estimators.
 - `pipeline`: samples are paired, checked and estimated, live and from a recording.
 """

@@ -1,9 +1,9 @@
-"""Whether and how an arm puts an object where it stays.
+"""Whether and how an arm can bring an object to its placement.
 
 - `Arm`: a robot at its place in the scene. `Hand`: its two fingers; `Gripper`: the joint that moves them.
-- `Reach`: for `looks` and `tests` of `poise.placement.Options`: room for the hand, a grasp that serves at both ends.
+- `Reach`: for `looks` and `tests` of `poise.placement.Options`: clearance of the hand, one grasp for pick and place.
 - `plan_transfer`: pick, carry, place as motions in time.
-- `TransferExecution`: such a transfer carried out through a `RobotPort`, supervised within `Tolerances`.
+- `TransferExecution`: the execution of a transfer through a `RobotPort`, supervised within `Tolerances`.
 """
 
 from poise.manipulation.arm import Arm, standing_at

@@ -1,13 +1,13 @@
-"""Diagnosis of a recording: where it differs from the simulation, which physics is missing, and the held-out proof.
+"""Diagnosis of a recording: its differences from the simulation, the missing effects, and the held-out proof.
 
 Rooms, from the ground up; arrows between them run upwards only:
 
-- `recorded`: one recording as effects see it, and the wrench of a rigid load.
+- `recorded`: one recording in the form that effects use, and the wrench of a rigid load.
 - `effects`: the library, one file per effect.
 - `reading`: model.yaml, and a recording with the prediction of its nominal model.
 - `inference`: noise, calibration errors, fits and the search over hypotheses.
 - `answer`: the diagnosis, live windows, and the motion that discriminates between two explanations.
-- `application`: a model with effects, put to use.
+- `application`: simulation and compensation with the identified effects.
 """
 
 from poise.mismatch.answer import Diagnosis, diagnose

@@ -1,10 +1,10 @@
-"""Where to put the next object so that it stays.
+"""Stable placements of the next objects.
 
-- `plan_placement`: one object, into an assembly that stands. `Options`: what is required of the placement.
-- `plan_sequence`: several objects, in an order that it finds.
+- `plan_placement`: one object, into a stable assembly. `Options`: requirements on the placement.
+- `plan_sequence`: several objects, and the order in which to place them.
 - `PLACEMENT_PLANNERS`: planners by name (docs/add_a_planner.md).
-- `KeptFree`: a region that stays empty. `Uncertainty`: placements that survive errors of pose, mass and friction.
-- `Validator`, `ContactFeatures`: what planners share: tests of a pose, and what an object can rest on.
+- `KeptFree`: a region that must stay empty. `Uncertainty`: placements that survive errors of pose, mass and friction.
+- `Validator`, `ContactFeatures`: shared by planners: tests of a pose, and features that an object can rest on.
 """
 
 from poise.placement.features import ContactFeatures

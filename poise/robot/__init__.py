@@ -1,17 +1,18 @@
 """How a frame of the robot moved, and how well that is known.
 
 - `motion`: `SensorMotion`, the motion that every wrench model needs.
-- `urdf`, `model`: `RobotModel`, a URDF read safely, with the sensor's frame and the links beyond it.
+- `urdf`, `model`: `RobotModel`, a URDF as untrusted input, with the sensor frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
 - `splines`, `smoother`, `rest`, `differentiation`: positions or rotations -> velocities and accelerations with their
   covariance.
-- `resampled`, `regular_clock`: positions and their derivatives at other times, by splines that suit each moment, with
+- `resampled`, `regular_clock`: positions and their derivatives at other times, by splines of adaptive smoothness, with
   the jitter of a regular clock removed; `odometry`: the motion of a base.
 - `frame_tree`, `recorded_frames`: the tree of frames of tf, and the transforms of a recording.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
 - `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
   recording; `imu`, `live_imu` take accelerations from an IMU.
-- `motion_buffers`, `low_latency`, `shared_buffers`: the motion at the stamps of wrenches, for each need.
+- `motion_buffers`, `low_latency`, `shared_buffers`: the motion at the stamps of wrenches:
+  at rest, smoothed, or with low latency.
 - `models/`: URDFs of an FR3, an xArm7 and a UR10 on a Ridgeback.
 """
 

@@ -1,10 +1,10 @@
-"""From what a camera on a hand sees to the cloud of one object.
+"""From the images of a camera on the hand to the point cloud of one object.
 
 - `camera`, `frames`: pixels to rays; one RGB-D image, checked, with its pose. `cloud_frames`: a PointCloud2 as such.
-- `poses`: joint states, URDF and hand-eye transform -> where the camera was. `reading`: all of it from a bag.
-- `support`: the table, and what stands on it. `looking`: points looked up in depth images.
-- `fusion`: many views -> one thin cloud. `registration`: poses refined where views disagree.
-- `completion`: what no view saw, down to the table. `scan`: the whole of it.
+- `poses`: from joint states, URDF and hand-eye transform to camera poses. `reading`: the frames of a bag.
+- `support`: the table, and the objects on it. `looking`: depth images at given points.
+- `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
+- `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object.
 """
 

@@ -1,8 +1,9 @@
 """Shapes of objects: from point clouds and meshes to closed solids and their parts.
 
-- `clouds`, `meshes`: files and messages in, checked and repaired within limits.
+- `clouds`, `meshes`: files and messages are read, checked and repaired within limits.
 - `solid`, `segmentation`: a closed tetrahedral solid of surface points, cut into parts that likely have one density.
-- `independent`: at most four parts whose masses a sensor at rest distinguishes. `part_surfaces`, `surface_files`: out.
+- `independent`: at most four parts whose masses a sensor at rest distinguishes.
+- `part_surfaces`, `surface_files`: output of parts and surfaces.
 """
 
 from poise.shape.clouds import Cloud, read_cloud

@@ -1,9 +1,9 @@
-"""Ideal robots and their sensors: the reference for recordings, and the plant of fake robots.
+"""Ideal robots and their sensors: the reference for recordings, and the dynamics of fake robots.
 
 - `trajectories`: commanded motions of joints.
 - `world`: robot, payload and gravity -> joint efforts and the wrench on the sensor.
-- `noise`: what sensors add, as published.
-- `recorded`: all of it, as a bag would hold it.
+- `noise`: published noise of sensors.
+- `recorded`: the simulated measurements in the form of a recording.
 """
 
 from poise.simulation.ideal_robot import IdealRobot, Truth

@@ -1,4 +1,4 @@
-"""Reports, pictures and Rerun recordings of results. No node needs it; a drawing library loads with the first use.
+"""Reports, pictures and Rerun recordings of results. No node uses it; drawing libraries load on first use.
 
 - `report`, `mismatch_report`: self-contained HTML pages. `page` is their skeleton, `inline_svg` puts figures into it.
 - `rerun_scene`, `mismatch_scene`, `assembly_recording`: recordings for the Rerun viewer (needs rerun-sdk, an extra).

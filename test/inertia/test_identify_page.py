@@ -34,7 +34,7 @@ def test_every_field_of_the_json_is_on_the_page_and_the_other_way_round(here, ca
 
 
 def test_every_reason_is_on_the_page():
-    section = PAGE.split("## What is left out")[1].split("## ")[0]
+    section = PAGE.split("## Rejected samples")[1].split("## ")[0]
     named = set(re.findall(r"^\| `(\w+)`", section, re.MULTILINE))
     assert named == {
         sample_checks.NOT_FINITE,

@@ -223,7 +223,7 @@ def test_a_handful_of_samples_still_makes_a_report(
         history=(),
     )
     page = Page(write(tmp_path, few))
-    assert "The estimate closing in" not in page.text("h2")
+    assert "Convergence of the estimate" not in page.text("h2")
     assert not page.open
 
 

@@ -1,8 +1,8 @@
-"""Which objects touch, where, and the graph of what supports what.
+"""Which objects touch, where they touch, and the graph of their contacts.
 
 - `placed`, `penetration`: bodies at their poses, and how deep they overlap.
 - `contacts` (with `touching`, `round_contacts`): contact interfaces between bodies.
-- `graph`: the contact interface graph, cut into blocks. `surface`: points where something could push.
+- `graph`: the contact interface graph, cut into blocks. `surface`: points at which pushes are assessed.
 """
 
 from poise.assembly.contact.contacts import CONTACT_MARGIN, Interface, find_interfaces

@@ -1,3 +1,3 @@
-"""Robustness models to compare with, one file each, found by the registry of `poise.assembly.robustness`."""
+"""Robustness models for comparison, one file each, found by the registry of `poise.assembly.robustness`."""
 
 __all__: list[str] = []

@@ -1,7 +1,7 @@
-"""What the placement planners to compare with share.
+"""Shared code of the placement planners for comparison.
 
 - `engine`, `pieces`: an assembly in MuJoCo, its solids cut into convex pieces. `dropping`: objects that come to rest.
-- `trials`: whole poses tried one by one.
+- `trials`: tests of sampled poses one by one.
 """
 
 from poise.baselines.placement.dropping import from_above, from_anywhere

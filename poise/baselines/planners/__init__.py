@@ -1,3 +1,3 @@
-"""Placement planners to compare with, one file each, found by the registry of `poise.placement`."""
+"""Placement planners for comparison, one file each, found by the registry of `poise.placement`."""
 
 __all__: list[str] = []

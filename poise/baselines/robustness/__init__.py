@@ -1,4 +1,4 @@
-"""What the robustness models of the thesis and of others share.
+"""Shared code of the robustness models of the thesis and of other authors.
 
 - `sampled`: contact interfaces as sampled points. `slipping`: contact conditions and maximum flow.
 - `toppling`: feasible cuts and their toppling axes. `linear`: linear programs with polygonal friction.

@@ -1,6 +1,6 @@
-"""A planned motion carried out: the arm is watched, and stopped along its path whenever something is wrong.
+"""Execution of a planned motion: the arm is supervised, and stopped along its path after a fault.
 
-- `session`: `Session`, one identification from goal to answer. `joint_watch`: where the arm is, from joint states.
+- `session`: `Session`, one identification from goal to answer. `joint_watch`: the state of the arm from joint states.
 - `stops`: stops that are certified before the motion begins. `options`: times and tolerances.
 """
 

@@ -1,7 +1,7 @@
-"""The registry of force-torque sensors: one file or folder a sensor, found by looking through this folder.
+"""The registry of force-torque sensors: one file or folder a sensor, discovered in this folder.
 
-- `base`: `Sensor` and `SensorSetting`: what an entry is.
-- everything else: a sensor, with its protocol, its link, its fake and its parameters. See docs/add_a_sensor.md.
+- `base`: `Sensor` and `SensorSetting`, the base classes of an entry.
+- every other file: a sensor with its protocol, link, fake and parameters. See docs/add_a_sensor.md.
 """
 
 from functools import cache

@@ -1,6 +1,6 @@
-"""What a sensor's entry is built from: samples and units, frames, the serial line, and the fakes' side of them.
+"""Building blocks of a sensor: samples and units, frames, the serial line, and fakes.
 
-- `link`: what the acquisition asks of a device. `samples`, `units`: counts and units to N and N m.
+- `link`: the interface between acquisition and device. `samples`, `units`: from counts and units to N and N m.
 - `framing`, `serial_line`: a stream of frames on a serial port.
 - `fakes`: devices in software.
 """

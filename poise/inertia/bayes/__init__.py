@@ -1,10 +1,10 @@
 """The `poise` estimator: Bayesian model averaging over shape, density and bias, from sums over samples.
 
-- `estimator`: `PoiseEstimator`; `change`: `ContinuousEstimator`, which notices a change of the payload.
-- `recorder`, `blocks`: samples in, sums in blocks of time.
-- `clock_comparison`, `delay`: wrench stamps against kinematics stamps.
+- `estimator`: `PoiseEstimator`; `change`: `ContinuousEstimator`, which detects changes of the payload.
+- `recorder`, `blocks`: sums of samples in blocks of time.
+- `clock_comparison`, `delay`: the delay of wrench stamps relative to kinematics stamps.
 - `mass_model`, `hypotheses`, `first_guess`: the priors. `averaging`, `search`, `sensor_bias`: the posterior.
-- `outliers`, `findings`: what does not fit.
+- `outliers`, `findings`: samples that are rejected, and findings.
 """
 
 from poise.inertia.bayes.change import ContinuousEstimator, PayloadChange

@@ -1,9 +1,9 @@
-"""The registry of estimators: one file for each, which declares what it needs and what it gives.
+"""The registry of estimators: one file for each, with a declaration of its inputs and outputs.
 
 See docs/add_an_estimator.md.
 
 - `entry`: `EstimatorEntry`, the declaration. `registry`: all estimators by name.
-- `streaming`: `StreamingEstimator`, how samples are handed to an estimator, and what is known before the first one.
+- `streaming`: `StreamingEstimator`, the interface of an estimator, and its prior.
 - `sample_window`, `least_squares_stream`: streaming forms that several estimators share.
 - `poise`, `static`, `ols`, `rtls`, `geo` (with `divergence`), `pmd`, `hps`: the estimators.
 - `information`, `least_squares`: sums that do not grow with time, and their weighted solution.

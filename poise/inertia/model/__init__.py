@@ -1,10 +1,10 @@
-"""The physics of a rigid payload, and the question and the answer that all estimators share.
+"""The physics of a rigid payload, and the problem and the solution that all estimators share.
 
 - `parameters`: `InertialParameters`, the vector phi (10,), the pseudo-inertia, changes of frame.
 - `wrench_regressor`, `signals`: the wrench of a moving load, linear in phi.
 - `parts`, `object_shape`, `spread_points`: the shape of a held object as homogeneous parts.
 - `problem`: `NoiseLevels`, `IdentificationProblem`. `solution`: `InertialSolution`, `EstimateFinding`.
-- `sample_checks`, `rejection`: samples that cannot be used, and why. `metrics`: errors of an estimate.
+- `sample_checks`, `rejection`: samples that cannot be used, with reasons. `metrics`: errors of an estimate.
 """
 
 from poise.inertia.model.object_shape import (

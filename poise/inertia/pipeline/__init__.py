@@ -1,7 +1,7 @@
 """One weighing pipeline for a running robot and for a recording.
 
-- `method_pipeline`: `MethodPipeline`, one estimator at work; `estimator_group`: those that share a question.
-- `online`: `OnlineEstimator`, wrenches and motion stream in.
+- `method_pipeline`: `MethodPipeline`, samples of one estimator; `estimator_group`: the estimators of one method.
+- `online`: `OnlineEstimator`, which takes streams of wrenches and motion.
 - `live`: `LiveEstimator`, which takes messages as they arrive; `status`: its diagnostics.
 - `identification`: `identify`, which feeds a recording to the pipeline. `estimate`: the answer.
 """

@@ -1,4 +1,4 @@
-"""The diagnosis: named effects with probabilities, what no effect explains, the held-out proof, live windows."""
+"""The diagnosis: named effects with probabilities, unexplained residuals, the held-out proof, live windows."""
 
 from poise.mismatch.answer.belief import MAX_PROBABILITY, BeliefBasis
 from poise.mismatch.answer.diagnosis import Diagnosis, NamedEffect, Quantity, SignalDiagnosis, diagnose

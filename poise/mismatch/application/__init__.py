@@ -1,4 +1,4 @@
-"""A model with effects, put to use: simulate a motion, compensate a recording, state the known load."""
+"""Use of a model with effects: simulate a motion, compensate a recording, state the known load."""
 
 from poise.mismatch.application.compensation import CompensatedWrench, compensate
 from poise.mismatch.application.known_load import loads_about

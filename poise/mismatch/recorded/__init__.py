@@ -1,4 +1,4 @@
-"""One recording as effects see it: measured wrench, prediction, motion behind them, and the wrench of a rigid load."""
+"""One recording in the form that effects use: measured and predicted wrench, motion, and the wrench of a rigid load."""
 
 from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
