@@ -5,13 +5,14 @@ import json
 import os
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from poise.cli import COMMANDS, run
-from poise.commands.run import with_installed_parameters
+from poise.commands.run import help_of, with_installed_parameters
 from poise.recording import JointStream, PoseStream, RecordingWriter, WrenchStream, open_recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -192,6 +193,14 @@ def test_run_lists_the_nodes_and_finds_installed_parameter_files(fails, tmp_path
     given = ["--ros-args", "--params-file", "here.yaml", "--params-file", "other.yaml", "-r", "here.yaml"]
     expected = ["--ros-args", "--params-file", str(tmp_path / "here.yaml"), *given[3:]]
     assert with_installed_parameters(given, tmp_path) == expected
+
+
+def test_the_help_of_a_node_does_not_start_it(tmp_path):
+    (tmp_path / "ft_driver.yaml").touch()
+    entry = EntryPoint("ft_driver", "poise.errors:main", "console_scripts")
+    text = help_of(entry, tmp_path)
+    assert "poise run ft_driver --ros-args" in text
+    assert str(tmp_path / "ft_driver.yaml") in text
 
 
 # -- what goes wrong ---------------------------------------------------------------------------------------------

@@ -254,7 +254,7 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
         "frame_id": estimate.frame_id,
         "stamp": estimate.stamp * 1e-9,
         "findings": [
-            {"code": int(finding.code), "name": finding.code.name, "message": finding.message}
+            {"code": int(finding.code), "name": finding.code.name, "sentence": finding.message, "evidence": {}}
             for finding in estimate.findings
         ],
         "source": answer.source,

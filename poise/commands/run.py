@@ -2,6 +2,7 @@
 
 import os
 import sys
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,8 +35,12 @@ def run(
     nodes = installed_nodes()
     if node not in nodes:
         raise InputError(ErrorCode.BAD_INPUT, f"no node is named {node!r}; the nodes are: {', '.join(nodes)}")
+    config = Path(sys.prefix) / "share" / "poise" / "config"
+    if {"--help", "-h"} & set(context.args):
+        print(help_of(nodes[node], config))
+        return
     _add_to_ament_index(Path(sys.prefix))
-    sys.argv = [node, *with_installed_parameters(context.args, Path(sys.prefix) / "share" / "poise" / "config")]
+    sys.argv = [node, *with_installed_parameters(context.args, config)]
     nodes[node].load()()
 
 
@@ -50,6 +55,16 @@ def installed_nodes() -> dict[str, EntryPoint]:
     """The nodes of the installed package by name: the same entry points that `ros2 run poise` offers."""
     scripts = entry_points(group="console_scripts")
     return {entry.name: entry for entry in sorted(scripts) if entry.value.startswith(_ROOMS)}
+
+
+def help_of(node: EntryPoint, config: Path) -> str:
+    """What the node does, how to start it, and its parameter files."""
+    purpose = (import_module(node.module).__doc__ or "").strip()
+    files = [str(path) for path in sorted(config.glob(f"{node.name}*.yaml"))]
+    usage = (
+        f"poise run {node.name} --ros-args [--params-file FILE] [-p NAME:=VALUE] [-r FROM:=TO] [-r __ns:=/NAMESPACE]"
+    )
+    return "\n".join([purpose, "", f"Usage: {usage}", "", "Parameters with their meanings and defaults:", *files])
 
 
 def with_installed_parameters(arguments: list[str], config: Path) -> list[str]:

@@ -3,7 +3,8 @@
 - `motion`: `SensorMotion`, the motion that every wrench model needs.
 - `urdf`, `model`: `RobotModel`, a URDF as untrusted input, with the sensor frame and the links beyond it.
 - `kinematics`: joint positions, velocities, accelerations (and a moving base) -> `SensorMotion`.
-- `splines`, `differentiation`, `rest`: positions or rotations -> velocities and accelerations with their covariance.
+- `splines`, `smoother`, `rest`, `differentiation`: positions or rotations -> velocities and accelerations with their
+  covariance.
 - `resampled`, `regular_clock`: positions and their derivatives at other times, by splines of adaptive smoothness, with
   the jitter of a regular clock removed; `odometry`: the motion of a base.
 - `frame_tree`, `recorded_frames`: the tree of frames of tf, and the transforms of a recording.

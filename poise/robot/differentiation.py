@@ -6,10 +6,9 @@ two parts: what the samples' noise makes of the spline (exact for white noise), 
 """
 
 import itertools
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import are_rotations
-from poise.robot.rest import Rest, find_rests
-from poise.robot.splines import DEGREE, Design, Grid, SplineFit
+from poise.robot.rest import find_rests
+from poise.robot.smoother import Smoother
 from poise.types import Array, Mask, Stamps
 
 MIN_STRETCH = 12
@@ -26,15 +25,6 @@ MIN_STRETCH = 12
 
 GAP_INTERVALS = 6.0
 """Median sample intervals that make a gap."""
-
-_FASTEST = 300.0
-"""Hz; of faster samples, several are averaged before a spline is fitted, so that about 250 Hz remain."""
-
-_WORTHWHILE = 0.01
-"""Information of measured rates, relative to that of the positions, below which they are not used."""
-
-_CHECKED = 120
-"""Samples, evenly spread, at which a spline is compared with a finer one."""
 
 
 @dataclass(frozen=True)
@@ -122,12 +112,12 @@ def differentiate(
     """
     stamps, values = _check(stamps, position)
     rates = None if velocity is None else np.asarray(velocity, dtype=np.float64).reshape(values.shape)
-    smoother = partial(_Smoother, spacing=knot_spacing)
+    smoother = partial(Smoother, spacing=knot_spacing)
     return _derivatives(smoother, stamps, values, rates, gap=gap, within=within, errors=errors)
 
 
 def _derivatives(
-    smoother_of: "Callable[..., _Smoother]",
+    smoother_of: Callable[..., Smoother],
     stamps: Stamps,
     values: Array,
     rates: Array | None,
@@ -152,7 +142,7 @@ def _derivatives(
     return out
 
 
-def _answer(out: Derivatives, rows: slice, smoother: "_Smoother", inside: slice, errors: bool) -> None:
+def _answer(out: Derivatives, rows: slice, smoother: Smoother, inside: slice, errors: bool) -> None:
     """Write the derivatives of one stretch, and set those at rest to zero."""
     for column in range(smoother.values.shape[1]):
         values = smoother.at(column, inside)
@@ -197,7 +187,7 @@ def differentiate_rotations(
         raise InputError(ErrorCode.NOT_FINITE, f"sample {wrong[0]} is not a rotation matrix (columns not orthonormal)")
     quaternions = continuous_quaternions(matrices)
 
-    smoother = partial(_Smoother, spacing=knot_spacing, together=True)
+    smoother = partial(Smoother, spacing=knot_spacing, together=True)
     found = _derivatives(smoother, stamps, quaternions, None, gap=gap, within=within, errors=errors)
     known = np.isfinite(found.acceleration).all(axis=1)
     n = len(found.stamps)
@@ -208,121 +198,6 @@ def differentiate_rotations(
     # A rotation error of e rad moves the quaternion by e / 2, in three of its four directions.
     sigma, rate, second = 2.0 * np.sqrt(np.diagonal(found.covariance, axis1=2, axis2=3).sum(axis=1).T / 3.0)
     return RotationDerivatives(found.stamps, smooth, omega, alpha, sigma, rate, second, float(found.knot_spacing.max()))
-
-
-class _Smoother:
-    """The splines with the best knots for one stretch without gaps, and their errors; one for each column."""
-
-    def __init__(
-        self, seconds: Array, values: Array, rates: Array | None, spacing: float | None, together: bool = False
-    ) -> None:
-        self.seconds, self.values = seconds, values
-        self._count, self._span = _bin_size(seconds), 0.0
-        if self._count > 1:
-            self._span = float(seconds[-1] - seconds[0]) * self._count / (len(seconds) - 1)
-            seconds, values = _binned(seconds, self._count), _binned(values, self._count)
-            rates = None if rates is None else _binned(rates, self._count)
-        self._at = seconds
-        design = cache(lambda m: Design(Grid.across(seconds, m), seconds))
-        self._plain = cache(lambda m: SplineFit(design(m), values))
-        columns = range(values.shape[1])
-        self._fit: list[Callable[[int], SplineFit]] = [self._column(k) for k in columns]
-        scores = cache(lambda m: self._plain(m).score())
-        if together:
-            chosen = [self._intervals(spacing, lambda m: float(scores(m).sum()))] * len(columns)
-        else:
-            chosen = [self._intervals(spacing, partial(_score_of, scores, k)) for k in columns]
-        if rates is not None:
-            for k in np.flatnonzero(np.isfinite(rates).all(axis=0)):
-                chosen[k] = self._with_rates(int(k), rates, chosen[k], spacing)
-        self._chosen = chosen
-        self.spacing = np.array([design(m).grid.spacing for m in chosen])
-
-    def inner(self, column: int, rest: Rest, start: int) -> slice:
-        """Samples of a rest, counted from `start`, at least one knot spacing away from motion, which shows late."""
-        rate = (len(self.seconds) - 1) / float(self.seconds[-1] - self.seconds[0])
-        margin = math.ceil(self.spacing[column] * rate)
-        begin = rest.begin + margin if rest.begin > 0 else 0
-        end = rest.end - margin if rest.end < len(self.seconds) else rest.end
-        return slice(max(begin - start, 0), max(end - start, begin - start, 0))
-
-    def at(self, column: int, inside: slice) -> Array:
-        """(3, M) position, velocity, acceleration at the samples inside."""
-        values = self._fit[column](self._chosen[column]).derivatives(self.seconds[inside])[:, :, 0]
-        values[0] -= self._span**2 * (1.0 - self._count**-2.0) / 24.0 * values[2]  # what the mean over a bin adds
-        return values
-
-    def covariance(self, column: int, inside: slice) -> Array:
-        """(M, 3, 3) of position, velocity and acceleration at the samples inside: noise, and the lag of the spline."""
-        m = self._chosen[column]
-        fit, finer = self._fit[column](m), self._fit[column](min(max(round(m * math.sqrt(2)), 2), self._most()))
-        # The gain hardly changes from one sample to the next: of averaged samples, that of their mean.
-        nearest = np.minimum(np.arange(inside.start, inside.stop) // self._count, len(self._at) - 1)
-        gains = fit.gains(self._at[nearest[0] : nearest[-1] + 1])
-        checked = self._at[self._interior(m)]
-        checked = checked[:: max(-(-len(checked) // _CHECKED), 1)]
-        difference = (fit.derivatives(checked) - finer.derivatives(checked))[:, :, 0]
-        # The spline spaces nearly contain one another: the difference varies by what the finer one varies more.
-        excess = finer.gains(checked) * finer.sigma**2 - fit.gains(checked) * fit.sigma**2
-        lag = np.mean(difference**2 - np.diagonal(excess, axis1=1, axis2=2).T, axis=1)
-        return np.asarray(gains[nearest - nearest[0]] * fit.sigma**2 + np.diag(np.maximum(lag, 0.0)))
-
-    def _column(self, column: int) -> Callable[[int], SplineFit]:
-        return cache(lambda m: self._plain(m).select(slice(column, column + 1)))
-
-    def _with_rates(self, column: int, rates: Array, plain: int, spacing: float | None) -> int:
-        """Let a column follow its measured rates too; how many knot intervals suit that."""
-        best = self._plain(plain)
-        scatter = float(np.mean((rates[:, column] - best(self._at, 1)[:, column]) ** 2))
-        weight = float(best.sigma[column] ** 2) / scatter if scatter > 0 else 0.0
-        band, rate_band = best.information
-        if weight * rate_band < _WORTHWHILE * band:
-            return plain
-        sums = self._sums(rates)
-        fit = cache(lambda m: self._plain(m).with_slopes(slice(column, column + 1), sums(m), weight))
-        self._fit[column] = fit
-        return self._intervals(spacing, lambda m: float(fit(m).score().sum()))
-
-    def _sums(self, rates: Array) -> Callable[[int], tuple[Array, Array]]:
-        if not hasattr(self, "_made"):
-            self._made = cache(lambda m: self._plain(m).slope_sums(np.nan_to_num(rates)))
-        return self._made
-
-    def _interior(self, m: int) -> slice:
-        edge = min(round(3 * len(self._at) / m), len(self._at) // 4)
-        return slice(edge, len(self._at) - edge)
-
-    def _most(self) -> int:
-        """Most knot intervals that still leave a third of the samples to judge by."""
-        return max(len(self._at) * 2 // 3 - DEGREE, 1)
-
-    def _intervals(self, spacing: float | None, score: Callable[[int], float]) -> int:
-        most = self._most()
-        duration = float(self._at[-1] - self._at[0])
-        if spacing is not None:
-            return min(max(round(duration / spacing), 1), most)
-
-        coarse = [2**k for k in range(most.bit_length()) if 2**k <= most]
-        best = min(coarse, key=score)
-        near: list[int] = [min(max(round(best * math.pow(2.0, k / 4)), 1), most) for k in range(-3, 4)]
-        return min(near, key=score)
-
-
-def _score_of(scores: Callable[[int], Array], column: int, m: int) -> float:
-    return float(scores(m)[column])
-
-
-def _bin_size(seconds: Array) -> int:
-    """How many samples in a row are averaged before the fit."""
-    rate = (len(seconds) - 1) / float(seconds[-1] - seconds[0])
-    return max(round(rate / 250.0), 1) if rate > _FASTEST else 1
-
-
-def _binned(values: Array, count: int) -> Array:
-    """Means of `count` rows of (N, ...) in a row; the last one takes the remainder."""
-    edges = np.arange(0, max(len(values) - count + 1, 1), count)
-    sizes = np.diff(edges, append=len(values)).reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray(np.add.reduceat(values, edges, axis=0) / sizes)
 
 
 def turning(quaternion: Array, first: Array, second: Array) -> tuple[Array, Array, Array]:

@@ -93,6 +93,7 @@ def motion_from_poses(
     translation_world_sensor: ArrayLike,
     knot_spacing: float | None = None,
     within: tuple[int, int] | None = None,
+    errors: bool = True,
 ) -> MeasuredMotion:
     """The motion of the sensor from its poses, as from tf.
 
@@ -103,12 +104,15 @@ def motion_from_poses(
             acceleration comes out as zero: that is an assumption, not a measurement.
         knot_spacing: s; None: cross-validated.
         within: ns, first and last stamp that are answered; None: all.
+        errors: whether the sigmas are wanted; else they are NaN.
 
     Raises:
         InputError: as `differentiate_rotations`.
     """
-    turning = differentiate_rotations(stamps, rotation_world_sensor, knot_spacing=knot_spacing, within=within)
-    moving = differentiate(stamps, translation_world_sensor, knot_spacing=knot_spacing, within=within)
+    turning = differentiate_rotations(
+        stamps, rotation_world_sensor, knot_spacing=knot_spacing, within=within, errors=errors
+    )
+    moving = differentiate(stamps, translation_world_sensor, knot_spacing=knot_spacing, within=within, errors=errors)
     known = np.isfinite(turning.angular_acceleration).all(axis=1)
     rotation = turning.rotation[known]
     motion = SensorMotion(

@@ -89,15 +89,19 @@ class MovingOrStatic:
 
     def pair(self, stamps: Stamps) -> tuple[SensorMotion, PairingReasons]:
         motion, reasons = self._moving.pair(stamps)
-        rest, at_rest = self._still.pair(stamps)
-        held = (reasons != USED) & (at_rest == USED)
-        if not held.any():
+        missing = np.flatnonzero(reasons != USED)
+        if not len(missing):
             return motion, reasons
+        rest, at_rest = self._still.pair(stamps[missing])
+        still = at_rest == USED
+        held = missing[still]
         columns = []
         for field in fields(SensorMotion):
-            moving, still = getattr(motion, field.name), getattr(rest, field.name)
-            columns.append(np.where(held.reshape(-1, *[1] * (moving.ndim - 1)), still, moving))
-        return SensorMotion(*columns), np.where(held, USED, reasons).astype(reasons.dtype)
+            values = np.array(getattr(motion, field.name))
+            values[held] = getattr(rest, field.name)[still]
+            columns.append(values)
+        reasons[held] = USED
+        return SensorMotion(*columns), reasons
 
     def forget_before(self, stamp: int) -> None:
         """Nothing to forget."""

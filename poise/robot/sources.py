@@ -241,12 +241,12 @@ class FrameSource:
         return StampedPoses(pose.rotation[known], pose.translation[known], stamps[known])
 
     def motion(self, begin: int, end: int, margin: int = 0) -> SensorMotion:
-        return self.measured(begin, end, margin).motion
+        return self.measured(begin, end, margin, errors=False).motion
 
-    def measured(self, begin: int, end: int, margin: int = 0) -> MeasuredMotion:
-        """The motion with its uncertainty."""
+    def measured(self, begin: int, end: int, margin: int = 0, errors: bool = True) -> MeasuredMotion:
+        """The motion with its uncertainty; NaN without `errors`."""
         poses = self.poses(begin - margin, end + margin)
-        return motion_from_poses(poses.stamps, poses.rotation, poses.translation, within=(begin, end))
+        return motion_from_poses(poses.stamps, poses.rotation, poses.translation, within=(begin, end), errors=errors)
 
     def forget_before(self, stamp: int) -> None:
         self.tree.forget_before(stamp)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
@@ -30,6 +29,8 @@ _BASIS = (
     )
     / 120.0
 )
+
+_PLACES = np.arange(_ORDER)
 
 _RIDGE = 1e-13
 """Weight of the third differences of the coefficients against the data: settles knot intervals without samples."""
@@ -96,6 +97,7 @@ class Design:
         self._rows = int(first_row[-1])
         self._interval = np.repeat(np.arange(grid.intervals), rows)
         self._slots = (first_row[self.start] + position // self._length) * self._length + position % self._length
+        self._windows = self._interval[:, None] + _PLACES
         self._filled = np.flatnonzero(np.diff(self._interval, prepend=-1))
         self._weights: dict[int, Array] = {}
         self._bands: dict[int, Array] = {}
@@ -107,8 +109,7 @@ class Design:
             gram = self._by_interval(_sums(weights, weights))
             band = np.zeros((_ORDER, self.grid.size))
             for i in range(_ORDER):
-                for j in range(i, _ORDER):
-                    band[j - i, i : i + self.grid.intervals] += gram[:, i, j]
+                band[: _ORDER - i, i : i + self.grid.intervals] += gram[:, i, i:].T
             self._bands[derivative] = band
         return self._bands[derivative]
 
@@ -123,30 +124,34 @@ class Design:
                 band[j - i, i : size - 3 + i] += strength * difference[i] * difference[j]
         return band
 
-    def project(self, values: Array, derivative: int) -> Array:
-        """(size, K) B.T @ values, of values (N, K) and the derivative's (N, size) matrix B."""
-        padded = self._padded(values)
-        parts = self._by_interval(_sums(self._weight_rows(derivative), padded))
-        out = np.zeros((self.grid.size, values.shape[1]))
+    def project(self, rows: Array, derivative: int) -> Array:
+        """(size, K) B.T @ values, of values in rows (see `padded`) and the derivative's (N, size) matrix B."""
+        parts = self._by_interval(_sums(self._weight_rows(derivative), rows))
+        out = np.zeros((self.grid.size, rows.shape[2]))
         for i in range(_ORDER):
             out[i : i + self.grid.intervals] += parts[:, i]
         return out
 
     def evaluate(self, coefficients: Array, derivative: int) -> Array:
         """(N, K) B @ coefficients (size, K)."""
-        windows = np.swapaxes(sliding_window_view(coefficients, _ORDER, axis=0), 1, 2)[self._interval]
-        weights = self._weight_rows(derivative)
-        rows = weights @ windows if len(weights) < _MANY else np.einsum("rli,rik->rlk", weights, windows)
+        rows = self.evaluate_rows(coefficients, derivative)
         return np.asarray(rows.reshape(-1, coefficients.shape[1])[self._slots])
+
+    def evaluate_rows(self, coefficients: Array, derivative: int) -> Array:
+        """B @ coefficients (size, K) in rows, see `padded`."""
+        windows = coefficients[self._windows]
+        weights = self._weight_rows(derivative)
+        return np.asarray(weights @ windows if len(weights) < _MANY else np.einsum("rli,rik->rlk", weights, windows))
 
     def _weight_rows(self, derivative: int) -> Array:
         """(rows, length, 6) weights of the samples' six coefficients."""
         if derivative not in self._weights:
             polynomials = self.grid.polynomials(derivative)
-            self._weights[derivative] = self._padded(self.powers[:, : polynomials.shape[1]] @ polynomials.T)
+            self._weights[derivative] = self.padded(self.powers[:, : polynomials.shape[1]] @ polynomials.T)
         return self._weights[derivative]
 
-    def _padded(self, values: Array) -> Array:
+    def padded(self, values: Array) -> Array:
+        """(rows, length, K) of values (N, K): by knot interval, filled up with zeros."""
         padded = np.zeros((self._rows * self._length, values.shape[1]))
         padded[self._slots] = values
         return padded.reshape(self._rows, self._length, values.shape[1])
@@ -173,16 +178,16 @@ class SplineFit:
         self._design = design
         self._offset = values.mean(axis=0)  # so that the ridge and the rounding do not see where zero is
         self._set_normal_matrix(design.band(0))
-        right = values - self._offset
+        right = design.padded(values - self._offset)
         self.coefficients = self._solve(design.project(right, 0))
-        right = right - design.evaluate(self.coefficients, 0)
+        right -= design.evaluate_rows(self.coefficients, 0)
         gradient = design.project(right, 0)
         step = self._solve(gradient)  # takes away what squaring the condition number cost
         self.coefficients = self.coefficients + step
         product = _times(design.band(0), step)
         self._gradient = gradient - product
         self.degrees_of_freedom = len(values) - self.grid.size
-        self.square_sum = np.einsum("nk,nk->k", right, right) + np.einsum("ik,ik->k", step, product - 2.0 * gradient)
+        self.square_sum = np.einsum("rlk,rlk->k", right, right) + np.einsum("ik,ik->k", step, product - 2.0 * gradient)
 
     @property
     def information(self) -> tuple[float, float]:
@@ -191,8 +196,8 @@ class SplineFit:
 
     def slope_sums(self, slopes: Array) -> tuple[Array, Array]:
         """Gradient (size, K) and square sum (K,) that measured first derivatives (N, K) leave about this spline."""
-        left = slopes - self(self._design.seconds, 1)
-        return self._design.project(left, 1), np.einsum("nk,nk->k", left, left)
+        left = self._design.padded(slopes) - self._design.evaluate_rows(self.coefficients, 1)
+        return self._design.project(left, 1), np.einsum("rlk,rlk->k", left, left)
 
     def with_slopes(self, columns: slice, sums: tuple[Array, Array], weight: float) -> "SplineFit":
         """The fit of some columns that also follows measured first derivatives.
@@ -242,14 +247,13 @@ class SplineFit:
             start, powers = self.grid.locate(seconds)
             polynomials = self.grid.polynomials(derivative)
             weights = powers[:, : polynomials.shape[1]] @ polynomials.T
-            windows = sliding_window_view(self.coefficients, _ORDER, axis=0)[start]
-            value = np.einsum("ni,nki->nk", weights, windows)
+            value = np.einsum("ni,nik->nk", weights, self.coefficients[start[:, None] + _PLACES])
         return value + self._offset if derivative == 0 else value
 
     def derivatives(self, seconds: Array) -> Array:
         """(3, M, K) value, first and second derivative at (M,) times."""
         start, weights = self._weights(seconds)
-        values = np.einsum("ndi,nki->dnk", weights, sliding_window_view(self.coefficients, _ORDER, axis=0)[start])
+        values = (weights @ self.coefficients[start[:, None] + _PLACES]).swapaxes(0, 1)
         values[0] += self._offset
         return np.asarray(values)
 
@@ -314,9 +318,10 @@ def _cholesky(band: Array) -> Array:
 
 
 def _scaled(band: Array, scale: Array) -> Array:
-    later = np.concatenate([scale, np.zeros(DEGREE)])
-    windows = later[np.arange(_ORDER)[:, None] + np.arange(len(scale))]
-    return np.asarray(band * scale * windows)
+    out = band * scale
+    for d in range(_ORDER):
+        out[d, : len(scale) - d] *= scale[d:]
+    return np.asarray(out)
 
 
 def _times(band: Array, vectors: Array) -> Array:

@@ -86,7 +86,9 @@ class ClockComparison:
         share = (wanted - before) / np.maximum(span, 1)
         found = (share >= 0) & (share <= 1) & (span <= LARGEST_GAP)
         both = np.empty((*wanted.shape, N_SIGNALS))
-        both[..., :N_MOTION] = signals[right - 1] * (1 - share)[..., None] + signals[right] * share[..., None]
+        both[..., :N_MOTION] = np.diff(signals, axis=0)[right - 1]  # in place: these arrays are large
+        both[..., :N_MOTION] *= share[..., None]
+        both[..., :N_MOTION] += signals[right - 1]
         both[..., N_MOTION:] = rows[chosen, WRENCH]
         both[~found] = 0.0
         self._moments[part] += both.swapaxes(1, 2) @ both

@@ -45,6 +45,7 @@ class NoiseMeter:
         for name, meter, most in (("force", self._force, left[0]), ("torque", self._torque, left[1])):
             seen = np.array([meter.value, most if self._n_samples > _ENOUGH else np.nan])
             usual, least = getattr(motion, name), getattr(LEAST_NOISE, name)
-            level = max(float(np.nanmin(seen)), least) if np.isfinite(seen).any() else usual
-            levels[name] = float(f"{level:.{_DIGITS}g}")
+            levels[name] = max(float(np.nanmin(seen)), least) if np.isfinite(seen).any() else usual
+        levels |= {name: getattr(motion, name) for name in ("linear_acceleration", "angular_acceleration")}
+        levels = {name: float(f"{level:.{_DIGITS}g}") for name, level in levels.items()}
         return replace(motion, **levels, force_bias=np.inf, torque_bias=np.inf)

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -25,6 +25,9 @@ from poise.shape import (
     tetrahedron_moments,
 )
 from poise.types import Array
+
+if TYPE_CHECKING:  # imported where it is used: few payloads come with a mesh
+    import trimesh
 
 _SAMPLED = 6000
 """Points on a surface that is not closed."""
@@ -126,6 +129,8 @@ def _check_size(path: Path, vertices: Array) -> None:
 
 
 def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
+    import trimesh
+
     for merge in (False, True):  # bodies that touch share vertices when merged; in an STL file nothing does before
         mesh = trimesh.Trimesh(vertices, faces, process=False)
         if merge:
@@ -141,14 +146,14 @@ def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
     return replace(shape, words=f"a surface that is not closed: {shape.words}")
 
 
-def _bodies(mesh: trimesh.Trimesh) -> NDArray[np.int32]:
+def _bodies(mesh: "trimesh.Trimesh") -> NDArray[np.int32]:
     """(F,) which body each face belongs to."""
     pairs = mesh.face_adjacency
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(mesh.faces), len(mesh.faces)))
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
-def _of_bodies(mesh: trimesh.Trimesh, bodies: list[trimesh.Trimesh]) -> ObjectShape:
+def _of_bodies(mesh: "trimesh.Trimesh", bodies: "list[trimesh.Trimesh]") -> ObjectShape:
     """Closed surfaces: parts when there are several, none of them inside out, which would be a cavity."""
     if len(bodies) == 1 or len({np.sign(body.volume) for body in bodies}) > 1:
         return _cut(bodies[0] if len(bodies) == 1 else mesh)
@@ -157,8 +162,10 @@ def _of_bodies(mesh: trimesh.Trimesh, bodies: list[trimesh.Trimesh]) -> ObjectSh
     return ObjectShape(parts, _MESH_ACCURACY, f"{len(bodies)} closed surfaces, taken for the parts")
 
 
-def _cut(body: trimesh.Trimesh) -> ObjectShape:
+def _cut(body: "trimesh.Trimesh") -> ObjectShape:
     """A closed surface: cut as points on it are, or in pieces of about one size where they are not."""
+    import trimesh
+
     body = body.copy()
     if body.volume < 0:
         body.invert()

@@ -9,8 +9,9 @@ from poise.inertia.model import NoiseLevels
 from poise.robot import FrameSource, JointSource, MotionSource, SensorMotion, StampedPoses
 from poise.types import Stamps
 
-_MOST_STRETCHES = 1024
-"""Stretches of motion whose noise is remembered; of more, every second one is kept, then every fourth and so on."""
+_MOST_STRETCHES = 16
+"""Stretches of motion whose noise is measured, because that takes long; of more, every second one, then every fourth
+and so on. Which ones depends on the motion alone, so that a recording and the same messages live give the same."""
 
 
 class MeasuringSource:
@@ -58,10 +59,11 @@ class MeasuringSource:
         """See `MotionSource`."""
         if not isinstance(self._source, JointSource | FrameSource):
             return self._source.motion(begin, end, margin)
-        measured = self._source.measured(begin, end, margin)
+        wanted = self._n_stretches % self._stride == 0
+        measured = self._source.measured(begin, end, margin, errors=wanted)
         moving = measured.motion.angular_velocity_in_sensor.any(axis=1)  # at rest the acceleration is known better
         if moving.any():
-            if self._n_stretches % self._stride == 0:
+            if wanted:
                 sigmas = measured.linear_acceleration_sigma, measured.angular_acceleration_sigma
                 linear, angular = (float(np.median(sigma[moving] ** 2)) for sigma in sigmas)
                 self._variances.append((linear, angular))

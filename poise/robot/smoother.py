@@ -1,0 +1,178 @@
+"""The spline through one stretch of samples: the search for its knots by cross-validation, and its errors."""
+
+import math
+from collections.abc import Callable
+from functools import cache, lru_cache, partial
+
+import numpy as np
+
+from poise.robot.rest import Rest
+from poise.robot.splines import DEGREE, Design, Grid, SplineFit
+from poise.types import Array
+
+_FASTEST = 300.0
+"""Hz; of faster samples, several are averaged before a spline is fitted, so that about 250 Hz remain."""
+
+_WORTHWHILE = 0.01
+"""Information of measured rates, relative to that of the positions, below which they are not used."""
+
+_SHORT = 1000
+"""Samples of a stretch up to which its designs are kept for the next one; 64 of them take some 10 MB."""
+
+_CHECKED = 120
+"""Samples, evenly spread, at which a spline is compared with a finer one."""
+
+
+class Smoother:
+    """The splines with the best knots for one stretch without gaps, and their errors; one for each column."""
+
+    def __init__(
+        self, seconds: Array, values: Array, rates: Array | None, spacing: float | None, together: bool = False
+    ) -> None:
+        self.seconds, self.values = seconds, values
+        self._count, self._span = _bin_size(seconds), 0.0
+        if self._count > 1:
+            self._span = float(seconds[-1] - seconds[0]) * self._count / (len(seconds) - 1)
+            seconds, values = _binned(seconds, self._count), _binned(values, self._count)
+            rates = None if rates is None else _binned(rates, self._count)
+        self._at = seconds
+        design = _designs(seconds)
+        self._plain = cache(lambda m: SplineFit(design(m), values))
+        columns = range(values.shape[1])
+        self._fit: list[Callable[[int], SplineFit]] = [self._column(k) for k in columns]
+        measured = [rates is not None and bool(np.isfinite(rates[:, k]).all()) for k in columns]
+        scores = cache(lambda m: self._plain(m).score())
+        if together:
+            self._chosen = [self._intervals(spacing, lambda m: float(scores(m).sum()))] * len(columns)
+        else:
+            self._chosen = [self._chosen_for(k, scores, rates if measured[k] else None, spacing) for k in columns]
+        self.spacing = np.array([design(m).grid.spacing for m in self._chosen])
+
+    def inner(self, column: int, rest: Rest, start: int) -> slice:
+        """Samples of a rest, counted from `start`, at least one knot spacing away from motion, which shows late."""
+        rate = (len(self.seconds) - 1) / float(self.seconds[-1] - self.seconds[0])
+        margin = math.ceil(self.spacing[column] * rate)
+        begin = rest.begin + margin if rest.begin > 0 else 0
+        end = rest.end - margin if rest.end < len(self.seconds) else rest.end
+        return slice(max(begin - start, 0), max(end - start, begin - start, 0))
+
+    def at(self, column: int, inside: slice) -> Array:
+        """(3, M) position, velocity, acceleration at the samples inside."""
+        values = self._fit[column](self._chosen[column]).derivatives(self.seconds[inside])[:, :, 0]
+        values[0] -= self._span**2 * (1.0 - self._count**-2.0) / 24.0 * values[2]  # what the mean over a bin adds
+        return values
+
+    def covariance(self, column: int, inside: slice) -> Array:
+        """(M, 3, 3) of position, velocity and acceleration at the samples inside: noise, and the lag of the spline."""
+        m = self._chosen[column]
+        fit, finer = self._fit[column](m), self._fit[column](min(max(round(m * math.sqrt(2)), 2), self._most()))
+        # The gain hardly changes from one sample to the next: of averaged samples, that of their mean.
+        nearest = np.minimum(np.arange(inside.start, inside.stop) // self._count, len(self._at) - 1)
+        gains = fit.gains(self._at[nearest[0] : nearest[-1] + 1])
+        checked = self._at[self._interior(m)]
+        checked = checked[:: max(-(-len(checked) // _CHECKED), 1)]
+        difference = (fit.derivatives(checked) - finer.derivatives(checked))[:, :, 0]
+        # The spline spaces nearly contain one another: the difference varies by what the finer one varies more.
+        excess = finer.gains(checked) * finer.sigma**2 - fit.gains(checked) * fit.sigma**2
+        lag = np.mean(difference**2 - np.diagonal(excess, axis1=1, axis2=2).T, axis=1)
+        return np.asarray(gains[nearest - nearest[0]] * fit.sigma**2 + np.diag(np.maximum(lag, 0.0)))
+
+    def _column(self, column: int) -> Callable[[int], SplineFit]:
+        return cache(lambda m: self._plain(m).select(slice(column, column + 1)))
+
+    def _chosen_for(
+        self, column: int, scores: Callable[[int], Array], rates: Array | None, spacing: float | None
+    ) -> int:
+        """Knot intervals of one column, which follows its measured rates too where they are worth it."""
+        if spacing is not None:
+            plain = self._intervals(spacing, lambda m: float(scores(m)[column]))
+            if rates is not None:
+                self._follow_rates(column, rates, plain)
+            return plain
+        rung = self._coarse(lambda m: float(scores(m)[column]))
+        fit = None if rates is None else self._follow_rates(column, rates, self._rung(rung))
+        if fit is None:
+            return self._rung(self._near(rung, lambda m: float(scores(m)[column])))
+        return self._rung(self._near(rung, lambda m: float(fit(m).score().sum())))
+
+    def _follow_rates(self, column: int, rates: Array, plain: int) -> Callable[[int], SplineFit] | None:
+        """Let a column follow its measured rates too; None when they are not worth it."""
+        best = self._plain(plain)
+        sums = self._sums(rates)
+        scatter = float(sums(plain)[1][column]) / len(rates)
+        weight = float(best.sigma[column] ** 2) / scatter if scatter > 0 else 0.0
+        band, rate_band = best.information
+        if weight * rate_band < _WORTHWHILE * band:
+            return None
+        fit = cache(lambda m: self._plain(m).with_slopes(slice(column, column + 1), sums(m), weight))
+        self._fit[column] = fit
+        return fit
+
+    def _sums(self, rates: Array) -> Callable[[int], tuple[Array, Array]]:
+        if not hasattr(self, "_made"):
+            self._made = cache(lambda m: self._plain(m).slope_sums(np.nan_to_num(rates)))
+        return self._made
+
+    def _interior(self, m: int) -> slice:
+        edge = min(round(3 * len(self._at) / m), len(self._at) // 4)
+        return slice(edge, len(self._at) - edge)
+
+    def _most(self) -> int:
+        """Most knot intervals that still leave a third of the samples to judge by."""
+        return max(len(self._at) * 2 // 3 - DEGREE, 1)
+
+    def _intervals(self, spacing: float | None, score: Callable[[int], float]) -> int:
+        most = self._most()
+        duration = float(self._at[-1] - self._at[0])
+        if spacing is not None:
+            return min(max(round(duration / spacing), 1), most)
+
+        return self._rung(self._near(self._coarse(score), score))
+
+    def _rung(self, rung: int) -> int:
+        """Knot intervals: 2^(rung / 4), within what is possible."""
+        return min(max(round(math.pow(2.0, rung / 4)), 1), self._most())
+
+    def _coarse(self, score: Callable[[int], float]) -> int:
+        """The rung with the least score among the powers of two."""
+        return min(range(0, 4 * self._most().bit_length(), 4), key=lambda rung: score(self._rung(rung)))
+
+    def _near(self, rung: int, score: Callable[[int], float]) -> int:
+        """The rung at the minimum that a descent from `rung` finds, first by half octaves, then by quarters."""
+        for step in (2, 1):
+            lower, higher = (score(self._rung(rung + way)) for way in (-step, step))
+            way = step if higher < lower else -step
+            least, best = min(lower, higher), score(self._rung(rung))
+            while least < best:
+                rung, best = rung + way, least
+                least = score(self._rung(rung + way)) if step > 1 else math.inf
+        return rung
+
+
+def _designs(seconds: Array) -> Callable[[int], Design]:
+    """The design for each number of knot intervals; of short stretches those of the last ones are kept.
+
+    Stretches with equal sample times, as from a controller with a steady clock, have equal designs.
+    """
+    if len(seconds) > _SHORT:
+        return cache(lambda m: Design(Grid.across(seconds, m), seconds))
+    return partial(_kept_design, seconds.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _kept_design(seconds: bytes, intervals: int) -> Design:
+    times = np.frombuffer(seconds)
+    return Design(Grid.across(times, intervals), times)
+
+
+def _bin_size(seconds: Array) -> int:
+    """How many samples in a row are averaged before the fit."""
+    rate = (len(seconds) - 1) / float(seconds[-1] - seconds[0])
+    return max(round(rate / 250.0), 1) if rate > _FASTEST else 1
+
+
+def _binned(values: Array, count: int) -> Array:
+    """Means of `count` rows of (N, ...) in a row; the last one takes the remainder."""
+    edges = np.arange(0, max(len(values) - count + 1, 1), count)
+    sizes = np.diff(edges, append=len(values)).reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray(np.add.reduceat(values, edges, axis=0) / sizes)
