@@ -147,9 +147,8 @@ def _answer(out: Derivatives, rows: slice, smoother: Smoother, inside: slice, er
     for column in range(smoother.values.shape[1]):
         values = smoother.at(column, inside)
         covariance = smoother.covariance(column, inside) if errors else out.covariance[rows, column]
-        shortest = min(1.5 * smoother.spacing[column], 0.8 * float(smoother.seconds[-1] - smoother.seconds[0]))
-        for rest in find_rests(smoother.seconds, smoother.values[:, column], shortest):
-            still = smoother.inner(column, rest, inside.start)
+        for rest in find_rests(smoother.seconds, smoother.values[:, column], smoother.spacing[column]):
+            still = slice(max(rest.begin - inside.start, 0), max(rest.end - inside.start, 0))
             values[:, still] = np.array([[rest.level], [0.0], [0.0]])
             covariance[still] = np.diag(np.square(rest.sigma))
             out.at_rest[rows][still, column] = True

@@ -77,7 +77,7 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
         noise = np.maximum(noise, blend.noise)
         found = blend(wanted[inside])
         for column, samples in enumerate(values[part].T):
-            for rest in find_rests(seconds[part], samples, blend.shortest_rest[column]):
+            for rest in find_rests(seconds[part], samples, blend.spacing[column]):
                 ends = seconds[part][[rest.begin, rest.end - 1]]
                 still = (wanted[inside] >= ends[0]) & (wanted[inside] <= ends[1])
                 found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
@@ -105,8 +105,8 @@ class _Blend:
         columns = np.arange(values.shape[1])
         self.noise = np.array([fit.sigma for fit in plain])[best, columns]
         self.noise = np.maximum(self.noise, 1e-12)
-        self.shortest_rest = 1.5 * np.array([grid.spacing for grid in grids])[best]
-        """(J,) s; a shorter stretch without motion may be a turning point."""
+        self.spacing = np.array([grid.spacing for grid in grids])[best]
+        """(J,) s between the knots that suit the whole stretch."""
         self._seconds = seconds
         # A base's odometry has more noise while it drives than at rest: the former counts.
         local = self._around((values - plain[-1](seconds)) ** 2)

@@ -1,5 +1,6 @@
 """Where a sampled signal stands still: statistical tests that its mean does not change."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,10 @@ _SIGMAS = 4.0
 """One-sigma errors by which a whole stretch may differ from a constant."""
 _STEP = 5.0
 """Encoder steps, or sigmas of noise: neighbouring levels closer than this are a slow motion, not two rests."""
+_SHORTEST = 1.5
+"""Knot spacings; shorter stretches without motion are turning points."""
+_MARGIN = 3.0
+"""Knot spacings between a rest and motion: half the width of a quintic B-spline."""
 _QUANTISED_COUNT = 12.0
 """Independent samples that a constant quantised reading is worth, however long it lasts."""
 
@@ -37,7 +42,7 @@ class Rest:
     sigma: tuple[float, float, float]
 
 
-def find_rests(seconds: Array, values: Array, shortest: float = 0.0) -> list[Rest]:
+def find_rests(seconds: Array, values: Array, spacing: float) -> list[Rest]:
     """Stretches of one signal at rest.
 
     A stretch is at rest when the means of its bins agree with a constant, locally and as a whole, and show neither
@@ -47,7 +52,8 @@ def find_rests(seconds: Array, values: Array, shortest: float = 0.0) -> list[Res
     Args:
         seconds: (N,) not descending.
         values: (N,) rad or m.
-        shortest: s; shorter stretches are turning points.
+        spacing: s between the knots of the spline that suits the motion. Stretches of less than 1.5 of them are turning
+            points. A rest keeps `_MARGIN` of them away from motion: motion shows in the noise some time after it began.
     """
     period = float(seconds[-1] - seconds[0]) / max(len(seconds) - 1, 1)
     size = max(_BIN_SAMPLES, round(_BIN_SECONDS / period)) if period > 0 else _BIN_SAMPLES
@@ -59,6 +65,7 @@ def find_rests(seconds: Array, values: Array, shortest: float = 0.0) -> list[Res
     quiet = float(np.percentile(_about_line(times, rows), 25)) / _quartile_share(size - 2)
     rounding = float(np.finfo(np.float64).eps * np.abs(means).max())
     noise = max(quiet, step**2 / 12.0, rounding**2, 1e-300)
+    shortest = min(_SHORTEST * spacing, 0.8 * float(seconds[-1] - seconds[0]))
     found = [
         (a, b)
         for a, b in _constant_runs(means, rows.var(axis=1, ddof=1), noise, size)
@@ -67,11 +74,13 @@ def find_rests(seconds: Array, values: Array, shortest: float = 0.0) -> list[Res
     creeping = _are_stairs(
         [float(means[a:b].mean()) for a, b in found], [(b - a) * size for a, b in found], noise, step
     )
-    return [
-        _rest(seconds, values, (a * size, len(values) if b == bins else b * size), noise, step)
+    away = math.ceil(_MARGIN * spacing / period)
+    bounds = [
+        (a * size + away if a else 0, b * size - away if b < bins else len(values))
         for (a, b), slow in zip(found, creeping, strict=True)
         if not slow
     ]
+    return [_rest(seconds, values, (begin, end), noise, step) for begin, end in bounds if end - begin >= size]
 
 
 def _constant_runs(means: Array, variances: Array, noise: float, size: int) -> list[tuple[int, int]]:

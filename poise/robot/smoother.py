@@ -6,7 +6,6 @@ from functools import cache, lru_cache, partial
 
 import numpy as np
 
-from poise.robot.rest import Rest
 from poise.robot.splines import DEGREE, Design, Grid, SplineFit
 from poise.types import Array
 
@@ -47,14 +46,6 @@ class Smoother:
         else:
             self._chosen = [self._chosen_for(k, scores, rates if measured[k] else None, spacing) for k in columns]
         self.spacing = np.array([design(m).grid.spacing for m in self._chosen])
-
-    def inner(self, column: int, rest: Rest, start: int) -> slice:
-        """Samples of a rest, counted from `start`, at least one knot spacing away from motion, which shows late."""
-        rate = (len(self.seconds) - 1) / float(self.seconds[-1] - self.seconds[0])
-        margin = math.ceil(self.spacing[column] * rate)
-        begin = rest.begin + margin if rest.begin > 0 else 0
-        end = rest.end - margin if rest.end < len(self.seconds) else rest.end
-        return slice(max(begin - start, 0), max(end - start, begin - start, 0))
 
     def at(self, column: int, inside: slice) -> Array:
         """(3, M) position, velocity, acceleration at the samples inside."""
