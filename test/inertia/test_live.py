@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from simulated_motion import LOAD, Scene, record, steps
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
@@ -266,3 +267,17 @@ def _add_rubbish(live: LiveEstimator, rng: np.random.Generator, stamp: int, now:
         live.add_joint_state(stamp, names, [], [], now)
     else:
         live.add_wrench(stamp, "ft_sensor", rng.normal(size=6) * 1e6, now)
+
+
+def test_all_of_tf_may_come_before_the_first_wrench():
+    live = LiveEstimator(LiveOptions(method="static", motion_source="tf"))
+    attitudes = Rotation.from_rotvec(np.eye(3)[np.arange(6) % 2] * 0.7 * np.arange(6)[:, None]).as_matrix()
+    stamps = [(number, number * 10**9 + k * 10**7) for number in range(6) for k in range(100)]
+    for number, stamp in stamps:
+        live.add_transform(stamp, "base", "ft_sensor", attitudes[number], [0.5, 0.0, 0.0], False, 0.0)
+    for number, stamp in stamps:
+        force = attitudes[number].T @ [0.0, 0.0, -9.80665]
+        live.add_wrench(stamp, "ft_sensor", [*force, *np.cross([0.0, 0.0, 0.05], force)], 0.1)
+    live.update(0.2)
+    live.update(2.0)
+    assert live.estimate().parameters.mass == pytest.approx(1.0, abs=1e-6)

@@ -129,6 +129,7 @@ class LiveEstimator:
         if frame_id and not self._wrench_frame:
             self._wrench_frame = frame_id
             self.frames.sensor_frame = self.sensor_frame
+            self._note_frames(now)  # tf may have come first
             self._read_description(now)
         if frame_id != self._wrench_frame:
             self.foreign_wrenches[frame_id] += 1
@@ -198,9 +199,8 @@ class LiveEstimator:
         if self.options.motion_source == _JOINTS or self._uses(self.joints):
             return
         used = self.frames.extend([stamp], parent, child, turn, shift, fixed=fixed)
-        if used and not fixed and self.frames.newest is not None:
-            self._has_moved(now)
-            self._frames_since = now if self._frames_since is None else self._frames_since
+        if used and not fixed:
+            self._note_frames(now)
 
     def pose_in_sensor(self, frame: str) -> Pose:
         """The pose of a frame, such as the object's, in the sensor's.
@@ -319,6 +319,12 @@ class LiveEstimator:
     def _has_moved(self, now: float) -> None:
         self.heard["kinematics"] = now
         self._flushed = False
+
+    def _note_frames(self, now: float) -> None:
+        """Note that tf says how the sensor moves, if it does."""
+        if self.frames.newest is not None:
+            self._has_moved(now)
+            self._frames_since = now if self._frames_since is None else self._frames_since
 
     def _read_description(self, now: float) -> None:
         """Build the robot once both its description and the sensor frame are known."""
