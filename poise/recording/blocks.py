@@ -3,11 +3,12 @@
 import struct
 import zlib
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import lz4.frame
 import numpy as np
@@ -102,17 +103,7 @@ class ChunkBlock:
         Raises:
             InputError: FILE_CORRUPT when the file has changed since, FILE_UNREADABLE when it is gone.
         """
-        try:
-            with self.path.open("rb") as file:
-                file.seek(self.offset)
-                data = decompress(file.read(self.size), self.compression, self.length)
-        except OSError as error:
-            raise InputError(ErrorCode.FILE_UNREADABLE, f"{self.path} cannot be read: {error.strerror}") from error
-        if zlib.crc32(data) != self.crc:
-            raise InputError(
-                ErrorCode.FILE_CORRUPT, f"{self.path} changed while it was being read: let its writer finish, reopen it"
-            )
-        return data
+        return read_checked(self, lambda payload: decompress(payload, self.compression, self.length))
 
 
 def longest_chunk(size: int) -> int:
@@ -228,3 +219,35 @@ def parse_record(record_type: Any, content: bytes) -> Any:
         return record_type.read(ReadDataStream(_ExactBytes(content)))
     except (struct.error, UnicodeDecodeError) as error:
         raise DamagedRecordError(str(error)) from error
+
+
+class StoredBytes(Protocol):
+    """Where compressed bytes are in a file, and the checksum of what they unpack to."""
+
+    @property
+    def path(self) -> Path: ...
+    @property
+    def offset(self) -> int: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def crc(self) -> int: ...
+
+
+def read_checked(stored: StoredBytes, unpack: Callable[[bytes], bytes]) -> bytes:
+    """Read and unpack bytes of a file that was scanned before.
+
+    Raises:
+        InputError: FILE_CORRUPT when the file has changed since the scan, FILE_UNREADABLE when it is gone.
+    """
+    try:
+        with stored.path.open("rb") as file:
+            file.seek(stored.offset)
+            data = unpack(file.read(stored.size))
+    except OSError as error:
+        raise InputError(ErrorCode.FILE_UNREADABLE, f"{stored.path} cannot be read: {error.strerror}") from error
+    if zlib.crc32(data) != stored.crc:
+        raise InputError(
+            ErrorCode.FILE_CORRUPT, f"{stored.path} changed while it was being read: let its writer finish, reopen it"
+        )
+    return data

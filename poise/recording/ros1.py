@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from poise.errors import ErrorCode, InputError
-from poise.recording.blocks import LossKind, decompress, longest_chunk
+from poise.recording.blocks import LossKind, decompress, longest_chunk, read_checked
 from poise.recording.contents import Contents, UnpackingBudget, message_table
 from poise.recording.encoding import definition_of, qos_profile, typestore
 
@@ -99,16 +99,7 @@ class ConvertedBlock:
         Raises:
             InputError: FILE_CORRUPT when the file has changed since the scan, FILE_UNREADABLE when it is gone.
         """
-        try:
-            with self.path.open("rb") as file:
-                file.seek(self.offset)
-                data = _decompress(file.read(self.size), self.compression, self.length)
-        except OSError as error:
-            raise InputError(ErrorCode.FILE_UNREADABLE, f"{self.path} cannot be read: {error.strerror}") from error
-        if zlib.crc32(data) != self.crc:
-            raise InputError(
-                ErrorCode.FILE_CORRUPT, f"{self.path} changed while it was being read: let its writer finish, reopen it"
-            )
+        data = read_checked(self, lambda payload: _decompress(payload, self.compression, self.length))
         raw = _split_chunk(data)
         pairs = zip(raw.connections, raw.data, strict=True)
         return b"".join(_to_cdr(message, self.types.get(connection)) for connection, message in pairs)
