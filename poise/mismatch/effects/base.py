@@ -167,6 +167,15 @@ class Effect(ABC):
         del recorded, values
         return ()
 
+    def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        """Short windows (start, end), s, in which its response is known in size only, as in a knock.
+
+        A knock that is a fraction of a sample late differs as much as one that is not there: further effects are not
+        searched in these windows, and predictions are not compared there.
+        """
+        del recorded, values
+        return ()
+
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         """Further quantities to report, {name: (value, unit)}: functions of the parameters."""
         del recorded, values

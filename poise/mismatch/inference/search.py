@@ -248,9 +248,9 @@ def prescreen(
 
 
 def _calm(problem: Problem, best: HypothesisFit) -> Problem:
-    """The problem without the windows of the model's events: residuals there are their details."""
+    """The problem without the windows of the model's events and knocks: residuals there are their details."""
     inputs = problem.compose(best.parts)[0]
-    keep = np.ones(len(problem.seconds), dtype=bool)
+    keep = problem.settled(best.parts)
     for part, recorded in zip(best.parts, inputs, strict=True):
         for begin, end in () if part.effect.transfers else part.effect.windows(recorded, part.values):
             if end - begin < _BRIEF * recorded.duration:

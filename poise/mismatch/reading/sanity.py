@@ -19,6 +19,9 @@ _SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
+_FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
+"""Knocks of a loose part: least number; share of their square along one direction of the six channels; and largest
+share of that direction in one channel, since a knock acts on forces and torques."""
 
 
 def check_wrench(recorded: RecordedMotion, name: str) -> None:
@@ -103,6 +106,24 @@ def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
         )
 
 
+def _knocks(spikes: Array) -> bool:
+    """Whether spikes (K, 6) are knocks of a part in the load: one line of action and both senses.
+
+    Transmission errors differ in their direction, or they are in one channel.
+    """
+    if len(spikes) < _FEWEST_KNOCKS:
+        return False
+    # A few large knocks must not decide for all: each spike counts by its direction.
+    unit = spikes / np.linalg.norm(spikes, axis=1, keepdims=True)
+    squares, lines = np.linalg.eigh(unit.T @ unit)
+    along = unit @ lines[:, -1]
+    return bool(
+        squares[-1] > _ONE_LINE * len(spikes)
+        and np.max(lines[:, -1] ** 2) < _SEVERAL
+        and along.min() < 0.0 < along.max()
+    )
+
+
 def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]:
     """The recording without single samples far from their neighbours (transmission errors, not physics)."""
     residual = recorded.wrench - recorded.prediction
@@ -118,6 +139,6 @@ def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]
         out[:6] = out[-6:] = False
     beside = np.convolve(out.astype(float), np.ones(5), mode="same") > 2.5
     out &= ~beside
-    if not out.any() or out.mean() > _MAX_SPIKES:
+    if not out.any() or out.mean() > _MAX_SPIKES or _knocks(off[out] / np.maximum(spread, 1e-9)):
         return recorded, []
     return recorded.select(~out), [f"{int(out.sum())} wrench samples are single outliers and were left out"]
