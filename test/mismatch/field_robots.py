@@ -1,4 +1,4 @@
-"""Robots and recordings as they are in the field: joint efforts without a wrist sensor, and what goes wrong with them."""
+"""Robots and recordings as they are in the field: joint efforts without a wrist sensor."""
 
 from dataclasses import dataclass, field
 

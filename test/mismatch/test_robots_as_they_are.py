@@ -54,7 +54,7 @@ def test_a_payload_of_the_model_hangs_on_the_last_link() -> None:
     empty, loaded = (read_streams(streams(joints), each).recorded.effort for each in (NominalModel(), model))
     assert empty is not None
     assert loaded is not None
-    # Held still at first: the weight of 1 kg, 0.3 m along the first link and 0.4 m along the second.
+    # Slow at first: the weight of 1 kg, 0.3 m along the first link and 0.4 m along the second.
     upper, both = empty.position[0, 0], empty.position[0, :2].sum()
     lever = 0.3 * np.cos(upper) + 0.4 * np.cos(both)
-    assert abs((loaded.rigid - empty.rigid)[0, 0]) == pytest.approx(9.81 * lever, rel=0.05)
+    assert abs((loaded.rigid - empty.rigid)[0, 0]) == pytest.approx(9.81 * lever, rel=0.1)
