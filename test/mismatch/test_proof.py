@@ -82,4 +82,3 @@ def test_bounds_hold_for_impossible_values_alone(name: str) -> None:
     usual = values_of(effect, recorded)
     assert effect.implausible(recorded, usual) == ""
     assert effect.implausible(recorded, usual | IMPOSSIBLE[name])
-
