@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
-from poise.recording import JointStream, WrenchStream
+from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
 
@@ -85,17 +85,18 @@ def check_positions(robot: RobotModel, position: Array) -> None:
         )
 
 
-def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
+def check_rates(joints: JointStream, measured: Stream) -> None:
     """Refuse recordings that are too short, or too slow for accelerations.
 
     Raises:
         InputError: TOO_FEW_SAMPLES.
     """
-    length = float(wrench.stamps[-1] - wrench.stamps[0]) * 1e-9
+    length = float(measured.stamps[-1] - measured.stamps[0]) * 1e-9
+    what = "wrench lasts" if isinstance(measured, WrenchStream) else "joint states last"
     if length < _SHORTEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"the wrench lasts {length:.1f} s: record ten seconds or more, {_SHORTEST:.0f} s at the least",
+            f"the {what} {length:.1f} s: record ten seconds or more, {_SHORTEST:.0f} s at the least",
         )
     period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else np.inf
     if period > 1.0 / _SLOWEST:
