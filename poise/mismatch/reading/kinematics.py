@@ -7,6 +7,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
+from poise.mismatch.reading.link_efforts import link_track
 from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.simulation import JointMotion
@@ -123,7 +124,8 @@ def effort_track(
     slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes)
+    links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes, links=links)
 
 
 @dataclass(frozen=True, eq=False)
