@@ -135,6 +135,14 @@ class Problem:
             )
         return [before[index] for index in range(len(parts))], recorded
 
+    def settled(self, parts: Sequence[FittedEffect]) -> Mask:
+        """(N,) samples outside the windows in which a part's response is known only roughly."""
+        keep = np.ones(len(self.seconds), dtype=bool)
+        for part, recorded in zip(parts, self.compose(parts)[0], strict=True):
+            for begin, end in part.effect.unsettled(recorded, part.values):
+                keep &= (self.seconds < begin) | (self.seconds > end)
+        return keep
+
     def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
         """The calibration errors about a prediction, without those whose tolerance a part exceeds."""
         widened = {part.effect.widens for part in parts} - {""}

@@ -121,11 +121,11 @@ def effort_track(
         inertia[i] = upper + np.triu(upper, 1).T
     known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= robot.base_joints))
     rigid = (torque @ robot.coupling)[:, known]
-    slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
+    by_q, inertia = ((robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia))
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes, links=links)
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links)
 
 
 @dataclass(frozen=True, eq=False)
