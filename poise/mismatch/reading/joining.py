@@ -17,7 +17,8 @@ RECORDING_GAP = 5.0
 def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     """One recording, and (N,) the mask of the samples of the last part.
 
-    Seconds count from the first recording's first sample; what only some recordings have (joints, effort, commands) is dropped.
+    Seconds count from the first recording's first sample. What only some recordings have (joints, effort, commands)
+    is dropped.
 
     Raises:
         InputError: BAD_INPUT when the recordings' joints differ.

@@ -112,10 +112,6 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
     recorded, findings = _checked(recorded, robot, joints, streams)
-    if wrench is None and recorded.effort is None and not (findings or streams.commands):
-        raise InputError(
-            ErrorCode.TOPIC_MISSING, f"{streams.name} has no wrench and no joint efforts: record one of them"
-        )
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -126,6 +122,11 @@ def _checked(
     """The recording with usable efforts alone and with its commands, and what is wrong with its input."""
     (position,) = robot.order(joints.names, joints.position)
     findings = check_motion(robot.joint_names, position, recorded, streams.name)
+    if not recorded.has("effort") and not recorded.has("wrench"):
+        sentence = f"{streams.name} has no wrench and no joint efforts"
+        if streams.commands is None:
+            raise InputError(ErrorCode.TOPIC_MISSING, f"{sentence}: record one of them")
+        findings.append(InputFinding("no_effort", f"{sentence}: only the motion can be compared with the commands."))
     if recorded.effort is not None:
         effort, wrong = checked_efforts(recorded.effort)
         recorded = replace(recorded, effort=effort)

@@ -108,8 +108,8 @@ def check_motion(names: Sequence[str], position: Array, recorded: RecordedMotion
     if len(still) < len(names) or recorded.has("base"):
         moving = [joint for joint in names if joint not in still]
         sentence = (
-            f"{', '.join(still)} {'stands' if len(still) == 1 else 'stand'} still: nothing is known of the friction and "
-            f"the drive there; {', '.join(moving) or 'the base alone'} {'moves' if len(moving) < 2 else 'move'}."
+            f"{', '.join(still)} {'stands' if len(still) == 1 else 'stand'} still, so their friction and drives do not "
+            f"show; {', '.join(moving) or 'the base alone'} {'moves' if len(moving) < 2 else 'move'}."
         )
         return [InputFinding("joints_at_rest", sentence, still)] if recorded.has("effort") else []
     sentence = "Nothing moves: most effects do not show at rest; record a motion of every joint."
