@@ -176,8 +176,14 @@ class Problem:
 
     def calibrated(self, groups: Sequence[CalibrationGroup], coefficients: Array) -> Array:
         """(N, C) response of calibration errors, in the signal's units, for the coefficients of `regression`."""
-        columns = np.concatenate([group.columns for group in groups], axis=2)
-        return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
+        total, taken = np.zeros(self.measured.shape), 0
+        for group in groups:
+            seen = _seen(group.columns)
+            each = np.zeros(len(seen))
+            each[seen] = coefficients[taken : taken + int(seen.sum())]
+            total += group.columns @ each
+            taken += int(seen.sum())
+        return total
 
     def with_noise(self, noise: SignalNoise) -> "Problem":
         """The problem with another noise model."""
@@ -190,7 +196,7 @@ class Problem:
 
 def _seen(columns: Array) -> Mask:
     """(k,) which calibration errors have a response."""
-    return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
+    return np.asarray(columns.any(axis=(0, 1)))
 
 
 def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
