@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from poise.mismatch.recorded.link_track import LinkTrack
 from poise.mismatch.recorded.load_wrench import load_wrench
 from poise.types import Array, Mask
 
@@ -79,6 +80,7 @@ class EffortTrack:
         rigid: (M, J) what the arm and its payload need without friction, by the recursive Newton-Euler algorithm.
         prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
+        links: what each link adds; None when it was not computed.
     """
 
     seconds: Array
@@ -91,6 +93,7 @@ class EffortTrack:
     prediction: Array
     by_position: Array
     by_acceleration: Array
+    links: LinkTrack | None = None
 
 
 @dataclass(frozen=True, eq=False)
