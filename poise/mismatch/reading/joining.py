@@ -67,7 +67,8 @@ def without(recorded: RecordedMotion, last: Mask) -> RecordedMotion:
     if effort is not None:
         rows = effort.seconds < end
         arrays = {field.name: getattr(effort, field.name) for field in fields(effort)}
-        effort = replace(effort, **{name: value[rows] for name, value in arrays.items() if name != "names"})
+        kept_rows: dict[str, Any] = {k: value[rows] for k, value in arrays.items() if isinstance(value, np.ndarray)}
+        effort = replace(effort, **kept_rows)
     return replace(kept, effort=effort, begins=recorded.begins[:-1])
 
 

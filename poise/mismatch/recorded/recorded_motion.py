@@ -58,6 +58,7 @@ class EffortTrack:
         rigid: (M, J) what the arm and its payload need without friction, by the recursive Newton-Euler algorithm.
         prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
+        motion_variance: (M, J) variance of `rigid` by the errors of the measured motion; None: the motion is exact.
     """
 
     seconds: Array
@@ -70,6 +71,7 @@ class EffortTrack:
     prediction: Array
     by_position: Array
     by_acceleration: Array
+    motion_variance: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,8 @@ class RecordedMotion:
         effort: None when joint efforts were not recorded.
         accelerometer: (N, 3) m/s2 acceleration of the sensor as an accelerometer on it measured, without gravity and
             offset; its clock may be offset. None without an accelerometer.
+        motion_variance: (N, 6) variance of the nominal wrench by the errors of the measured motion; None: the motion is
+            exact.
         begins: s at which further recordings begin, where there are several.
     """
 
@@ -113,6 +117,7 @@ class RecordedMotion:
     base: BaseTrack | None = None
     effort: EffortTrack | None = None
     accelerometer: Array | None = None
+    motion_variance: Array | None = None
     begins: tuple[float, ...] = ()
 
     def __len__(self) -> int:
