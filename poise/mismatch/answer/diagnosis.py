@@ -176,7 +176,7 @@ def diagnose(
     """
     begin = time.perf_counter()
     recorded = with_model_effects(recorded, model.effects)
-    problems = [wrench_problem(recorded, model)]
+    problems = [wrench_problem(recorded, model)] if recorded.has("wrench") else []
     if recorded.effort is not None and recorded.effort.names:
         problems.append(effort_problem(recorded, model))
     examined = []

@@ -162,7 +162,7 @@ def examine(
     made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library), reading)
     if keep is not None and made.found.verdict != "none":
         keep.mkdir(parents=True, exist_ok=True)
-        path = keep / f"window_{int(streams.wrench.stamps[0])}.mcap"
+        path = keep / f"window_{made.start}.mcap"
         kept = {"wrench": streams.wrench, "joint_states": reading.joints, "odom": streams.odometry}
         there: dict[str, Stream] = {topic: stream for topic, stream in kept.items() if stream is not None}
         write_recording(path, there, robot_description=streams.description())

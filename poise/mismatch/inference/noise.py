@@ -67,9 +67,12 @@ class SignalNoise:
 
     def whiten(self, values: Array) -> Array:
         """(N, C, k) -> (k, C, N): unit white noise, when `values` are noise of this kind."""
-        out = np.empty(values.shape[::-1])
+        out = np.zeros(values.shape[::-1])
         for channel, filtered in enumerate(self._filters):
-            out[:, channel] = filtered(values[:, channel].T / self.sigma[channel])
+            # Many columns act in one channel only.
+            used = values[:, channel].any(axis=0)
+            if used.any():
+                out[used, channel] = filtered(values[:, channel, used].T / self.sigma[channel])
         return out
 
     @cached_property

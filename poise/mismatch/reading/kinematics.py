@@ -116,8 +116,10 @@ def effort_track(
         slopes = pin.computeRNEADerivatives(loaded, data, q, v, a)
         torque[i] = data.tau[-moving:]
         by_q[i] = slopes[0][-moving:, -moving:]
-        upper = np.triu(slopes[2][-moving:, -moving:])
-        inertia[i] = upper + np.triu(upper, 1).T
+        inertia[i] = slopes[2][-moving:, -moving:]
+    # pinocchio fills the upper triangle only.
+    rows, columns = np.tril_indices(moving, -1)
+    inertia[:, rows, columns] = inertia[:, columns, rows]
     known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= robot.base_joints))
     rigid = (torque @ robot.coupling)[:, known]
     slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]

@@ -12,20 +12,20 @@ class MeasuredStreams:
 
     Args:
         name: of the recording or the window, for error sentences.
-        wrench: of the sensor.
+        wrench: of the sensor; None without one.
         joint_states: the states of these joints, in this order; raises JOINT_MISSING when they were not measured.
         odometry: poses of the robot's base; None when they were not measured.
         description: the robot's URDF; raises ROBOT_DESCRIPTION_MISSING.
     """
 
     name: str
-    wrench: WrenchStream
+    wrench: WrenchStream | None
     joint_states: Callable[[tuple[str, ...]], JointStream]
     odometry: PoseStream | None
     description: Callable[[], str]
 
 
-def recorded_streams(recording: Recording, wrench: WrenchStream) -> MeasuredStreams:
+def recorded_streams(recording: Recording, wrench: WrenchStream | None) -> MeasuredStreams:
     """The streams of a recording with joint states."""
     return MeasuredStreams(
         str(recording.path),

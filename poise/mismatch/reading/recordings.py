@@ -9,6 +9,7 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia.pipeline import recorded_gravity
 from poise.mismatch.reading.frame_motion import recorded_from_frames
 from poise.mismatch.reading.joint_motion import recorded_from_streams
+from poise.mismatch.reading.joint_samples import usable_joints
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
@@ -50,21 +51,21 @@ def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
         InputError: TOPIC_MISSING, JOINT_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, TOO_FEW_SAMPLES, BAD_INPUT
             for a wrench in wrong units or of the other sign, EMPTY when wrench and motion never overlap.
     """
-    wrench = recording.wrench()
     known = replace(model, gravity=recorded_gravity(recording) if model.gravity is None else model.gravity)
     losses = tuple(loss.sentence for loss in recording.losses)
     if holds(recording, "joint_states"):
+        wrench = recording.wrench() if holds(recording, "wrench") else None
         return read_streams(recorded_streams(recording, wrench), known, losses)
     if not holds(recording, "tf"):
         raise InputError(
             ErrorCode.TOPIC_MISSING,
             f"{recording.path} has no joint_states and no tf: nothing says how the sensor moved; record them too",
         )
-    frame = model.sensor_frame or wrench.frame_id or "ft_sensor"
-    wrench, notes = usable(wrench)
+    measured, notes = usable(recording.wrench())
+    frame = model.sensor_frame or measured.frame_id or "ft_sensor"
 
     def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
-        return recorded_from_frames(recording, frame, wrench, phi, known.gravity_or_standard)
+        return recorded_from_frames(recording, frame, measured, phi, known.gravity_or_standard)
 
     known = replace(known, sensor_frame=frame)
     recorded, known, corrections = _against(build, str(recording.path), known, np.zeros(10))
@@ -82,15 +83,20 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     Raises:
         InputError: as `read_recording`.
     """
-    frame = model.sensor_frame or streams.wrench.frame_id or "ft_sensor"
-    wrench, notes = usable(streams.wrench)
-    joints, robot, odometry = _robot(streams, model, frame)
+    wrench, losses = streams.wrench, list(losses)
+    if wrench is not None:
+        wrench, notes = usable(wrench)
+        losses += notes
+    joints, robot, odometry = _robot(streams, model)
+    frame = robot.sensor_frame
+    joints, notes = usable_joints(joints, alone=wrench is None)
     tool = robot.load_in_sensor if model.tool_in_wrench else np.zeros(10)
 
     def build(phi: Array) -> tuple[RecordedMotion, list[str]]:
         return recorded_from_streams(robot, joints, odometry, wrench, phi, model.gravity_or_standard, tool)
 
-    recorded, known, corrections = _against(build, streams.name, replace(model, sensor_frame=frame), tool)
+    known = replace(model, sensor_frame=frame)
+    recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections))
 
 
@@ -99,22 +105,28 @@ def _against(
     name: str,
     model: NominalModel,
     tool: Array,
+    measures_wrench: bool = True,
 ) -> tuple[RecordedMotion, NominalModel, list[str]]:
     """The motion with the payload of the model, or with the payload that is identified beside the tool (10,)."""
-    if model.phi is None:
+    if model.phi is None and not measures_wrench:
+        phi = np.zeros(10)  # joint efforts alone: the robot of the URDF, its hand empty
+    elif model.phi is None:
         phi = identified(build(np.zeros(10))[0]) - tool
         model = replace(model, phi=phi, tolerance=loosened(model.tolerance), payload_identified=True)
     else:
         phi = model.phi
     recorded, notes = build(phi)
+    if not measures_wrench:
+        return recorded, model, notes
     check_wrench(recorded, name)
     recorded, spikes = without_spikes(recorded)
     return recorded, model, [*notes, *spikes]
 
 
-def _robot(
-    streams: MeasuredStreams, model: NominalModel, frame: str
-) -> tuple[JointStream, RobotModel, PoseStream | None]:
+def _robot(streams: MeasuredStreams, model: NominalModel) -> tuple[JointStream, RobotModel, PoseStream | None]:
     """Joint states with a robot that they move; odometry when the root of that robot moves."""
+    frame = model.sensor_frame
+    if frame is None and streams.wrench is not None:
+        frame = streams.wrench.frame_id or "ft_sensor"
     text = streams.description() if model.urdf is None else read_urdf(find_urdf(model.urdf))
     return robot_of(text, frame, streams.joint_states, streams.odometry)

@@ -76,14 +76,16 @@ class EffortTrack:
 
 @dataclass(frozen=True, eq=False)
 class RecordedMotion:
-    """A recording at the stamps of its N good wrench samples; what was lost or not finite is absent.
+    """A recording at the stamps of its N good wrench samples, or without a wrench of its joint efforts.
+
+    What was lost or not finite is absent.
 
     Vectors are in sensor axes unless the name says `in_world`. Stamps need not be uniform.
 
     Args:
         start: int ns, the stamp that `seconds` count from.
         seconds: (N,) s, ascending.
-        wrench: (N, 6) N and N m that the sensor read; NaN in a motion that is only simulated.
+        wrench: (N, 6) N and N m that the sensor read; NaN without a sensor, and in a motion that is only simulated.
         phi: (10,) the nominal payload (m, m c, I about the sensor's origin).
         prediction: (N, 6) what the model predicts so far; begins as the nominal wrench.
         gravity: (N, 3) m/s2, in sensor axes.
@@ -150,7 +152,9 @@ class RecordedMotion:
         return np.asarray(np.linalg.norm(rates, axis=1))
 
     def has(self, what: str) -> bool:
-        """Whether the recording holds "joints", "effort", a "base" that moves, or a "load" that is not massless."""
+        """Whether it holds "wrench", "joints", "effort", a "base" that moves, or a "load" that is not massless."""
+        if what == "wrench":
+            return bool(np.isfinite(self.wrench).any())
         held = {"joints": self.joints, "effort": self.effort, "base": self.base}
         return held[what] is not None if what in held else bool(abs(self.phi[0]) > 1e-3)
 
