@@ -1,4 +1,4 @@
-"""The noise model of a signal: white inside a band, plus a coloured part that grows with speed; and its whitening filter.
+"""The noise model of a signal: white inside a band, plus a coloured part that grows with speed; its whitening filter.
 
 Each channel is n_t = sigma (e_t + g_t x_t): e white, x an Ornstein-Uhlenbeck process of unit variance and correlation
 time tau, g_t^2 = (floor + slope * speed_t)^2 + motion_t / sigma^2, each channel with its parameters. `motion` is the

@@ -12,7 +12,7 @@ _STRETCH = 100
 _BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
 """Samples that are averaged to find the band of the noise."""
 _FAST, _SLOWEST = 0.016, 0.08
-"""s of a block: up to the first the loudest counts, since no motion is that fast; no block is longer than the second."""
+"""s of a block: up to the first the loudest counts, since no motion is that fast; the second is the longest."""
 _LOUDER = 1.25
 """Ratio of two levels from which they differ."""
 _STEEP = 0.45
@@ -29,7 +29,7 @@ class NoiseLevel:
 
     Args:
         sigma: (C,) one sigma of a sample of white noise with the same spectrum inside the band, in the signal's units.
-        share: (C,) of that variance that the samples have: 1 for white noise, less where a filter removed the fast part.
+        share: (C,) of that variance that the samples have: 1 for white noise, less where a filter removed a part.
         block: (C,) samples whose average has white noise again.
     """
 
@@ -41,17 +41,15 @@ class NoiseLevel:
 def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel:
     """The level of the noise in (N, C) values, also of noise that a filter or an interpolation made smooth.
 
-    Averages of white noise over b samples have a level of sigma / sqrt(b). Where the level of the averages times sqrt(b)
-    grows steeply with b, the noise was filtered; the level is that of the shortest blocks from which on it no longer does.
+    Averages of white noise over b samples have a level of sigma / sqrt(b). Where the level of the averages times
+    sqrt(b) grows steeply with b, the noise was filtered; the shortest blocks from which on it no longer does count.
 
     Args:
         values: the signal, or a residual.
         period: s between samples.
         coarse: see `white_level`.
     """
-    lengths = [
-        b for b in _BLOCKS if b == 1 or (b * period <= _SLOWEST * (1.0 + 1e-6) and len(values) // b >= _FEWEST)
-    ]
+    lengths = [b for b in _BLOCKS if b == 1 or (b * period <= _SLOWEST * (1.0 + 1e-6) and len(values) // b >= _FEWEST)]
     levels = np.empty((len(lengths), values.shape[1]))
     for row, b in enumerate(lengths):
         means = values if b == 1 else block_means(values, b)
