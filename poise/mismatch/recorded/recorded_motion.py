@@ -58,6 +58,8 @@ class EffortTrack:
         rigid: (M, J) what the arm and its payload need without friction, by the recursive Newton-Euler algorithm.
         prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
+        by_link: (M, J, L) what each moving link alone needs; without the payload.
+        by_tilt: (M, J, 2) N m/rad, d rigid by the rotation of the base about x and y of the world.
     """
 
     seconds: Array
@@ -70,6 +72,8 @@ class EffortTrack:
     prediction: Array
     by_position: Array
     by_acceleration: Array
+    by_link: Array
+    by_tilt: Array
 
 
 @dataclass(frozen=True, eq=False)
