@@ -131,7 +131,9 @@ class MismatchDiagnoser(Node):
 
     def _start(self, work: Any) -> None:
         self._busy = True  # set before the thread can reset it
-        if not self._jobs.do(work):
+        if self._jobs.do(work):
+            self._diagnose()  # an examination may be shorter than the period of the diagnostics
+        else:
             self._busy = False
 
     def _diagnose(self) -> None:

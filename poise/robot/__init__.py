@@ -19,10 +19,10 @@
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
 from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
-from poise.robot.kinematics import BaseMotion, PinocchioState, frame_poses, motion_sigma, pinocchio_state, sensor_motion
+from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
 from poise.robot.live_imu import IMU_LAG_STEP, IMU_LONGEST_DELAY, LiveImu
 from poise.robot.measured import MeasuredMotion, motion_from_derivatives, motion_from_joints, motion_from_poses
-from poise.robot.model import RobotModel, find_urdf, inertia_of, phi_of
+from poise.robot.model import RobotModel, chains, find_urdf, inertia_of, phi_of
 from poise.robot.motion import SensorMotion
 from poise.robot.motion_buffers import (
     NO_KINEMATICS,
@@ -70,7 +70,6 @@ __all__ = [
     "Mounting",
     "PairingReasons",
     "PairingSettings",
-    "PinocchioState",
     "ResampledSignal",
     "RobotModel",
     "RotationDerivatives",
@@ -84,6 +83,7 @@ __all__ = [
     "StaticPoseBuffer",
     "base_from_odometry",
     "base_motion_at",
+    "chains",
     "differentiate",
     "differentiate_rotations",
     "find_imu",

@@ -1,7 +1,7 @@
 """The kinematic chain of a robot up to its force-torque sensor, and the load of the links beyond it."""
 
 import difflib
-from collections.abc import Collection, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -60,7 +60,7 @@ class RobotModel:
         text: str,
         sensor_frame: str = "ft_sensor",
         base: Literal["fixed", "floating"] = "fixed",
-        locked: Collection[str] = (),
+        locked: Mapping[str, float] | None = None,
     ) -> "RobotModel":
         """Build from the text of a URDF; meshes are not opened.
 
@@ -68,7 +68,7 @@ class RobotModel:
             text: the URDF.
             sensor_frame: a link.
             base: floating when odometry gives the motion of the root link.
-            locked: joints that are held at zero, since odometry contains their motion.
+            locked: joints that are held, and where, rad or m: odometry contains their motion, or they do not move.
 
         Raises:
             InputError: ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN when there is no such sensor frame, or UNSUPPORTED
@@ -78,8 +78,14 @@ class RobotModel:
         full = _build(tree, base)
         _require_frame(full, sensor_frame)
         reference = np.clip(pin.neutral(full), full.lowerPositionLimit, full.upperPositionLimit)
+        stated = locked or {}
+        for name, position in stated.items():
+            if full.existJointName(name):
+                joint = full.joints[full.getJointId(name)]
+                at = (np.cos(position), np.sin(position)) if joint.nq == 2 else position
+                reference[joint.idx_q : joint.idx_q + joint.nq] = at
         moving = _joints_that_move(full, sensor_frame, tree.mimics)
-        held = [i for i in range(1, full.njoints) if full.names[i] not in moving or full.names[i] in locked]
+        held = [i for i in range(1, full.njoints) if full.names[i] not in moving or full.names[i] in stated]
         reduced = pin.buildReducedModel(full, held, reference) if held else full
         return cls._assemble(tree, reduced, sensor_frame, base, _load_beyond(tree, full, sensor_frame, reference))
 
@@ -170,9 +176,9 @@ class RobotModel:
 
     @cached_property
     def base_joints(self) -> int:
-        """How many of the first joints are a mobile base: two horizontal prismatic joints and a vertical turning one.
+        """Three when the first joints are a mobile base: two horizontal prismatic joints and a vertical turning one.
 
-        A single prismatic joint, such as a rail or a lift under an arm, is part of the arm.
+        Other prismatic joints, such as a rail or a lift under an arm, or a gantry, are part of the arm.
         """
         data = self.pinocchio.createData()
         pin.computeJointJacobians(self.pinocchio, data, pin.neutral(self.pinocchio))
@@ -188,9 +194,7 @@ class RobotModel:
             slides = np.linalg.norm(angular) < 0.5
             level = abs(linear[2]) < 0.1 if slides else abs(angular[2]) > 0.99
             kinds.append(("slide" if slides else "turn") if level else "other")
-        if kinds[:2] != ["slide", "slide"]:
-            return 0
-        return 3 if kinds[2:3] == ["turn"] else 2
+        return 3 if kinds == ["slide", "slide", "turn"] else 0
 
     @property
     def slides_first(self) -> bool:
@@ -206,6 +210,32 @@ def find_urdf(path: str | Path) -> Path:
     """A path, or the file of a robot that comes with Poise when `path` is its name."""
     own = MODELS / f"{path}.urdf"
     return own if own.parent == MODELS and own.is_file() else Path(path)
+
+
+def chains(text: str) -> list[tuple[str, tuple[str, ...]]]:
+    """The last link of every chain from the root, with the independent joints that move it; the longest chain first.
+
+    Raises:
+        InputError: ROBOT_DESCRIPTION_INVALID.
+    """
+    tree = parse_urdf(text)
+    full = _build(tree, "fixed")
+    source = {mimic.joint: mimic.source for mimic in tree.mimics}
+    found: dict[tuple[str, ...], tuple[int, str]] = {}
+    for frame in full.frames:
+        if frame.type == pin.FrameType.BODY:
+            names = [full.names[i] for i in full.supports[frame.parentJoint] if i]
+            moving = tuple(dict.fromkeys(source.get(name, name) for name in names))
+            depth = sum(1 for _ in _above(tree, frame.name))
+            if depth > found.get(moving, (-1, ""))[0]:
+                found[moving] = depth, frame.name
+    return [(link, joints) for joints, (_, link) in sorted(found.items(), key=lambda each: -len(each[0]))]
+
+
+def _above(tree: UrdfTree, link: str) -> Iterator[str]:
+    while link in tree.parent_of:
+        link = tree.parent_of[link]
+        yield link
 
 
 def phi_of(inertia: pin.Inertia) -> Array:

@@ -1,13 +1,13 @@
 """The kinematics of a recording: joint states through a robot model, or a chain of tf frames."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import JointStream, PoseStream, Recording
-from poise.robot.model import RobotModel
+from poise.robot.model import RobotModel, chains
 from poise.robot.recorded_frames import frames_above, is_constant
 from poise.robot.sources import FrameSource, JointSource, MotionSource
 from poise.types import Stamps
@@ -85,9 +85,10 @@ def has_topic(recording: Recording, topic: str) -> bool:
 
 def robot_of(
     text: str,
-    sensor_frame: str,
+    sensor_frame: str | None,
     joint_states: Callable[[tuple[str, ...]], JointStream],
     odometry: PoseStream | None,
+    held: Mapping[str, float] | None = None,
 ) -> tuple[JointStream, RobotModel, PoseStream | None]:
     """The robot of a URDF, with the joint states that move it, and odometry where that moves its root link.
 
@@ -96,13 +97,15 @@ def robot_of(
 
     Args:
         text: the URDF.
-        sensor_frame: a link.
+        sensor_frame: a link; None: the last link of the longest chain whose joints have states.
         joint_states: reads the states of these joints.
         odometry: of the root link; None: it does not move.
+        held: joints without states, and where they stand, rad or m.
 
     Raises:
         InputError: JOINT_MISSING, or as `RobotModel.from_urdf`.
     """
+    stated = dict(held or {})
     found: dict[tuple[str, ...], JointStream] = {}
 
     def has_joints(names: tuple[str, ...]) -> bool:
@@ -113,27 +116,39 @@ def robot_of(
                 raise
         return names in found
 
-    robot = RobotModel.from_urdf(text, sensor_frame)
+    if sensor_frame is None:
+        every = [(link, tuple(name for name in names if name not in stated)) for link, names in chains(text)]
+        sensor_frame = next((link for link, names in every if names and has_joints(names)), every[0][0])
+    robot = RobotModel.from_urdf(text, sensor_frame, locked=stated)
     if odometry is not None:
-        robot = robot_on_odometry(robot, text, has_joints)
+        robot = robot_on_odometry(robot, text, has_joints, stated)
     joints = found.get(robot.joint_names) or joint_states(robot.joint_names)
     return joints, robot, odometry if robot.base == "floating" else None
 
 
-def robot_on_odometry(robot: RobotModel, text: str, has_joints: Callable[[tuple[str, ...]], bool]) -> RobotModel:
+def robot_on_odometry(
+    robot: RobotModel,
+    text: str,
+    has_joints: Callable[[tuple[str, ...]], bool],
+    held: Mapping[str, float] | None = None,
+) -> RobotModel:
     """The same robot with a floating base, where odometry has to move it; see `robot_of`.
 
     Args:
         robot: with a fixed base.
         text: its URDF.
         has_joints: whether the joint states contain all of these joints.
+        held: joints without states, and where they stand, rad or m.
     """
+    stated = dict(held or {})
     if has_joints(robot.joint_names):
-        return robot if robot.base_joints else RobotModel.from_urdf(text, robot.sensor_frame, base="floating")
+        if robot.base_joints:
+            return robot
+        return RobotModel.from_urdf(text, robot.sensor_frame, base="floating", locked=stated)
     leading = robot.base_joints or int(robot.slides_first)
     if not leading or not has_joints(robot.joint_names[leading:]):
         return robot
-    locked = robot.joint_names[:leading]
+    locked = stated | dict.fromkeys(robot.joint_names[:leading], 0.0)
     return RobotModel.from_urdf(text, robot.sensor_frame, base="floating", locked=locked)
 
 

@@ -162,7 +162,7 @@ def examine(
     made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library), reading)
     if keep is not None and made.found.verdict != "none":
         keep.mkdir(parents=True, exist_ok=True)
-        path = keep / f"window_{int(streams.wrench.stamps[0])}.mcap"
+        path = keep / f"window_{made.start}.mcap"
         kept = {"wrench": streams.wrench, "joint_states": reading.joints, "odom": streams.odometry}
         there: dict[str, Stream] = {topic: stream for topic, stream in kept.items() if stream is not None}
         write_recording(path, there, robot_description=streams.description())
@@ -195,6 +195,7 @@ def _joint_stream(states: list[tuple[int, Any]], names: tuple[str, ...]) -> Join
         raise InputError(
             ErrorCode.JOINT_MISSING,
             f"joint_states: no message of the window holds the joints {' '.join(names)}; there are {there}",
+            there=there.split(),
         )
     out = np.full((3, len(chosen), len(names)), np.nan)
     for row, (_, (own, *parts)) in enumerate(chosen):

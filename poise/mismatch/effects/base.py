@@ -25,6 +25,9 @@ Values = Mapping[str, float]
 LAYERS: tuple[Layer, ...] = ("kinematics", "load", "event", "sensor", "friction")
 """In the order in which they act; friction acts on joint efforts alone."""
 
+_END = 1e-4
+"""Of the unit interval: a parameter this close to an end of its range was stopped there."""
+
 
 @dataclass(frozen=True)
 class EffectParameter:
@@ -35,7 +38,8 @@ class EffectParameter:
         unit: SI, as text; "" for a ratio.
         scale: of a linear parameter: one sigma of its prior, a normal distribution about zero: its typical size. The
             search also tries 1/3 and 3 times it.
-        low, high: of a non-linear parameter: its prior is uniform between them; values outside are not tried.
+        low, high: of a non-linear parameter: its prior is uniform between them; values outside are not tried. Of a
+            linear parameter: its physical bounds; a fit may cross them, but its effect is then implausible.
         linear: the response is proportional to it, for given non-linear parameters.
         log: the prior of a non-linear parameter is uniform in its logarithm (times, frequencies, stiffnesses).
         peaked: the prior of a non-linear parameter is a Cauchy distribution about zero with half-width `scale`, cut at
@@ -70,6 +74,14 @@ class EffectParameter:
         """Whether a linear parameter is at its physical bound."""
         return self.positive and value <= 1e-9 * self.scale
 
+    def within(self, value: float) -> bool:
+        """Whether a linear parameter is inside its physical bounds; non-linear ones never leave their range."""
+        return not self.linear or max(self.low, self.lower) - 1e-9 * self.scale <= value <= self.high
+
+    def at_end(self, value: float) -> bool:
+        """Whether a fit pressed a non-linear parameter against an end of its range."""
+        return not self.linear and not _END < self.to_unit(value) < 1.0 - _END
+
     def to_unit(self, value: float) -> float:
         """Where a value lies in its prior, 0 to 1 (the distribution function)."""
         low, high, at = (self._stretched(number) for number in (self.low, self.high, value))
@@ -103,7 +115,9 @@ class Effect(ABC):
         needs: what the recording must hold: any of "joints", "effort", "base" (a base that moves), "load".
         transfers: its parameters hold in another recording; False for events.
         made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
+            An answer never names an effect beside one that contains it.
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
+        defaults: parameters that models saved by an earlier version lack, with the values that they then had.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
 
@@ -122,6 +136,7 @@ class Effect(ABC):
     made_of: ClassVar[tuple[str, ...]] = ()
     direct: ClassVar[bool] = False
     widens: ClassVar[str] = ""
+    defaults: ClassVar[Values] = {}
 
     @abstractmethod
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
@@ -167,10 +182,31 @@ class Effect(ABC):
         del recorded, values
         return ()
 
+    def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        """Short windows (start, end), s, in which its response is known in size only, as in a knock.
+
+        A knock that is a fraction of a sample late differs as much as one that is not there: further effects are not
+        searched in these windows, and predictions are not compared there.
+        """
+        del recorded, values
+        return ()
+
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         """Further quantities to report, {name: (value, unit)}: functions of the parameters."""
         del recorded, values
         return {}
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """Why these values are physically impossible, as a clause; "" when they are possible.
+
+        No answer contains an effect with implausible values: here a linear parameter beyond its bounds, or a peaked one
+        at an end of its range. An effect with bounds on derived quantities (a path, a
+        total mass) overrides this and asks its base class first.
+        """
+        for p in self.parameters(recorded):
+            if not p.within(values[p.name]) or (p.peaked and p.at_end(values[p.name])):
+                return f"{p.name} would be {values[p.name]:.3g} {p.unit}".rstrip()
+        return ""
 
     def untestable(self, recorded: RecordedMotion) -> str:
         """Why this recording cannot show the effect, as the end of a sentence; "" when it can."""

@@ -7,6 +7,9 @@ from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.recorded import RecordedMotion, motion_response
 from poise.types import Array
 
+_LARGEST = 0.35
+"""rad: the response is linear in the offset up to about here."""
+
 
 class JointOffset(Effect):
     """q_read = q_true + d, joint by joint: gravity and all motion before the joint reach the sensor rotated."""
@@ -23,7 +26,9 @@ class JointOffset(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         names = () if recorded.joints is None else recorded.joints.names
-        return tuple(EffectParameter(f"offset_{i}", "rad", 0.01) for i in range(1, len(names) + 1))
+        return tuple(
+            EffectParameter(f"offset_{i}", "rad", 0.01, low=-_LARGEST, high=_LARGEST) for i in range(1, len(names) + 1)
+        )
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         del nonlinear

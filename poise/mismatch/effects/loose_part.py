@@ -24,6 +24,7 @@ from poise.mismatch.effects.part_wrench import (
     sliding_wrench,
     specific_at,
 )
+from poise.mismatch.effects.starts import spans
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
@@ -37,6 +38,9 @@ _GAPS, _SETTLING = tuple(np.geomspace(0.003, 0.03, 9).tolist()), 0.02
 """m and s that are tried in this case."""
 _SURE, _NEAR, _TIMED = 0.02, 0.03, 0.003
 """rad, m and s: accuracy of axis, place and time from knocks alone."""
+
+_GIVES, _BESIDE = 0.01, 3.0
+"""Share of half the gap by which a stop gives way in a knock; samples beside it whose prediction it upsets."""
 
 
 class LoosePart(Effect):
@@ -86,10 +90,19 @@ class LoosePart(Effect):
             yield min(sharp, key=lambda values: self._left(recorded, values, bent, weight, _BLURS[-1]))
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        place, axis = place_of(nonlinear), direction(nonlinear)
-        push = specific_at(recorded, place) @ axis
-        slid = between_stops(recorded.seconds, push, nonlinear["gap"], nonlinear["settling"])
-        return sliding_wrench(recorded, place, axis, slid)[:, :, None]
+        slid = self._slid(recorded, nonlinear)
+        return sliding_wrench(recorded, place_of(nonlinear), direction(nonlinear), slid)[:, :, None]
+
+    def unsettled(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        """The knocks: while a stop gives way."""
+        gives = np.abs(self._slid(recorded, values)[0]) > 0.5 * (1.0 + _GIVES) * values["gap"]
+        return tuple(spans(recorded.seconds, gives, _BESIDE * recorded.period))
+
+    @staticmethod
+    def _slid(recorded: RecordedMotion, values: Values) -> tuple[Array, Array, Array]:
+        """(N,) each: where the part is along the axis, m, its rate and second rate."""
+        push = specific_at(recorded, place_of(values)) @ direction(values)
+        return between_stops(recorded.seconds, push, values["gap"], values["settling"])
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)

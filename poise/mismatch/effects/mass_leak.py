@@ -73,6 +73,11 @@ class MassLeak(Effect):
         ((start, end),) = self.windows(recorded, values)
         return {"lost": (values["rate"] * (end - start), "kg")}
 
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """A payload cannot lose more than it has."""
+        lost = self.derived(recorded, values)["lost"][0]
+        return f"the payload would lose {lost:.2f} kg" if lost > 1.05 * max(float(recorded.phi[0]), 0.5) else ""
+
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         ((start, end),) = self.windows(recorded, values)
         verb = "loses" if values["rate"] > 0 else "gains"

@@ -12,6 +12,9 @@ from poise.types import Array
 
 _ROWS = ("mass", "moment_x", "moment_y", "moment_z")
 
+_FARTHEST = 1.0
+"""m from the sensor to a payload's centre of mass."""
+
 
 class MassStep(Effect):
     """phi(t) = phi + dphi for t >= time; a small part: its inertia about its own centre is left out."""
@@ -55,6 +58,12 @@ class MassStep(Effect):
         del recorded
         mass = values["mass"] or 1e-9
         return {axis: (values[f"moment_{axis}"] / mass, "m") for axis in "xyz"}
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """The first moment changes by at most the reach of the payload times the mass that is there or comes."""
+        moment = np.linalg.norm([values[name] for name in _ROWS[1:]])
+        mass = max(float(recorded.phi[0]), 0.5) + abs(values["mass"])
+        return "the mass that changes would lie outside the payload" if moment > _FARTHEST * mass else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         change = "heavier" if values["mass"] > 0 else "lighter"

@@ -9,6 +9,9 @@ from poise.types import Array
 
 PAYLOAD_PARAMETERS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
+_FARTHEST = 1.0
+"""m from the sensor to a payload's centre of mass."""
+
 
 class PayloadParameters(Effect):
     """phi_true = phi + dphi, linear in the ten parameters (m, m c, I about the sensor's origin)."""
@@ -43,6 +46,15 @@ class PayloadParameters(Effect):
             f"inertia_{row[1:]}": (float(value), "kg m2")
             for row, value in zip(PAYLOAD_PARAMETERS[4:], inertia, strict=True)
         }
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """A mass is not negative, and its centre lies within reach of the sensor."""
+        body = recorded.phi + np.array([values[name] for name in PAYLOAD_PARAMETERS])
+        least = 0.05 * max(float(recorded.phi[0]), 0.5)
+        if body[0] < -least:
+            return f"the payload would weigh {body[0]:.2f} kg"
+        far = np.linalg.norm(body[1:4]) > _FARTHEST * max(float(body[0]), 0.0) + least
+        return "its centre of mass would lie outside the payload" if far else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         body = self._body(recorded, values)

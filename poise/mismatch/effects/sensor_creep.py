@@ -25,7 +25,7 @@ class SensorCreep(Effect):
         longest = max(2.0 * recorded.duration, 20.0)
         return (
             EffectParameter("time_constant", "s", low=1.0, high=longest, linear=False, log=True),
-            EffectParameter("fraction", "", 0.08),
+            EffectParameter("fraction", "", 0.08, low=-0.5, high=0.5),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:

@@ -10,6 +10,9 @@ from poise.types import Array
 GAIN_LEVER = 0.1
 """m: a sensor's force range over its torque range (FT 300: 300 N, 30 N m), which scales crosstalk between the two."""
 
+_LARGEST = 0.5
+"""Of an axis: a larger scale error is a wrong unit or a broken axis."""
+
 
 class SensorGain(Effect):
     """w_read = (1 + E) w with a constant 6x6 matrix E: an aged calibration matrix, or that of another sensor."""
@@ -31,7 +34,8 @@ class SensorGain(Effect):
             for j, felt in enumerate(WRENCH_CHANNELS):
                 unit = "" if i // 3 == j // 3 else "m" if i > j else "1/m"
                 size = 0.03 if i // 3 == j // 3 else 0.03 * GAIN_LEVER if i > j else 0.03 / GAIN_LEVER
-                made.append(EffectParameter(f"gain_{read}_{felt}", unit, size))
+                limit = _LARGEST if i == j else np.inf
+                made.append(EffectParameter(f"gain_{read}_{felt}", unit, size, low=-limit, high=limit))
         return tuple(made)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:

@@ -45,6 +45,17 @@ class SensorNonlinearity(Effect):
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return {"largest_share": (float(np.abs(self._shares(recorded, values)).max()), "")}
 
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """The reading of a load cell rises with the load, up to the largest load of the recording."""
+        load = np.linspace(0.0, 1.0, 11)[:, None] * np.abs(recorded.prediction).max(axis=0)
+        quadratic, cubic = (
+            np.array([values[f"{kind}_{channel}"] for channel in WRENCH_CHANNELS]) for kind in ("quadratic", "cubic")
+        )
+        slope = 1.0 + 2.0 * quadratic * load + 3.0 * cubic * load**2
+        i = int(np.argmin(slope.min(axis=0)))
+        falls = f"the reading of {BIAS_PARAMETERS[i]} would fall with a rising load" if slope.min() <= 0.0 else ""
+        return super().implausible(recorded, values) or falls
+
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         shares = self._shares(recorded, values)
         i = int(np.argmax(np.abs(shares)))

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from poise.mismatch.recorded import RecordedMotion
-from poise.types import Array
+from poise.types import Array, Mask
 
 
 def scaled(recorded: RecordedMotion, residual: Array) -> Array:
@@ -76,10 +76,8 @@ def bursts(recorded: RecordedMotion, residual: Array, count: int = 3) -> Iterato
     usual = float(np.median(energy))
     spread = 1.4826 * float(np.median(np.abs(energy - usual))) + 1e-12
     above = energy > usual + 5 * spread
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], above, [False]]).astype(int)))
-    spans = [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     joined: list[tuple[int, int]] = []
-    for begin, end in spans:
+    for begin, end in _runs(above):
         if joined and recorded.seconds[begin] - recorded.seconds[joined[-1][1]] < 0.3:
             joined[-1] = (joined[-1][0], end)
         else:
@@ -87,6 +85,18 @@ def bursts(recorded: RecordedMotion, residual: Array, count: int = 3) -> Iterato
     ranked = sorted(joined, key=lambda span: -float((energy[span[0] : span[1] + 1] - usual).sum()))
     for begin, end in ranked[:count]:
         yield float(recorded.seconds[begin]), float(recorded.seconds[end])
+
+
+def spans(seconds: Array, inside: Mask, beside: float) -> Iterator[tuple[float, float]]:
+    """Windows (start, end), s, of the runs of a mask (N,), wider by `beside`, s, at both ends."""
+    for begin, end in _runs(inside):
+        yield float(seconds[begin]) - beside, float(seconds[end]) + beside
+
+
+def _runs(inside: Mask) -> list[tuple[int, int]]:
+    """First and last index of each run of a mask (N,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def smoothed(recorded: RecordedMotion, values: Array, width: float) -> Array:

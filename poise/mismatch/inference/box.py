@@ -103,7 +103,7 @@ class _Box:
         return dx, risen
 
     def _exact(self, x: Array, held: NDArray[np.intp]) -> Array:
-        """The least with some coefficients at their nearest bound; x if the others do not stay inside, or x is better."""
+        """The least with some coefficients at their nearest bound; x if others leave the box or x is better."""
         nearest = np.where(x - self.lower < self.upper - x, self.lower, self.upper)
         free = np.setdiff1d(np.arange(len(x)), held)
         exact = x.copy()

@@ -77,13 +77,16 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     payload = at_times(recorded.seconds, along.reshape(len(recorded), -1), track.seconds).reshape(-1, count, 10)
     gain = track.prediction[:, :, None] * np.eye(count) * tolerance.motor_gain
     offset = np.diag(effort_sizes(track) * tolerance.effort_offset)
+    none = np.zeros((*track.measured.shape, 0))
+    links = none if track.links is None else track.links.efforts
+    tilt = none if track.by_tilt is None else track.by_tilt
     return (
         CalibrationGroup("payload", payload),
         CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
         CalibrationGroup("gain", gain),
         CalibrationGroup("offset", np.broadcast_to(offset, gain.shape)),
-        CalibrationGroup("links", track.by_link * tolerance.link_mass),
-        CalibrationGroup("tilt", track.by_tilt * tolerance.base_tilt),
+        CalibrationGroup("links", links * tolerance.link_mass),
+        CalibrationGroup("tilt", tilt * tolerance.base_tilt),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.damping import Damping
-from poise.mismatch.inference.evidence import WhitenedRegression, flat_width, laplace_evidence
+from poise.mismatch.inference.evidence import ProjectedColumns, WhitenedRegression, flat_width, laplace_evidence
 from poise.mismatch.inference.linearised import PRIOR_SCALES, SLOPE_STEP, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
@@ -119,7 +119,7 @@ def score_start(
     gain = _evidence_gain(regression, at, parameters, slopes)
     moving = any(not p.linear for p in parameters)
     typical = np.array([p.scale for p in parameters if p.linear])
-    visibility = float(np.sqrt(np.max(at.information * typical**2))) if len(typical) else np.inf
+    visibility = float(np.sqrt(np.max(np.diag(at.projected.information) * typical**2))) if len(typical) else np.inf
     # Without linear parameters the value at a starting point says nothing; only the slopes do.
     potential = np.inf if not len(typical) else 0.5 * (at.drop - free) if moving else gain
     return EffectCandidate(effect, at.values, gain, at.drop, potential, visibility)
@@ -133,7 +133,7 @@ class _Point:
     columns: Array
     response: Array
     drop: float
-    information: Array
+    projected: ProjectedColumns
 
 
 def _linear(
@@ -147,15 +147,15 @@ def _linear(
     """The most likely linear parameters at given non-linear ones."""
     if not len(weak):
         response = problem.whiten(effect.simulate(recorded, nonlinear))
-        drop = regression.project(response[None]).drop(np.ones(1))
-        return _Point(nonlinear, np.zeros((0, len(response))), response, drop, np.zeros(0))
+        drop, none = regression.project(response[None]).drop(np.ones(1)), np.zeros((0, len(response)))
+        return _Point(nonlinear, none, response, drop, regression.project(none))
     columns = problem.whiten(effect.columns(recorded, nonlinear))
     projected = regression.project(columns)
     parameters = [p for p in effect.parameters(recorded) if p.linear]
     linear, drop = projected.fitted(weak, lower=np.array([p.lower for p in parameters]))
     names = [p.name for p in parameters]
     values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
-    return _Point(values, columns, linear @ columns, drop, np.diag(projected.information))
+    return _Point(values, columns, linear @ columns, drop, projected)
 
 
 def _slopes(
@@ -214,7 +214,9 @@ def _evidence_gain(
         return -np.inf
     linear = [p for p in parameters if p.linear and not p.at_bound(at.values[p.name])]
     count = len(linear)
-    projected = regression.project(np.vstack([at.columns[inside], slopes]))
+    projected = at.projected
+    if len(slopes) or count < len(inside):
+        projected = regression.project(np.vstack([at.columns[inside], slopes]))
     inner = projected.pick(slice(0, count))
     scores = []
     for scale in PRIOR_SCALES if count else (1.0,):

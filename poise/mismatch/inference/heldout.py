@@ -56,10 +56,11 @@ def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
         measured - problem.predicted(problem.recorded) - full.response - full.calibrated,
         given,
     ]
-    rows = last & problem.active
+    settled = problem.active & problem.settled(best.parts)
+    rows = last & settled
     spread = problem.noise.total
     sizes = [float(np.sqrt(np.mean((error[rows] / spread[rows]) ** 2))) for error in errors]
-    kept = ~last & problem.active
+    kept = ~last & settled
     floor = float(np.sqrt(np.mean((errors[1][kept] / spread[kept]) ** 2)))
     by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors])
     return HeldOutProof(floor, sizes[0], sizes[1], sizes[2], by_channel)

@@ -55,10 +55,13 @@ class SignalNoise:
 
     def whiten(self, values: Array) -> Array:
         """(N, C, k) -> (k, C, N): unit white noise, when `values` are noise of this kind."""
-        out = np.empty(values.shape[::-1])
+        out = np.zeros(values.shape[::-1])
         for channels, filtered in zip(self.groups, self._filters, strict=True):
-            part = values[:, channels].T / self.sigma[channels, None]
-            out[:, channels] = filtered(part.reshape(-1, len(values))).reshape(part.shape)
+            # Many columns act in one channel only.
+            used = values[:, channels].any(axis=(0, 1))
+            if used.any():
+                part = values[:, channels, used].T / self.sigma[channels, None]
+                out[used, channels] = filtered(part.reshape(-1, len(values))).reshape(part.shape)
         return out
 
     @cached_property

@@ -135,6 +135,14 @@ class Problem:
             )
         return [before[index] for index in range(len(parts))], recorded
 
+    def settled(self, parts: Sequence[FittedEffect]) -> Mask:
+        """(N,) samples outside the windows in which a part's response is known only roughly."""
+        keep = np.ones(len(self.seconds), dtype=bool)
+        for part, recorded in zip(parts, self.compose(parts)[0], strict=True):
+            for begin, end in part.effect.unsettled(recorded, part.values):
+                keep &= (self.seconds < begin) | (self.seconds > end)
+        return keep
+
     def groups(self, recorded: RecordedMotion, parts: Sequence[FittedEffect] = ()) -> tuple[CalibrationGroup, ...]:
         """The calibration errors about a prediction, without those whose tolerance a part exceeds."""
         widened = {part.effect.widens for part in parts} - {""}
@@ -169,8 +177,14 @@ class Problem:
 
     def calibrated(self, groups: Sequence[CalibrationGroup], coefficients: Array) -> Array:
         """(N, C) response of calibration errors, in the signal's units, for the coefficients of `regression`."""
-        columns = np.concatenate([group.columns for group in groups], axis=2)
-        return np.asarray(columns[:, :, _seen(columns)] @ coefficients)
+        total, taken = np.zeros(self.measured.shape), 0
+        for group in groups:
+            seen = _seen(group.columns)
+            each = np.zeros(len(seen))
+            each[seen] = coefficients[taken : taken + int(seen.sum())]
+            total += group.columns @ each
+            taken += int(seen.sum())
+        return total
 
     def with_noise(self, noise: SignalNoise) -> "Problem":
         """The problem with another noise model."""
@@ -183,7 +197,7 @@ class Problem:
 
 def _seen(columns: Array) -> Mask:
     """(k,) which calibration errors have a response."""
-    return np.asarray(np.abs(columns).max(axis=(0, 1)) > 0.0)
+    return np.asarray(columns.any(axis=(0, 1)))
 
 
 def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:

@@ -93,13 +93,27 @@ class HypothesisSearch:
         known = list(self.fits.values())
         self.fits.clear()
         for each in known:
-            self.offer(fit(self.under(each), each.parts, WARM_STEPS))
+            self.fitted(self.under(each), each.parts, WARM_STEPS)
+
+    def fitted(self, problem: Problem, parts: Sequence[FittedEffect], steps: int) -> HypothesisFit:
+        """Fit a hypothesis and offer it; without evidence where the values are physically impossible."""
+        found = fit(problem, parts, steps)
+        if implausible(problem.recorded, found.parts):
+            found = replace(found, log_evidence=-np.inf)
+        self.offer(found)
+        return found
 
     def offer(self, found: HypothesisFit) -> None:
         """Keep a fit when it is the best of its hypothesis."""
         key = names(found)
         if key not in self.fits or self.fits[key].log_evidence < found.log_evidence:
             self.fits[key] = found
+
+
+def implausible(recorded: RecordedMotion, parts: Sequence[FittedEffect]) -> str:
+    """Why values of some effect are physically impossible, as a clause; "" when all are possible."""
+    reasons = ((part.effect.name, part.effect.implausible(recorded, part.values)) for part in parts)
+    return next((f"{name}: {reason}" for name, reason in reasons if reason), "")
 
 
 def names(found: HypothesisFit) -> tuple[str, ...]:
@@ -157,13 +171,18 @@ def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Ef
         if not pieces:
             continue
         rest = [other for other in best.parts if other is not part]
-        made = [FittedEffect(each, {p.name: 0.0 for p in each.parameters(state.problem.recorded)}) for each in pieces]
-        tried = fit(state.under(best), [*rest, *made], _STEPS)
-        state.offer(tried)
+        made = [FittedEffect(each, _alone(each, part, state.problem.recorded)) for each in pieces]
+        tried = state.fitted(state.under(best), [*rest, *made], _STEPS)
         won = best.log_evidence - state.fits[()].log_evidence
         if tried.log_evidence >= best.log_evidence - _LOOKALIKE * max(won, 0.0):
             return tried
     return best
+
+
+def _alone(effect: Effect, whole: FittedEffect, recorded: RecordedMotion) -> Values:
+    """Values to fit a piece of a combination from: the common non-linear ones, and zero."""
+    parameters = effect.parameters(recorded)
+    return {p.name: 0.0 if p.linear else whole.values.get(p.name, p.from_unit(0.5)) for p in parameters}
 
 
 def _alike(one: Effect, other: Effect) -> bool:
@@ -181,8 +200,7 @@ def _pruned(state: HypothesisSearch, best: HypothesisFit) -> HypothesisFit:
         problem = state.under(best)
         shorter = []
         for part in best.parts:
-            rest = fit(problem, [other for other in best.parts if other is not part], _STEPS)
-            state.offer(rest)
+            rest = state.fitted(problem, [other for other in best.parts if other is not part], _STEPS)
             shorter.append(state.fits[names(rest)])
         top = max(shorter, key=lambda each: each.log_evidence)
         if best.log_evidence - top.log_evidence > _NEXT_THRESHOLD:
@@ -197,15 +215,15 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     if not chosen:
         return None
     problem = state.under(best)
-    found = [fit(problem, parts, _STEPS) for parts in chosen]
-    for each in found:
-        state.offer(each)
-    found.sort(key=lambda each: -each.log_evidence)
+    found = [state.fitted(problem, parts, _STEPS) for parts in chosen]
+    found = sorted((each for each in found if np.isfinite(each.log_evidence)), key=lambda each: -each.log_evidence)
+    if not found:
+        return None
     # The noise model of the best fit; fits near it, and the previous model, are evaluated with it too.
     quieter = state.under(found[0])
     top = [each for each in found if each.log_evidence > found[0].log_evidence - _NEAR]
     for each in (*top, best):
-        state.offer(fit(quieter, each.parts, WARM_STEPS))
+        state.fitted(quieter, each.parts, WARM_STEPS)
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
@@ -225,7 +243,7 @@ def prescreen(
     state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]
 ) -> list[tuple[FittedEffect, ...]]:
     """Each effect added to the present best model: the few hypotheses that deserve a full fit."""
-    taken = {part.effect.name for part in best.parts}
+    taken = {name for part in best.parts for name in (part.effect.name, *part.effect.made_of)}
     free = [effect for effect in effects if effect.name not in taken]
     problem = _calm(state.under(best), best)
     full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
@@ -233,7 +251,8 @@ def prescreen(
     slow = _beside(rough, best.parts, [effect for effect in free if not effect.fast])
     found = sorted((*slow, *fast), key=lambda each: -each.gain)
     for each in found:
-        state.gains[names(best), each.effect.name] = each.gain
+        if not taken & set(each.effect.made_of):
+            state.gains[names(best), each.effect.name] = each.gain
         if not best.parts and each.visibility < _VISIBLE and not isinstance(each.effect, Dependence):
             state.untestable[each.effect.name] = (
                 f"this motion does not show it; this would: {each.effect.separating_motion}"
@@ -244,13 +263,18 @@ def prescreen(
     chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
-    return [(*best.parts, FittedEffect(each.effect, each.values)) for each in chosen]
+    return [_with(best.parts, FittedEffect(each.effect, each.values)) for each in chosen]
+
+
+def _with(parts: Sequence[FittedEffect], new: FittedEffect) -> tuple[FittedEffect, ...]:
+    """The parts and a new one, without those that it contains."""
+    return (*(part for part in parts if part.effect.name not in new.effect.made_of), new)
 
 
 def _calm(problem: Problem, best: HypothesisFit) -> Problem:
-    """The problem without the windows of the model's events: residuals there are their details."""
+    """The problem without the windows of the model's events and knocks: residuals there are their details."""
     inputs = problem.compose(best.parts)[0]
-    keep = np.ones(len(problem.seconds), dtype=bool)
+    keep = problem.settled(best.parts)
     for part, recorded in zip(best.parts, inputs, strict=True):
         for begin, end in () if part.effect.transfers else part.effect.windows(recorded, part.values):
             if end - begin < _BRIEF * recorded.duration:
@@ -284,13 +308,16 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
             seen.append(max(tried, key=lambda each: each.drop))
     recorded = here.recorded
     found, top = [], 0.0
-    for each in sorted(seen, key=lambda each: -each.potential):
+    # Effects whose starting points say nothing come last: the gains of the others then end their refinement early.
+    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), -each.potential)):
         least = max(_THRESHOLD, _REACH * top)
-        done, nonlinear = each, {}
+        done = each
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-        if nonlinear and each.potential > least:
-            done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+            if nonlinear and each.potential > least:
+                done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+            if each.effect.implausible(recorded, done.values):
+                done = replace(done, gain=-np.inf)
         found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)

@@ -1,11 +1,12 @@
 """From joint states, odometry and a wrench to a `RecordedMotion`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
+from poise.mismatch.reading.joint_samples import compared_efforts
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.sanity import check_positions, check_rates
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
@@ -49,7 +50,7 @@ def recorded_from_streams(
     robot: RobotModel,
     joints: JointStream,
     odometry: PoseStream | None,
-    wrench: WrenchStream,
+    wrench: WrenchStream | None,
     phi: Array,
     gravity: float,
     tool: ArrayLike = 0.0,
@@ -58,7 +59,7 @@ def recorded_from_streams(
 
     Args:
         robot: with a floating base when there is odometry.
-        joints, odometry, wrench: as measured.
+        joints, odometry, wrench: as measured; without a wrench, the recording is at the stamps of the joint efforts.
         phi: (10,) payload about the sensor's origin, sensor axes.
         gravity: m/s2, downwards.
         tool: (10,) links beyond the sensor that the wrench contains; the robot's joint efforts contain them always.
@@ -68,23 +69,25 @@ def recorded_from_streams(
     """
     position, velocity, effort = robot.order(joints.names, joints.position, joints.velocity, joints.effort)
     check_positions(robot, position)
-    check_rates(joints, wrench)
-    finite = np.isfinite(position).all(axis=1)
-    notes = [] if finite.all() else [f"{int((~finite).sum())} joint states are not finite and were left out"]
-    start = int(wrench.stamps[0])
-    sampled = seconds_since(joints.stamps[finite], start)
-    samples = _JointSamples(sampled, position[finite], velocity[finite], effort[finite], odometry, start)
+    check_rates(joints, joints if wrench is None else wrench)
+    start = int((joints if wrench is None else wrench).stamps[0])
+    samples = _JointSamples(seconds_since(joints.stamps, start), position, velocity, effort, odometry, start)
+    carried = phi + np.asarray(tool)
+    if wrench is None:
+        return _of_efforts(robot, samples, phi, carried, gravity)
     seconds = sampling_times(seconds_since(wrench.stamps, start), wrench.wrench_in_sensor)[0]
+    notes = []
     moved, base, known = samples.at(seconds)
     if known.sum() < _FEWEST:
-        raise _no_overlap(int(known.sum()), sampled)
+        raise _no_overlap(int(known.sum()), samples.seconds)
     if not known.all():
         notes.append(f"{int((~known).sum())} wrench samples have no joint motion around them and were left out")
-    if moved.jitter > 0:
-        notes.append(f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used")
-    track, carried = _efforts(robot, samples, phi, gravity), phi + np.asarray(tool)
+    notes += _jitter(moved)
+    found = _efforts(robot, samples, phi, gravity)
+    track = None if found is None else found[0]
     measured, moving = wrench.wrench_in_sensor[known], _base_where(base, known)
-    motion = _where(moved, known)
+    moved = _where(moved, known)
+    motion = JointMotion(moved.position, moved.velocity, moved.acceleration)
     recorded = recorded_from_motion(
         robot, seconds[known], motion, carried, measured, base=moving, gravity=gravity, start=start, effort=track
     )
@@ -99,21 +102,58 @@ def _no_overlap(count: int, sampled: Array) -> InputError:
     )
 
 
-def _efforts(robot: RobotModel, samples: _JointSamples, phi: Array, gravity: float) -> EffortTrack | None:
-    """Efforts at the stamps of the joint states where all motion is known; None without measured efforts."""
-    if not np.isfinite(samples.effort).all(axis=0).any():
-        return None
+def _of_efforts(
+    robot: RobotModel, samples: _JointSamples, phi: Array, carried: Array, gravity: float
+) -> tuple[RecordedMotion, list[str]]:
+    """The motion at the stamps of the joint efforts, or of the joint states, for a recording without a wrench."""
+    found = _efforts(robot, samples, phi, gravity)
+    if found is None:
+        moved, base, known = samples.at(samples.seconds)
+        track, seconds, moved, base = None, samples.seconds[known], _where(moved, known), _base_where(base, known)
+    else:
+        track, moved, base = found
+        seconds = track.seconds
+    if len(seconds) < _FEWEST:
+        raise InputError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"{len(seconds)} samples of joint states with a known motion are too few: record for ten seconds or more",
+        )
+    joints = JointMotion(moved.position, moved.velocity, moved.acceleration)
+    recorded = recorded_from_motion(
+        robot, seconds, joints, carried, base=base, gravity=gravity, start=samples.start, effort=track
+    )
+    return recorded, _jitter(moved)
+
+
+def _jitter(moved: ResampledSignal) -> list[str]:
+    if not moved.jitter:
+        return []
+    return [f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used"]
+
+
+def _efforts(
+    robot: RobotModel, samples: _JointSamples, phi: Array, gravity: float
+) -> tuple[EffortTrack, ResampledSignal, BaseMotion | None] | None:
+    """Efforts where all motion is known, with that motion at their stamps; None without measured efforts."""
     inner = (samples.seconds > samples.seconds[0] + _MARGIN) & (samples.seconds < samples.seconds[-1] - _MARGIN)
-    at = samples.seconds[inner]
+    at, effort = compared_efforts(samples.seconds[inner], samples.effort[inner])
+    if not len(at) or not np.isfinite(effort).any():
+        return None
     moved, base, known = samples.at(at)
-    joints = _where(moved, known)
-    measured, moving = samples.effort[inner][known], _base_where(base, known)
-    track = effort_track(robot, at[known], joints, measured, phi, moving, gravity=gravity)
-    return track if track.names else None
+    moved, base = _where(moved, known), _base_where(base, known)
+    joints = JointMotion(moved.position, moved.velocity, moved.acceleration)
+    track = effort_track(robot, at[known], joints, effort[known], phi, base, gravity=gravity)
+    return (track, moved, base) if track.names else None
 
 
-def _where(moved: ResampledSignal, known: Mask) -> JointMotion:
-    return JointMotion(moved.position[known], moved.velocity[known], moved.acceleration[known])
+def _where(moved: ResampledSignal, known: Mask) -> ResampledSignal:
+    return replace(
+        moved,
+        position=moved.position[known],
+        velocity=moved.velocity[known],
+        acceleration=moved.acceleration[known],
+        known=known[known],
+    )
 
 
 def _base_where(base: BaseMotion | None, known: Mask) -> BaseMotion | None:

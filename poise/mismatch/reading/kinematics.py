@@ -7,8 +7,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
+from poise.mismatch.reading.link_efforts import link_track
 from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
-from poise.robot import BaseMotion, PinocchioState, RobotModel, inertia_of, pinocchio_state
+from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.simulation import JointMotion
 from poise.types import Array
 
@@ -116,38 +117,27 @@ def effort_track(
         slopes = pin.computeRNEADerivatives(loaded, data, q, v, a)
         torque[i] = data.tau[-moving:]
         by_q[i] = slopes[0][-moving:, -moving:]
-        upper = np.triu(slopes[2][-moving:, -moving:])
-        inertia[i] = upper + np.triu(upper, 1).T
+        inertia[i] = slopes[2][-moving:, -moving:]
+    # pinocchio fills the upper triangle only.
+    rows, columns = np.tril_indices(moving, -1)
+    inertia[:, rows, columns] = inertia[:, columns, rows]
     known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= robot.base_joints))
     rigid = (torque @ robot.coupling)[:, known]
-    slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
+    by_q, inertia = ((robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia))
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
-    by_link = np.einsum("nil,ij->njl", _by_link(robot.pinocchio, whole, moving, gravity), robot.coupling)[:, known]
-    by_tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole, moving, gravity), robot.coupling)[:, known]
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, slopes[0], slopes[1], by_link, by_tilt)
+    links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
+    by_tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt)
 
 
-def _by_link(model: pin.Model, motion: PinocchioState, moving: int, gravity: float) -> Array:
-    """(M, V, L) torque that each of the last `moving` joints needs for each link (Khalil and Dombre 2002, ch. 12)."""
-    model = model.copy()
-    model.gravity.linear = np.array([0.0, 0.0, -gravity])
-    data = model.createData()
-    links = np.stack([inertia.toDynamicParameters() for inertia in model.inertias[1:]])
-    out = np.empty((len(motion.q), moving, len(links)))
-    for i, (q, v, a) in enumerate(zip(motion.q, motion.v, motion.a, strict=True)):
-        matrix = pin.computeJointTorqueRegressor(model, data, q, v, a)[-moving:]
-        out[i] = np.einsum("jlp,lp->jl", matrix.reshape(moving, len(links), 10), links)
-    return out
-
-
-def _by_tilt(model: pin.Model, motion: PinocchioState, moving: int, gravity: float) -> Array:
+def _by_tilt(model: pin.Model, positions: Array, moving: int, gravity: float) -> Array:
     """(M, V, 2) derivative of the torque by the rotation of the base about x and y of the world."""
     data = model.createData()
-    out = np.empty((len(motion.q), moving, 2))
+    out = np.empty((len(positions), moving, 2))
     for axis, turned in enumerate(([0.0, -gravity, 0.0], [gravity, 0.0, 0.0])):
         model.gravity.linear = np.array(turned)
-        for i, q in enumerate(motion.q):
+        for i, q in enumerate(positions):
             out[i, :, axis] = pin.computeGeneralizedGravity(model, data, q)[-moving:]
     return out
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from poise.mismatch.reading.commands import recorded_commands
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
 
 
@@ -12,20 +13,22 @@ class MeasuredStreams:
 
     Args:
         name: of the recording or the window, for error sentences.
-        wrench: of the sensor.
+        wrench: of the sensor; None without one.
         joint_states: the states of these joints, in this order; raises JOINT_MISSING when they were not measured.
         odometry: poses of the robot's base; None when they were not measured.
+        commands: of the joints; None without them.
         description: the robot's URDF; raises ROBOT_DESCRIPTION_MISSING.
     """
 
     name: str
-    wrench: WrenchStream
+    wrench: WrenchStream | None
     joint_states: Callable[[tuple[str, ...]], JointStream]
     odometry: PoseStream | None
     description: Callable[[], str]
+    commands: JointStream | None = None
 
 
-def recorded_streams(recording: Recording, wrench: WrenchStream) -> MeasuredStreams:
+def recorded_streams(recording: Recording, wrench: WrenchStream | None) -> MeasuredStreams:
     """The streams of a recording with joint states."""
     return MeasuredStreams(
         str(recording.path),
@@ -33,6 +36,7 @@ def recorded_streams(recording: Recording, wrench: WrenchStream) -> MeasuredStre
         lambda names: recording.joint_states(names=names),
         recording.odometry() if holds(recording, "odom") else None,
         recording.robot_description,
+        recorded_commands(recording),
     )
 
 

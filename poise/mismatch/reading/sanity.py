@@ -1,12 +1,14 @@
 """Input checks: wrong units, the opposite sign, implausible joint positions, single outliers."""
 
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
-from poise.recording import JointStream, WrenchStream
+from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.types import Array
 
@@ -17,8 +19,13 @@ _OUTSIDE = 1.0
 """rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
 _SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
+_STILL = 2e-3
+"""rad or m within which a joint stands still."""
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
+_FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
+"""Knocks of a loose part: least number; share of their square along one direction of the six channels; and largest
+share of that direction in one channel, since a knock acts on forces and torques."""
 
 
 def check_wrench(recorded: RecordedMotion, name: str) -> None:
@@ -82,17 +89,47 @@ def check_positions(robot: RobotModel, position: Array) -> None:
         )
 
 
-def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
+def check_motion(names: Sequence[str], position: Array, recorded: RecordedMotion, name: str) -> list[InputFinding]:
+    """Findings on joints that stand still.
+
+    Args:
+        names: (J) of the joints.
+        position: (N, J) rad or m.
+        recorded: the motion.
+        name: of the recording, for the sentence.
+
+    Raises:
+        NoAnswerError: NOT_IDENTIFIABLE for joint efforts of a robot that never moves.
+    """
+    reach = np.ptp(np.quantile(position, [0.01, 0.99], axis=0), axis=0)
+    still = tuple(joint for joint, each in zip(names, reach.tolist(), strict=True) if each < _STILL)
+    if not still:
+        return []
+    if len(still) < len(names) or recorded.has("base"):
+        moving = [joint for joint in names if joint not in still]
+        sentence = (
+            f"{', '.join(still)} {'stands' if len(still) == 1 else 'stand'} still, so their friction and drives do not "
+            f"show; {', '.join(moving) or 'the base alone'} {'moves' if len(moving) < 2 else 'move'}."
+        )
+        return [InputFinding("joints_at_rest", sentence, still)] if recorded.has("effort") else []
+    sentence = "Nothing moves: most effects do not show at rest; record a motion of every joint."
+    if not recorded.has("wrench"):
+        raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{name}: n{sentence[1:-1]}")
+    return [InputFinding("no_motion", sentence, still)]
+
+
+def check_rates(joints: JointStream, measured: Stream) -> None:
     """Refuse recordings that are too short, or too slow for accelerations.
 
     Raises:
         InputError: TOO_FEW_SAMPLES.
     """
-    length = float(wrench.stamps[-1] - wrench.stamps[0]) * 1e-9
+    length = float(measured.stamps[-1] - measured.stamps[0]) * 1e-9
+    what = "wrench lasts" if isinstance(measured, WrenchStream) else "joint states last"
     if length < _SHORTEST:
         raise InputError(
             ErrorCode.TOO_FEW_SAMPLES,
-            f"the wrench lasts {length:.1f} s: record ten seconds or more, {_SHORTEST:.0f} s at the least",
+            f"the {what} {length:.1f} s: record ten seconds or more, {_SHORTEST:.0f} s at the least",
         )
     period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else np.inf
     if period > 1.0 / _SLOWEST:
@@ -101,6 +138,24 @@ def check_rates(joints: JointStream, wrench: WrenchStream) -> None:
             f"joint states come every {period:.2f} s, too slow for accelerations: record at 50 Hz or more, "
             f"{_SLOWEST:.0f} Hz at the least",
         )
+
+
+def _knocks(spikes: Array) -> bool:
+    """Whether spikes (K, 6) are knocks of a part in the load: one line of action and both senses.
+
+    Transmission errors differ in their direction, or they are in one channel.
+    """
+    if len(spikes) < _FEWEST_KNOCKS:
+        return False
+    # A few large knocks must not decide for all: each spike counts by its direction.
+    unit = spikes / np.linalg.norm(spikes, axis=1, keepdims=True)
+    squares, lines = np.linalg.eigh(unit.T @ unit)
+    along = unit @ lines[:, -1]
+    return bool(
+        squares[-1] > _ONE_LINE * len(spikes)
+        and np.max(lines[:, -1] ** 2) < _SEVERAL
+        and along.min() < 0.0 < along.max()
+    )
 
 
 def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]:
@@ -118,6 +173,6 @@ def without_spikes(recorded: RecordedMotion) -> tuple[RecordedMotion, list[str]]
         out[:6] = out[-6:] = False
     beside = np.convolve(out.astype(float), np.ones(5), mode="same") > 2.5
     out &= ~beside
-    if not out.any() or out.mean() > _MAX_SPIKES:
+    if not out.any() or out.mean() > _MAX_SPIKES or _knocks(off[out] / np.maximum(spread, 1e-9)):
         return recorded, []
     return recorded.select(~out), [f"{int(out.sum())} wrench samples are single outliers and were left out"]

@@ -4,6 +4,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.recording import WrenchStream
+from poise.types import Array, Stamps
 
 MAX_WRENCH_RATE = 250.0
 """Hz; a faster wrench is averaged down to about this rate."""
@@ -33,10 +34,18 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
     rate = min(MAX_WRENCH_SAMPLES / (len(wrench) * period), MAX_WRENCH_RATE)
     together = int(np.ceil(1.0 / period / rate - 0.05))
     if together > 1:
-        count = len(wrench) // together * together
-        stamps = wrench.stamps[:count].reshape(-1, together)
-        mean = (stamps - stamps[:, :1]).mean(axis=1).round().astype(np.int64) + stamps[:, 0]
-        values = wrench.wrench_in_sensor[:count].reshape(-1, together, 6).mean(axis=1)
-        wrench = WrenchStream(mean, values, wrench.frame_id)
+        values = averaged(wrench.wrench_in_sensor, together)
+        wrench = WrenchStream(mean_stamps(wrench.stamps, together), values, wrench.frame_id)
         notes.append(f"the wrench came at {1 / period:.0f} Hz; {together} samples each were averaged")
     return wrench, notes
+
+
+def averaged(values: Array, together: int) -> Array:
+    """(N, ...) -> (N // together, ...) means of consecutive samples."""
+    count = len(values) // together * together
+    return np.asarray(values[:count].reshape(-1, together, *values.shape[1:]).mean(axis=1))
+
+
+def mean_stamps(stamps: Stamps, together: int) -> Stamps:
+    """(N,) ns -> (N // together,) means of consecutive stamps."""
+    return np.asarray(averaged((stamps - stamps[0]).astype(np.float64), together).round().astype(np.int64) + stamps[0])

@@ -127,6 +127,8 @@ class RobotiqModbusLink(_RobotiqLink):
         )
 
     def read(self, timeout: float) -> SensorSamples:
+        if self._client is None:  # also before the next question is due
+            raise OSError(f"{self._port} is closed")
         wait = self._next_poll - time.monotonic()
         if wait > timeout:
             time.sleep(max(0.0, timeout))

@@ -1,0 +1,66 @@
+"""Which joint states are used: finite ones, averaged down to a rate that the motion can follow."""
+
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.mismatch.reading.wrench_samples import (
+    MAX_WRENCH_RATE,
+    MAX_WRENCH_SAMPLES,
+    MIN_WRENCH_RATE,
+    averaged,
+    mean_stamps,
+)
+from poise.recording import JointStream
+from poise.types import Array
+
+
+def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStream, list[str]]:
+    """Without positions that are not finite and without repeated stamps, at no more than MAX_WRENCH_RATE.
+
+    Args:
+        joints: as measured.
+        alone: there is no wrench: as long as a wrench may be.
+
+    Raises:
+        InputError: TOO_FEW_SAMPLES.
+    """
+    notes = []
+    finite = np.isfinite(joints.position).all(axis=1)
+    if not finite.all():
+        notes.append(f"{int((~finite).sum())} joint states are not finite and were left out")
+    joints = joints.select(finite)
+    joints = joints.select(np.concatenate([[True], np.diff(joints.stamps) > 0]) if len(joints) else slice(None))
+    if len(joints) < 2:
+        raise InputError(ErrorCode.TOO_FEW_SAMPLES, f"{len(joints)} usable joint states are too few: record more")
+    longest = MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE
+    inside = joints.stamps - joints.stamps[0] <= longest * 1e9
+    if alone and not inside.all():
+        notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
+        joints = joints.select(inside)
+    joints, said = averaged_joints(joints)
+    return joints, notes + said
+
+
+def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:
+    """Joint states, or commands, at no more than MAX_WRENCH_RATE."""
+    period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else 1.0
+    together = int(np.ceil(1.0 / max(period, 1e-6) / MAX_WRENCH_RATE - 0.05))
+    if together < 2:
+        return joints, []
+    parts = (averaged(values, together) for values in (joints.position, joints.velocity, joints.effort))
+    fewer = JointStream(mean_stamps(joints.stamps, together), joints.names, *parts)
+    return fewer, [f"the joint states came at {1 / period:.0f} Hz; {together} samples each were averaged"]
+
+
+def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
+    """Stamps and efforts (M, J) of finite samples, averaged to at most MAX_WRENCH_SAMPLES.
+
+    Args:
+        seconds: (N,).
+        effort: (N, J); joints without any effort have NaN throughout.
+    """
+    known = np.isfinite(effort)
+    rows = known[:, known.any(axis=0)].all(axis=1)
+    seconds, effort = seconds[rows], effort[rows]
+    together = int(np.ceil(len(seconds) / MAX_WRENCH_SAMPLES))
+    return (seconds, effort) if together < 2 else (averaged(seconds, together), averaged(effort, together))
