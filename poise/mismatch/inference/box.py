@@ -85,7 +85,8 @@ class _Box:
             moved = self.sign * dx[self.index]
             along = min(0.995 * min(_reach(slack, moved), _reach(multiplier, risen)), 1.0)
             x, slack, multiplier = x + along * dx, slack + along * moved, multiplier + along * risen
-        return self._exact(x, self.index[(slack < 1e-3) & (slack < multiplier)])
+        near = slack**2 * np.maximum(np.diag(self.normal)[self.index], 1.0) < _GAP / len(x)
+        return self._exact(x, self.index[near & (slack < multiplier)])
 
     def _step(self, slack: Array, multiplier: Array, rest: Array) -> tuple[Array, Array]:
         """Changes of x and of the multipliers: a predictor, then a centred corrector."""
@@ -103,17 +104,15 @@ class _Box:
         return dx, risen
 
     def _exact(self, x: Array, held: NDArray[np.intp]) -> Array:
-        """The least with some coefficients at their nearest bound; x if others leave the box or x is better."""
-        nearest = np.where(x - self.lower < self.upper - x, self.lower, self.upper)
+        """With some coefficients at their nearest bound, and the least of the others if it stays inside."""
+        x = x.copy()
+        x[held] = np.where(x - self.lower < self.upper - x, self.lower, self.upper)[held]
         free = np.setdiff1d(np.arange(len(x)), held)
         exact = x.copy()
-        exact[held] = nearest[held]
         if len(free):
-            rest = self.right[free] - self.normal[np.ix_(free, held)] @ exact[held]
+            rest = self.right[free] - self.normal[np.ix_(free, held)] @ x[held]
             exact[free] = _Factor(self.normal[np.ix_(free, free)]).solve(rest)
-        change = exact - x
-        inside = bool(((exact >= self.lower) & (exact <= self.upper)).all())
-        return exact if inside and change @ (self.normal @ (0.5 * change + x) - self.right) < _GAP else x
+        return exact if ((exact >= self.lower) & (exact <= self.upper)).all() else x
 
     def _summed(self, values: Array) -> Array:
         """(k,) values of bounds, summed for each coefficient."""
