@@ -171,12 +171,17 @@ def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Ef
         if not pieces:
             continue
         rest = [other for other in best.parts if other is not part]
-        made = [FittedEffect(each, {p.name: 0.0 for p in each.parameters(state.problem.recorded)}) for each in pieces]
+        made = [FittedEffect(each, _of_whole(each, part, state.problem.recorded)) for each in pieces]
         tried = state.fitted(state.under(best), [*rest, *made], _STEPS)
         won = best.log_evidence - state.fits[()].log_evidence
         if tried.log_evidence >= best.log_evidence - _LOOKALIKE * max(won, 0.0):
             return tried
     return best
+
+
+def _of_whole(piece: Effect, whole: FittedEffect, recorded: RecordedMotion) -> Values:
+    """The values of an effect that another one contains: those of the same names, zero where there are none."""
+    return {p.name: min(max(whole.values.get(p.name, 0.0), p.low), p.high) for p in piece.parameters(recorded)}
 
 
 def _alike(one: Effect, other: Effect) -> bool:
