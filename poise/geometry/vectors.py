@@ -13,8 +13,12 @@ def unit(vector: Array) -> Array:
 
 def cross(a: Array, b: Array, axis: int = -1) -> Array:
     """a x b along an axis of length three, broadcast; `numpy.cross` is slower on small arrays."""
-    (a0, a1, a2), (b0, b1, b2) = (np.moveaxis(v, axis, 0) if axis != 0 else v for v in (a, b))
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=axis)
+    last = a.swapaxes(axis, -1), b.swapaxes(axis, -1)
+    (a0, a1, a2), (b0, b1, b2) = ((v[..., 0], v[..., 1], v[..., 2]) for v in last)
+    first = np.asarray(a1 * b2 - a2 * b1)
+    out = np.empty((*first.shape, 3))
+    out[..., 0], out[..., 1], out[..., 2] = first, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
+    return out.swapaxes(axis, -1)
 
 
 def plane_axes(normals: Array) -> Array:

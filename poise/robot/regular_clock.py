@@ -1,6 +1,7 @@
 """Stamps of a regular clock with jitter: the true sampling times, also with lost samples."""
 
 import numpy as np
+from scipy.linalg import solveh_banded
 from scipy.optimize import isotonic_regression
 
 from poise.types import Array
@@ -33,7 +34,9 @@ def regular_clock(seconds: Array) -> Array | None:
 def _phasors(seconds: Array, period: float, length: int) -> Array:
     """(W,) mean of exp(2 pi i t / period) over stretches of samples: of length one for even stamps."""
     turns = np.exp(2j * np.pi * (seconds - seconds[0]) / period)
-    return np.asarray([part.mean() for part in np.array_split(turns, max(len(turns) // length, 1))])
+    sizes = np.full(max(len(turns) // length, 1), len(turns) // max(len(turns) // length, 1))
+    sizes[: len(turns) - int(sizes.sum())] += 1
+    return np.asarray(np.add.reduceat(turns, np.concatenate([[0], np.cumsum(sizes[:-1])])) / sizes)
 
 
 def _period(seconds: Array, rough: float) -> float:
@@ -60,14 +63,19 @@ def _wandering(ticks: Array, seconds: Array) -> Array:
     knots = np.linspace(ticks[0], ticks[-1], max(int((seconds[-1] - seconds[0]) / 10.0), 1) + 1)
     place = np.clip(np.searchsorted(knots, ticks, side="right") - 1, 0, len(knots) - 2)
     share = (ticks - knots[place]) / (knots[place + 1] - knots[place])
-    basis = np.zeros((len(ticks), len(knots)))
-    rows = np.arange(len(ticks))
-    basis[rows, place], basis[rows, place + 1] = 1.0 - share, share
-    kept = np.ones(len(ticks), dtype=bool)
+    # About the straight line, so that the normal equations lose no digits.
+    line = seconds[0] + (ticks - ticks[0]) * (seconds[-1] - seconds[0]) / (ticks[-1] - ticks[0])
+    wanted = seconds - line
+    kept = np.ones(len(ticks))
     fitted = seconds
     for _ in range(2):
-        level = np.linalg.lstsq(basis[kept], seconds[kept] - seconds[0], rcond=None)[0]
-        fitted = basis @ level + seconds[0]
+        band, right = np.zeros((2, len(knots))), np.zeros(len(knots))
+        for offset, weight in ((0, kept * (1.0 - share)), (1, kept * share)):
+            right += np.bincount(place + offset, weight * wanted, len(knots))
+            band[1] += np.bincount(place + offset, weight * (1.0 - share if offset == 0 else share), len(knots))
+        band[0, 1:] = np.bincount(place, kept * share * (1.0 - share), len(knots))[:-1]
+        level = solveh_banded(band + np.array([[0.0], [1e-12]]), right)
+        fitted = line + (1.0 - share) * level[place] + share * level[place + 1]
         off = np.abs(seconds - fitted)
-        kept = off <= max(4.0 * 1.4826 * float(np.median(off)), 1e-7)
+        kept = (off <= max(4.0 * 1.4826 * float(np.median(off)), 1e-7)).astype(np.float64)
     return np.asarray(fitted)

@@ -1,10 +1,13 @@
 """Long and fast recordings are averaged to what can be compared in a sensible time and memory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cases import make_case
 
 from poise.mismatch.effects.base_motion import MAX_SPLINES, UnreportedBaseMotion
+from poise.mismatch.inference.unknown import states
 from poise.mismatch.reading.wrench_samples import MAX_WRENCH_RATE, MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE, usable
 from poise.recording import WrenchStream
 
@@ -33,3 +36,15 @@ def test_a_base_motion_between_two_samples_does_nothing() -> None:
     columns = UnreportedBaseMotion().columns(recorded, {"start": between, "length": 1e-6, "splines": 10.0})
     assert columns.shape == (len(recorded), 6, 2 * MAX_SPLINES)
     assert not columns.any()
+
+
+def test_a_curve_in_time_has_a_bounded_number_of_columns() -> None:
+    """The cost of a fit grows with the square of its columns: their number must not grow with the duration."""
+    recorded = make_case(3, duration=12.0).recorded()
+    level = np.repeat([0.1, 0.005], 3)
+    for name in ("time", "time:pushes", "time:load", "time:turning"):
+        counts = [
+            states(replace(recorded, seconds=recorded.seconds * longer), level)[name]().columns.shape[2]
+            for longer in (50.0, 500.0)
+        ]
+        assert counts[0] == counts[1] <= 400

@@ -119,7 +119,7 @@ def score_start(
     gain = _evidence_gain(regression, at, parameters, slopes)
     moving = any(not p.linear for p in parameters)
     typical = np.array([p.scale for p in parameters if p.linear])
-    visibility = float(np.sqrt(np.max(at.information * typical**2))) if len(typical) else np.inf
+    visibility = float(np.sqrt(np.max(np.diag(at.projected.information) * typical**2))) if len(typical) else np.inf
     # Without linear parameters the value at a starting point says nothing; only the slopes do.
     potential = np.inf if not len(typical) else 0.5 * (at.drop - free) if moving else gain
     return EffectCandidate(effect, at.values, gain, at.drop, potential, visibility)
@@ -133,7 +133,7 @@ class _Point:
     columns: Array
     response: Array
     drop: float
-    information: Array
+    projected: ProjectedColumns
 
 
 def _linear(
@@ -148,7 +148,8 @@ def _linear(
     if not len(weak):
         response = problem.whiten(effect.simulate(recorded, nonlinear))
         drop = regression.project(response[None]).drop(np.ones(1))
-        return _Point(nonlinear, np.zeros((0, len(response))), response, drop, np.zeros(0))
+        nothing = ProjectedColumns(np.zeros((0, 0)), np.zeros(0))
+        return _Point(nonlinear, np.zeros((0, len(response))), response, drop, nothing)
     columns = problem.whiten(effect.columns(recorded, nonlinear))
     projected = regression.project(columns)
     parameters = [p for p in effect.parameters(recorded) if p.linear]
@@ -156,7 +157,7 @@ def _linear(
     names = [p.name for p in parameters]
     values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
     drop = projected.drop(linear) - float(weak @ linear**2)
-    return _Point(values, columns, linear @ columns, drop, np.diag(projected.information))
+    return _Point(values, columns, linear @ columns, drop, projected)
 
 
 def _slopes(
@@ -232,7 +233,9 @@ def _evidence_gain(
         return -np.inf
     linear = [p for p in parameters if p.linear and not p.at_bound(at.values[p.name])]
     count = len(linear)
-    projected = regression.project(np.vstack([at.columns[inside], slopes]))
+    projected = at.projected
+    if len(slopes) or count < len(inside):
+        projected = regression.project(np.vstack([at.columns[inside], slopes]))
     inner = projected.pick(slice(0, count))
     scores = []
     for scale in PRIOR_SCALES if count else (1.0,):

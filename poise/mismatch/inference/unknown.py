@@ -21,6 +21,8 @@ _TURNS = 24
 """Linear B-splines over a joint's angle: mechanical and magnetic effects repeat several times per revolution."""
 _TIME_STEP, _MOMENT = 4.0, 1.0
 """s between the knots of a slow curve in time, and of external pushes."""
+_MOST_KNOTS = 48
+"""Knots of a curve in time at most: its cost grows with their square, and would with the square of the duration."""
 _PLACES = 10
 """Places along the path that carry a force which depends on the place."""
 _TYPICAL = 3.0
@@ -88,7 +90,7 @@ def states(recorded: RecordedMotion, level: Array) -> dict[str, Callable[[], Var
 
 
 def _course(recorded: RecordedMotion, step: float) -> Array:
-    return linear_bspline_basis(recorded.seconds, max(int(recorded.duration / step), 4))
+    return linear_bspline_basis(recorded.seconds, min(max(int(recorded.duration / step), 4), _MOST_KNOTS))
 
 
 def _of_time(recorded: RecordedMotion, level: Array) -> VaryingState:
@@ -106,7 +108,8 @@ def _of_time_and_attitude(recorded: RecordedMotion, level: Array) -> VaryingStat
 
 def _of_time_and_load(recorded: RecordedMotion, level: Array) -> VaryingState:
     """A gain of each channel that changes with time."""
-    course = _course(recorded, _TIME_STEP)
+    # Each knot has 36 columns.
+    course = _course(recorded, max(_TIME_STEP, recorded.duration / 10))
     felt = recorded.nominal - recorded.nominal.mean(axis=0)
     felt = felt / np.maximum(felt.std(axis=0), 1e-9)
     columns = _each(course, level).reshape(len(recorded), 6, 6, -1) * felt[:, :, None, None]
