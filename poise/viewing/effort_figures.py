@@ -17,7 +17,7 @@ _NOTABLE = 0.5
 
 
 def friction_panels(examination: SignalDiagnosis, key: str) -> list[Panel]:
-    """For each joint with a named friction: the fitted curve over its velocity, and the measured effort less all else."""
+    """For each joint with a named friction: the fitted curve over its velocity, and the data less all else."""
     effort = examination.problem.recorded.effort
     if examination.problem.signal != "effort" or effort is None:
         return []
