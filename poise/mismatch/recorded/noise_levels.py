@@ -17,6 +17,8 @@ _LOUDER = 1.25
 """Ratio of two levels from which they differ."""
 _STEEP = 0.45
 """Exponent of the level over the length of a block from which the signal was filtered; first-order noise has 0.35."""
+_LASTING = 3
+"""Up to so many times the length of a block the level must last."""
 _FEWEST = 60
 """Blocks for a level."""
 _HEAVIEST = 1.8
@@ -54,6 +56,9 @@ def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel
     for row, b in enumerate(lengths):
         means = values if b == 1 else block_means(values, b)
         levels[row] = _level(means, 3 if b == 1 else 5, coarse) * np.sqrt(b)
+    # A line in the spectrum is louder in blocks of some lengths only, unlike noise.
+    ends = np.searchsorted(lengths, _LASTING * np.array(lengths), side="right")
+    levels = np.stack([levels[row:end].min(axis=0) for row, end in enumerate(ends.tolist())])
     chosen = np.zeros(values.shape[1], dtype=int)
     for row in range(1, len(lengths)):
         here, best = levels[row], levels[chosen, range(len(chosen))]
