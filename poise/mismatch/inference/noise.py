@@ -52,7 +52,7 @@ class SignalNoise:
         colours: of each channel.
         seconds: (N,) stamps.
         speed: (N,) rad/s.
-        share: (C,) of the white variance that the samples have, see `NoiseLevel`.
+        share: (C,) of the white variance that the samples have, see `NoiseLevel`; above 1 beside lines in the spectrum.
         block: samples whose average has white noise in all channels.
         motion: (N, C) variance of the prediction by the errors of the motion; None: the motion is exact.
     """
@@ -79,7 +79,7 @@ class SignalNoise:
     def log_divisor(self) -> Array:
         """(N,) logarithm of the divisor of a sample over all channels: minus it is a term of the log likelihood."""
         spread = np.stack([np.log(one.deviation) for one in self._filters], axis=1)
-        return np.asarray((np.log(self.sigma) + spread) @ self.share)
+        return np.asarray((np.log(self.sigma) + spread) @ np.minimum(self.share, 1.0))
 
     @cached_property
     def total(self) -> Array:
@@ -217,17 +217,15 @@ def _most_likely(start: SignalNoise, residual: Array, block: int, period: float)
             best[channel], sigma[channel] = loglik[channel], np.sqrt(likely[channel])
             colours[channel] = NoiseColour(floor, slope, tau)
     sigma *= np.sqrt(block)
-    share = np.where(start.share < 1.0, _share(residual, sigma, start), 1.0)
-    return replace(start, sigma=sigma, colours=tuple(colours), share=share)
+    return replace(start, sigma=sigma, colours=tuple(colours), share=_share(residual, sigma, start.share, block))
 
 
-def _share(residual: Array, sigma: Array, start: SignalNoise) -> Array:
+def _share(residual: Array, sigma: Array, least: Array, block: int) -> Array:
     """(C,) share of the white variance in the samples, by their scatter inside blocks; slow residuals do not count."""
-    count = len(residual) // start.block
-    blocks = residual[: count * start.block].reshape(count, start.block, -1)
-    scatter = block_means(blocks.var(axis=1), max(min(_PART, count) // 4, 1))
-    found = np.median(scatter, axis=0) / sigma**2 + 1.0 / start.block
-    return np.asarray(np.clip(found, start.share, np.minimum(_EXCESS**2 * start.share, 1.0)))
+    count = len(residual) // block
+    scatter = residual[: count * block].reshape(count, block, -1).var(axis=1)
+    found = np.median(block_means(scatter, max(min(_PART, count) // 4, 1)), axis=0) / sigma**2 + 1.0 / block
+    return np.asarray(np.clip(found, least, _EXCESS**2 * least))
 
 
 def _squares(values: Array, gain: Array, decay: Array, kalman: Array) -> Array:
