@@ -150,7 +150,9 @@ def effort_track(
         if errors.base is not None:
             variance += np.einsum("mbj,mb->mj", (by_base @ robot.coupling)[:, :, known] ** 2, errors.base**2)
     by_tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt, variance)
+    return EffortTrack(
+        seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt, variance
+    )
 
 
 def _by_tilt(model: pin.Model, positions: Array, moving: int, gravity: float) -> Array:

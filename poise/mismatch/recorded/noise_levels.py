@@ -40,7 +40,7 @@ class NoiseLevel:
     block: Array
 
 
-def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel:
+def noise_level(values: Array, period: float, coarse: bool = True, least: Array | float = 0.0) -> NoiseLevel:
     """The level of the noise in (N, C) values, also of noise that a filter or an interpolation made smooth.
 
     Averages of white noise over b samples have a level of sigma / sqrt(b). Where the level of the averages times
@@ -50,6 +50,8 @@ def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel
         values: the signal, or a residual.
         period: s between samples.
         coarse: see `white_level`.
+        least: (C,) size of the noise of a sample, at the least; a signal without visible noise has it inside the band
+            in which it is smaller.
     """
     lengths = [b for b in _BLOCKS if b == 1 or (b * period <= _SLOWEST * (1.0 + 1e-6) and len(values) // b >= _FEWEST)]
     levels = np.empty((len(lengths), values.shape[1]))
@@ -65,7 +67,12 @@ def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel
         steep = (chosen == row - 1) & (here > levels[row - 1] * (lengths[row] / lengths[row - 1]) ** _STEEP)
         fast = lengths[row] * period <= _FAST
         chosen[(here > _LOUDER * best) & fast | steep] = row
-    sigma = levels[chosen, range(len(chosen))]
+    columns, root = range(len(chosen)), np.sqrt(lengths)
+    floor = np.broadcast_to(least, chosen.shape)
+    for c in np.flatnonzero(levels[chosen, columns] < floor * root[chosen]):
+        hidden = (levels[:, c] < floor[c] * root) & (levels[:, c] > levels[0, c] * np.power(lengths, _STEEP))
+        chosen[c] = np.max(np.flatnonzero(hidden), initial=0)
+    sigma = np.maximum(levels[chosen, columns], floor * root[chosen])
     inverse = 1.0 / np.array(lengths)
     share = np.array(
         [
