@@ -13,9 +13,12 @@ from poise.mismatch.reading.wrench_samples import (
 from poise.recording import JointStream
 from poise.types import Array
 
+_MAX_JOINT_RATE = 1000.0
+"""Hz; averages over more than a few milliseconds blur the steps of an acceleration."""
+
 
 def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStream, list[str]]:
-    """Without positions that are not finite and without repeated stamps, at no more than MAX_WRENCH_RATE.
+    """Without positions that are not finite and without repeated stamps, at no more than _MAX_JOINT_RATE.
 
     Args:
         joints: as measured.
@@ -38,7 +41,7 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
         notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
         joints = joints.select(inside)
     period = float(np.median(np.diff(joints.stamps))) * 1e-9
-    together = int(np.ceil(1.0 / period / MAX_WRENCH_RATE - 0.05))
+    together = int(np.ceil(1.0 / period / _MAX_JOINT_RATE - 0.05))
     if together > 1:
         parts = (averaged(values, together) for values in (joints.position, joints.velocity, joints.effort))
         joints = JointStream(mean_stamps(joints.stamps, together), joints.names, *parts)
@@ -47,7 +50,7 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
 
 
 def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
-    """Stamps and efforts (M, J) of finite samples, averaged to at most MAX_WRENCH_SAMPLES.
+    """Stamps and efforts (M, J) of finite samples, averaged to the rate and the number that a wrench may have.
 
     Args:
         seconds: (N,).
@@ -56,5 +59,8 @@ def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
     known = np.isfinite(effort)
     rows = known[:, known.any(axis=0)].all(axis=1)
     seconds, effort = seconds[rows], effort[rows]
-    together = int(np.ceil(len(seconds) / MAX_WRENCH_SAMPLES))
+    if len(seconds) < 2:
+        return seconds, effort
+    rate = 1.0 / float(np.median(np.diff(seconds)))
+    together = int(np.ceil(max(len(seconds) / MAX_WRENCH_SAMPLES, rate / MAX_WRENCH_RATE - 0.05)))
     return (seconds, effort) if together < 2 else (averaged(seconds, together), averaged(effort, together))
