@@ -1,0 +1,285 @@
+"""Several effects of joint efforts at once, selected by cross-validation of linear models.
+
+The nominal model of a real arm lacks friction, rotors, offsets and more, all at the same time: beside the errors of the
+others, the evidence of one effect says little. These effects are linear in their parameters, so that the normal matrices
+of a few blocks of the recording give the error on each block of a fit to the others, for any set of effects.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from poise.mismatch.effects import Effect, Values
+from poise.mismatch.inference.linearised import PRIOR_SCALES
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.recorded import EffortTrack, LinkTrack
+from poise.types import Array
+
+_BLOCKS = 6
+_ROWS = 3000
+"""Averages of consecutive samples that are compared, at the most."""
+_LEAST, _IN_BLOCKS = 0.02, 4
+"""Share of the error on other blocks that an effect must explain, and the number of blocks in which the error falls."""
+_SIMPLER = 0.85
+"""Share of the largest fall from which an effect with fewer parameters is preferred."""
+_WIDE = 20
+"""Parameters from which an effect is tried after all others: it can imitate several of them."""
+_MOST = 10
+_BOUND_ROUNDS = 5
+"""Solutions after which parameters stay at their bounds."""
+_FLOOR = 1e-5
+"""Least variance of a joint's residual, relative to that of its measured effort."""
+_ALONE = ("backlash", "gear_ripple")
+"""Effects that need the full rate; the search tries them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Family:
+    """An effect at some of its non-linear values, with the columns (R, J, k) of its linear parameters."""
+
+    effect: Effect | None
+    values: Values
+    columns: Array
+    precision: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def name(self) -> str:
+        return self.effect.name if self.effect else ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Normal matrices (B, J, K, K), vectors (B, J, K) and squares (B, J) of all columns; `places` of each family."""
+
+    families: tuple[_Family, ...]
+    places: tuple[slice, ...]
+    matrix: Array
+    vector: Array
+    square: Array
+    rows: Array
+
+    @property
+    def everything(self) -> list[int]:
+        return list(range(1, len(self.families)))
+
+
+def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect, ...]:
+    """The effects that lower the error on held-out blocks, with values; none when no effect does."""
+    effort = problem.recorded.effort
+    if effort is None or problem.active.sum() < 20 * _BLOCKS:
+        return ()
+    rows = np.flatnonzero(problem.active)
+    thin = _averaged(effort, rows, int(np.ceil(len(rows) / _ROWS)))
+    recorded = replace(problem.recorded, effort=thin)
+    target = thin.measured - thin.prediction
+    floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
+    tried = [each for each in effects if not each.made_of and each.name not in _ALONE]
+    choosing = [each for each in tried if any(p.choice for p in each.parameters(recorded))]
+    columns = np.concatenate([group.columns for group in problem.groups(recorded)], axis=2)
+    ones = np.ones(columns.shape[2])
+    families = [_Family(None, {}, columns, 3.0 * ones, -ones, ones)]
+
+    def add(effect: Effect, left: Array) -> None:
+        parameters = effect.parameters(recorded)
+        linear = [p for p in parameters if p.linear]
+        lower, upper = np.array([p.lower for p in linear]), np.full(len(linear), np.inf)
+        precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
+        for start in effect.starts(recorded, left) if linear else ():
+            made = effect.columns(recorded, start)
+            families.append(_Family(effect, dict(start), made, precision, lower, upper))
+
+    for effect in tried:
+        if effect not in choosing:
+            add(effect, target)
+    sums = _summed(families, target)
+    chosen = _grown(sums, [], floor, _WIDE)
+    if choosing:
+        found = _solved(sums, chosen, floor)
+        left = target - sum(families[i].columns @ found[place] for i, place in _numbered(sums, chosen))
+        for effect in choosing:
+            add(effect, left)
+        sums = _summed(families, target)
+        chosen = _grown(sums, chosen, floor, _WIDE)
+    chosen = _pruned(sums, _grown(sums, chosen, floor, columns.shape[2] + 1000), floor)
+    return _fitted(problem, sums, _varied(sums, chosen, floor), floor)
+
+
+def _averaged(effort: EffortTrack, rows: Array, together: int) -> EffortTrack:
+    """Means of consecutive samples."""
+    count = len(rows) // together
+    groups = rows[: count * together].reshape(count, together)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(values[groups].mean(axis=1))
+
+    changes: dict[str, object] = {
+        each.name: mean(getattr(effort, each.name))
+        for each in fields(effort)
+        if isinstance(getattr(effort, each.name), np.ndarray)
+    }
+    if effort.links is not None:
+        names, columns = effort.links.base_parameters
+        links = LinkTrack(effort.links.numbers, mean(effort.links.efforts), mean(effort.links.by_parameter))
+        links.__dict__["base_parameters"] = names, mean(columns)  # the same parameters as at the full rate
+        changes["links"] = links
+    return replace(effort, **changes)  # type: ignore[arg-type]
+
+
+def _summed(families: Sequence[_Family], target: Array) -> _Sums:
+    whole = np.concatenate([family.columns for family in families], axis=2)
+    ends = np.cumsum([family.columns.shape[2] for family in families])
+    places = tuple(
+        slice(int(end) - family.columns.shape[2], int(end)) for family, end in zip(families, ends, strict=True)
+    )
+    edges = np.linspace(0, len(target), _BLOCKS + 1).astype(int)
+    parts = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    matrix = np.array([[part.T @ part for part in np.moveaxis(whole[rows], 1, 0)] for rows in parts])
+    vector = np.array([np.einsum("rjk,rj->jk", whole[rows], target[rows]) for rows in parts])
+    square = np.array([np.sum(target[rows] ** 2, axis=0) for rows in parts])
+    return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges))
+
+
+def _numbered(sums: _Sums, chosen: Sequence[int]) -> list[tuple[int, slice]]:
+    """Families of a set, the calibration first, with their places in the vector of its coefficients."""
+    found, begin = [], 0
+    for i in (0, *chosen):
+        end = begin + sums.families[i].columns.shape[2]
+        found.append((i, slice(begin, end)))
+        begin = end
+    return found
+
+
+def _index(sums: _Sums, chosen: Sequence[int]) -> Array:
+    return np.concatenate([np.arange(sums.places[i].start, sums.places[i].stop) for i in (0, *chosen)])
+
+
+def _bounded(sums: _Sums, chosen: Sequence[int], matrix: Array, vector: Array) -> Array:
+    """The least-squares coefficients with priors; those beyond a bound are set to it, and the others solved again."""
+    families = [sums.families[i] for i in (0, *chosen)]
+    precision, lower, upper = (
+        np.concatenate([getattr(family, name) for family in families]) for name in ("precision", "lower", "upper")
+    )
+    matrix = matrix + np.diag(precision + 1e-9 * np.trace(matrix) / max(len(matrix), 1))
+    held = np.zeros(len(vector), dtype=bool)
+    values = np.zeros(len(vector))
+    for _ in range(_BOUND_ROUNDS):
+        free = ~held
+        values[free] = np.linalg.solve(
+            matrix[np.ix_(free, free)], vector[free] - matrix[np.ix_(free, held)] @ values[held]
+        )
+        beyond = free & ((values < lower) | (values > upper))
+        values = np.clip(values, lower, upper)
+        if not beyond.any():
+            break
+        held |= beyond
+    return values
+
+
+def _solved(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
+    """Coefficients of a fit to all blocks, joints weighted by their residual variance (J,)."""
+    index = _index(sums, chosen)
+    matrix, vector = sums.matrix.sum(axis=0)[:, index][:, :, index], sums.vector.sum(axis=0)[:, index]
+    return _bounded(
+        sums, chosen, np.einsum("jkl,j->kl", matrix, 1 / variance), (vector / variance[:, None]).sum(axis=0)
+    )
+
+
+def _error(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
+    """(B, J) mean square on each block of a fit to the other blocks."""
+    index = _index(sums, chosen)
+    matrix, vector = sums.matrix[:, :, index][:, :, :, index], sums.vector[:, :, index]
+    weighted = np.einsum("bjkl,j->bkl", matrix, 1 / variance), np.einsum("bjk,j->bk", vector, 1 / variance)
+    out = np.empty(sums.square.shape)
+    for block in range(len(out)):
+        rest = (weighted[0].sum(axis=0) - weighted[0][block], weighted[1].sum(axis=0) - weighted[1][block])
+        values = _bounded(sums, chosen, *rest)
+        bent = np.einsum("k,jkl,l->j", values, matrix[block], values, optimize=True)
+        out[block] = sums.square[block] - 2.0 * vector[block] @ values + bent
+    return np.asarray(np.maximum(out, 0.0) / sums.rows[:, None])
+
+
+def _variance(error: Array, floor: Array) -> Array:
+    """(J,)."""
+    return np.maximum(error.mean(axis=0), floor)
+
+
+def _begun(sums: _Sums, chosen: Sequence[int], floor: Array) -> tuple[Array, Array]:
+    """(B, J) error of a set with weights by its own residual, and that residual's variance (J,)."""
+    variance = _variance(sums.square / sums.rows[:, None], floor)
+    for _ in range(2):
+        error = _error(sums, chosen, variance)
+        variance = _variance(error, floor)
+    return error, variance
+
+
+def _grown(sums: _Sums, chosen: list[int], floor: Array, widest: int) -> list[int]:
+    """Add the family that lowers the error most, until none does."""
+    chosen = list(chosen)
+    while len(chosen) < _MOST:
+        before, variance = _begun(sums, chosen, floor)
+        names = {sums.families[i].name for i in chosen}
+        falls = {}
+        for i in range(1, len(sums.families)):
+            family = sums.families[i]
+            if family.name in names or family.columns.shape[2] > widest:
+                continue
+            after = _error(sums, [*chosen, i], variance)
+            if _proven(before, after, variance):
+                falls[i] = 1.0 - _relative(after, variance)
+        if not falls:
+            break
+        best = max(falls.values())
+        near = [i for i, fall in falls.items() if fall >= _SIMPLER * best]
+        size = min(sums.families[i].columns.shape[2] for i in near)
+        chosen.append(max((i for i in near if sums.families[i].columns.shape[2] == size), key=lambda i: falls[i]))
+    return chosen
+
+
+def _relative(error: Array, variance: Array) -> float:
+    return float(np.mean(error / variance))
+
+
+def _proven(before: Array, after: Array, variance: Array) -> bool:
+    """Whether the error falls materially over all blocks, and again in most of them."""
+    blocks = (after / variance).mean(axis=1) < (before / variance).mean(axis=1)
+    return _relative(after, variance) < (1.0 - _LEAST) * _relative(before, variance) and blocks.sum() >= _IN_BLOCKS
+
+
+def _pruned(sums: _Sums, chosen: list[int], floor: Array) -> list[int]:
+    """Without families that later ones made redundant."""
+    while chosen:
+        after, variance = _begun(sums, chosen, floor)
+        without = {i: _error(sums, [j for j in chosen if j != i], variance) for i in chosen}
+        idle = [i for i in chosen if not _proven(without[i], after, variance)]
+        if not idle:
+            break
+        chosen = [j for j in chosen if j != min(idle, key=lambda i: _relative(without[i], variance))]
+    return chosen
+
+
+def _varied(sums: _Sums, chosen: list[int], floor: Array) -> list[int]:
+    """With the best non-linear values of each effect among those tried."""
+    for place, i in enumerate(chosen):
+        variance = _begun(sums, chosen, floor)[1]
+        alike = [k for k in range(1, len(sums.families)) if sums.families[k].name == sums.families[i].name]
+        sets = [[*chosen[:place], k, *chosen[place + 1 :]] for k in alike]
+        chosen = min(sets, key=lambda one: _relative(_error(sums, one, variance), variance))
+    return chosen
+
+
+def _fitted(problem: Problem, sums: _Sums, chosen: list[int], floor: Array) -> tuple[FittedEffect, ...]:
+    values = _solved(sums, chosen, _begun(sums, chosen, floor)[1])
+    parts = []
+    for i, place in _numbered(sums, chosen)[1:]:
+        family = sums.families[i]
+        if family.effect is None:
+            continue
+        linear = [p.name for p in family.effect.parameters(problem.recorded) if p.linear]
+        parts.append(
+            FittedEffect(family.effect, dict(family.values) | dict(zip(linear, values[place].tolist(), strict=True)))
+        )
+    return tuple(parts)
