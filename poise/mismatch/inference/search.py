@@ -308,15 +308,16 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
             seen.append(max(tried, key=lambda each: each.drop))
     recorded = here.recorded
     found, top = [], 0.0
-    for each in sorted(seen, key=lambda each: -each.potential):
+    # Effects whose starting points say nothing come last: the gains of the others then end their refinement early.
+    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), -each.potential)):
         least = max(_THRESHOLD, _REACH * top)
-        done, nonlinear = each, {}
+        done = each
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-        if nonlinear and each.potential > least:
-            done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
-        if each.effect.implausible(recorded, done.values):
-            done = replace(done, gain=-np.inf)
+            if nonlinear and each.potential > least:
+                done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+            if each.effect.implausible(recorded, done.values):
+                done = replace(done, gain=-np.inf)
         found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)
