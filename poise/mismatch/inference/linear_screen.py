@@ -1,15 +1,17 @@
 """Several effects of joint efforts at once, selected by cross-validation of linear models.
 
 The nominal model of a real arm lacks friction, rotors, offsets and more, all at the same time: beside the errors of the
-others, the evidence of one effect says little. These effects are linear in their parameters, so that the normal matrices
-of a few blocks of the recording give the error on each block of a fit to the others, for any set of effects.
+others, the evidence of one effect says little. These effects are linear in their parameters, so that the normal
+matrices of a few blocks of the recording give the error on each block of a fit to the others, for any set of effects.
 """
 
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, Values
 from poise.mismatch.inference.linearised import PRIOR_SCALES
@@ -22,6 +24,10 @@ _ROWS = 3000
 """Averages of consecutive samples that are compared, at the most."""
 _LEAST, _IN_BLOCKS = 0.02, 4
 """Share of the error on other blocks that an effect must explain, and the number of blocks in which the error falls."""
+_CLEARLY = 0.05
+"""The same of a combination of effects beyond its simple ones: all friction models are approximations."""
+_DETAIL = 0.01
+"""Least share of the error of the nominal model in some joint: laws of friction hold to about a tenth."""
 _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
 _WIDE = 20
@@ -31,8 +37,6 @@ _BOUND_ROUNDS = 5
 """Solutions after which parameters stay at their bounds."""
 _FLOOR = 1e-5
 """Least variance of a joint's residual, relative to that of its measured effort."""
-_ALONE = ("backlash", "gear_ripple")
-"""Effects that need the full rate; the search tries them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,75 +65,92 @@ class _Sums:
     vector: Array
     square: Array
     rows: Array
+    floor: Array
 
-    @property
-    def everything(self) -> list[int]:
-        return list(range(1, len(self.families)))
+    @cached_property
+    def nominal(self) -> Array:
+        """(J,) variance of the residual of the calibrated nominal model on held-out blocks."""
+        return _begun(self, [])[1]
 
 
 def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect, ...]:
-    """The effects that lower the error on held-out blocks, with values; none when no effect does."""
-    effort = problem.recorded.effort
-    if effort is None or problem.active.sum() < 20 * _BLOCKS:
+    """The effects that lower the error on held-out blocks, with values; none when no effect does.
+
+    Args:
+        problem: joint efforts.
+        effects: with linear parameters.
+    """
+    effort, rows = problem.recorded.effort, np.flatnonzero(problem.active)
+    if effort is None or len(rows) < 20 * _BLOCKS:
         return ()
-    rows = np.flatnonzero(problem.active)
-    thin = _averaged(effort, rows, int(np.ceil(len(rows) / _ROWS)))
-    recorded = replace(problem.recorded, effort=thin)
-    target = thin.measured - thin.prediction
-    floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
-    tried = [each for each in effects if not each.made_of and each.name not in _ALONE]
-    choosing = [each for each in tried if any(p.choice for p in each.parameters(recorded))]
-    columns = np.concatenate([group.columns for group in problem.groups(recorded)], axis=2)
-    ones = np.ones(columns.shape[2])
-    families = [_Family(None, {}, columns, 3.0 * ones, -ones, ones)]
-
-    def add(effect: Effect, left: Array) -> None:
-        parameters = effect.parameters(recorded)
-        linear = [p for p in parameters if p.linear]
-        lower, upper = np.array([p.lower for p in linear]), np.full(len(linear), np.inf)
-        precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
-        for start in effect.starts(recorded, left) if linear else ():
-            made = effect.columns(recorded, start)
-            families.append(_Family(effect, dict(start), made, precision, lower, upper))
-
-    for effect in tried:
-        if effect not in choosing:
-            add(effect, target)
-    sums = _summed(families, target)
-    chosen = _grown(sums, [], floor, _WIDE)
+    screen = _Screen(problem, effort, rows)
+    linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
+    choosing = [each for each in linear if any(p.choice for p in each.parameters(problem.recorded))]
+    combined = [each for each in linear if each.made_of]
+    sums = screen.extended([each for each in linear if each not in choosing])
+    chosen = _grown(sums, [], _WIDE)
     if choosing:
-        found = _solved(sums, chosen, floor)
-        left = target - sum(families[i].columns @ found[place] for i, place in _numbered(sums, chosen))
-        for effect in choosing:
-            add(effect, left)
-        sums = _summed(families, target)
-        chosen = _grown(sums, chosen, floor, _WIDE)
-    chosen = _pruned(sums, _grown(sums, chosen, floor, columns.shape[2] + 1000), floor)
-    return _fitted(problem, sums, _varied(sums, chosen, floor), floor)
+        # Which joints are concerned shows once the common effects are there.
+        sums = screen.extended(choosing, _fitted(problem, sums, chosen))
+        chosen = _grown(sums, chosen, _WIDE)
+    chosen = _pruned(sums, _grown(sums, chosen))
+    chosen = _varied(sums, chosen)
+    for effect in combined:
+        chosen = _replaced(problem, sums, chosen, effect)
+    return _fitted(problem, sums, chosen)
 
 
-def _averaged(effort: EffortTrack, rows: Array, together: int) -> EffortTrack:
-    """Means of consecutive samples."""
-    count = len(rows) // together
-    groups = rows[: count * together].reshape(count, together)
+class _Screen:
+    """The averaged samples of a recording, and the families of effects on them."""
 
-    def mean(values: Array) -> Array:
-        return np.asarray(values[groups].mean(axis=1))
+    def __init__(self, problem: Problem, effort: EffortTrack, rows: NDArray[np.intp]) -> None:
+        together = int(np.ceil(len(rows) / _ROWS))
+        self._groups = rows[: len(rows) // together * together].reshape(-1, together)
+        thin = self._averaged(effort)
+        self._problem = problem
+        self._recorded = replace(problem.recorded, effort=thin)
+        self._target = thin.measured - thin.prediction
+        self._floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
+        columns = np.concatenate([group.columns for group in problem.groups(self._recorded)], axis=2)
+        ones = np.ones(columns.shape[2])
+        self._families = [_Family(None, {}, columns, 3.0 * ones, -ones, ones)]
 
-    changes: dict[str, object] = {
-        each.name: mean(getattr(effort, each.name))
-        for each in fields(effort)
-        if isinstance(getattr(effort, each.name), np.ndarray)
-    }
-    if effort.links is not None:
-        names, columns = effort.links.base_parameters
-        links = LinkTrack(effort.links.numbers, mean(effort.links.efforts), mean(effort.links.by_parameter))
-        links.__dict__["base_parameters"] = names, mean(columns)  # the same parameters as at the full rate
-        changes["links"] = links
-    return replace(effort, **changes)  # type: ignore[arg-type]
+    def extended(self, effects: Sequence[Effect], beside: Sequence[FittedEffect] | None = None) -> "_Sums":
+        """The sums with further effects; those that start from what others leave, at the full rate."""
+        recorded, left = self._recorded, self._target
+        if beside is not None:
+            recorded = self._problem.recorded
+            left = self._problem.measured - self._problem.predicted(self._problem.compose(beside)[1])
+        for effect in effects:
+            linear = [p for p in effect.parameters(recorded) if p.linear]
+            lower = np.array([p.lower for p in linear])
+            precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
+            for start in effect.starts(recorded, left):
+                columns = effect.columns(recorded, start)
+                columns = columns if beside is None else self._mean(columns)
+                family = _Family(effect, dict(start), columns, precision, lower, np.full(len(linear), np.inf))
+                self._families.append(family)
+        return _summed(self._families, self._target, self._floor)
+
+    def _mean(self, values: Array) -> Array:
+        return np.asarray(values[self._groups].mean(axis=1))
+
+    def _averaged(self, effort: EffortTrack) -> EffortTrack:
+        changes: dict[str, object] = {
+            each.name: self._mean(getattr(effort, each.name))
+            for each in fields(effort)
+            if isinstance(getattr(effort, each.name), np.ndarray)
+        }
+        if effort.links is not None:
+            names, columns = effort.links.base_parameters
+            parts = (self._mean(part) for part in (effort.links.efforts, effort.links.by_parameter))
+            links = LinkTrack(effort.links.numbers, *parts)
+            links.__dict__["base_parameters"] = names, self._mean(columns)  # the same parameters as at the full rate
+            changes["links"] = links
+        return replace(effort, **changes)  # type: ignore[arg-type]
 
 
-def _summed(families: Sequence[_Family], target: Array) -> _Sums:
+def _summed(families: Sequence[_Family], target: Array, floor: Array) -> _Sums:
     whole = np.concatenate([family.columns for family in families], axis=2)
     ends = np.cumsum([family.columns.shape[2] for family in families])
     places = tuple(
@@ -140,7 +161,7 @@ def _summed(families: Sequence[_Family], target: Array) -> _Sums:
     matrix = np.array([[part.T @ part for part in np.moveaxis(whole[rows], 1, 0)] for rows in parts])
     vector = np.array([np.einsum("rjk,rj->jk", whole[rows], target[rows]) for rows in parts])
     square = np.array([np.sum(target[rows] ** 2, axis=0) for rows in parts])
-    return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges))
+    return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges), floor)
 
 
 def _numbered(sums: _Sums, chosen: Sequence[int]) -> list[tuple[int, slice]]:
@@ -176,7 +197,7 @@ def _bounded(sums: _Sums, chosen: Sequence[int], matrix: Array, vector: Array) -
         if not beyond.any():
             break
         held |= beyond
-    return values
+    return np.asarray(values)
 
 
 def _solved(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
@@ -207,35 +228,36 @@ def _variance(error: Array, floor: Array) -> Array:
     return np.maximum(error.mean(axis=0), floor)
 
 
-def _begun(sums: _Sums, chosen: Sequence[int], floor: Array) -> tuple[Array, Array]:
+def _begun(sums: _Sums, chosen: Sequence[int]) -> tuple[Array, Array]:
     """(B, J) error of a set with weights by its own residual, and that residual's variance (J,)."""
-    variance = _variance(sums.square / sums.rows[:, None], floor)
+    variance = _variance(sums.square / sums.rows[:, None], sums.floor)
     for _ in range(2):
         error = _error(sums, chosen, variance)
-        variance = _variance(error, floor)
+        variance = _variance(error, sums.floor)
     return error, variance
 
 
-def _grown(sums: _Sums, chosen: list[int], floor: Array, widest: int) -> list[int]:
+def _grown(sums: _Sums, chosen: list[int], widest: float = np.inf) -> list[int]:
     """Add the family that lowers the error most, until none does."""
     chosen = list(chosen)
     while len(chosen) < _MOST:
-        before, variance = _begun(sums, chosen, floor)
+        before, variance = _begun(sums, chosen)
         names = {sums.families[i].name for i in chosen}
         falls = {}
         for i in range(1, len(sums.families)):
             family = sums.families[i]
-            if family.name in names or family.columns.shape[2] > widest:
+            combined = family.effect is None or family.effect.made_of
+            if combined or family.name in names or family.columns.shape[2] > widest:
                 continue
             after = _error(sums, [*chosen, i], variance)
-            if _proven(before, after, variance):
+            if _proven(sums, before, after, variance):
                 falls[i] = 1.0 - _relative(after, variance)
         if not falls:
             break
         best = max(falls.values())
         near = [i for i, fall in falls.items() if fall >= _SIMPLER * best]
         size = min(sums.families[i].columns.shape[2] for i in near)
-        chosen.append(max((i for i in near if sums.families[i].columns.shape[2] == size), key=lambda i: falls[i]))
+        chosen.append(max((i for i in near if sums.families[i].columns.shape[2] == size), key=falls.__getitem__))
     return chosen
 
 
@@ -243,36 +265,60 @@ def _relative(error: Array, variance: Array) -> float:
     return float(np.mean(error / variance))
 
 
-def _proven(before: Array, after: Array, variance: Array) -> bool:
+def _proven(sums: _Sums, before: Array, after: Array, variance: Array, least: float = _LEAST) -> bool:
     """Whether the error falls materially over all blocks, and again in most of them."""
+    falls = (before - after).mean(axis=0)
     blocks = (after / variance).mean(axis=1) < (before / variance).mean(axis=1)
-    return _relative(after, variance) < (1.0 - _LEAST) * _relative(before, variance) and blocks.sum() >= _IN_BLOCKS
+    return bool(
+        np.mean(falls / variance) > least * _relative(before, variance)
+        and (falls > _DETAIL * sums.nominal).any()
+        and blocks.sum() >= _IN_BLOCKS
+    )
 
 
-def _pruned(sums: _Sums, chosen: list[int], floor: Array) -> list[int]:
+def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
     """Without families that later ones made redundant."""
     while chosen:
-        after, variance = _begun(sums, chosen, floor)
+        after, variance = _begun(sums, chosen)
         without = {i: _error(sums, [j for j in chosen if j != i], variance) for i in chosen}
-        idle = [i for i in chosen if not _proven(without[i], after, variance)]
+        idle = [i for i in chosen if not _proven(sums, without[i], after, variance)]
         if not idle:
             break
         chosen = [j for j in chosen if j != min(idle, key=lambda i: _relative(without[i], variance))]
     return chosen
 
 
-def _varied(sums: _Sums, chosen: list[int], floor: Array) -> list[int]:
+def _varied(sums: _Sums, chosen: list[int]) -> list[int]:
     """With the best non-linear values of each effect among those tried."""
     for place, i in enumerate(chosen):
-        variance = _begun(sums, chosen, floor)[1]
+        variance = _begun(sums, chosen)[1]
         alike = [k for k in range(1, len(sums.families)) if sums.families[k].name == sums.families[i].name]
         sets = [[*chosen[:place], k, *chosen[place + 1 :]] for k in alike]
         chosen = min(sets, key=lambda one: _relative(_error(sums, one, variance), variance))
     return chosen
 
 
-def _fitted(problem: Problem, sums: _Sums, chosen: list[int], floor: Array) -> tuple[FittedEffect, ...]:
-    values = _solved(sums, chosen, _begun(sums, chosen, floor)[1])
+def _replaced(problem: Problem, sums: _Sums, chosen: list[int], combined: Effect) -> list[int]:
+    """With a combination in place of its simple effects, where these explain clearly less."""
+    rest = [i for i in chosen if sums.families[i].name not in combined.made_of]
+    if len(rest) == len(chosen):
+        return chosen
+    before, variance = _begun(sums, chosen)
+    tried = {i: _error(sums, [*rest, i], variance) for i, each in enumerate(sums.families) if each.effect is combined}
+    proven = [i for i, error in tried.items() if _proven(sums, before, error, variance, _CLEARLY)]
+    if not proven:
+        return chosen
+    made = [*rest, min(proven, key=lambda i: _relative(tried[i], variance))]
+    return chosen if _implausible(problem, sums, made) else made
+
+
+def _implausible(problem: Problem, sums: _Sums, chosen: list[int]) -> bool:
+    parts = _fitted(problem, sums, chosen)
+    return any(part.effect.implausible(problem.recorded, part.values) for part in parts)
+
+
+def _fitted(problem: Problem, sums: _Sums, chosen: list[int]) -> tuple[FittedEffect, ...]:
+    values = _solved(sums, chosen, _begun(sums, chosen)[1])
     parts = []
     for i, place in _numbered(sums, chosen)[1:]:
         family = sums.families[i]

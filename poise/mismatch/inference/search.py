@@ -20,6 +20,7 @@ from poise.mismatch.inference.fitting import (
     refine,
     score_start,
 )
+from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence, dependences
 from poise.mismatch.recorded import RecordedMotion
@@ -141,6 +142,8 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[H
         effects += dependences(problem.recorded)
     best = fit(state.judging, ())
     state.offer(best)
+    if problem.signal == "effort":
+        return state, _together(state, screened(problem, effects))
     for _ in range(_MOST_PARTS):
         found = _round(state, best, effects)
         best = state.fits[names(best)]
@@ -148,6 +151,18 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[H
             break
         best = _unfolded(state, found, effects)
     return state, _pruned(state, best)
+
+
+def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> HypothesisFit:
+    """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
+    if not parts:
+        return state.fits[()]
+    rough = state.fitted(state.judging, parts, WARM_STEPS)
+    problem = state.under(rough)
+    best = state.fitted(problem, rough.parts, _STEPS)
+    for part in best.parts:
+        state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
+    return best
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
