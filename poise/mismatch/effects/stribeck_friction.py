@@ -51,7 +51,7 @@ class StribeckFriction(Effect):
         del recorded, residual
         for velocity in (0.05, 0.2):
             for start in transitions():
-                if start["transition"] < 0.5 * velocity:
+                if start["transition"] < 0.25 * velocity:
                     yield {"velocity": velocity, **start}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:

@@ -225,7 +225,7 @@ def _error(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
 
 def _variance(error: Array, floor: Array) -> Array:
     """(J,)."""
-    return np.maximum(error.mean(axis=0), floor)
+    return np.asarray(np.maximum(error.mean(axis=0), floor))
 
 
 def _begun(sums: _Sums, chosen: Sequence[int]) -> tuple[Array, Array]:

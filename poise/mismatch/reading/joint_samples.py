@@ -41,6 +41,9 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
         notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
         joints = joints.select(inside)
     joints, said = averaged_joints(joints)
+    together = _together(joints.seconds)
+    if together > 1 and np.isfinite(joints.effort).any():
+        said.append(f"{together} joint efforts each were averaged")
     return joints, notes + said
 
 
@@ -65,8 +68,11 @@ def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
     known = np.isfinite(effort)
     rows = known[:, known.any(axis=0)].all(axis=1)
     seconds, effort = seconds[rows], effort[rows]
-    if len(seconds) < 2:
-        return seconds, effort
-    rate = 1.0 / float(np.median(np.diff(seconds)))
-    together = int(np.ceil(max(len(seconds) / MAX_WRENCH_SAMPLES, rate / MAX_WRENCH_RATE - 0.05)))
+    together = _together(seconds)
     return (seconds, effort) if together < 2 else (averaged(seconds, together), averaged(effort, together))
+
+
+def _together(seconds: Array) -> int:
+    """How many efforts are averaged."""
+    rate = 1.0 / float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+    return int(np.ceil(max(len(seconds) / MAX_WRENCH_SAMPLES, rate / MAX_WRENCH_RATE - 0.05)))
