@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.effects import Effect, Values
+from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.linearised import PRIOR_SCALES
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import EffortTrack, LinkTrack
@@ -22,19 +23,19 @@ from poise.types import Array
 _BLOCKS = 6
 _ROWS = 3000
 """Averages of consecutive samples that are compared, at the most."""
-_LEAST, _IN_BLOCKS = 0.02, 4
-"""Share of the error on other blocks that an effect must explain, and the number of blocks in which the error falls."""
-_CLEARLY = 0.05
-"""The same of a combination of effects beyond its simple ones: all friction models are approximations."""
+_LEAST, _IN_BLOCKS = 0.12, 4
+"""Share of the error of some joint on other blocks that an effect must explain, and the blocks in which it falls."""
 _DETAIL = 0.01
 """Least share of the error of the nominal model in some joint: laws of friction hold to about a tenth."""
 _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
-_WIDE = 20
-"""Parameters from which an effect is tried after all others: it can imitate several of them."""
+_GENERAL = ("link_parameters",)
+"""Effects that are tried after all others, since they can imitate several of them."""
 _MOST = 10
-_BOUND_ROUNDS = 5
-"""Solutions after which parameters stay at their bounds."""
+_TOLERANCE_RIDGE = 0.01
+"""Precision of a calibration error in tolerances: inside the bounds the smallest is taken."""
+_RIDGE = 1e-9
+"""Relative to the mean of the normal matrix's diagonal."""
 _FLOOR = 1e-5
 """Least variance of a joint's residual, relative to that of its measured effort."""
 
@@ -88,12 +89,12 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
     choosing = [each for each in linear if any(p.choice for p in each.parameters(problem.recorded))]
     combined = [each for each in linear if each.made_of]
     sums = screen.extended([each for each in linear if each not in choosing])
-    chosen = _grown(sums, [], _WIDE)
+    chosen = _grown(sums, [])
     if choosing:
         # Which joints are concerned shows once the common effects are there.
         sums = screen.extended(choosing, _fitted(problem, sums, chosen))
-        chosen = _grown(sums, chosen, _WIDE)
-    chosen = _pruned(sums, _grown(sums, chosen))
+        chosen = _grown(sums, chosen)
+    chosen = _pruned(sums, _grown(sums, chosen, general=True))
     chosen = _varied(sums, chosen)
     for effect in combined:
         chosen = _replaced(problem, sums, chosen, effect)
@@ -111,9 +112,11 @@ class _Screen:
         self._recorded = replace(problem.recorded, effort=thin)
         self._target = thin.measured - thin.prediction
         self._floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
-        columns = np.concatenate([group.columns for group in problem.groups(self._recorded)], axis=2)
-        ones = np.ones(columns.shape[2])
-        self._families = [_Family(None, {}, columns, 3.0 * ones, -ones, ones)]
+        groups = problem.groups(self._recorded)
+        columns = np.concatenate([group.columns for group in groups], axis=2)
+        bound = np.concatenate([np.full(group.columns.shape[2], group.bound) for group in groups])
+        precision = np.full(len(bound), _TOLERANCE_RIDGE)
+        self._families = [_Family(None, {}, columns, precision, -bound, bound)]
 
     def extended(self, effects: Sequence[Effect], beside: Sequence[FittedEffect] | None = None) -> "_Sums":
         """The sums with further effects; those that start from what others leave, at the full rate."""
@@ -123,12 +126,13 @@ class _Screen:
             left = self._problem.measured - self._problem.predicted(self._problem.compose(beside)[1])
         for effect in effects:
             linear = [p for p in effect.parameters(recorded) if p.linear]
-            lower = np.array([p.lower for p in linear])
+            lower = np.array([max(p.lower, p.low) for p in linear])
+            upper = np.array([p.high for p in linear])
             precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
             for start in effect.starts(recorded, left):
                 columns = effect.columns(recorded, start)
                 columns = columns if beside is None else self._mean(columns)
-                family = _Family(effect, dict(start), columns, precision, lower, np.full(len(linear), np.inf))
+                family = _Family(effect, dict(start), columns, precision, lower, upper)
                 self._families.append(family)
         return _summed(self._families, self._target, self._floor)
 
@@ -179,25 +183,13 @@ def _index(sums: _Sums, chosen: Sequence[int]) -> Array:
 
 
 def _bounded(sums: _Sums, chosen: Sequence[int], matrix: Array, vector: Array) -> Array:
-    """The least-squares coefficients with priors; those beyond a bound are set to it, and the others solved again."""
+    """The least-squares coefficients with priors, inside their bounds."""
     families = [sums.families[i] for i in (0, *chosen)]
     precision, lower, upper = (
         np.concatenate([getattr(family, name) for family in families]) for name in ("precision", "lower", "upper")
     )
-    matrix = matrix + np.diag(precision + 1e-9 * np.trace(matrix) / max(len(matrix), 1))
-    held = np.zeros(len(vector), dtype=bool)
-    values = np.zeros(len(vector))
-    for _ in range(_BOUND_ROUNDS):
-        free = ~held
-        values[free] = np.linalg.solve(
-            matrix[np.ix_(free, free)], vector[free] - matrix[np.ix_(free, held)] @ values[held]
-        )
-        beyond = free & ((values < lower) | (values > upper))
-        values = np.clip(values, lower, upper)
-        if not beyond.any():
-            break
-        held |= beyond
-    return np.asarray(values)
+    ridge = precision + _RIDGE * np.trace(matrix) / max(len(matrix), 1)
+    return box_minimum(matrix + np.diag(ridge), vector, lower, upper)
 
 
 def _solved(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
@@ -237,7 +229,7 @@ def _begun(sums: _Sums, chosen: Sequence[int]) -> tuple[Array, Array]:
     return error, variance
 
 
-def _grown(sums: _Sums, chosen: list[int], widest: float = np.inf) -> list[int]:
+def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int]:
     """Add the family that lowers the error most, until none does."""
     chosen = list(chosen)
     while len(chosen) < _MOST:
@@ -247,7 +239,7 @@ def _grown(sums: _Sums, chosen: list[int], widest: float = np.inf) -> list[int]:
         for i in range(1, len(sums.families)):
             family = sums.families[i]
             combined = family.effect is None or family.effect.made_of
-            if combined or family.name in names or family.columns.shape[2] > widest:
+            if combined or family.name in names or (family.name in _GENERAL) > general:
                 continue
             after = _error(sums, [*chosen, i], variance)
             if _proven(sums, before, after, variance):
@@ -265,15 +257,12 @@ def _relative(error: Array, variance: Array) -> float:
     return float(np.mean(error / variance))
 
 
-def _proven(sums: _Sums, before: Array, after: Array, variance: Array, least: float = _LEAST) -> bool:
-    """Whether the error falls materially over all blocks, and again in most of them."""
+def _proven(sums: _Sums, before: Array, after: Array, variance: Array) -> bool:
+    """Whether the error falls materially in some joint, over all blocks and again in most of them."""
     falls = (before - after).mean(axis=0)
+    material = (falls > _LEAST * before.mean(axis=0)) & (falls > _DETAIL * sums.nominal)
     blocks = (after / variance).mean(axis=1) < (before / variance).mean(axis=1)
-    return bool(
-        np.mean(falls / variance) > least * _relative(before, variance)
-        and (falls > _DETAIL * sums.nominal).any()
-        and blocks.sum() >= _IN_BLOCKS
-    )
+    return bool(material.any() and falls @ (1 / variance) > 0.0 and blocks.sum() >= _IN_BLOCKS)
 
 
 def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
@@ -305,7 +294,7 @@ def _replaced(problem: Problem, sums: _Sums, chosen: list[int], combined: Effect
         return chosen
     before, variance = _begun(sums, chosen)
     tried = {i: _error(sums, [*rest, i], variance) for i, each in enumerate(sums.families) if each.effect is combined}
-    proven = [i for i, error in tried.items() if _proven(sums, before, error, variance, _CLEARLY)]
+    proven = [i for i, error in tried.items() if _proven(sums, before, error, variance)]
     if not proven:
         return chosen
     made = [*rest, min(proven, key=lambda i: _relative(tried[i], variance))]
