@@ -162,6 +162,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
             "whiteness": rest.whiteness,
         },
         "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
+        "unproven": found.unproven,
         "untestable": found.untestable,
         "notes": [note for reading in readings for note in reading.notes],
         "seconds": found.seconds,
@@ -175,6 +176,7 @@ def _effect(finding: NamedEffect) -> dict[str, Any]:
     return {
         "name": finding.effect.name,
         "probability": finding.belief.probability,
+        "proof": None if finding.proof is None else asdict(finding.proof),
         "basis": None if finding.belief.basis is None else asdict(finding.belief.basis),
         "parameters": {name: quantity(number) for name, number in finding.parameters.items()},
         "windows": finding.windows,

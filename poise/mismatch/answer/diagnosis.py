@@ -16,16 +16,19 @@ from poise.mismatch.inference import (
     WARM_STEPS,
     Dependence,
     DependenceCurve,
+    EffectProof,
     FittedEffect,
     HeldOutProof,
     HypothesisFit,
     HypothesisSearch,
     Problem,
+    ProvenModel,
     dependence_curve,
     effort_problem,
     fit,
     held_out,
     names,
+    proven,
     residual_of,
     search,
     state_description,
@@ -50,7 +53,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class NamedEffect:
-    """One effect of the answer."""
+    """One effect of the answer; without a proof where the readings alone show it."""
 
     effect: Effect
     values: Values
@@ -59,6 +62,7 @@ class NamedEffect:
     parameters: dict[str, Quantity]
     windows: tuple[tuple[float, float], ...]
     sentence: str
+    proof: EffectProof | None
 
     @property
     def component(self) -> ModelEffect:
@@ -90,6 +94,7 @@ class SignalDiagnosis:
         calibration: its errors as fitted, inside their tolerances.
         held_out: (N,) the samples that no fit of the proof sees.
         proof: errors on them.
+        unproven: effects that the evidence supported, but that have no proof, and what it lacks.
     """
 
     problem: Problem
@@ -103,6 +108,7 @@ class SignalDiagnosis:
     calibration: tuple[CalibrationEstimate, ...]
     held_out: Mask
     proof: HeldOutProof
+    unproven: dict[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +150,11 @@ class Diagnosis:
     def probability(self) -> float:
         """Of the verdict `none`."""
         return float(np.prod([probability_of_none(each.search) for each in self.examinations]))
+
+    @property
+    def unproven(self) -> dict[str, str]:
+        """Effects that the evidence supported, but that have no proof, and what it lacks."""
+        return {name: why for each in self.examinations for name, why in each.unproven.items()}
 
     @property
     def untestable(self) -> dict[str, str]:
@@ -199,10 +210,7 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         make = wrench_problem if problem.signal == "wrench" else effort_problem
         looked = make(without(problem.recorded, last), problem.model)
     state, best = search(looked, library)
-    if looked is not seen:
-        best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
-    final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
-    best = fit(final, best.parts, WARM_STEPS)
+    model, final, best, proof = _proven(state, best, seen, held)
     nominal = fit(final, ()) if best.parts else best
     detected = _shown(final, library)
     rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, detected))
@@ -218,7 +226,7 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*_findings(final, state, best, beside_unknown=doubted), *detected),
+        findings=(*_findings(final, state, best, model, beside_unknown=doubted), *detected),
         unknown=unknown,
         residual_test=rest,
         # With the best model's calibration: a calibration without the findings would be biased by them.
@@ -227,8 +235,34 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         ),
         calibration=calibration_estimates(final, best),
         held_out=held,
-        proof=held_out(replace(final, judged=None), best, held),
+        proof=proof,
+        unproven=model.dropped,
     )
+
+
+def _proven(
+    state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask
+) -> tuple[ProvenModel, Problem, HypothesisFit, HeldOutProof]:
+    """The largest model whose effects have their proof and that does not increase the held-out error.
+
+    Returns:
+        The model with its proofs; the signal under the noise that it leaves, its fit there, and the held-out errors.
+    """
+    dropped: dict[str, str] = {}
+    while True:
+        model = proven(state, best)
+        best = model.fit
+        if state.problem is not seen:
+            best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
+        final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
+        best = fit(final, best.parts, WARM_STEPS)
+        proof = held_out(replace(final, judged=None), best, held)
+        dropped |= model.dropped
+        if not best.parts or not proof.worse:
+            return replace(model, dropped=dropped), final, best, proof
+        best = model.shorter()
+        lost = set(names(model.fit)) - set(names(best))
+        dropped |= dict.fromkeys(lost, "the error on held-out samples is larger with it")
 
 
 def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
@@ -243,7 +277,7 @@ def _whitened(found: HypothesisFit) -> Array:
 
 
 def _findings(
-    problem: Problem, state: HypothesisSearch, best: HypothesisFit, *, beside_unknown: bool
+    problem: Problem, state: HypothesisSearch, best: HypothesisFit, model: ProvenModel, *, beside_unknown: bool
 ) -> list[NamedEffect]:
     confidence = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
     inputs = problem.compose(best.parts)[0]
@@ -256,8 +290,9 @@ def _findings(
             quantities(part, recorded, covariance),
             part.effect.windows(recorded, part.values),
             part.effect.sentence(recorded, part.values),
+            proof,
         )
-        for part, recorded, covariance in zip(best.parts, inputs, best.covariance, strict=True)
+        for part, recorded, covariance, proof in zip(best.parts, inputs, best.covariance, model.proofs, strict=True)
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)
@@ -274,7 +309,7 @@ def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffe
             covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
             reported = quantities(FittedEffect(effect, values), problem.recorded, covariance)
             sure, sentence = EffectBelief(MAX_PROBABILITY, (), (), None), effect.sentence(problem.recorded, values)
-            found.append(NamedEffect(effect, values, covariance, sure, reported, (), sentence))
+            found.append(NamedEffect(effect, values, covariance, sure, reported, (), sentence, None))
     return found
 
 
