@@ -21,6 +21,11 @@ _MISSED = 1.5
 """Held-out error over the error of the fits, from which the last recording is reported to differ from the others."""
 _MISSED_SENTENCE = "{} deviates by more than that: effects in it alone are not searched; diagnose it separately."
 
+_UNEXAMINED = (
+    "No signal can be examined: there is no wrench, and no usable joint effort. The warnings say why, and what the "
+    "motion shows."
+)
+
 _ModelOption = Annotated[
     Path | None,
     typer.Option(
@@ -65,9 +70,10 @@ def mismatch(
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.
 
-    The recordings need the wrench, joint_states and robot_description (or tf up to the sensor); odom and joint efforts
-    are used if present. The effects of a library compete by evidence; small calibration errors are always fitted. When
-    no effect fits, the answer is `unknown`, with the state that the residual depends on.
+    The recordings need joint_states, robot_description, and the wrench, joint efforts, or both (or the wrench and tf up
+    to the sensor); odom and joint commands are used if present. The effects of a library compete by evidence; small
+    calibration errors are always fitted. When no effect fits, the answer is `unknown`, with the state that the residual
+    depends on.
 
     Example:  poise mismatch run.mcap --model model.yaml --json answer.json --report out --save augmented.yaml
     """
@@ -78,6 +84,10 @@ def mismatch(
         for note in reading.notes:
             warn(f"{bag}: {note}")
     recorded, last = joined([reading.recorded for reading in readings])
+    if not (recorded.has("wrench") or recorded.has("effort")):
+        write_json(json_target, _unexamined(readings))
+        console(json_target).print(_UNEXAMINED)
+        return
     found = diagnose(recorded, readings[0].model, last if last.any() else None)
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
@@ -164,9 +174,29 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
         "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
         "unproven": found.unproven,
         "untestable": found.untestable,
-        "notes": [note for reading in readings for note in reading.notes],
         "seconds": found.seconds,
+    } | _of_input(readings)
+
+
+def _of_input(readings: list[ReadRecording]) -> dict[str, Any]:
+    return {
+        "notes": [note for reading in readings for note in reading.notes],
+        "input_findings": [asdict(finding) for reading in readings for finding in reading.findings],
     }
+
+
+def _unexamined(readings: list[ReadRecording]) -> dict[str, Any]:
+    """The answer about recordings without a usable wrench or effort: the findings about the input."""
+    return {
+        "verdict": "unknown",
+        "effects": [],
+        "where": [],
+        "unknown": {"depends_on": [], "sentence": _UNEXAMINED},
+        "fit": None,
+        "calibration": [],
+        "untestable": {},
+        "seconds": 0.0,
+    } | _of_input(readings)
 
 
 def _effect(finding: NamedEffect) -> dict[str, Any]:

@@ -62,7 +62,7 @@ def joint_stream(
     parts = [part for part in parts if set(names) <= set(part[1]["names"])]
     if not parts:
         sentence = f"{topic}: no message holds the joints {' '.join(names)}; there are {there}: record them all"
-        raise InputError(ErrorCode.JOINT_MISSING, sentence)
+        raise InputError(ErrorCode.JOINT_MISSING, sentence, there=sorted(frozenset().union(*sets)))
     fields = ["position", "velocity", "effort"]
     for index, columns in parts:
         order = [columns["names"].index(name) for name in names]

@@ -22,7 +22,7 @@ from poise.robot.imu import Imu, ImuSource, find_imu
 from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
 from poise.robot.live_imu import IMU_LAG_STEP, IMU_LONGEST_DELAY, LiveImu
 from poise.robot.measured import MeasuredMotion, motion_from_derivatives, motion_from_joints, motion_from_poses
-from poise.robot.model import RobotModel, find_urdf, inertia_of, phi_of
+from poise.robot.model import RobotModel, chains, find_urdf, inertia_of, phi_of
 from poise.robot.motion import SensorMotion
 from poise.robot.motion_buffers import (
     NO_KINEMATICS,
@@ -83,6 +83,7 @@ __all__ = [
     "StaticPoseBuffer",
     "base_from_odometry",
     "base_motion_at",
+    "chains",
     "differentiate",
     "differentiate_rotations",
     "find_imu",

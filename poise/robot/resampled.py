@@ -16,8 +16,10 @@ _GAP = 6.0
 _MIN_SAMPLES = 30
 _EDGE = 0.08
 """s at the ends of a stretch where accelerations are too uncertain."""
-_SPACINGS = tuple(0.03 * 1.5**k for k in range(8))
-"""s between knots that are tried: 0.03 to 0.51."""
+_SPACINGS = tuple(0.03 * 1.5**k for k in range(-4, 8))
+"""s between knots that are tried: 0.006 to 0.51."""
+_SLOW_KNOTS, _SAMPLES = 0.0299, 8.0
+"""s; closer knots are tried when each interval has this many samples."""
 _LOCAL = 0.7
 """s around a sample that decide which spline fits it best."""
 _LOUD = 0.8
@@ -98,7 +100,8 @@ class _Blend:
 
     def __init__(self, seconds: Array, values: Array, rates: Array | None) -> None:
         span = float(seconds[-1] - seconds[0])
-        sizes = sorted({max(round(span / spacing), 1) for spacing in _SPACINGS})
+        least = min(_SLOW_KNOTS, _SAMPLES * float(np.median(np.diff(seconds))))
+        sizes = sorted({max(round(span / spacing), 1) for spacing in _SPACINGS if spacing > least})
         grids = [Grid.across(seconds, size) for size in sizes if size <= max(len(seconds) * 2 // 3 - 5, 1)]
         plain = [SplineFit(Design(grid, seconds), values) for grid in grids]
         best = np.argmin([fit.score() for fit in plain], axis=0)

@@ -227,7 +227,7 @@ class SplineFit:
     @property
     def sigma(self) -> Array:
         """(K,) one-sigma noise of the samples, from what the spline leaves over."""
-        return np.asarray(np.sqrt(self.square_sum / max(self.degrees_of_freedom, 1)))
+        return np.asarray(np.sqrt(np.maximum(self.square_sum, 0.0) / max(self.degrees_of_freedom, 1)))
 
     def score(self) -> Array:
         """(K,) generalised cross-validation: about N times the squared error at a sample that was left out.

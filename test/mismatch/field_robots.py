@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading import MeasuredStreams, NominalModel, ReadRecording, read_streams
 from poise.recording import JointStream
 from poise.robot import RobotModel
@@ -72,9 +73,9 @@ class Recorded:
         return self.damping * velocity + self.coulomb * np.tanh(velocity / 5e-3)
 
 
-def streams(joints: JointStream, text: str = ARM) -> MeasuredStreams:
+def streams(joints: JointStream, text: str = ARM, commands: JointStream | None = None) -> MeasuredStreams:
     """Without a wrench."""
-    return MeasuredStreams("test", None, lambda names: _chosen(joints, names), None, lambda: text)
+    return MeasuredStreams("test", None, lambda names: _chosen(joints, names), None, lambda: text, commands)
 
 
 def read(joints: JointStream, text: str = ARM, model: NominalModel | None = None) -> ReadRecording:
@@ -83,6 +84,8 @@ def read(joints: JointStream, text: str = ARM, model: NominalModel | None = None
 
 
 def _chosen(joints: JointStream, names: tuple[str, ...]) -> JointStream:
+    if not set(names) <= set(joints.names):
+        raise InputError(ErrorCode.JOINT_MISSING, f"lack {names}", there=list(joints.names))
     columns = [joints.names.index(name) for name in names]
     parts = (values[:, columns] for values in (joints.position, joints.velocity, joints.effort))
     return JointStream(joints.stamps, names, *parts)

@@ -16,7 +16,7 @@ from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
 
 SHORT = 12.0
-BAD_INPUT = 2
+BAD_INPUT, NO_ANSWER = 2, 3
 
 
 @pytest.fixture(scope="module")
@@ -40,9 +40,9 @@ def written(
     return ["mismatch", str(bag), "--model", str(nominal)]
 
 
-def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line of a command that ends with bad input."""
-    assert run(arguments) == BAD_INPUT
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str], status: int = BAD_INPUT) -> str:
+    """The one line of a command that ends with bad input, or without an answer."""
+    assert run(arguments) == status
     lines = [line for line in capsys.readouterr().err.splitlines() if "warning" not in line]
     assert len(lines) == 1
     return lines[0]
@@ -66,13 +66,14 @@ def test_the_opposite_sign_is_named(tmp_path: Path, case: Case, robot: str, caps
     assert "opposite sign" in refused(written(tmp_path, robot, case.joints, wrong, case.model), capsys)
 
 
-def test_another_robots_description_is_bad_input(
+def test_with_another_robots_description_there_is_no_answer(
     tmp_path: Path, case: Case, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = '<robot name="other"><link name="base"/><link name="ft_sensor"/><joint name="a" type="revolute">'
     other += '<parent link="base"/><child link="ft_sensor"/><axis xyz="0 0 1"/>'
     other += '<limit lower="-3" upper="3" velocity="1" effort="1"/></joint></robot>'
-    assert "a" in refused(written(tmp_path, other, case.joints, case.wrench, case.model), capsys)
+    arguments = written(tmp_path, other, case.joints, case.wrench, case.model)
+    assert "another robot" in refused(arguments, capsys, NO_ANSWER)
 
 
 def test_gaps_and_bursts_of_nan_are_left_out_and_said(

@@ -1,12 +1,19 @@
 """The diagnosis of robots as they are: joint efforts without a wrist sensor, from one joint upwards."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 from field_robots import ARM, Recorded, read, streams, urdf
 
-from poise.errors import ErrorCode, InputError
+from poise.cli import run
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import diagnose, effects_called
-from poise.mismatch.reading import NominalModel, read_streams
+from poise.mismatch.reading import NominalModel, parse_model, read_streams
+from poise.recording import JointStream, write_recording
+from poise.types import Array
 
 TURN = urdf(("turn", "revolute", "0 1 0"))
 SLIDE = urdf(("slide", "prismatic", "1 0 0"))
@@ -58,3 +65,135 @@ def test_a_payload_of_the_model_hangs_on_the_last_link() -> None:
     upper, both = empty.position[0, 0], empty.position[0, :2].sum()
     lever = 0.3 * np.cos(upper) + 0.4 * np.cos(both)
     assert abs((loaded.rigid - empty.rigid)[0, 0]) == pytest.approx(9.81 * lever, rel=0.1)
+
+
+def with_effort(joints: JointStream, effort: Array) -> JointStream:
+    return replace(joints, effort=effort)
+
+
+def of(kind: str, joints: JointStream, text: str = ARM) -> tuple[tuple[str, ...], tuple[float, ...], Array | None]:
+    """The joints and numbers of a finding, and the efforts that are left."""
+    reading = read(joints, text)
+    (finding,) = (each for each in reading.findings if each.kind == kind)
+    assert finding.sentence in reading.notes
+    effort = reading.recorded.effort
+    return finding.joints, finding.values, None if effort is None else effort.measured
+
+
+def test_honest_efforts_have_no_findings() -> None:
+    for case in (Recorded(damping=5.0, coulomb=4.0), Recorded(TURN, coulomb=1.0), Recorded(GANTRY, damping=20.0)):
+        assert read(case.joints(), case.text).findings == ()
+
+
+@pytest.mark.parametrize("text", [ARM, SLIDE])
+def test_efforts_without_a_sign_are_left_out(text: str) -> None:
+    joints = Recorded(text, damping=2.0, coulomb=2.0).joints()
+    assert of("effort_unsigned", with_effort(joints, np.abs(joints.effort)), text)[2] is None
+
+
+def test_efforts_that_are_not_measured_are_left_out_joint_by_joint() -> None:
+    joints = Recorded().joints()
+    names, _, left = of("effort_zero", with_effort(joints, joints.effort * [1.0, 0.0, 1.0]))
+    assert names == ("elbow",)
+    assert left is not None
+    assert left.shape[1] == 2
+    assert of("effort_constant", with_effort(joints, np.full_like(joints.effort, 3.0)))[2] is None
+
+
+def test_newton_millimetres_are_converted_and_other_units_left_out_with_their_factors() -> None:
+    joints = Recorded(damping=2.0, coulomb=2.0).joints()
+    _, _, left = of("effort_unit", with_effort(joints, joints.effort * 1000.0))
+    honest = read(joints).recorded.effort
+    assert left is not None
+    assert honest is not None
+    np.testing.assert_allclose(left, honest.measured)
+    factors = np.array([0.05, 0.09, 0.2])
+    names, values, left = of("effort_unit", with_effort(joints, joints.effort * factors))
+    assert left is None
+    assert values == pytest.approx([factors[joints.names.index(name)] for name in names], rel=0.15)
+
+
+def test_the_opposite_sign_of_one_joint_is_turned() -> None:
+    joints = Recorded(coulomb=1.0).joints()
+    names, _, left = of("effort_sign", with_effort(joints, joints.effort * [1.0, -1.0, 1.0]))
+    assert names == ("elbow",)
+    honest = read(joints).recorded.effort
+    assert honest is not None
+    np.testing.assert_allclose(left, honest.measured)
+
+
+def test_efforts_without_gravity_are_left_out() -> None:
+    case = Recorded(damping=6.0, coulomb=3.0)
+    joints = case.joints()
+    friction = case.friction(joints.velocity) + np.random.default_rng(0).normal(size=joints.effort.shape) * 0.1
+    assert of("effort_unrelated", with_effort(joints, friction))[2] is None
+
+
+def test_joints_at_rest_are_named_and_a_robot_at_rest_has_no_answer() -> None:
+    names, _, left = of("joints_at_rest", Recorded(moving=(0.0, 1.0, 0.0)).joints())
+    assert names == ("shoulder", "wrist")
+    assert left is not None
+    with pytest.raises(NoAnswerError, match="nothing moves"):
+        read(Recorded(moving=(0.0, 0.0, 0.0)).joints())
+
+
+def test_joints_without_states_stand_where_the_model_says_or_are_named() -> None:
+    joints = Recorded().joints()
+    seen = JointStream(
+        joints.stamps, joints.names[1:], *(v[:, 1:] for v in (joints.position, joints.velocity, joints.effort))
+    )
+    with pytest.raises(InputError, match=r"joint_positions.*shoulder") as caught:
+        read(seen)
+    assert caught.value.code is ErrorCode.JOINT_MISSING
+    # With the shoulder at a quarter turn, the links hang: the elbow holds them without effort.
+    level, hanging = (
+        read(seen, model=parse_model({"joint_positions": {"shoulder": angle}})).recorded.effort
+        for angle in (0.0, np.pi / 2)
+    )
+    assert level is not None
+    assert hanging is not None
+    assert level.names == hanging.names == ("elbow", "wrist")
+    assert np.abs(hanging.rigid[:10, 0]).max() < 0.2 * np.abs(level.rigid[:10, 0]).min()
+
+
+def test_the_delay_behind_the_commands_is_found_joint_by_joint() -> None:
+    joints = Recorded().joints()
+    ahead = np.array([0.03, 0.08, 0.15])
+    seconds = joints.seconds
+    sent = np.stack([np.interp(seconds + t, seconds, q) for t, q in zip(ahead, joints.position.T, strict=True)], axis=1)
+    commands = JointStream(joints.stamps, joints.names, sent, np.full_like(sent, np.nan), np.full_like(sent, np.nan))
+    reading = read_streams(streams(joints, commands=commands), NominalModel())
+    (finding,) = reading.findings
+    assert finding.kind == "command_tracking"
+    assert finding.values == pytest.approx(ahead, abs=2e-3)
+    track = reading.recorded.commands
+    assert track is not None
+    effort = reading.recorded.effort
+    assert effort is not None
+    late = track.position_at(effort.seconds - ahead[1])[:, 1] - effort.position[:, 1]
+    assert np.abs(late[200:]).max() < 2e-3
+
+
+def written(folder: Path, text: str, **streams: JointStream) -> str:
+    write_recording(folder / "run.mcap", streams, robot_description=text)
+    return str(folder / "run.mcap")
+
+
+def test_commands_without_states_and_states_of_another_robot_have_no_answer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    joints = Recorded(seconds=6.0).joints()
+    assert run(["mismatch", written(tmp_path, ARM, joint_commands=joints)]) == 3
+    assert "no joint_states" in capsys.readouterr().err
+    assert run(["mismatch", written(tmp_path, TURN, joint_states=joints)]) == 3
+    assert "another robot" in capsys.readouterr().err
+
+
+def test_without_a_usable_effort_the_findings_are_the_answer(tmp_path: Path) -> None:
+    joints = Recorded(seconds=6.0).joints()
+    bag = written(tmp_path, ARM, joint_states=with_effort(joints, np.abs(joints.effort)), joint_commands=joints)
+    assert run(["mismatch", bag, "--json", str(tmp_path / "answer.json")]) == 0
+    said = json.loads((tmp_path / "answer.json").read_text())
+    assert said["verdict"] == "unknown"
+    assert said["effects"] == []
+    assert [finding["kind"] for finding in said["input_findings"]] == ["effort_unsigned", "command_tracking"]

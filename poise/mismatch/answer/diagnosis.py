@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from poise.errors import ErrorCode, NoAnswerError
 from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs, probability_of_none
 from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
 from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
@@ -184,8 +185,13 @@ def diagnose(
         last: (N,) the wrench samples of the last of several recordings, which no fit sees; None: a single recording,
             whose last 30 % are held out from the fits that prove the answer.
         library: effects to try; None: all.
+
+    Raises:
+        NoAnswerError: NOT_IDENTIFIABLE without a wrench and without usable efforts.
     """
     begin = time.perf_counter()
+    if not (recorded.has("wrench") or recorded.has("effort")):
+        raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, "there is no wrench and no usable joint effort to examine")
     recorded = with_model_effects(recorded, model.effects)
     problems = [wrench_problem(recorded, model)] if recorded.has("wrench") else []
     if recorded.effort is not None and recorded.effort.names:

@@ -195,6 +195,7 @@ def _joint_stream(states: list[tuple[int, Any]], names: tuple[str, ...]) -> Join
         raise InputError(
             ErrorCode.JOINT_MISSING,
             f"joint_states: no message of the window holds the joints {' '.join(names)}; there are {there}",
+            there=there.split(),
         )
     out = np.full((3, len(chosen), len(names)), np.nan)
     for row, (_, (own, *parts)) in enumerate(chosen):

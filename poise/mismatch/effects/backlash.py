@@ -13,7 +13,9 @@ from poise.types import Array
 
 _LOUD = 1.1
 """Residual in units of white noise from which a joint is examined."""
-_GAPS = tuple(np.geomspace(0.001, 0.08, 16).tolist())
+_LARGEST = np.radians(3.5)
+"""rad: a gear with more play is broken."""
+_GAPS = tuple(np.geomspace(0.001, _LARGEST, 13).tolist())
 """rad."""
 _BLURS, _REACHES = (15, 5), (0.3, 0.1)
 """Widths of the blur in samples; factors, as logarithms, by which the best gap so far is varied."""
@@ -43,7 +45,7 @@ class Backlash(Effect):
             return ()
         return (
             EffectParameter("joint", "", low=1.0, high=float(max(numbers(recorded))), linear=False, choice=True),
-            EffectParameter("gap", "rad", low=2e-4, high=0.3, linear=False, log=True),
+            EffectParameter("gap", "rad", low=2e-4, high=_LARGEST, linear=False, log=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             EffectParameter("own", "", 1.0, positive=True, hidden=True),
             EffectParameter("others", "", 1.0, hidden=True),

@@ -118,6 +118,7 @@ class Effect(ABC):
         made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
             An answer never names an effect beside one that contains it.
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
+        defaults: parameters that models saved by an earlier version lack, with the values that they then had.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
 
@@ -137,6 +138,7 @@ class Effect(ABC):
     made_of: ClassVar[tuple[str, ...]] = ()
     direct: ClassVar[bool] = False
     widens: ClassVar[str] = ""
+    defaults: ClassVar[Values] = {}
 
     @abstractmethod
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

@@ -1,34 +1,64 @@
 """Coulomb friction: a joint needs a constant torque against its motion, at any speed."""
 
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import each_joint, listed, numbers, sense, torque_sizes
+from poise.mismatch.effects.joint_friction import (
+    COULOMB_TRANSITION,
+    TRANSITION,
+    each_joint,
+    listed,
+    numbers,
+    sense,
+    torque_sizes,
+    transitions,
+)
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
 class CoulombFriction(Effect):
-    """tau_j = c_j sign(v_j)."""
+    """tau_j = c_j s_j + b_j |s_j|, s = tanh(v / width): b is the difference between the two directions."""
 
     name = "coulomb_friction"
     layer = "friction"
     signal = "effort"
-    equation = "dtau_j = torque_j sign(v_j), sign(v) = tanh(v / 5 mrad/s)"
+    equation = "dtau_j = torque_j s_j + asymmetry_j |s_j|, s_j = tanh(v_j / transition)"
     source = "Coulomb 1785; Armstrong-Helouvry, Dupont, Canudas de Wit 1994, section 2"
     excited_by = "reversals: the torque jumps by twice the friction"
     separating_motion = "each joint evenly at five speeds both ways: Coulomb friction is equal at all of them"
-    confused_with = ("viscous_friction", "stribeck_friction", "load_dependent_friction", "backlash")
+    confused_with = (
+        "viscous_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
+        "position_friction",
+        "temperature_drift",
+        "backlash",
+    )
     needs = ("effort",)
+    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION, "asymmetry": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
-        sizes = torque_sizes(recorded)
-        return tuple(
-            EffectParameter(f"torque_{i}", "N m", s, positive=True)
-            for i, s in zip(numbers(recorded), sizes, strict=True)
+        sizes, joints = torque_sizes(recorded), numbers(recorded)
+        return (
+            TRANSITION,
+            *(EffectParameter(f"torque_{i}", "N m", s, positive=True) for i, s in zip(joints, sizes, strict=True)),
+            *(
+                EffectParameter(f"asymmetry_{i}", "N m", 0.1 * s, hidden=True)
+                for i, s in zip(joints, sizes, strict=True)
+            ),
         )
 
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        del recorded, residual
+        yield from transitions()
+
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        del nonlinear
-        return each_joint(sense(recorded))
+        against = sense(recorded, nonlinear["transition"])
+        return np.concatenate([each_joint(against), each_joint(np.abs(against))], axis=2)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")

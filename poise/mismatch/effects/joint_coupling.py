@@ -1,27 +1,48 @@
 """Joint coupling: one motor's motion needs torque in another joint."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import column_of, efforts, joint_called, numbers, per, sense
+from poise.mismatch.effects.joint_friction import (
+    COULOMB_TRANSITION,
+    column_of,
+    efforts,
+    joint_called,
+    numbers,
+    per,
+    sense,
+    torque_sizes,
+)
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
+_SHARED, _OPPOSED, _ONE_WAY = 1.0, -1.0, 0.0
+"""A motor that turns with the sum, or with the difference, of two joints; a joint that another one drags along."""
+
 
 class JointCoupling(Effect):
-    """tau_driven = J a_driving + d v_driving: belts and gears that run through another joint."""
+    """A motor turns with two joints: T = J (a_1 + a_2) + d (v_1 + v_2) + c sign(v_1 + v_2) acts on both.
+
+    What depends on one joint alone is that joint's own rotor and friction; the remainder is the coupling. With the
+    difference of both speeds, the torque on the second joint is -T. In the one-way form a joint drags another one.
+    """
 
     name = "joint_coupling"
     layer = "friction"
     signal = "effort"
-    equation = "dtau_driven = inertia a_driving + damping v_driving"
-    source = "transmissions that pass through joints (Siciliano et al. 2009, section 7.1)"
+    equation = (
+        "dtau_driven = shared (inertia a_driving + damping v_driving) + friction sign(v_driven + shared v_driving), "
+        "dtau_driving alike; one way: dtau_driven = inertia a_driving + damping v_driving + friction sign(v_driving)"
+    )
+    source = "Gautier and Khalil 1990 (motors 5 and 6 of the Staubli TX series); Siciliano et al. 2009, section 7.1"
     excited_by = "moving the driving joint while the driven one does something else"
     separating_motion = "move one joint alone, the others at rest: a coupled one needs more than its links do"
-    confused_with = ("motor_inertia", "viscous_friction")
+    confused_with = ("motor_inertia", "viscous_friction", "coulomb_friction")
     needs = ("effort",)
+    defaults: ClassVar[Values] = {"shared": _ONE_WAY, "friction": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         if recorded.effort is None:
@@ -33,40 +54,66 @@ class JointCoupling(Effect):
                 EffectParameter(name, "", low=1.0, high=count, linear=False, choice=True)
                 for name in ("driving", "driven")
             ),
+            EffectParameter("shared", "", low=_OPPOSED, high=_SHARED, linear=False, choice=True, hidden=True),
             EffectParameter("inertia", "kg m2", float(np.median(inertia))),
             EffectParameter("damping", "N m s/rad", float(np.median(damping))),
+            EffectParameter("friction", "N m", float(np.median(torque_sizes(recorded)))),
         )
 
+    def untestable(self, recorded: RecordedMotion) -> str:
+        return super().untestable(recorded) or ("the robot has one joint" if len(numbers(recorded)) < 2 else "")
+
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
-        """The pairs of joints that explain most of a joint's residual beside its own motion."""
+        """The pair and form that explain most of the residuals beside each joint's own motion, and the next best."""
         track, known = efforts(recorded), numbers(recorded)
         own = np.stack([track.acceleration, track.velocity, sense(recorded), np.ones_like(track.velocity)], axis=2)
+        bases = [np.linalg.qr(own[:, joint])[0] for joint in range(len(known))]
+        left = np.stack([residual[:, j] - q @ (q.T @ residual[:, j]) for j, q in enumerate(bases)], axis=1)
+        total = np.maximum(np.sum(left**2, axis=0), 1e-12)
         scores = []
-        for driven in range(len(known)):
-            basis = np.linalg.qr(own[:, driven])[0]
-            left = residual[:, driven] - basis @ (basis.T @ residual[:, driven])
-            total = max(float(left @ left), 1e-12)
-            for driving in range(len(known)):
-                if driving == driven:
-                    continue
-                pair = own[:, driving, :2]
-                pair = pair - basis @ (basis.T @ pair)
-                fitted = pair @ np.linalg.lstsq(pair, left, rcond=None)[0]
-                share = min(float(fitted @ fitted) / total, 1.0 - 1e-9)
-                scores.append((-len(left) * float(np.log1p(-share)), known[driving], known[driven]))
-        for _, driving, driven in sorted(scores, reverse=True)[:3]:
-            yield {"driving": float(driving), "driven": float(driven)}
+        for one in range(len(known)):
+            for other in range(len(known)):
+                for shared in (_ONE_WAY, _SHARED, _OPPOSED) if one != other else ():
+                    if shared and other < one:
+                        continue
+                    pair = _torques(recorded, other, one, shared)
+                    rows = [one, other] if shared else [one]
+                    free = [pair[:, j] - bases[j] @ (bases[j].T @ pair[:, j]) for j in rows]
+                    weight = np.sqrt(len(left) / total[rows])
+                    wide = np.concatenate([part * w for part, w in zip(free, weight, strict=True)])
+                    wanted = np.concatenate([left[:, j] * w for j, w in zip(rows, weight, strict=True)])
+                    rest = wanted - wide @ np.linalg.lstsq(wide, wanted, rcond=None)[0]
+                    square = np.sum(rest.reshape(len(rows), -1) ** 2, axis=1) / len(left)
+                    scores.append((-float(np.log(square + 1e-12).sum()), known[other], known[one], shared))
+        for _, driving, driven, shared in sorted(scores, reverse=True)[:3]:
+            yield {"driving": float(driving), "driven": float(driven), "shared": shared}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        track = efforts(recorded)
         driving, driven = (column_of(recorded, nonlinear[name]) for name in ("driving", "driven"))
-        out = np.zeros((*track.velocity.shape, 2))
-        out[:, driven, 0], out[:, driven, 1] = track.acceleration[:, driving], track.velocity[:, driving]
-        return out
+        return _torques(recorded, driving, driven, nonlinear.get("shared", _ONE_WAY))
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         driving, driven = (joint_called(recorded, values[name]) for name in ("driving", "driven"))
-        return (
-            f"The motion of {driving} needs torque in {driven}: {values['inertia']:.2f} kg m2 and "
-            f"{values['damping']:.2f} N m s/rad; the nominal model's joints are not coupled."
+        sizes = (
+            f"{values['inertia']:.3g} kg m2, {values['damping']:.3g} N m s/rad and {values['friction']:.3g} N m; "
+            "the nominal model's joints are not coupled."
         )
+        if values.get("shared", _ONE_WAY):
+            return f"A motor turns with both {driving} and {driven}: {sizes}"
+        return f"The motion of {driving} needs torque in {driven}: {sizes}"
+
+
+def _torques(recorded: RecordedMotion, driving: int, driven: int, shared: float) -> Array:
+    """(M, J, 3) response to inertia, damping and dry friction of the coupling of two columns of joints."""
+    track = efforts(recorded)
+    out = np.zeros((*track.velocity.shape, 3))
+    speed = track.velocity[:, driving] + (shared * track.velocity[:, driven] if shared else 0.0)
+    dry = np.tanh(speed / COULOMB_TRANSITION)
+    sign = shared or 1.0
+    for joint, other in ((driven, driving), (driving, driven)) if shared else ((driven, driving),):
+        out[:, joint, 0] = sign * track.acceleration[:, other]
+        out[:, joint, 1] = sign * track.velocity[:, other]
+    out[:, driven, 2] = sign * dry
+    if shared:
+        out[:, driving, 2] = dry
+    return out

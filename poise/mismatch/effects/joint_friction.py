@@ -1,14 +1,23 @@
 """Shared by effects on joint efforts: joint numbers, sign of motion, and typical sizes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from poise.mismatch.effects.base import EffectParameter, Values
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.types import Array
 
 COULOMB_TRANSITION = 0.005
-"""rad/s, the width of the transition in the sign of a joint's velocity."""
+"""rad/s, the usual width of the transition in the sign of a joint's velocity."""
+TRANSITION = EffectParameter("transition", "rad/s", low=5e-4, high=0.15, linear=False, log=True)
+"""The fitted width, one for all joints: bristles, belts and the control loop make dry friction reverse smoothly."""
+
+
+def transitions() -> Iterable[Values]:
+    """Widths from which a fit reaches every other one."""
+    for width in (0.003, 0.015, 0.06):
+        yield {TRANSITION.name: width}
 
 
 def efforts(recorded: RecordedMotion) -> EffortTrack:
@@ -31,9 +40,9 @@ def numbers(recorded: RecordedMotion) -> tuple[int, ...]:
     return tuple(arm.index(name) + 1 for name in names)
 
 
-def sense(recorded: RecordedMotion) -> Array:
-    """(M, J) sign of the velocity, smooth through zero."""
-    return np.tanh(efforts(recorded).velocity / COULOMB_TRANSITION)
+def sense(recorded: RecordedMotion, width: float = COULOMB_TRANSITION) -> Array:
+    """(M, J) sign of the velocity, smooth through zero within a width in rad/s."""
+    return np.tanh(efforts(recorded).velocity / width)
 
 
 def each_joint(values: Array) -> Array:

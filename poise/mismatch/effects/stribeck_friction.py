@@ -1,33 +1,45 @@
 """Stribeck friction: dry friction that is greater at low speed."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers, per, sense, torque_sizes
+from poise.mismatch.effects.joint_friction import (
+    COULOMB_TRANSITION,
+    TRANSITION,
+    each_joint,
+    efforts,
+    listed,
+    numbers,
+    per,
+    sense,
+    torque_sizes,
+)
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 
 class StribeckFriction(Effect):
-    """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) sign(v_j) + d_j v_j, one v_s for all joints."""
+    """tau_j = (c_j + s_j exp(-(v_j / v_s)^2)) tanh(v_j / width) + d_j v_j; one v_s and one width for all joints."""
 
     name = "stribeck_friction"
     layer = "friction"
     signal = "effort"
-    equation = "dtau_j = (torque_j + stiction_j exp(-(v_j / velocity)^2)) sign(v_j) + damping_j v_j"
+    equation = "dtau_j = (torque_j + stiction_j exp(-(v_j / velocity)^2)) tanh(v_j / transition) + damping_j v_j"
     source = "Bo and Pavelescu 1982; Armstrong-Helouvry, Dupont, Canudas de Wit 1994, section 2"
     excited_by = "slow motion and reversals, with many samples at creeping speeds"
     separating_motion = "each joint evenly at 1, 2, 5, 10 and 20 % of its speed: only stiction falls with speed"
     confused_with = ("coulomb_friction", "viscous_friction", "load_dependent_friction", "backlash")
     needs = ("effort",)
+    defaults: ClassVar[Values] = {"transition": COULOMB_TRANSITION}
     made_of = ("coulomb_friction", "viscous_friction")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         joints, sizes = numbers(recorded), torque_sizes(recorded)
         rates = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else sizes
-        made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True)]
+        made = [EffectParameter("velocity", "rad/s", low=0.02, high=0.6, linear=False, log=True), TRANSITION]
         kinds = (("torque", "N m", sizes), ("stiction", "N m", sizes), ("damping", "N m s/rad", rates))
         for kind, unit, scales in kinds:
             pairs = zip(joints, scales, strict=True)
@@ -37,10 +49,10 @@ class StribeckFriction(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del recorded, residual
         for velocity in (0.03, 0.1, 0.3):
-            yield {"velocity": velocity}
+            yield {"velocity": velocity, "transition": 0.1 * velocity}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        velocity, against = efforts(recorded).velocity, sense(recorded)
+        velocity, against = efforts(recorded).velocity, sense(recorded, nonlinear["transition"])
         slow = np.exp(-((velocity / nonlinear["velocity"]) ** 2))
         return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
 

@@ -171,12 +171,18 @@ def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Ef
         if not pieces:
             continue
         rest = [other for other in best.parts if other is not part]
-        made = [FittedEffect(each, {p.name: 0.0 for p in each.parameters(state.problem.recorded)}) for each in pieces]
+        made = [FittedEffect(each, _alone(each, part, state.problem.recorded)) for each in pieces]
         tried = state.fitted(state.under(best), [*rest, *made], _STEPS)
         won = best.log_evidence - state.fits[()].log_evidence
         if tried.log_evidence >= best.log_evidence - _LOOKALIKE * max(won, 0.0):
             return tried
     return best
+
+
+def _alone(effect: Effect, whole: FittedEffect, recorded: RecordedMotion) -> Values:
+    """Values to fit a piece of a combination from: the common non-linear ones, and zero."""
+    parameters = effect.parameters(recorded)
+    return {p.name: 0.0 if p.linear else whole.values.get(p.name, p.from_unit(0.5)) for p in parameters}
 
 
 def _alike(one: Effect, other: Effect) -> bool:
@@ -302,15 +308,16 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
             seen.append(max(tried, key=lambda each: each.drop))
     recorded = here.recorded
     found, top = [], 0.0
-    for each in sorted(seen, key=lambda each: -each.potential):
+    # Effects whose starting points say nothing come last: the gains of the others then end their refinement early.
+    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), -each.potential)):
         least = max(_THRESHOLD, _REACH * top)
-        done, nonlinear = each, {}
+        done = each
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-        if nonlinear and each.potential > least:
-            done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
-        if each.effect.implausible(recorded, done.values):
-            done = replace(done, gain=-np.inf)
+            if nonlinear and each.potential > least:
+                done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+            if each.effect.implausible(recorded, done.values):
+                done = replace(done, gain=-np.inf)
         found.append(replace(done, visibility=each.visibility))
         top = max(top, done.gain)
     return sorted(found, key=lambda each: -each.gain)

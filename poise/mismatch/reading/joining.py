@@ -17,7 +17,8 @@ RECORDING_GAP = 5.0
 def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     """One recording, and (N,) the mask of the samples of the last part.
 
-    Seconds count from the first recording's first sample; what only some recordings have (joints, effort) is dropped.
+    Seconds count from the first recording's first sample. What only some recordings have (joints, effort, commands)
+    is dropped.
 
     Raises:
         InputError: BAD_INPUT when the recordings' joints differ.
@@ -28,15 +29,18 @@ def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
         named = {getattr(recorded, kind).names for recorded in recordings if getattr(recorded, kind) is not None}
         if len(named) > 1:
             raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
+    if len({recorded.commands.names for recorded in recordings if recorded.commands is not None}) > 1:
+        recordings = [replace(recorded, commands=None) for recorded in recordings]
     moved = []
     for recorded, (begin, _) in zip(recordings, spans(recordings), strict=True):
         shift = begin - float(recorded.seconds[0])
-        effort = recorded.effort
+        effort, commands = recorded.effort, recorded.commands
         moved.append(
             replace(
                 recorded,
                 seconds=recorded.seconds + shift,
                 effort=None if effort is None else replace(effort, seconds=effort.seconds + shift),
+                commands=None if commands is None else replace(commands, seconds=commands.seconds + shift),
             )
         )
     whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(recordings)[1:]))

@@ -105,18 +105,22 @@ def _no_overlap(count: int, sampled: Array) -> InputError:
 def _of_efforts(
     robot: RobotModel, samples: _JointSamples, phi: Array, carried: Array, gravity: float
 ) -> tuple[RecordedMotion, list[str]]:
-    """The motion at the stamps of the joint efforts, for a recording without a wrench."""
+    """The motion at the stamps of the joint efforts, or of the joint states, for a recording without a wrench."""
     found = _efforts(robot, samples, phi, gravity)
-    if found is None or len(found[0].seconds) < _FEWEST:
-        count = 0 if found is None else len(found[0].seconds)
+    if found is None:
+        moved, base, known = samples.at(samples.seconds)
+        track, seconds, moved, base = None, samples.seconds[known], _where(moved, known), _base_where(base, known)
+    else:
+        track, moved, base = found
+        seconds = track.seconds
+    if len(seconds) < _FEWEST:
         raise InputError(
-            ErrorCode.TOPIC_MISSING if not count else ErrorCode.TOO_FEW_SAMPLES,
-            f"there is no wrench, and {count} samples of joint efforts: record one of them, for ten seconds or more",
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"{len(seconds)} samples of joint states with a known motion are too few: record for ten seconds or more",
         )
-    track, moved, base = found
     joints = JointMotion(moved.position, moved.velocity, moved.acceleration)
     recorded = recorded_from_motion(
-        robot, track.seconds, joints, carried, base=base, gravity=gravity, start=samples.start, effort=track
+        robot, seconds, joints, carried, base=base, gravity=gravity, start=samples.start, effort=track
     )
     return recorded, _jitter(moved)
 

@@ -37,13 +37,19 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
     if alone and not inside.all():
         notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
         joints = joints.select(inside)
-    period = float(np.median(np.diff(joints.stamps))) * 1e-9
-    together = int(np.ceil(1.0 / period / MAX_WRENCH_RATE - 0.05))
-    if together > 1:
-        parts = (averaged(values, together) for values in (joints.position, joints.velocity, joints.effort))
-        joints = JointStream(mean_stamps(joints.stamps, together), joints.names, *parts)
-        notes.append(f"the joint states came at {1 / period:.0f} Hz; {together} samples each were averaged")
-    return joints, notes
+    joints, said = averaged_joints(joints)
+    return joints, notes + said
+
+
+def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:
+    """Joint states, or commands, at no more than MAX_WRENCH_RATE."""
+    period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else 1.0
+    together = int(np.ceil(1.0 / max(period, 1e-6) / MAX_WRENCH_RATE - 0.05))
+    if together < 2:
+        return joints, []
+    parts = (averaged(values, together) for values in (joints.position, joints.velocity, joints.effort))
+    fewer = JointStream(mean_stamps(joints.stamps, together), joints.names, *parts)
+    return fewer, [f"the joint states came at {1 / period:.0f} Hz; {together} samples each were averaged"]
 
 
 def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:

@@ -7,6 +7,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
+from poise.mismatch.reading.link_efforts import link_track
 from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.simulation import JointMotion
@@ -122,10 +123,11 @@ def effort_track(
     inertia[:, rows, columns] = inertia[:, columns, rows]
     known = np.asarray(np.isfinite(measured).all(axis=0) & (np.arange(measured.shape[1]) >= robot.base_joints))
     rigid = (torque @ robot.coupling)[:, known]
-    slopes = [(robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia)]
+    by_q, inertia = ((robot.coupling.T @ matrix @ robot.coupling)[:, known][:, :, known] for matrix in (by_q, inertia))
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, *slopes)
+    links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links)
 
 
 @dataclass(frozen=True, eq=False)

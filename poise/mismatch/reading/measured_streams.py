@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from poise.mismatch.reading.commands import recorded_commands
 from poise.recording import JointStream, PoseStream, Recording, WrenchStream
 
 
@@ -15,6 +16,7 @@ class MeasuredStreams:
         wrench: of the sensor; None without one.
         joint_states: the states of these joints, in this order; raises JOINT_MISSING when they were not measured.
         odometry: poses of the robot's base; None when they were not measured.
+        commands: of the joints; None without them.
         description: the robot's URDF; raises ROBOT_DESCRIPTION_MISSING.
     """
 
@@ -23,6 +25,7 @@ class MeasuredStreams:
     joint_states: Callable[[tuple[str, ...]], JointStream]
     odometry: PoseStream | None
     description: Callable[[], str]
+    commands: JointStream | None = None
 
 
 def recorded_streams(recording: Recording, wrench: WrenchStream | None) -> MeasuredStreams:
@@ -33,6 +36,7 @@ def recorded_streams(recording: Recording, wrench: WrenchStream | None) -> Measu
         lambda names: recording.joint_states(names=names),
         recording.odometry() if holds(recording, "odom") else None,
         recording.robot_description,
+        recorded_commands(recording),
     )
 
 

@@ -28,10 +28,16 @@ def with_model_effects(
     for effect, component in sorted(known, key=lambda pair: (LAYERS.index(pair[0].layer), pair[0].order, pair[0].name)):
         if absent(effect, recorded, events):
             continue
-        lacking = [p.name for p in effect.parameters(recorded) if p.name not in component.values]
+        parameters = [p.name for p in effect.parameters(recorded)]
+        # Names of defaults may leave out the joint: "asymmetry" is that of every joint.
+        usual = {
+            name: effect.defaults[stem] for name in parameters for stem in effect.defaults if name.startswith(stem)
+        }
+        values = usual | component.values
+        lacking = [name for name in parameters if name not in values]
         if lacking:
             raise InputError(ErrorCode.BAD_INPUT, f"effect {effect.name} of the model lacks {', '.join(lacking)}")
-        response = effect.simulate(recorded, component.values)
+        response = effect.simulate(recorded, values)
         if effect.signal == "wrench":
             recorded = recorded.with_prediction(recorded.prediction + response)
         elif recorded.effort is not None:

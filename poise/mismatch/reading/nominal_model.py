@@ -14,6 +14,10 @@ from poise.inertia.model import InertialParameters, symmetric
 from poise.types import Array
 
 _MAX_BYTES = 1_000_000
+_ENTRIES = (
+    *("sensor_frame", "urdf", "payload", "gravity", "tool_in_wrench", "joint_positions", "tolerance", "noise"),
+    "effects",
+)
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,7 @@ class NominalModel:
         tool_in_wrench: the wrench also carries what the URDF fixes beyond the sensor (a gripper that was not zeroed).
         noise_force, noise_torque: N and N m of one sample; None: estimated.
         effects: added by an earlier diagnosis.
+        joint_positions: joints that have no states, and where they stand, rad or m.
         payload_identified: the payload was identified from the recording, which then cannot show it wrong.
     """
 
@@ -88,6 +93,7 @@ class NominalModel:
     noise_force: float | None = None
     noise_torque: float | None = None
     effects: tuple[ModelEffect, ...] = ()
+    joint_positions: Mapping[str, float] = field(default_factory=dict)
     payload_identified: bool = False
 
     @property
@@ -122,14 +128,17 @@ def parse_model(content: Any, folder: Path = Path()) -> NominalModel:
     Raises:
         InputError: BAD_INPUT.
     """
-    known = ("sensor_frame", "urdf", "payload", "gravity", "tool_in_wrench", "tolerance", "noise", "effects")
-    top = _mapping(content, "the model", known)
+    top = _mapping(content, "the model", _ENTRIES)
+    held = top.get("joint_positions", {})
     noise = _mapping(top.get("noise", {}), "noise", ("force", "torque"))
     urdf = _text(top, "urdf")
     tool = top.get("tool_in_wrench", False)
     if not isinstance(tool, bool):
         raise _bad("tool_in_wrench must be true or false")
+    if not isinstance(held, Mapping):
+        raise _bad("joint_positions must be a mapping of joints to rad or m")
     return NominalModel(
+        joint_positions={str(name): _number(at, f"joint_positions.{name}") for name, at in held.items()},
         sensor_frame=_text(top, "sensor_frame"),
         urdf=None if urdf is None else folder / urdf if (folder / urdf).is_file() else Path(urdf),
         phi=_payload(top["payload"]) if top.get("payload") is not None else None,
@@ -158,6 +167,8 @@ def dump_model(model: NominalModel) -> str:
         content["gravity"] = model.gravity
     if model.tool_in_wrench:
         content["tool_in_wrench"] = True
+    if model.joint_positions:
+        content["joint_positions"] = dict(model.joint_positions)
     tolerance: dict[str, Any] = {}
     for name, keys in TOLERANCE_KEYS.items():
         place = tolerance if len(keys) == 1 else tolerance.setdefault(keys[0], {})

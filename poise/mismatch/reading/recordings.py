@@ -5,19 +5,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.pipeline import recorded_gravity
+from poise.mismatch.reading.commands import command_track, tracking
+from poise.mismatch.reading.effort_input import checked_efforts
+from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.frame_motion import recorded_from_frames
 from poise.mismatch.reading.joint_motion import recorded_from_streams
 from poise.mismatch.reading.joint_samples import usable_joints
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
-from poise.mismatch.reading.sanity import check_wrench, without_spikes
+from poise.mismatch.reading.sanity import check_motion, check_wrench, without_spikes
 from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
-from poise.robot import RobotModel, find_urdf, read_urdf, robot_of
+from poise.robot import RobotModel, chains, find_urdf, read_urdf, robot_of
 from poise.types import Array
 
 
@@ -30,7 +33,8 @@ class ReadRecording:
         model: the nominal model, with what the recording adds to it (sensor frame, gravity, payload).
         robot: None when the motion came from tf.
         joints: the joint states that moved the robot; None when the motion came from tf.
-        notes: sentences on losses and corrections.
+        notes: sentences on losses, corrections and findings.
+        findings: what the recording itself shows to be wrong or missing.
     """
 
     recorded: RecordedMotion
@@ -38,24 +42,34 @@ class ReadRecording:
     robot: RobotModel | None
     joints: JointStream | None
     notes: tuple[str, ...]
+    findings: tuple[InputFinding, ...] = ()
 
 
 def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
     """Read a bag.
 
     Args:
-        recording: with the wrench, and joint states with a robot description, or tf up to the sensor.
+        recording: with joint states and a robot description, and the wrench, joint efforts, or both; or with the wrench
+            and tf up to the sensor.
         model: the nominal simulation; a payload that it leaves out is identified from the recording.
 
     Raises:
         InputError: TOPIC_MISSING, JOINT_MISSING, ROBOT_DESCRIPTION_MISSING, FRAME_UNKNOWN, TOO_FEW_SAMPLES, BAD_INPUT
             for a wrench in wrong units or of the other sign, EMPTY when wrench and motion never overlap.
+        NoAnswerError: TOPIC_MISSING for commands without states, JOINT_MISSING for states of another robot,
+            NOT_IDENTIFIABLE for joint efforts without motion.
     """
     known = replace(model, gravity=recorded_gravity(recording) if model.gravity is None else model.gravity)
     losses = tuple(loss.sentence for loss in recording.losses)
     if holds(recording, "joint_states"):
         wrench = recording.wrench() if holds(recording, "wrench") else None
         return read_streams(recorded_streams(recording, wrench), known, losses)
+    if holds(recording, "joint_commands") and not holds(recording, "tf"):
+        raise NoAnswerError(
+            ErrorCode.TOPIC_MISSING,
+            f"{recording.path} has joint_commands, but no joint_states: they say what the robot was to do, not what it "
+            "did; record joint_states too",
+        )
     if not holds(recording, "tf"):
         raise InputError(
             ErrorCode.TOPIC_MISSING,
@@ -97,7 +111,34 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
 
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
-    return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections))
+    recorded, findings = _checked(recorded, robot, joints, streams)
+    said = tuple(finding.sentence for finding in findings)
+    return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
+
+
+def _checked(
+    recorded: RecordedMotion, robot: RobotModel, joints: JointStream, streams: MeasuredStreams
+) -> tuple[RecordedMotion, list[InputFinding]]:
+    """The recording with usable efforts alone and with its commands, and what is wrong with its input."""
+    (position,) = robot.order(joints.names, joints.position)
+    findings = check_motion(robot.joint_names, position, recorded, streams.name)
+    if not recorded.has("effort") and not recorded.has("wrench"):
+        sentence = f"{streams.name} has no wrench and no joint efforts"
+        if streams.commands is None:
+            raise InputError(ErrorCode.TOPIC_MISSING, f"{sentence}: record one of them")
+        findings.append(InputFinding("no_effort", f"{sentence}: only the motion can be compared with the commands."))
+    if recorded.effort is not None:
+        effort, wrong = checked_efforts(recorded.effort)
+        recorded = replace(recorded, effort=effort)
+        findings += wrong
+    if streams.commands is not None:
+        start, end = recorded.start, int(joints.stamps[-1])
+        commands = command_track(streams.commands, robot.joint_names, start, end)
+        recorded = replace(recorded, commands=commands)
+        seconds = np.asarray((joints.stamps - start) * 1e-9)
+        followed = None if commands is None else tracking(commands, robot.joint_names, seconds, position)
+        findings += [] if followed is None else [followed]
+    return recorded, findings
 
 
 def _against(
@@ -129,4 +170,23 @@ def _robot(streams: MeasuredStreams, model: NominalModel) -> tuple[JointStream, 
     if frame is None and streams.wrench is not None:
         frame = streams.wrench.frame_id or "ft_sensor"
     text = streams.description() if model.urdf is None else read_urdf(find_urdf(model.urdf))
-    return robot_of(text, frame, streams.joint_states, streams.odometry)
+    try:
+        return robot_of(text, frame, streams.joint_states, streams.odometry, model.joint_positions)
+    except InputError as error:
+        there = error.data.get("there")
+        if error.code is not ErrorCode.JOINT_MISSING or there is None:
+            raise
+        wanted = {name for _, names in chains(text) for name in names}
+        if not wanted & set(there):
+            raise NoAnswerError(
+                ErrorCode.JOINT_MISSING,
+                f"{streams.name}: the joint states are of another robot than the description: they are of "
+                f"{' '.join(there)}, the description has {' '.join(sorted(wanted))}",
+            ) from error
+        lacking = " ".join(sorted(wanted - set(there)))
+        raise InputError(
+            ErrorCode.JOINT_MISSING,
+            f"{error.message}; or say in model.yaml where joints without states stand, joint_positions; without "
+            f"states: {lacking}",
+            there=there,
+        ) from error

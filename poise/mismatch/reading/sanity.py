@@ -1,10 +1,12 @@
 """Input checks: wrong units, the opposite sign, implausible joint positions, single outliers."""
 
 import warnings
+from collections.abc import Sequence
 
 import numpy as np
 
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
@@ -17,6 +19,8 @@ _OUTSIDE = 1.0
 """rad or m beyond its range that a joint cannot reach; ranges in descriptions are often slightly narrow."""
 _SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
+_STILL = 2e-3
+"""rad or m within which a joint stands still."""
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
 _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
@@ -83,6 +87,35 @@ def check_positions(robot: RobotModel, position: Array) -> None:
             f"{robot.lower[joint]:.2f} to {robot.upper[joint]:.2f} rad (or m): are the positions in degrees, or is the "
             "description another robot's?",
         )
+
+
+def check_motion(names: Sequence[str], position: Array, recorded: RecordedMotion, name: str) -> list[InputFinding]:
+    """Findings on joints that stand still.
+
+    Args:
+        names: (J) of the joints.
+        position: (N, J) rad or m.
+        recorded: the motion.
+        name: of the recording, for the sentence.
+
+    Raises:
+        NoAnswerError: NOT_IDENTIFIABLE for joint efforts of a robot that never moves.
+    """
+    reach = np.ptp(np.quantile(position, [0.01, 0.99], axis=0), axis=0)
+    still = tuple(joint for joint, each in zip(names, reach.tolist(), strict=True) if each < _STILL)
+    if not still:
+        return []
+    if len(still) < len(names) or recorded.has("base"):
+        moving = [joint for joint in names if joint not in still]
+        sentence = (
+            f"{', '.join(still)} {'stands' if len(still) == 1 else 'stand'} still, so their friction and drives do not "
+            f"show; {', '.join(moving) or 'the base alone'} {'moves' if len(moving) < 2 else 'move'}."
+        )
+        return [InputFinding("joints_at_rest", sentence, still)] if recorded.has("effort") else []
+    sentence = "Nothing moves: most effects do not show at rest; record a motion of every joint."
+    if not recorded.has("wrench"):
+        raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{name}: n{sentence[1:-1]}")
+    return [InputFinding("no_motion", sentence, still)]
 
 
 def check_rates(joints: JointStream, measured: Stream) -> None:

@@ -1,16 +1,20 @@
 """One recording in the form that effects use: measured and predicted wrench, motion, and the wrench of a rigid load."""
 
 from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
+from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import lattice, white_level
-from poise.mismatch.recorded.recorded_motion import BaseTrack, EffortTrack, JointTrack, RecordedMotion
+from poise.mismatch.recorded.recorded_motion import BaseTrack, CommandTrack, EffortTrack, JointTrack, RecordedMotion
 from poise.mismatch.recorded.resampling import at_times
 
 __all__ = [
+    "LINK_PARAMETERS",
     "WRENCH_CHANNELS",
     "BaseTrack",
+    "CommandTrack",
     "EffortTrack",
     "JointTrack",
+    "LinkTrack",
     "RecordedMotion",
     "at_times",
     "directed",

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from poise.mismatch.recorded.link_track import LinkTrack
 from poise.mismatch.recorded.load_wrench import load_wrench
 from poise.types import Array, Mask
 
@@ -47,6 +48,27 @@ class BaseTrack:
 
 
 @dataclass(frozen=True, eq=False)
+class CommandTrack:
+    """What the joints were commanded, at stamps of their own (K).
+
+    Args:
+        seconds: (K,) on the clock of the recording, ascending.
+        names: (J) the joints that have commands.
+        position: (K, J) rad or m.
+        velocity: (K, J); NaN where only positions were sent.
+    """
+
+    seconds: Array
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+
+    def position_at(self, seconds: Array) -> Array:
+        """(N, J) the commanded positions at some seconds (N,), interpolated linearly."""
+        return np.stack([np.interp(seconds, self.seconds, column) for column in self.position.T], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
 class EffortTrack:
     """Joint efforts, at the stamps of the joint states (M); N m, or N of prismatic joints.
 
@@ -58,6 +80,7 @@ class EffortTrack:
         rigid: (M, J) what the arm and its payload need without friction, by the recursive Newton-Euler algorithm.
         prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
+        links: what each link adds; None when it was not computed.
     """
 
     seconds: Array
@@ -70,6 +93,7 @@ class EffortTrack:
     prediction: Array
     by_position: Array
     by_acceleration: Array
+    links: LinkTrack | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +118,7 @@ class RecordedMotion:
         joints: None when the motion came from tf.
         base: None when the base rests.
         effort: None when joint efforts were not recorded.
+        commands: None when no commands were recorded.
         accelerometer: (N, 3) m/s2 acceleration of the sensor as an accelerometer on it measured, without gravity and
             offset; its clock may be offset. None without an accelerometer.
         begins: s at which further recordings begin, where there are several.
@@ -114,6 +139,7 @@ class RecordedMotion:
     joints: JointTrack | None = None
     base: BaseTrack | None = None
     effort: EffortTrack | None = None
+    commands: CommandTrack | None = None
     accelerometer: Array | None = None
     begins: tuple[float, ...] = ()
 
@@ -147,10 +173,10 @@ class RecordedMotion:
         return np.asarray(np.linalg.norm(rates, axis=1))
 
     def has(self, what: str) -> bool:
-        """Whether it holds "wrench", "joints", "effort", a "base" that moves, or a "load" that is not massless."""
+        """Whether it holds "wrench", "joints", "effort", "commands", a moving "base", or a "load" with a mass."""
         if what == "wrench":
             return bool(np.isfinite(self.wrench).any())
-        held = {"joints": self.joints, "effort": self.effort, "base": self.base}
+        held = {"joints": self.joints, "effort": self.effort, "commands": self.commands, "base": self.base}
         return held[what] is not None if what in held else bool(abs(self.phi[0]) > 1e-3)
 
     def recording_of(self, time: float) -> Mask:

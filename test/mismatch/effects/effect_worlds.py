@@ -116,13 +116,19 @@ TYPICAL = {
     "loose_part": {"mass": 0.35, "gap": 0.02, "settling": 0.012, **chart(AXIS), **PLACE},
     "grasp_compliance": {"stiffness": 40.0, "damping_ratio": 0.2, "height": 0.03},
     "viscous_friction": {f"damping_{i}": 3.0 if i < 4 else 0.6 for i in range(1, 7)},
-    "coulomb_friction": {f"torque_{i}": 5.0 if i < 4 else 1.0 for i in range(1, 7)},
-    "stribeck_friction": {"velocity": 0.1}
+    "coulomb_friction": {"transition": 0.02} | {f"torque_{i}": 5.0 if i < 4 else 1.0 for i in range(1, 7)},
+    "stribeck_friction": {"velocity": 0.1, "transition": 0.01}
     | {f"torque_{i}": 3.0 if i < 4 else 0.6 for i in range(1, 7)}
     | {f"stiction_{i}": 6.0 if i < 4 else 1.2 for i in range(1, 7)}
     | {f"damping_{i}": 2.0 if i < 4 else 0.4 for i in range(1, 7)},
-    "load_dependent_friction": {"ratio_2": 0.08, "ratio_3": 0.08},
-    "joint_coupling": {"driving": 3.0, "driven": 5.0, "inertia": 0.16, "damping": 0.4},
+    "load_dependent_friction": {"transition": 0.02, "ratio_2": 0.08, "ratio_3": 0.08},
+    "position_friction": {"transition": 0.02, "sine_1": 3.0, "cosine_6": -0.8},
+    "temperature_drift": {"time_constant": 5.0, "damping_1": 4.0, "torque_2": 4.0, "damping_3": 3.0},
+    "motor_gain": {"gain_2": 0.1, "gain_3": -0.08, "gain_1": 0.07},
+    "effort_offset": {"offset_1": 2.0, "offset_2": -3.0, "offset_5": 0.5},
+    "link_parameters": {"moment_x_2": 0.2, "moment_x_3": -0.2},
+    "series_elasticity": {"compliance_2": 2e-4, "compliance_3": 4e-4},
+    "joint_coupling": {"driving": 5.0, "driven": 3.0, "shared": 1.0, "inertia": 0.16, "damping": 0.4, "friction": 0.5},
     "gear_ripple": {"joint": 2.0, "order": 23.7, "sine": 1.2, "cosine": -1.6},
     "backlash": {"joint": 1.0, "gap": 0.03, "settling": 0.01, "own": 1.0, "others": 1.0},
     "motor_inertia": {f"inertia_{i}": 0.8 if i < 4 else 0.16 for i in range(1, 7)},

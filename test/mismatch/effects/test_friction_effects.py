@@ -29,14 +29,15 @@ def test_friction_takes_energy_and_never_gives_any():
 
 
 def ratios(value):
-    return {f"ratio_{i}": value for i in JOINTS}
+    return {"transition": COULOMB_TRANSITION} | {f"ratio_{i}": value for i in JOINTS}
 
 
 def test_dry_friction_jumps_by_twice_itself_and_viscous_friction_is_a_line():
     at = effort_world()
     velocity = at.effort.velocity
     fast = np.abs(velocity) > 5 * COULOMB_TRANSITION
-    dry = response("coulomb_friction", at, **{f"torque_{i}": float(i) for i in JOINTS})
+    width = {"transition": COULOMB_TRANSITION}
+    dry = response("coulomb_friction", at, **width, **{f"torque_{i}": float(i) for i in JOINTS})
     np.testing.assert_allclose(dry[fast], (np.sign(velocity) * np.arange(1, 7))[fast], rtol=1e-3)
     wet = response("viscous_friction", at, **{f"damping_{i}": 0.5 * i for i in JOINTS})
     np.testing.assert_allclose(wet, velocity * 0.5 * np.arange(1, 7), atol=1e-12)
@@ -47,7 +48,7 @@ def test_dry_friction_jumps_by_twice_itself_and_viscous_friction_is_a_line():
 def test_stribeck_friction_falls_from_stiction_to_coulomb_and_rises_with_speed():
     at = effort_world()
     velocity = np.abs(at.effort.velocity[:, 1])
-    values = {"velocity": 0.1, "torque_2": 3.0, "stiction_2": 6.0, "damping_2": 2.0}
+    values = {"velocity": 0.1, "transition": COULOMB_TRANSITION, "torque_2": 3.0, "stiction_2": 6.0, "damping_2": 2.0}
     size = np.abs(response("stribeck_friction", at, **values)[:, 1])
     slow, fast = (velocity > 4 * COULOMB_TRANSITION) & (velocity < 0.03), velocity > 0.35
     np.testing.assert_allclose(size[slow], 9.0, rtol=0.1)
@@ -83,12 +84,67 @@ def test_a_reflected_rotor_is_pinocchios_armature():
         np.testing.assert_allclose(found[i], difference[-6:], atol=1e-9)
 
 
-def test_coupled_joints_feel_the_other_ones_motion_alone():
+def test_a_joint_that_is_dragged_along_feels_the_other_ones_motion_alone():
     at = effort_world()
-    found = response("joint_coupling", at, driving=3.0, driven=5.0, inertia=0.16, damping=0.4)
+    found = response("joint_coupling", at, driving=3.0, driven=5.0, shared=0.0, inertia=0.16, damping=0.4)
     exact = 0.16 * at.effort.acceleration[:, 2] + 0.4 * at.effort.velocity[:, 2]
     np.testing.assert_allclose(found[:, 4], exact, atol=1e-12)
     assert not np.delete(found, 4, axis=1).any()
+
+
+@pytest.mark.parametrize("shared", [1.0, -1.0])
+def test_a_shared_motor_and_the_joints_own_rotors_have_the_energy_of_the_sum_of_both_speeds(shared):
+    """With both joints' own rotors and dampers the torques are those of one motor, and its power is never negative."""
+    at = effort_world()
+    velocity, acceleration = at.effort.velocity[:, [2, 4]], at.effort.acceleration[:, [2, 4]]
+    found = response(
+        "joint_coupling", at, driving=5.0, driven=3.0, shared=shared, inertia=0.16, damping=0.4, friction=0.7
+    )[:, [2, 4]]
+    speed = velocity @ [1.0, shared]
+    torque = 0.16 * (acceleration @ [1.0, shared]) + 0.4 * speed + 0.7 * np.tanh(speed / COULOMB_TRANSITION)
+    exact = torque[:, None] * [1.0, shared]
+    np.testing.assert_allclose(found + 0.16 * acceleration + 0.4 * velocity, exact, atol=1e-12)
+
+
+def test_a_mass_on_a_link_is_pinocchios_and_only_independent_parameters_remain():
+    at = effort_world()
+    links = at.effort.links
+    np.testing.assert_allclose(links.efforts.sum(axis=2), effort_track(ROBOT, *bare(at), np.zeros(10)).rigid, atol=1e-9)
+    names, columns = links.base_parameters
+    assert len(set(names)) == len(names) > 10
+    assert "mass_1" not in names  # the first axis is vertical
+    flat = columns.reshape(-1, len(names))
+    assert np.linalg.cond(flat / np.linalg.norm(flat, axis=0)) < 1e4
+
+
+def bare(at):
+    """Times, motion and efforts of the whole robot with its base at rest."""
+    track = at.effort
+    base = np.zeros((len(track.seconds), 3))
+    parts = [
+        np.hstack([base + (HOME[:3] if k == 0 else 0.0), part])
+        for k, part in enumerate((track.position, track.velocity, track.acceleration))
+    ]
+    return track.seconds, JointMotion(*parts), np.zeros((len(track.seconds), 9))
+
+
+def test_a_gear_that_bends_moves_the_link():
+    """The efforts are those of the links' true motion: the encoder's plus the bend, to first order."""
+    at = effort_world()
+    track = at.effort
+    compliance = 2e-4
+    found = response("series_elasticity", at, compliance_2=compliance)
+    seconds, motion, whole = bare(at)
+    bend = -compliance * track.rigid[:, 1]
+    rate = np.gradient(bend, seconds)
+    for part, extra in zip(
+        (motion.position, motion.velocity, motion.acceleration), (bend, rate, np.gradient(rate, seconds)), strict=True
+    ):
+        part[:, 4] += extra
+    true = effort_track(ROBOT, seconds, motion, whole, PAYLOAD.phi).rigid - track.rigid
+    # Without the Coriolis torques of the bend's speed, which matter most about the vertical axis.
+    bears = (slice(50, -50), slice(1, 4))
+    assert np.sqrt(np.mean((found - true)[bears] ** 2)) < 0.12 * np.sqrt(np.mean(true[bears] ** 2))
 
 
 def test_a_ripple_stands_in_the_joints_position():

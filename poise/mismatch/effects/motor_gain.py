@@ -1,0 +1,35 @@
+"""Motor gain: a joint's torque constant, or that of its torque sensor, differs from the nominal one."""
+
+from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.joint_friction import each_joint, efforts, listed, numbers
+from poise.mismatch.recorded import RecordedMotion
+from poise.types import Array
+
+_LOWEST, _HIGHEST = -0.7, 2.0
+"""A larger error is another unit or the wrong motor."""
+
+
+class MotorGain(Effect):
+    """tau_j = (1 + g_j) tau_rigid_j; friction is in units of the motor as it reads."""
+
+    name = "motor_gain"
+    layer = "friction"
+    signal = "effort"
+    equation = "dtau_j = gain_j tau_rigid_j"
+    source = "Gautier and Briot 2014 (global identification of the drive gains of robots)"
+    excited_by = "gravity in several postures, or a known payload; accelerations"
+    separating_motion = "the same slow motion with and without a known payload: the difference is the payload's torque"
+    confused_with = ("load_dependent_friction", "payload_parameters", "link_parameters", "motor_inertia")
+    needs = ("effort",)
+    widens = "gain"
+
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        return tuple(EffectParameter(f"gain_{i}", "", 0.08, low=_LOWEST, high=_HIGHEST) for i in numbers(recorded))
+
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        del nonlinear
+        return each_joint(efforts(recorded).rigid)
+
+    def sentence(self, recorded: RecordedMotion, values: Values) -> str:
+        sizes = listed(recorded, [100.0 * values[f"gain_{i}"] for i in numbers(recorded)], "%")
+        return f"Motors read their torque wrongly: {sizes} beyond the nominal torque constants."

@@ -1,0 +1,189 @@
+"""Input checks of joint efforts: zero, constant, without sign, of the opposite sign, of another unit, unrelated."""
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from poise.mismatch.reading.findings import InputFinding
+from poise.mismatch.recorded import EffortTrack, LinkTrack
+from poise.types import Array, Mask
+
+_SLOW = (0.01, 0.1)
+"""rad/s or m/s: widths of the friction that is fitted beside the gain."""
+_KNOWN = 0.1
+"""One sigma of a gain, relative, up to which the joint counts."""
+_STRONG = 0.1
+"""Least variation of a joint's modelled effort, relative to that of the strongest joint of its kind, that counts."""
+_OTHER_UNIT = 4.0
+"""Factor beyond which an effort is of another unit: wrong masses and payloads stay below."""
+_COHERENT = 0.4
+"""Scatter of the logarithm of the factor over the joints of one unit."""
+_NEGATIVE = (-2.0, -0.5)
+"""Gains of efforts with the opposite sign."""
+_UNRELATED = 0.3
+"""Gain below which an effort does not contain what the model says."""
+_BOTH_SIGNS = 0.1
+"""Least share of samples of each sign for an effort that changes its sign."""
+_MILLI = 1000.0
+
+
+@dataclass(frozen=True)
+class _Gain:
+    """The factor between a joint's effort and the model's, beside friction, rotor and offset, with one sigma."""
+
+    value: float
+    std: float
+    strength: float
+
+    @property
+    def known(self) -> bool:
+        return self.std < _KNOWN * max(abs(self.value), 1.0) and self.strength > 0.0
+
+
+def checked_efforts(track: EffortTrack) -> tuple[EffortTrack | None, list[InputFinding]]:
+    """The efforts that can be compared, and what was found about the others; None when none is left.
+
+    Args:
+        track: as measured, with what a rigid arm needs.
+    """
+    found: list[InputFinding] = []
+    still = np.ptp(track.measured, axis=0) == 0.0
+    for kind, mask in (
+        ("zero", still & ~track.measured.any(axis=0)),
+        ("constant", still & track.measured.any(axis=0)),
+    ):
+        if mask.any():
+            names = _named(track, mask)
+            sentence = f"The effort of {', '.join(names)} is {kind} throughout: it is not measured, and was left out."
+            found.append(InputFinding(f"effort_{kind}", sentence, names))
+    if still.all():
+        return None, found
+    track = _of_joints(track, ~still)
+    if _unsigned(track):
+        sentence = (
+            "The efforts have no sign: they are never negative, while the arm needs efforts of both signs. They were "
+            "left out: friction, payload and gravity cannot be distinguished in a magnitude; record signed efforts."
+        )
+        return None, [*found, InputFinding("effort_unsigned", sentence, track.names)]
+    gains = [_gain(track, j) for j in range(len(track.names))]
+    return _by_gain(track, gains, found)
+
+
+def _by_gain(
+    track: EffortTrack, gains: list[_Gain], found: list[InputFinding]
+) -> tuple[EffortTrack | None, list[InputFinding]]:
+    """Efforts in N m with the contract's sign; without those of another unit."""
+    known = np.array([gain.known for gain in gains])
+    value = np.array([gain.value for gain in gains])
+    if not known.any():
+        return track, found
+    size = np.abs(value[known])
+    if (size > _OTHER_UNIT).all() or ((size < 1.0 / _OTHER_UNIT).all() and (size > 3.0 * _stds(gains, known)).all()):
+        return _other_unit(track, value, known, found)
+    if known.sum() > 1 and (value[known] < _UNRELATED).all() and not (value[known] < _NEGATIVE[1]).all():
+        names = _named(track, known)
+        sentence = (
+            f"The efforts of {', '.join(names)} do not contain the weight and inertia of the arm in robot_description "
+            f"(factors {_listed(value[known])}): its gravity was subtracted, or the description is another robot's. "
+            "The efforts were left out."
+        )
+        return None, [*found, InputFinding("effort_unrelated", sentence, names, tuple(value[known].tolist()))]
+    turned = known & (value > _NEGATIVE[0]) & (value < _NEGATIVE[1])
+    if turned.any():
+        names = _named(track, turned)
+        sentence = (
+            f"The effort of {', '.join(names)} has the opposite sign: it is what the load exerts on the joint. It was "
+            "negated; the contract is what the joint exerts."
+        )
+        found = [*found, InputFinding("effort_sign", sentence, names, tuple(value[turned].tolist()))]
+        track = replace(track, measured=np.where(turned, -track.measured, track.measured))
+    return track, found
+
+
+def _stds(gains: list[_Gain], known: Mask) -> Array:
+    return np.array([gain.std for gain in gains])[known]
+
+
+def _other_unit(
+    track: EffortTrack, value: Array, known: Mask, found: list[InputFinding]
+) -> tuple[EffortTrack | None, list[InputFinding]]:
+    names, size = _named(track, known), np.abs(value[known])
+    factor = float(np.exp(np.median(np.log(size))))
+    coherent = bool(np.std(np.log(size)) < _COHERENT)
+    numbers = tuple(value[known].tolist())
+    if coherent and abs(np.log(factor / _MILLI)) < np.log(1.5):
+        sentence = f"The efforts are {factor:.0f} times the model's: they are in N mm, and were divided by 1000."
+        finding = InputFinding("effort_unit", sentence, names, numbers)
+        turned = replace(track, measured=track.measured / _MILLI)
+        return turned, [*found, finding]
+    if coherent:
+        sentence = f"The efforts are {factor:.3g} times what the model says: they are of another unit than N m (or N)."
+    else:
+        sentence = (
+            f"The efforts are not in N m (or N): each joint has a factor of its own to what the model says "
+            f"({', '.join(f'{name} {number:.3g}' for name, number in zip(names, numbers, strict=True))}), as motor "
+            "currents or percent of the rated torque have."
+        )
+    sentence += " They were left out; give the gains in columns.yaml, or convert the recording."
+    return None, [*found, InputFinding("effort_unit", sentence, names, numbers)]
+
+
+def _unsigned(track: EffortTrack) -> bool:
+    """No effort is ever negative, though the rigid arm needs both signs at some joint."""
+    if float(track.measured.min()) < 0.0:
+        return False
+    both = [
+        j
+        for j in range(len(track.names))
+        if _BOTH_SIGNS < np.mean(track.rigid[:, j] < 0.0) < 1.0 - _BOTH_SIGNS and np.ptp(track.rigid[:, j]) > 1e-9
+    ]
+    likelier = [_likeness(np.abs(track.rigid[:, j]), track, j) > _likeness(track.rigid[:, j], track, j) for j in both]
+    return bool(both) and (len(track.names) > 2 or all(likelier))
+
+
+def _likeness(values: Array, track: EffortTrack, joint: int) -> float:
+    return float(np.corrcoef(values, track.measured[:, joint])[0, 1])
+
+
+def _gain(track: EffortTrack, joint: int) -> _Gain:
+    """Least squares of an effort on the model's, beside friction, rotor inertia and offset."""
+    rigid, velocity = track.rigid[:, joint], track.velocity[:, joint]
+    kinds = np.std(track.rigid, axis=0)
+    beside = np.stack(
+        [np.ones(len(rigid)), velocity, track.acceleration[:, joint], *(np.tanh(velocity / slow) for slow in _SLOW)],
+        axis=1,
+    )
+    beside = beside / np.maximum(np.abs(beside).max(axis=0), 1e-12)
+    own = rigid - beside @ np.linalg.lstsq(beside, rigid, rcond=None)[0]
+    rest = track.measured[:, joint] - beside @ np.linalg.lstsq(beside, track.measured[:, joint], rcond=None)[0]
+    power = float(own @ own)
+    if power < 1e-12 * len(own) or np.std(rigid) < _STRONG * float(kinds.max()) or np.std(own) < 1e-3 * np.std(rigid):
+        return _Gain(0.0, np.inf, 0.0)
+    value = float(own @ rest) / power
+    left = rest - value * own
+    # A residual that changes slowly holds fewer independent samples.
+    alike = float(np.clip(left[1:] @ left[:-1] / max(float(left @ left), 1e-300), 0.0, 0.999))
+    std = float(np.sqrt(left @ left / len(left) * (1.0 + alike) / (1.0 - alike) / power))
+    return _Gain(value, std, float(np.std(own)))
+
+
+def _of_joints(track: EffortTrack, keep: Mask) -> EffortTrack:
+    """The efforts of some joints; derivatives count by these joints alone."""
+    changes: dict[str, Any] = {"names": _named(track, keep)}
+    for each in fields(track):
+        value = getattr(track, each.name)
+        if isinstance(value, np.ndarray) and value.ndim > 1:
+            changes[each.name] = value[:, keep] if value.ndim == 2 else value[:, keep][:, :, keep]
+    links = track.links
+    if links is not None:
+        changes["links"] = LinkTrack(links.numbers, links.efforts[:, keep], links.by_parameter[:, keep])
+    return replace(track, **changes)
+
+
+def _named(track: EffortTrack, mask: Mask) -> tuple[str, ...]:
+    return tuple(name for name, chosen in zip(track.names, mask.tolist(), strict=True) if chosen)
+
+
+def _listed(values: Array) -> str:
+    return ", ".join(f"{value:.2g}" for value in values)

@@ -1,0 +1,21 @@
+"""What a recording itself shows to be wrong or missing, before any effect is looked for."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class InputFinding:
+    """One finding about the input.
+
+    Args:
+        kind: in snake_case: effort_zero, effort_constant, effort_unsigned, effort_sign, effort_unit, effort_unrelated,
+            no_effort, no_motion, joints_at_rest, joints_held, command_tracking.
+        sentence: what it is, with its consequence.
+        joints: that it concerns.
+        values: numbers behind it, by joint: the factor of a unit, or the delay in s behind the commands.
+    """
+
+    kind: str
+    sentence: str
+    joints: tuple[str, ...] = ()
+    values: tuple[float, ...] = ()
