@@ -7,6 +7,7 @@ from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
 from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, names, residual_of, search
+from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
     Dependence,
     DependenceCurve,
@@ -28,6 +29,7 @@ __all__ = [
     "Problem",
     "ProvenModel",
     "SignalNoise",
+    "TimeLimit",
     "dependence_curve",
     "effort_problem",
     "fit",
