@@ -12,10 +12,10 @@ from rich.table import Table
 from poise.commands.output import console, refuse_folder, write_json
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.application import SimulatedRun, run_planned, run_recorded
-from poise.mismatch.reading import NominalModel, absent, effect_of, load_model, read_recording
+from poise.mismatch.reading import NominalModel, absent, complete_values, effect_of, load_model, read_recording
 from poise.mismatch.recorded import WRENCH_CHANNELS
 from poise.recording import open_recording, rewrite_recording, write_recording
-from poise.robot import RobotModel, find_urdf, read_urdf
+from poise.robot import RobotModel, chains, find_urdf, parse_urdf, read_urdf
 from poise.simulation import read_trajectory
 
 _PLANNED = (".csv", ".yaml", ".yml")
@@ -91,10 +91,16 @@ def _planned(
     source = urdf or known.urdf
     if source is None:
         raise InputError(ErrorCode.BAD_INPUT, f"the trajectory {motion} needs a robot: give --urdf, or urdf: in MODEL")
-    robot = RobotModel.from_file(source, known.sensor_frame or "ft_sensor")
+    robot = RobotModel.from_file(source, known.sensor_frame or _last_frame(source))
     made = run_planned(robot, read_trajectory(motion, robot), known, rng)
     write_recording(out, made.streams, robot_description=read_urdf(find_urdf(source)), metadata=_metadata(known))
     return made
+
+
+def _last_frame(source: Path) -> str:
+    """The sensor's frame, or the last link of a robot without a sensor."""
+    text = read_urdf(find_urdf(source))
+    return "ft_sensor" if "ft_sensor" in parse_urdf(text).links else chains(text)[0][0]
 
 
 def _metadata(known: NominalModel) -> dict[str, dict[str, str]]:
@@ -107,39 +113,46 @@ def summary(made: SimulatedRun, known: NominalModel, out: Path, noisy: bool) -> 
     effects = []
     for component in known.effects:
         effect = effect_of(component)
-        why = absent(effect, made.nominal, events=True)
-        response = (
-            np.zeros((1, 6)) if why or effect.signal == "effort" else effect.simulate(made.nominal, component.values)
-        )
+        why = absent(effect, made.nominal, events=True, values=component.values)
+        values = component.values if why else complete_values(effect, made.nominal, component.values)
+        response = np.zeros((1, 6)) if why else effect.simulate(made.nominal, values)
         largest = np.abs(response).max(axis=0)
+        on_joints = effect.signal == "effort"
+        sizes = {
+            "force": 0.0 if on_joints else float(largest[:3].max()),
+            "torque": 0.0 if on_joints else float(largest[3:].max()),
+            "effort": float(largest.max()) if on_joints else 0.0,
+        }
         effects.append(
             {
                 "name": effect.name,
                 "acts": not why,
                 "reason": why,
                 "signal": effect.signal,
-                "largest": {"force": float(largest[:3].max()), "torque": float(largest[3:].max())},
+                "largest": sizes,
             }
         )
-    wrench = made.wrench.wrench_in_sensor
+    frame, wrench = ("", None) if made.wrench is None else (made.wrench.frame_id, made.wrench.wrench_in_sensor)
     return {
         "out": str(out),
         "duration": recorded.duration,
-        "wrenches": len(made.wrench),
-        "frame_id": made.wrench.frame_id,
+        "wrenches": 0 if wrench is None else len(wrench),
+        "frame_id": frame,
         "mass": float(recorded.phi[0]),
         "noise": noisy,
         "efforts": [] if recorded.effort is None else list(recorded.effort.names),
-        "rms": dict(zip(WRENCH_CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
+        "rms": {}
+        if wrench is None
+        else dict(zip(WRENCH_CHANNELS, np.sqrt((wrench**2).mean(axis=0)).tolist(), strict=True)),
         "effects": effects,
     }
 
 
 def print_summary(people: Console, content: dict[str, Any]) -> None:
     """The effects that acted, and what was written."""
-    table = Table("effect of the model", "largest force, N", "largest torque, N m", "")
+    table = Table("effect of the model", "largest force, N", "torque, N m", "joint effort, N m (N)", "")
     for entry in content["effects"]:
-        sizes = [f"{entry['largest'][kind]:.3g}" if entry["acts"] else "" for kind in ("force", "torque")]
+        sizes = [f"{size:.3g}" if entry["acts"] and size else "" for size in entry["largest"].values()]
         table.add_row(entry["name"], *sizes, escape(entry["reason"]))
     if content["effects"]:
         people.print(table)

@@ -139,7 +139,8 @@ def _model_lines(found: Diagnosis) -> list[tuple[str, str]]:
     problem = found.main.problem
     recorded, model = problem.recorded, problem.model
     held = ", ".join(component.name for component in model.effects) or "none"
-    span = f"{recorded.duration:.2f} s, {len(recorded)} wrenches"
+    what = "wrenches" if recorded.has("wrench") else "samples of joint efforts"
+    span = f"{recorded.duration:.2f} s, {len(recorded)} {what}"
     mass = f"{recorded.phi[0]:.4g} kg" + (" (identified from the recording)" if model.payload_identified else "")
     return [
         ("Recorded", span),

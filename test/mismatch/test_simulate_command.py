@@ -5,12 +5,23 @@ import json
 import numpy as np
 import pytest
 import yaml
+from field_robots import ARM, Recorded
 
 from poise.cli import run
 from poise.errors import ErrorCode, InputError
+from poise.inertia import InertialParameters
 from poise.mismatch.effects import effect_named
-from poise.mismatch.reading import ModelEffect, load_model, read_recording, with_model_effects
-from poise.recording import open_recording
+from poise.mismatch.reading import (
+    ModelEffect,
+    NominalModel,
+    complete_values,
+    dump_model,
+    load_model,
+    parse_model,
+    read_recording,
+    with_model_effects,
+)
+from poise.recording import open_recording, write_recording
 
 PAYLOAD = {"mass": 2.1, "com": [0.0, 0.01, 0.1], "inertia": [0.01, 0, 0, 0.01, 0, 0.005]}
 EFFECTS = [
@@ -65,7 +76,7 @@ def test_the_residual_of_the_nominal_world_is_what_the_effects_say(files):
     assert np.abs(recorded.wrench - recorded.prediction)[inner].max() > 2.0
     friction = recorded.effort.measured - recorded.effort.rigid
     inner = (recorded.effort.seconds > 1.5) & (recorded.effort.seconds < 10.5)
-    exact = rubbing[0].simulate(recorded, rubbing[1])
+    exact = rubbing[0].simulate(recorded, complete_values(rubbing[0], recorded, rubbing[1]))
     assert np.quantile(np.abs(friction - exact)[inner], 0.99) < 0.02
 
 
@@ -135,3 +146,47 @@ def test_events_stay_in_their_recording_unless_asked(files):
     with pytest.raises(InputError) as raised:
         with_model_effects(recorded, [ModelEffect("gremlins", {}, np.zeros((0, 0)))])
     assert raised.value.code is ErrorCode.BAD_INPUT
+
+
+def test_joint_efforts_alone_are_simulated_along_their_recording_and_along_a_plan(tmp_path):
+    model = {"effects": [{"name": "viscous_friction", "parameters": {f"damping_{i}": 4.0 for i in (1, 2, 3)}}]}
+    augmented, bag, out, plan = (tmp_path / name for name in ("a.yaml", "run.mcap", "out.mcap", "plan.csv"))
+    augmented.write_text(yaml.safe_dump(model))
+    joints = Recorded(rate=1000.0, seconds=6.0, effort_noise=1e-3).joints()
+    write_recording(bag, {"joint_states": joints}, robot_description=ARM)
+    assert run(["simulate", str(augmented), "--motion", str(bag), "--out", str(out)]) == 0
+    made = open_recording(out)
+    assert list(made.topics) == list(open_recording(bag).topics)
+    after = made.joint_states()
+    # Every state of the recording, not only the averages that were compared, has its simulated effort.
+    rows = np.isin(joints.stamps, after.stamps)
+    assert rows.mean() > 0.95
+    added = after.effort - joints.effort[rows]
+    assert np.abs(added - 4.0 * joints.velocity[rows]).max() < 0.05 * 4.0 * np.abs(joints.velocity).max()
+    (tmp_path / "arm.urdf").write_text(ARM)
+    times = np.arange(0.0, 6.0, 0.5)
+    rows = [f"{t},{np.sin(t)},{np.cos(t) - 1},{0.3 * t}" for t in times]
+    plan.write_text("\n".join(["time,shoulder,elbow,wrist", *rows]))
+    arguments = ["--urdf", str(tmp_path / "arm.urdf"), "--motion", str(plan), "--out", str(out)]
+    assert run(["simulate", str(augmented), *arguments]) == 0
+
+
+def test_a_vibration_that_an_accelerometer_measured_is_left_out_along_a_plan(files, capsys):
+    """Its values are the clock and the gain of that accelerometer, which a planned motion does not have."""
+    values = {"start": 1.0, "length": 2.0, "frequency": 40.0, "accelerometer_late": 0.007, "smoothing": 0.002}
+    values["gain"] = 0.8
+    model = files["nominal.yaml"].with_name("felt.yaml")
+    content = yaml.safe_load(files["nominal.yaml"].read_text())
+    model.write_text(yaml.safe_dump(content | {"effects": [{"name": "external_vibration", "parameters": values}]}))
+    arguments = ["--motion", files["excite.yaml"], "--urdf", "ridgeback_ur10", "--out", model.with_name("c.mcap")]
+    assert run(["simulate", str(model), *map(str, arguments), "--json", "-"]) == 0
+    (entry,) = json.loads(capsys.readouterr().out)["effects"]
+    assert not entry["acts"]
+    assert "accelerometer" in entry["reason"]
+
+
+def test_a_saved_inertia_is_that_of_a_body_or_left_out():
+    wild = InertialParameters(1.0, np.zeros(3), np.diag([0.01, 0.01, -0.02])).phi
+    text = dump_model(NominalModel(phi=wild))
+    assert "inertia" not in yaml.safe_load(text)["payload"]
+    assert parse_model(yaml.safe_load(text)).phi is not None

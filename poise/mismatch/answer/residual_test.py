@@ -10,12 +10,15 @@ import numpy as np
 
 from poise.mismatch.answer.residual_windows import explained, goes_with
 from poise.mismatch.inference import Problem, linear_bspline_basis
+from poise.mismatch.recorded import block_means
 from poise.types import Array
 
 _MATERIAL = 0.05
 """Excess energy of the residual, relative to the noise, from which it is structure."""
 _LOUDER = 1.3
 """Fast noise with a larger ratio between fast and slow motion is no sensor noise."""
+_CHANCE = 2.0
+"""Standard errors of the energy of noise that its excess may have."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,8 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     # A few spikes are no structure: residuals are limited to five sigmas.
     excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
     loud = _louder_when_fast(problem, residual)
-    allowed = _MATERIAL + float(np.mean((rounding / problem.noise.sigma) ** 2))
+    chance = _CHANCE * np.sqrt(2.0 / (len(scaled) * float(problem.noise.share.sum())))
+    allowed = _MATERIAL + chance + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
     depends = _depends(problem, seconds, scaled, loud) if structured else ()
     return ResidualTest(
@@ -75,14 +79,17 @@ def _depends(problem: Problem, seconds: Array, scaled: Array, loud: bool) -> tup
 
 
 def _louder_when_fast(problem: Problem, residual: Array) -> bool:
-    """Whether third differences, which slow changes do not affect, grow with the speed."""
-    fast = np.abs(np.diff(residual, n=3, axis=0)) / np.sqrt(20.0) / problem.noise.sigma
-    level = np.sqrt(np.mean(np.clip(fast, 0.0, 8.0) ** 2, axis=1))
-    speed = problem.noise.speed[2:-1]
+    """Whether third differences, which slow changes do not affect, grow with the speed more than the noise may."""
+    noise, block = problem.noise, problem.noise.block
+    variance = np.broadcast_to(noise.sigma**2 / block, residual.shape)
+    variance = variance if noise.motion is None else variance + noise.motion
+    level, speed = (block_means(each, block)[2:-1] for each in (variance, noise.speed))
+    fast = np.abs(np.diff(block_means(residual, block), n=3, axis=0)) / np.sqrt(20.0 * level)
+    loudness = np.sqrt(np.mean(np.clip(fast, 0.0, 8.0) ** 2, axis=1))
     slow, quick = np.quantile(speed, [0.3, 0.7])
     if quick - slow < 0.1:
         return False
-    before, after = level[speed <= slow], level[speed >= quick]
+    before, after = loudness[speed <= slow], loudness[speed >= quick]
     return bool(np.sqrt(np.mean(after**2)) > _LOUDER * np.sqrt(np.mean(before**2)))
 
 

@@ -56,7 +56,8 @@ def locate(
     """
     scaled = residual / noise.total
     excess = scaled**2 - 1.0
-    spans = _spans(noise.seconds, excess.sum(axis=1))
+    # Of white noise z^2 - 1 has a variance of 2.
+    spans = _spans(noise.seconds, excess.sum(axis=1), float(np.sum(2.0 / noise.share)))
     total = sum(float(excess[a:b].sum()) for a, b in spans)
     if not spans or total <= 0:
         return ()
@@ -79,15 +80,19 @@ def locate(
     return tuple(sorted(found, key=lambda window: -window.share)[:_MOST])
 
 
-def _spans(seconds: Array, energy: Array) -> list[tuple[int, int]]:
-    """Rows (from, to) where the smoothed energy is significant: from `_ALERT` sigmas down to `_CALM`."""
+def _spans(seconds: Array, energy: Array, variance: float) -> list[tuple[int, int]]:
+    """Rows (from, to) where the smoothed energy is significant: from `_ALERT` sigmas down to `_CALM`.
+
+    Args:
+        seconds, energy: (N,).
+        variance: of the energy of a sample of noise, as if samples were independent.
+    """
     period = float(np.median(np.diff(seconds)))
     half = max(round(_STRETCH / period / 2), 1)
     kernel = np.hanning(2 * half + 3)[1:-1]
     kernel /= kernel.sum()
     smooth = np.convolve(np.pad(energy, half, mode="reflect"), kernel, mode="valid")
-    # Of noise alone the sum over C channels of z^2 - 1 has variance 2 C; C is 6 for a wrench.
-    sigma = float(np.sqrt(12.0 * np.sum(kernel**2)))
+    sigma = float(np.sqrt(variance * np.sum(kernel**2)))
     calm = smooth > _CALM * sigma
     edges = np.flatnonzero(np.diff(np.concatenate([[False], calm, [False]]).astype(int)))
     spans = [

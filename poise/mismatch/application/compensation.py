@@ -54,7 +54,7 @@ def compensate(recording: Recording, model: NominalModel) -> CompensatedWrench:
     chosen, left = [], {}
     for component in model.effects:
         effect = effect_of(component)
-        reason = absent(effect, recorded, events=False)
+        reason = absent(effect, recorded, events=False, values=component.values)
         if effect.widens == "payload":
             reason = "it is the payload itself"
         if effect.signal != "wrench":

@@ -11,7 +11,7 @@ from poise.mismatch.reading import (
     recorded_from_motion,
     with_model_effects,
 )
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.recording import JointStream, Stream, WrenchStream
 from poise.robot import RobotModel
 from poise.simulation import Trajectory
@@ -20,8 +20,8 @@ _NOISE = (0.1, 0.005)
 """N and N m: noise of an FT-300, for a model that states none (thesis table 3.2, moderate)."""
 _EFFORT_NOISE = 0.1
 """N m, of motor currents (as `fake_robot` has it)."""
-_ROUNDED = 1000
-"""ns, rounding error of a stamp after conversion to seconds and back."""
+_NEAR = 0.6
+"""Periods of the compared efforts around one of them in which joint states are simulated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,20 +31,20 @@ class SimulatedRun:
     Args:
         nominal: the motion without the model's effects.
         recorded: the motion with them.
-        wrench: of the sensor.
+        wrench: of the sensor; None along a recording without one.
         joints: joint states with efforts; None when the simulation does not change them.
     """
 
     nominal: RecordedMotion
     recorded: RecordedMotion
-    wrench: WrenchStream
+    wrench: WrenchStream | None
     joints: JointStream | None
 
     @property
     def streams(self) -> Mapping[str, Stream]:
         """By topic."""
-        made: dict[str, Stream] = {"wrench": self.wrench}
-        return made if self.joints is None else {**made, "joint_states": self.joints}
+        made = {"wrench": self.wrench, "joint_states": self.joints}
+        return {topic: stream for topic, stream in made.items() if stream is not None}
 
 
 def run_recorded(
@@ -61,14 +61,21 @@ def run_recorded(
     recorded = with_model_effects(nominal, model.effects, events=True)
     simulated = None
     if recorded.effort is not None and joints is not None:
-        # The samples of the recording, without its ends, where no smoothed motion exists.
-        stamps = recorded.start + np.round(recorded.effort.seconds * 1e9).astype(np.int64)
-        rows, first = np.unique(np.searchsorted(joints.stamps, stamps - _ROUNDED), return_index=True)
-        effort = np.full((len(rows), len(joints.names)), np.nan)
-        effort[:, [joints.names.index(name) for name in recorded.effort.names]] = recorded.effort.prediction[first]
-        simulated = replace(joints.select(rows), effort=effort)
-    wrench = _wrench(recorded, model, rng)
+        simulated = _at_states(recorded, recorded.effort, joints)
+    wrench = _wrench(recorded, model, rng) if nominal.has("wrench") else None
     return SimulatedRun(nominal, recorded, wrench, simulated if simulated is None else _noisy(simulated, rng))
+
+
+def _at_states(recorded: RecordedMotion, effort: EffortTrack, joints: JointStream) -> JointStream:
+    """The joint states of a recording with simulated efforts, where these are known: not at its ends, not in gaps."""
+    seconds = (joints.stamps - recorded.start) * 1e-9
+    after = np.clip(np.searchsorted(effort.seconds, seconds), 1, len(effort.seconds) - 1)
+    near = np.minimum(np.abs(seconds - effort.seconds[after - 1]), np.abs(seconds - effort.seconds[after]))
+    rows = near < _NEAR * float(np.median(np.diff(effort.seconds)))
+    made = np.full((int(rows.sum()), len(joints.names)), np.nan)
+    for name, values in zip(effort.names, effort.prediction.T, strict=True):
+        made[:, joints.names.index(name)] = np.interp(seconds[rows], effort.seconds, values)
+    return replace(joints.select(rows), effort=made)
 
 
 def run_planned(

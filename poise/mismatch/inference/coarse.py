@@ -1,45 +1,51 @@
-"""A recording at a fifth of its rate, to screen many hypotheses before few are fitted in full."""
+"""A recording at a lower rate, to screen many hypotheses before few are fitted in full."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.mismatch.inference.noise import NoiseColour, SignalNoise
+from poise.mismatch.inference.noise import SignalNoise, kept_share
 from poise.mismatch.inference.problem import Problem, SampleBlocks
 
-_TOGETHER = 5
-"""Samples that are averaged. Odd, so that one is in the middle."""
+_FEWEST, _SPAN = 5, 0.04
+"""Samples that are averaged, at the least, and s that they span. Odd, so that one is in the middle."""
 _ENOUGH = 500
 """Least number of samples after thinning; shorter recordings are not thinned."""
 
 
 def thinned(problem: Problem) -> Problem:
-    """The problem with every five samples averaged.
+    """The problem with consecutive samples averaged.
 
     Measurement, prediction and responses are averaged alike, after evaluation at the full rate: only what is faster
     than the averages is lost.
     """
     seconds = problem.seconds
-    count = len(seconds) // _TOGETHER
+    period = float(np.median(np.diff(seconds)))
+    together = max(_FEWEST, 2 * int(_SPAN / period / 2.0) + 1)
+    count = len(seconds) // together
     if count < _ENOUGH:
         return problem
-    rows = np.arange(count * _TOGETHER).reshape(count, _TOGETHER)
-    period = float(np.median(np.diff(seconds)))
-    rows = rows[seconds[rows[:, -1]] - seconds[rows[:, 0]] < 1.5 * _TOGETHER * period]
-    return replace(problem, blocks=SampleBlocks(rows, _thinned_noise(problem.noise, rows, _TOGETHER * period)))
+    rows = np.arange(count * together).reshape(count, together)
+    rows = rows[seconds[rows[:, -1]] - seconds[rows[:, 0]] < 1.5 * together * period]
+    return replace(problem, blocks=SampleBlocks(rows, _thinned_noise(problem.noise, rows, together * period)))
 
 
 def _thinned_noise(noise: SignalNoise, rows: NDArray[np.intp], span: float) -> SignalNoise:
-    """White noise falls with the root of the number; what is slower than a group stays (Ornstein-Uhlenbeck mean)."""
-
-    def kept(colour: NoiseColour) -> NoiseColour:
-        x = span / colour.tau
-        factor = float(np.sqrt(_TOGETHER * 2.0 * (x - 1.0 + np.exp(-x)) / x**2))
-        return NoiseColour(colour.floor * factor, colour.slope * factor, colour.tau)
-
-    colours = tuple(kept(colour) for colour in noise.colours)
-    middle = rows[:, _TOGETHER // 2]
+    """White noise falls with the root of the number; of what is slower than a block the mean's part stays."""
+    together = rows.shape[1]
+    kept = kept_share(span, np.array([colour.tau for colour in noise.colours]))
+    colours = tuple(
+        replace(colour, floor=colour.floor * factor, slope=colour.slope * factor)
+        for colour, factor in zip(noise.colours, np.sqrt(kept * together).tolist(), strict=True)
+    )
+    middle = rows[:, together // 2]
     return SignalNoise(
-        noise.sigma / np.sqrt(_TOGETHER), noise.groups, colours, noise.seconds[middle], noise.speed[middle]
+        noise.sigma / np.sqrt(together),
+        colours,
+        noise.seconds[middle],
+        noise.speed[middle],
+        np.minimum(noise.share * together, 1.0),
+        -(-noise.block // together),
+        None if noise.motion is None else noise.motion[middle] * kept,
     )

@@ -1,18 +1,21 @@
-"""The noise model of a signal: white, plus a coloured part that grows with speed; and its whitening filter.
+"""The noise model of a signal: white inside a band, plus a coloured part that grows with speed; its whitening filter.
 
-Each channel is n_t = sigma (e_t + g_t x_t): e white, x an Ornstein-Uhlenbeck process of unit variance and
-correlation time tau, g_t = floor + slope * speed_t, each channel with its parameters. Whitening is
-the innovation of a Kalman filter, exact for stamps that are not uniform.
+Each channel is n_t = sigma (e_t + g_t x_t): e white, x an Ornstein-Uhlenbeck process of unit variance and correlation
+time tau, g_t^2 = (floor + slope * speed_t)^2 + motion_t / sigma^2, each channel with its parameters. `motion` is the
+variance of the prediction by the errors of the measured motion. Where a filter removed the fast part of the noise, e
+has the level that the noise has inside its band, and samples count by the share of the band that is left. Whitening is
+the innovation of a Kalman filter, for stamps that need not be uniform.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
-from poise.mismatch.recorded import white_level
+from poise.mismatch.recorded import block_means, noise_level
 from poise.types import Array
 
 _FLOORS = (0.0, 0.1, 0.2, 0.35, 0.6, 1.0)
@@ -22,8 +25,13 @@ _TAUS = (0.04, 0.08, 0.16, 0.32)
 
 They are limits too: a larger slow residual is no sensor noise, even if a filter could whiten it.
 """
-_EXCESS = 1.15
+_EXCESS = 1.25
 """Largest ratio of the white level to the differences of neighbouring samples."""
+_TOGETHER = 0.02
+"""s that are averaged for the fit; the coloured part is slower."""
+_ENOUGH = 4000
+"""Averages that suffice for the fit; of more, parts of `_PART` are used."""
+_PART = 200
 
 
 @dataclass(frozen=True)
@@ -37,73 +45,75 @@ class NoiseColour:
 
 @dataclass(frozen=True, eq=False)
 class SignalNoise:
-    """The noise of a signal with C channels; channels of a group share their colour.
+    """The noise of a signal with C channels.
 
     Args:
-        sigma: (C,) white level of a sample, in the signal's units.
-        groups: the channels of each group.
-        colours: of each group.
+        sigma: (C,) white level of a sample inside the band of the noise, in the signal's units.
+        colours: of each channel.
         seconds: (N,) stamps.
         speed: (N,) rad/s.
+        share: (C,) of the white variance that the samples have, see `NoiseLevel`.
+        block: samples whose average has white noise in all channels.
+        motion: (N, C) variance of the prediction by the errors of the motion; None: the motion is exact.
     """
 
     sigma: Array
-    groups: tuple[slice, ...]
     colours: tuple[NoiseColour, ...]
     seconds: Array
     speed: Array
+    share: Array
+    block: int = 1
+    motion: Array | None = None
 
     def whiten(self, values: Array) -> Array:
         """(N, C, k) -> (k, C, N): unit white noise, when `values` are noise of this kind."""
         out = np.zeros(values.shape[::-1])
-        for channels, filtered in zip(self.groups, self._filters, strict=True):
+        for channel, filtered in enumerate(self._filters):
             # Many columns act in one channel only.
-            used = values[:, channels].any(axis=(0, 1))
+            used = values[:, channel].any(axis=0)
             if used.any():
-                part = values[:, channels, used].T / self.sigma[channels, None]
-                out[used, channels] = filtered(part.reshape(-1, len(values))).reshape(part.shape)
+                out[used, channel] = filtered(values[:, channel, used].T / self.sigma[channel])
         return out
 
     @cached_property
     def log_divisor(self) -> Array:
         """(N,) logarithm of the divisor of a sample over all channels: minus it is a term of the log likelihood."""
-        sizes = [len(self.sigma[channels]) for channels in self.groups]
-        spread = [size * np.log(one.deviation) for size, one in zip(sizes, self._filters, strict=True)]
-        return np.asarray(np.log(self.sigma).sum() + np.sum(spread, axis=0))
+        spread = np.stack([np.log(one.deviation) for one in self._filters], axis=1)
+        return np.asarray((np.log(self.sigma) + spread) @ self.share)
 
     @cached_property
     def total(self) -> Array:
         """(N, C) one sigma of the white and the coloured part together."""
-        out = np.empty((len(self.seconds), len(self.sigma)))
-        for channels, colour in zip(self.groups, self.colours, strict=True):
-            gain = colour.floor + colour.slope * self.speed
-            out[:, channels] = np.sqrt(1.0 + gain**2)[:, None] * self.sigma[channels]
-        return out
+        return np.asarray(np.sqrt(self.share + self._gain**2) * self.sigma)
+
+    @property
+    def _gain(self) -> Array:
+        """(N, C) size of the coloured part in units of the white level."""
+        floor, slope = (np.array([getattr(each, name) for each in self.colours]) for name in ("floor", "slope"))
+        return _gain_of(floor, slope, self.speed, 0.0 if self.motion is None else self.motion / self.sigma**2)
 
     @cached_property
     def _filters(self) -> tuple["_Innovation", ...]:
-        return tuple(_Innovation(self.seconds, self.speed, colour) for colour in self.colours)
+        gains = self._gain.T
+        return tuple(_Innovation(self.seconds, *each) for each in zip(gains, self.colours, strict=True))
+
+
+def _gain_of(floor: Array | float, slope: Array | float, speed: Array, moved: Array | float) -> Array:
+    return np.asarray(np.sqrt(np.square(floor + slope * speed[:, None]) + moved))
 
 
 class _Innovation:
     """The innovation of a white-plus-OU signal, divided by its deviation: a banded triangular solve per signal."""
 
-    def __init__(self, seconds: Array, speed: Array, colour: NoiseColour) -> None:
-        self.gain = colour.floor + colour.slope * speed
-        self.plain = colour.floor == 0.0 and colour.slope == 0.0
-        n = len(seconds)
+    def __init__(self, seconds: Array, gain: Array, colour: NoiseColour) -> None:
+        self.gain = gain
+        self.plain = not gain.any()
         decay = np.exp(-np.diff(seconds, append=seconds[-1]) / colour.tau)
-        variance, kalman = np.empty(n), np.empty(n)
-        p = 1.0
-        for i, (g, a) in enumerate(zip(self.gain.tolist(), decay.tolist(), strict=True)):
-            s = 1.0 + g * g * p
-            k = p * g / s
-            variance[i], kalman[i] = s, k
-            p = a * a * (p - k * g * p) + 1.0 - a * a
+        variance, kalman = _stationary(gain, decay)
         self.deviation = np.sqrt(variance)
         # x+ = a (1 - k g) x + a k y: a lower bidiagonal system for all x at once.
-        self._band = np.ones((2, n), order="F")
-        self._band[1] = -decay * (1.0 - kalman * self.gain)
+        self._band = np.ones((2, len(seconds)), order="F")
+        self._band[1] = -decay * (1.0 - kalman * gain)
         self._drive = decay * kalman
 
     def __call__(self, values: Array) -> Array:
@@ -119,13 +129,34 @@ class _Innovation:
         return np.asarray(state)
 
 
+def _stationary(gain: Array, decay: Array) -> tuple[Array, Array]:
+    """Variance of the innovation and Kalman gain (N,), in units of the white noise.
+
+    The variance p of the predicted state obeys p = a^2 p / (1 + g^2 p) + 1 - a^2 where g and a hold; then one step of
+    the recursion from each sample to the next, which matters beside gaps.
+    """
+    square, usual = gain**2, float(np.median(decay)) ** 2
+    rest = 1.0 - usual
+    p = 2.0 * rest / (rest * (1.0 - square) + np.sqrt((rest * (1.0 - square)) ** 2 + 4.0 * square * rest) + 1e-300)
+    p[1:] = (decay[:-1] ** 2) * (p[:-1] / (1.0 + square[:-1] * p[:-1]) - 1.0) + 1.0
+    p[0] = 1.0
+    variance = 1.0 + square * p
+    return variance, gain * p / variance
+
+
+def kept_share(span: float, tau: Array | float) -> Array:
+    """Share of the variance of an Ornstein-Uhlenbeck process that its mean over a span (s) has."""
+    x = span / np.asarray(tau)
+    return np.asarray(2.0 * (x - 1.0 + np.exp(-x)) / x**2)
+
+
 def fit_noise(
     seconds: Array,
     speed: Array,
     residual: Array,
-    groups: tuple[slice, ...],
-    given: tuple[float | None, ...],
+    least: Array,
     *,
+    motion: Array | None = None,
     white: bool = False,
     coarse: bool = True,
 ) -> SignalNoise:
@@ -134,42 +165,84 @@ def fit_noise(
     Args:
         seconds, speed: (N,).
         residual: (N, C) measured minus predicted.
-        groups: channels of one unit.
-        given: stated white level of each group, or None; the measured level, but at least half of the stated.
+        least: (C,) least white level of a sample.
+        motion: (N, C) variance of the prediction by the errors of the motion.
         white: without a coloured part.
         coarse: see `white_level`.
     """
-    level = white_level(residual, coarse)
-    for part, stated in zip(groups, given, strict=True):
-        level[part] = np.maximum(level[part], 1e-9 if stated is None else 0.5 * stated)
-    each = tuple(slice(channel, channel + 1) for channel in range(len(level)))
-    if white:
-        return SignalNoise(level, each, (NoiseColour(),) * len(each), seconds, speed)
-    colours, sigma = _most_likely(seconds, speed, residual, level)
-    return SignalNoise(sigma, each, colours, seconds, speed)
+    period = float(np.median(np.diff(seconds)))
+    level = noise_level(residual, period, coarse)
+    low = level.sigma * np.sqrt(level.share) < least
+    # Noise below the least level says nothing about the band.
+    sigma = np.where(low, np.maximum(level.sigma, least), level.sigma)
+    share = np.where(low, np.clip(np.maximum(level.share, (least / sigma) ** 2), 0.0, 1.0), level.share)
+    block = int(level.block.max())
+    plain = (NoiseColour(),) * len(sigma)
+    found = SignalNoise(sigma, plain, seconds, speed, share, block, motion)
+    return found if white else _most_likely(found, residual, max(block, int(_TOGETHER / period), 1), period)
 
 
-def _most_likely(seconds: Array, speed: Array, residual: Array, level: Array) -> tuple[tuple[NoiseColour, ...], Array]:
-    """Each channel's colour and white level: all candidates run through their Kalman filters in parallel."""
-    kinds = [
-        NoiseColour(*kind) for kind in product(_FLOORS, _SLOPES, _TAUS) if kind[:2] != (0.0, 0.0) or kind[2] == _TAUS[0]
-    ]
-    floor, slope, tau = (np.array([getattr(kind, name) for kind in kinds]) for name in ("floor", "slope", "tau"))
-    gain = floor + slope * speed[:, None]
-    decay = np.exp(-np.diff(seconds, append=seconds[-1])[:, None] / tau)
-    p, state = np.ones(len(kinds)), np.zeros((residual.shape[1], len(kinds)))
-    square, log_variance = np.zeros_like(state), np.zeros(len(kinds))
-    for g, a, y in zip(gain, decay, residual[:, :, None], strict=True):
-        s = 1.0 + g * g * p
-        k = p * g / s
-        innovation = y - g * state
-        square += innovation * innovation / s
-        log_variance += np.log(s)
-        state = a * (state + k * innovation)
-        p = a * a * (p - k * g * p) + 1.0 - a * a
-    n, channels = residual.shape
-    # Most likely level for each candidate, kept near the level of neighbouring samples.
-    sigma2 = np.clip(square / n, (level[:, None] / _EXCESS) ** 2, (level[:, None] * _EXCESS) ** 2)
-    loglik = -0.5 * (square / sigma2 + n * np.log(sigma2)) - 0.5 * log_variance
-    best = np.argmax(loglik, axis=1)
-    return tuple(kinds[i] for i in best), np.sqrt(sigma2[np.arange(channels), best])
+def _most_likely(start: SignalNoise, residual: Array, block: int, period: float) -> SignalNoise:
+    """Each channel's colour and white level: the most likely of all candidates, on averages with white noise."""
+    rows = _parts(len(residual) // block)
+    seconds, speed, values = (block_means(each, block)[rows] for each in (start.seconds, start.speed, residual))
+    motion = None if start.motion is None else block_means(start.motion, block)[rows]
+    level = start.sigma / np.sqrt(block)
+    n = len(values)
+    best = np.full(len(level), -np.inf)
+    colours, sigma = list(start.colours), level.copy()
+    gap = np.diff(seconds, append=seconds[-1])
+    gap[gap < 0.0] = np.inf
+    for floor, slope, tau in product(_FLOORS, _SLOPES, _TAUS):
+        if motion is None and floor == slope == 0.0 and tau != _TAUS[0]:
+            continue
+        kept = kept_share(block * period, tau)
+        grown = float(np.sqrt(kept * block))
+        moved = np.zeros((1, 1)) if motion is None else motion * kept / level**2
+        gain = _gain_of(grown * floor, grown * slope, speed, moved)
+        decay = np.exp(-gap / tau)[:, None]
+        variance, kalman = _stationary(gain, decay)
+        # Channels that share their gain are filtered at once.
+        square = np.concatenate(
+            [
+                _squares(values if gain.shape[1] == 1 else values[:, [c]], gain[:, c], decay[:, 0], kalman[:, c])
+                for c in range(gain.shape[1])
+            ]
+        )
+        log_variance = np.log(variance).sum(axis=0)
+        # Most likely level for each candidate, kept near the level of neighbouring samples.
+        likely = np.clip(square / n, (level / _EXCESS) ** 2, (level * _EXCESS) ** 2)
+        loglik = -0.5 * (square / likely + n * np.log(likely)) - 0.5 * log_variance
+        for channel in np.flatnonzero(loglik > best):
+            best[channel], sigma[channel] = loglik[channel], np.sqrt(likely[channel])
+            colours[channel] = NoiseColour(floor, slope, tau)
+    sigma *= np.sqrt(block)
+    share = np.where(start.share < 1.0, _share(residual, sigma, start), 1.0)
+    return replace(start, sigma=sigma, colours=tuple(colours), share=share)
+
+
+def _share(residual: Array, sigma: Array, start: SignalNoise) -> Array:
+    """(C,) share of the white variance in the samples, by their scatter inside blocks; slow residuals do not count."""
+    count = len(residual) // start.block
+    blocks = residual[: count * start.block].reshape(count, start.block, -1)
+    scatter = block_means(blocks.var(axis=1), max(min(_PART, count) // 4, 1))
+    found = np.median(scatter, axis=0) / sigma**2 + 1.0 / start.block
+    return np.asarray(np.clip(found, start.share, np.minimum(_EXCESS**2 * start.share, 1.0)))
+
+
+def _squares(values: Array, gain: Array, decay: Array, kalman: Array) -> Array:
+    """(K,) sums of the squared innovations of (N, K) values, divided by their variance."""
+    band = np.ones((2, len(values)), order="F")
+    band[1] = -decay * (1.0 - kalman * gain)
+    right = np.zeros(values.shape, order="F")
+    np.multiply((decay * kalman)[:-1, None], values[:-1], out=right[1:])
+    innovation = values - gain[:, None] * dtbtrs(band, right, uplo="L", overwrite_b=1)[0]
+    # 1 - k g is one over the variance.
+    return np.asarray((1.0 - kalman * gain) @ innovation**2)
+
+
+def _parts(count: int) -> NDArray[np.intp]:
+    """Rows of parts, evenly spread, that together have at most `_ENOUGH` of `count` rows."""
+    every = -(-count // _ENOUGH)
+    rows = np.arange(count)
+    return np.asarray(rows[rows // _PART % every == 0])

@@ -20,6 +20,8 @@ _BREAK = 2.0
 """s without a sample that separate two recordings."""
 _RUN_UP, _RUN_OUT = 0.4, 0.1
 """s at the start and the end of a recording that are predicted, but not compared."""
+_BEST_MODEL = 0.002
+"""Share of a channel's standard deviation below which no model predicts it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,24 +227,24 @@ def signal_noise(
 ) -> SignalNoise:
     """Noise of a signal: white of the measured level when `residual` is None, else the most likely noise model."""
     if signal == "wrench" or recorded.effort is None:
-        seconds, speed, measured = recorded.seconds, recorded.speed, recorded.wrench - recorded.prediction
-        groups: tuple[slice, ...] = (slice(0, 3), slice(3, 6))
-        given: tuple[float | None, ...] = (model.noise_force, model.noise_torque)
+        seconds, speed, motion = recorded.seconds, recorded.speed, recorded.motion_variance
+        measured, expected = recorded.wrench, recorded.prediction
+        # Rounding is noise as well, even where readings are constant.
+        stated = [
+            max(0.5 * (given or 0.0), lattice(recorded.wrench[:, part]) / np.sqrt(12.0))
+            for given, part in ((model.noise_force, slice(0, 3)), (model.noise_torque, slice(3, 6)))
+        ]
+        least = np.repeat(stated, 3)
     else:
         track = recorded.effort
-        seconds, speed = track.seconds, np.linalg.norm(track.velocity, axis=1)
-        measured = track.measured - track.prediction
-        groups = tuple(slice(j, j + 1) for j in range(len(track.names)))
-        given = (None,) * len(groups)
+        seconds, speed, motion = track.seconds, np.linalg.norm(track.velocity, axis=1), track.motion_variance
+        measured, expected = track.measured, track.prediction
+        least = np.array([lattice(column) / np.sqrt(12.0) for column in measured.T])
+    least = np.maximum(least, _BEST_MODEL * measured.std(axis=0) + 1e-9)
     coarse = signal == "wrench"  # motor currents are finely resolved, and gears knock
-    if signal == "wrench":
-        # Rounding is noise as well, even where readings are constant.
-        given = tuple(
-            max(stated or 0.0, 2.0 * lattice(recorded.wrench[:, part]) / np.sqrt(12.0)) or None
-            for stated, part in zip(given, groups, strict=True)
-        )
     if residual is None:
-        return fit_noise(seconds, speed, measured, groups, given, white=True, coarse=coarse)
+        return fit_noise(seconds, speed, measured - expected, least, motion=motion, white=True, coarse=coarse)
     rows = slice(None) if active is None else active
-    found = fit_noise(seconds[rows], speed[rows], residual[rows], groups, given, coarse=coarse)
-    return replace(found, seconds=seconds, speed=speed)
+    moved = None if motion is None else motion[rows]
+    found = fit_noise(seconds[rows], speed[rows], residual[rows], least, motion=moved, coarse=coarse)
+    return replace(found, seconds=seconds, speed=speed, motion=motion)

@@ -3,7 +3,7 @@
 from poise.mismatch.reading.joining import joined, spans, without
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
 from poise.mismatch.reading.measured_streams import MeasuredStreams
-from poise.mismatch.reading.model_effects import absent, effect_of, with_model_effects
+from poise.mismatch.reading.model_effects import absent, complete_values, effect_of, with_model_effects
 from poise.mismatch.reading.nominal_model import (
     ModelEffect,
     NominalModel,
@@ -22,6 +22,7 @@ __all__ = [
     "ReadRecording",
     "Tolerance",
     "absent",
+    "complete_values",
     "dump_model",
     "effect_of",
     "effort_track",

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from poise.errors import ErrorCode, InputError
-from poise.mismatch.effects import LAYERS, Effect, effect_named
+from poise.mismatch.effects import LAYERS, Effect, Values, effect_named
 from poise.mismatch.reading.nominal_model import ModelEffect
 from poise.mismatch.recorded import RecordedMotion
 
@@ -26,23 +26,30 @@ def with_model_effects(
     """
     known = [(effect_of(component), component) for component in components]
     for effect, component in sorted(known, key=lambda pair: (LAYERS.index(pair[0].layer), pair[0].order, pair[0].name)):
-        if absent(effect, recorded, events):
+        if absent(effect, recorded, events, component.values):
             continue
-        parameters = [p.name for p in effect.parameters(recorded)]
-        # Names of defaults may leave out the joint: "asymmetry" is that of every joint.
-        usual = {
-            name: effect.defaults[stem] for name in parameters for stem in effect.defaults if name.startswith(stem)
-        }
-        values = usual | component.values
-        lacking = [name for name in parameters if name not in values]
-        if lacking:
-            raise InputError(ErrorCode.BAD_INPUT, f"effect {effect.name} of the model lacks {', '.join(lacking)}")
-        response = effect.simulate(recorded, values)
+        response = effect.simulate(recorded, complete_values(effect, recorded, component.values))
         if effect.signal == "wrench":
             recorded = recorded.with_prediction(recorded.prediction + response)
         elif recorded.effort is not None:
             recorded = recorded.with_effort(recorded.effort.prediction + response)
     return recorded
+
+
+def complete_values(effect: Effect, recorded: RecordedMotion, values: Values) -> Values:
+    """The values of a model's effect, with its defaults for those that the model leaves out.
+
+    Raises:
+        InputError: BAD_INPUT when a value without a default is left out.
+    """
+    parameters = [p.name for p in effect.parameters(recorded)]
+    # Names of defaults may leave out the joint: "asymmetry" is that of every joint.
+    usual = {name: effect.defaults[stem] for name in parameters for stem in effect.defaults if name.startswith(stem)}
+    complete = {**usual, **values}
+    lacking = [name for name in parameters if name not in complete]
+    if lacking:
+        raise InputError(ErrorCode.BAD_INPUT, f"effect {effect.name} of the model lacks {', '.join(lacking)}")
+    return complete
 
 
 def effect_of(component: ModelEffect) -> Effect:
@@ -57,10 +64,12 @@ def effect_of(component: ModelEffect) -> Effect:
     return effect
 
 
-def absent(effect: Effect, recorded: RecordedMotion, events: bool) -> str:
-    """Why an effect of a model does not act in a recording; "" when it does."""
+def absent(effect: Effect, recorded: RecordedMotion, events: bool, values: Values) -> str:
+    """Why an effect of a model, with its values, does not act in a recording; "" when it does."""
     if not events and not effect.transfers:
         return "it belongs to the recording that it was found in"
     if effect.signal == "effort" and recorded.effort is None:
         return "there are no joint efforts"
+    if not effect.transfers and any(p.name not in values for p in effect.parameters(recorded)):
+        return "its values need what only its own recording has, such as an accelerometer"
     return effect.untestable(recorded)

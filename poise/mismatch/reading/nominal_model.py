@@ -161,8 +161,10 @@ def dump_model(model: NominalModel) -> str:
     if model.phi is not None:
         body = InertialParameters.from_phi(model.phi)
         com = [0.0, 0.0, 0.0] if body.mass == 0 else body.com.tolist()
-        inertia = [0.0] * 6 if body.mass == 0 else body.inertia_vector.tolist()
-        content["payload"] = {"mass": body.mass, "com": com, "inertia": inertia}
+        content["payload"] = {"mass": body.mass, "com": com}
+        # An inertia that was identified from a motion that does not show it may be of no body.
+        if body.mass and _is_inertia(body.inertia):
+            content["payload"]["inertia"] = body.inertia_vector.tolist()
     if model.gravity is not None and model.gravity != STANDARD_GRAVITY:
         content["gravity"] = model.gravity
     if model.tool_in_wrench:
@@ -192,13 +194,18 @@ def _payload(value: Any) -> Array:
     inertia = symmetric(_numbers(payload.get("inertia", [0.0] * 6), 6, "payload.inertia"))
     if mass < 0:
         raise _bad(f"payload.mass is {mass:g} kg: it must not be negative; 0 is no payload")
-    moments = np.linalg.eigvalsh(inertia)
-    if moments[0] < -1e-9 or moments[0] + moments[1] < moments[2] * (1 - 1e-6) - 1e-12:
+    if not _is_inertia(inertia):
         raise _bad(
             "no body has payload.inertia: ixx ixy ixz iyy iyz izz about the centre of mass need a positive sum of any "
             "two principal moments over the third; leave it out when it is not known"
         )
     return InertialParameters(mass, com, inertia).phi
+
+
+def _is_inertia(inertia: Array) -> bool:
+    """(3, 3) about the centre of mass: no negative moment, and none above the sum of the others."""
+    low, middle, high = np.linalg.eigvalsh(inertia).tolist()
+    return bool(low >= -1e-9 and low + middle >= high * (1 - 1e-6) - 1e-12)
 
 
 def _tolerance(value: Any) -> Tolerance:

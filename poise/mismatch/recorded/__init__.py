@@ -3,7 +3,7 @@
 from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
 from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
-from poise.mismatch.recorded.noise_levels import lattice, white_level
+from poise.mismatch.recorded.noise_levels import NoiseLevel, block_means, lattice, noise_level, white_level
 from poise.mismatch.recorded.recorded_motion import BaseTrack, CommandTrack, EffortTrack, JointTrack, RecordedMotion
 from poise.mismatch.recorded.resampling import at_times
 
@@ -15,12 +15,15 @@ __all__ = [
     "EffortTrack",
     "JointTrack",
     "LinkTrack",
+    "NoiseLevel",
     "RecordedMotion",
     "at_times",
+    "block_means",
     "directed",
     "forces_at",
     "lattice",
     "load_wrench",
     "motion_response",
+    "noise_level",
     "white_level",
 ]

@@ -1,8 +1,80 @@
-"""The level of white noise in a signal, and the step that its readings are rounded to."""
+"""The level of the noise in a signal, the band that it fills, and the step that readings are rounded to."""
+
+from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 
 from poise.types import Array
+
+_STRETCH = 100
+"""Differences in a stretch; the median over stretches counts."""
+_BLOCKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 384)
+"""Samples that are averaged to find the band of the noise."""
+_FAST, _SLOWEST = 0.016, 0.08
+"""s of a block: up to the first the loudest counts, since no motion is that fast; the second is the longest."""
+_LOUDER = 1.25
+"""Ratio of two levels from which they differ."""
+_STEEP = 0.45
+"""Exponent of the level over the length of a block from which the signal was filtered; first-order noise has 0.35."""
+_FEWEST = 60
+"""Blocks for a level."""
+_HEAVIEST = 1.8
+"""Largest ratio of the spread of noise to its median: Student's t with three degrees of freedom has 1.5."""
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseLevel:
+    """The level of the noise inside its band, channel by channel.
+
+    Args:
+        sigma: (C,) one sigma of a sample of white noise with the same spectrum inside the band, in the signal's units.
+        share: (C,) of that variance that the samples have: 1 for white noise, less where a filter removed a part.
+        block: (C,) samples whose average has white noise again.
+    """
+
+    sigma: Array
+    share: Array
+    block: Array
+
+
+def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel:
+    """The level of the noise in (N, C) values, also of noise that a filter or an interpolation made smooth.
+
+    Averages of white noise over b samples have a level of sigma / sqrt(b). Where the level of the averages times
+    sqrt(b) grows steeply with b, the noise was filtered; the shortest blocks from which on it no longer does count.
+
+    Args:
+        values: the signal, or a residual.
+        period: s between samples.
+        coarse: see `white_level`.
+    """
+    lengths = [b for b in _BLOCKS if b == 1 or (b * period <= _SLOWEST * (1.0 + 1e-6) and len(values) // b >= _FEWEST)]
+    levels = np.empty((len(lengths), values.shape[1]))
+    for row, b in enumerate(lengths):
+        means = values if b == 1 else block_means(values, b)
+        levels[row] = _level(means, 3 if b == 1 else 5, coarse) * np.sqrt(b)
+    chosen = np.zeros(values.shape[1], dtype=int)
+    for row in range(1, len(lengths)):
+        here, best = levels[row], levels[chosen, range(len(chosen))]
+        steep = (chosen == row - 1) & (here > levels[row - 1] * (lengths[row] / lengths[row - 1]) ** _STEEP)
+        fast = lengths[row] * period <= _FAST
+        chosen[(here > _LOUDER * best) & fast | steep] = row
+    sigma = levels[chosen, range(len(chosen))]
+    inverse = 1.0 / np.array(lengths)
+    share = np.array(
+        [
+            inverse[k] - np.diff(inverse[: k + 1]) @ np.minimum(levels[:k, c] / max(sigma[c], 1e-300), 1.0) ** 2
+            for c, k in enumerate(chosen.tolist())
+        ]
+    )
+    return NoiseLevel(sigma, share, np.array(lengths)[chosen])
+
+
+def block_means(values: Array, block: int) -> Array:
+    """(M, ...) means over `block` consecutive samples (N, ...); incomplete blocks are left out."""
+    count = len(values) // block
+    return np.asarray(values[: count * block].reshape(count, block, *values.shape[1:]).mean(axis=1))
 
 
 def white_level(values: Array, coarse: bool = True) -> Array:
@@ -14,19 +86,23 @@ def white_level(values: Array, coarse: bool = True) -> Array:
         values: the signal.
         coarse: the values may be rounded to a coarse grid; if not, knocks are distinguished from noise.
     """
-    differences = np.diff(values, n=3, axis=0) / np.sqrt(20.0)
-    length = 100
-    count = max(len(differences) // length, 1)
-    stretches = np.array_split(np.abs(differences), count)
-    levels = np.array([1.4826 * np.median(part, axis=0) for part in stretches])
-    found = np.median(levels, axis=0)
-    if not coarse:
-        return np.asarray(found)
-    spread = np.median([np.sqrt(np.mean(np.square(part), axis=0)) for part in stretches], axis=0)
-    # Values on a coarse grid have differences of nearly zero: the spread is then the better measure. Knocks widen
-    # the spread too, but leave the small differences as they are.
-    low, middle = np.quantile(np.abs(differences), [0.25, 0.5], axis=0)
-    return np.asarray(np.where((found > 0.3 * spread) | (low > 0.3 * middle), found, spread))
+    return _level(values, 3, coarse)
+
+
+def _level(values: Array, order: int, coarse: bool) -> Array:
+    """(C,) one sigma of white noise in (N, C), from differences of this order."""
+    differences = np.abs(np.diff(values, n=order, axis=0)) / np.sqrt(comb(2 * order, order))
+    count = max(len(differences) // _STRETCH, 1)
+    stretches = differences[: len(differences) // count * count].reshape(count, -1, values.shape[1])
+    found = np.median(1.4826 * np.median(stretches, axis=1), axis=0)
+    spread = np.median(np.sqrt(np.mean(np.square(stretches), axis=1)), axis=0)
+    if coarse:
+        # Values on a coarse grid have differences of nearly zero: the spread is then the better measure. Knocks widen
+        # the spread too, but leave the small differences as they are.
+        low, middle = np.quantile(differences, [0.25, 0.5], axis=0)
+        found = np.where((found > 0.3 * spread) | (low > 0.3 * middle), found, spread)
+    heavy = (spread > 1.1 * found) & (spread < _HEAVIEST * found)
+    return np.asarray(np.where(heavy, spread, found))
 
 
 def lattice(values: Array) -> float:

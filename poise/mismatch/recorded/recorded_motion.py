@@ -81,6 +81,7 @@ class EffortTrack:
         prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
         links: what each link adds; None when it was not computed.
+        motion_variance: (M, J) variance of `rigid` by the errors of the measured motion; None: the motion is exact.
     """
 
     seconds: Array
@@ -94,6 +95,7 @@ class EffortTrack:
     by_position: Array
     by_acceleration: Array
     links: LinkTrack | None = None
+    motion_variance: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +123,8 @@ class RecordedMotion:
         commands: None when no commands were recorded.
         accelerometer: (N, 3) m/s2 acceleration of the sensor as an accelerometer on it measured, without gravity and
             offset; its clock may be offset. None without an accelerometer.
+        motion_variance: (N, 6) variance of the nominal wrench by the errors of the measured motion; None: the motion is
+            exact.
         begins: s at which further recordings begin, where there are several.
     """
 
@@ -141,6 +145,7 @@ class RecordedMotion:
     effort: EffortTrack | None = None
     commands: CommandTrack | None = None
     accelerometer: Array | None = None
+    motion_variance: Array | None = None
     begins: tuple[float, ...] = ()
 
     def __len__(self) -> int:
