@@ -12,7 +12,7 @@ SENSOR_EFFECTS = (
     *("quantisation", "saturation", "low_pass", "clock_offset", "clock_skew", "base_tilt", "joint_offset"),
     "payload_parameters",
 )
-MOVING_PARTS = ("slosh", "loose_part", "grasp_compliance", "flexible_mode", "flywheel")
+MOVING_PARTS = ("slosh", "hanging_chain", "loose_part", "grasp_compliance", "flexible_mode", "flywheel")
 
 # What is measured of an effect where not all of its parameters say how large it is; stems of vectors.
 MAIN_PARAMETERS: dict[str, tuple[str, ...]] = {
@@ -22,6 +22,7 @@ MAIN_PARAMETERS: dict[str, tuple[str, ...]] = {
     "cable": ("stiffness",),
     "air_drag": ("coefficient",),
     "slosh": ("mass", "length"),
+    "hanging_chain": ("mass", "length"),
     "loose_part": ("mass", "gap"),
     "flexible_mode": ("mass", "frequency"),
     "grasp_compliance": ("stiffness",),

@@ -59,7 +59,7 @@ class HangingRope(LoadFault):
     """A rope of three links hangs from the load; model.yaml counts it as rigid at its upper end; size: kg."""
 
     name, usual, library = "hanging_rope", 0.3, False
-    accept = ("pendulum_chain", "rope", "hose")
+    accept = ("hanging_chain", "pendulum_chain", "rope", "hose")
     links = 3
 
     @classmethod

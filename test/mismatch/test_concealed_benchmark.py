@@ -50,6 +50,7 @@ ISSUE = [
     "cable",
     "air_drag",
     "slosh",
+    "hanging_chain",
     "loose_part",
     "grasp_compliance",
     "flexible_mode",

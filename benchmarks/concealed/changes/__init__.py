@@ -27,7 +27,7 @@ WRENCH_EFFECTS: dict[str, Draw] = {
     **_named(chain, "joint_offset"),
     **_named(weight, "payload_parameters", "mass_step", "mass_leak"),
     **_named(outside, "world_force", "cable", "air_drag"),
-    **_named(moving, "slosh", "loose_part", "grasp_compliance", "flexible_mode", "flywheel"),
+    **_named(moving, "slosh", "hanging_chain", "loose_part", "grasp_compliance", "flexible_mode", "flywheel"),
     **_named(outside, "contact"),
     **_named(ground, "external_vibration"),
 }

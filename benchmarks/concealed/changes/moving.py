@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
+from scipy.linalg import eigh
 
 from benchmarks.concealed.changes.base import Change, direction, flat, named, place_in
 from benchmarks.concealed.payload import Payload, steiner
@@ -50,6 +51,36 @@ class Pendulum(Part):
         rate = np.sqrt(STANDARD_GRAVITY / self.length)
         damping = 2 * self.damping_ratio * rate * self.mass * self.length**2
         body.add_joint(name=self.name, type=mujoco.mjtJoint.mjJNT_BALL, damping=[damping, 0, 0])
+
+
+@dataclass
+class Chain(Part):
+    """Rods in a row that hang from `place` on ball joints: a rope."""
+
+    links: int = 4
+    link: float = 0.0
+    damping_ratio: float = 0.0
+
+    def shape(self, spec: mujoco.MjSpec) -> None:
+        mass, parent, place = self.mass / self.links, spec.body(LOAD), self.place
+        damping = 2 * self.damping_ratio * np.sqrt(STANDARD_GRAVITY / self.link) * mass * self.link**2
+        for i in range(self.links):
+            body = parent.add_body(name=f"{self.name}{i}", pos=place)
+            body.mass, body.explicitinertial = mass, True
+            body.inertia = mass * self.link**2 / 12 * np.array([1.0, 1.0, 0.01])
+            body.ipos = np.array([0.0, 0.0, self.link / 2])  # tools point down at the start
+            body.add_joint(name=f"{self.name}{i}", type=mujoco.mjtJoint.mjJNT_BALL, damping=[damping, 0, 0])
+            parent, place = body, np.array([0.0, 0.0, self.link])
+
+    def first_mode(self) -> tuple[float, float]:
+        """Length, m, and mass, kg, of the pendulum of its first mode."""
+        below = np.arange(self.links, 0, -1) - 1.0
+        lower = np.minimum.outer(below, below)
+        inertia = self.link**2 * (lower + 0.5 - np.eye(self.links) / 6)
+        pull = self.link * (below + 0.5)
+        squares, shapes = eigh(STANDARD_GRAVITY * np.diag(pull), inertia)
+        share = float(pull @ shapes[:, 0]) ** 2
+        return float(STANDARD_GRAVITY / squares[0]), share * self.mass / self.links
 
 
 @dataclass
@@ -132,6 +163,16 @@ def slosh(scene: "Scene", strength: float, rng: np.random.Generator) -> Change:
         length=length,
         damping_ratio=ratio,
     )
+
+
+def hanging_chain(scene: "Scene", strength: float, rng: np.random.Generator) -> Change:
+    """A rope of four links."""
+    mass, link, ratio = 0.25 * strength, rng.uniform(0.06, 0.15), rng.uniform(0.02, 0.06)
+    place = room_for(mass, scene.payload, rng)
+    made = Chain(name="hanging_chain", place=place, mass=mass, link=link, damping_ratio=ratio)
+    length, first = made.first_mode()
+    made.parameters = {"mass": first, "length": length, **named("", place)}
+    return made
 
 
 def loose_part(scene: "Scene", strength: float, rng: np.random.Generator) -> Change:

@@ -19,12 +19,15 @@ _CHAINED = 2.5
 """s between bursts of one motion: a swaying base stands still for a moment at every reversal."""
 _MARGIN = 0.15
 """s by which a window may be wider than the burst that exceeds the noise."""
+_STRONGEST, _FARTHEST = 2.0, 0.5
+"""m/s2 and m: what a base that slips, sways or is pushed does at most; wheels lose their grip at about 0.2 g."""
 
 
 class UnreportedBaseMotion(Effect):
     """The whole robot accelerates horizontally from rest to rest; the payload responds with its inertia.
 
-    The base's velocity is a sum of cubic B-splines within the window; its acceleration is zero at both ends.
+    The base's velocity is a sum of cubic B-splines within the window: velocity and acceleration are zero at both ends
+    and the jerk is limited.
     """
 
     name = "base_motion"
@@ -33,7 +36,7 @@ class UnreportedBaseMotion(Effect):
     source = "thesis eq. 2.97 with an acceleration that the kinematics lack; splines: de Boor 2001, chapter IX"
     excited_by = "nothing: it happens"
     separating_motion = "none needed with an imu on the base; without one, repeat the motion with the base braked"
-    confused_with = ("contact", "external_vibration", "base_tilt")
+    confused_with = ("hanging_chain", "contact", "external_vibration", "base_tilt")
     needs = ("load",)
     transfers = False
     free_course = True
@@ -75,15 +78,27 @@ class UnreportedBaseMotion(Effect):
         speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(count)])
         acceleration = self._rates(recorded, values)[1] @ speed
         peak = float(np.linalg.norm(acceleration, axis=1).max(initial=0.0))
-        shift = float(np.linalg.norm(speed.sum(axis=0))) * values["length"] / (count + 3)
-        return {"peak_acceleration": (peak, "m/s2"), "displacement": (shift, "m")}
+        # A cubic B-spline covers its coefficient times the interval between knots.
+        path = np.cumsum(speed, axis=0) * values["length"] / (count + 3)
+        farthest = float(np.linalg.norm(path, axis=1).max())
+        return {"peak_acceleration": (peak, "m/s2"), "displacement": (farthest, "m")}
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        sizes = self.derived(recorded, values)
+        acceleration, displacement = sizes["peak_acceleration"][0], sizes["displacement"][0]
+        if acceleration > _STRONGEST:
+            return f"the base would accelerate by {acceleration:.1f} m/s2"
+        if displacement > _FARTHEST:
+            return f"the base would move by {displacement:.2f} m"
+        return super().implausible(recorded, values)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         ((start, end),) = self.windows(recorded, values)
         sizes = self.derived(recorded, values)
         return (
             f"From {start:.1f} s to {end:.1f} s the base accelerated by up to {sizes['peak_acceleration'][0]:.2f} m/s2 "
-            f"and moved by {sizes['displacement'][0]:.2f} m; odometry, and so the nominal model, does not report it."
+            f"and moved by up to {sizes['displacement'][0]:.2f} m; odometry, and so the nominal model, does not report "
+            "it."
         )
 
     @staticmethod

@@ -42,7 +42,7 @@ class Cable(Effect):
             *hooks,
             EffectParameter("rest_length", "m", low=0.0, high=4.0, linear=False),
             EffectParameter("stiffness", "N/m", 30.0, positive=True),
-            EffectParameter("damping", "N s/m", 5.0),
+            EffectParameter("damping", "N s/m", 5.0, positive=True),
         )
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:

@@ -21,6 +21,7 @@ from poise.mismatch.effects.part_wrench import (
     sliding_wrench,
     specific_at,
     spin_square,
+    too_heavy,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -90,6 +91,9 @@ class FlexibleMode(Effect):
         z, dz = (part[:, 0] for part in Oscillator(recorded.seconds, stiffness, damping)(pull[:, None]))
         second = pull + spin * z - damping * dz - omega**2 * z
         return sliding_wrench(recorded, place, axis, (z, dz, second))[:, :, None]
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        return super().implausible(recorded, values) or too_heavy(recorded, values["mass"])
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)

@@ -23,6 +23,7 @@ from poise.mismatch.effects.part_wrench import (
     place_of,
     sliding_wrench,
     specific_at,
+    too_heavy,
 )
 from poise.mismatch.effects.starts import spans
 from poise.mismatch.recorded import RecordedMotion, white_level
@@ -65,7 +66,7 @@ class LoosePart(Effect):
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
         return (
-            EffectParameter("gap", "m", low=5e-4, high=0.2, linear=False, log=True),
+            EffectParameter("gap", "m", low=5e-4, high=0.1, linear=False, log=True),
             EffectParameter("settling", "s", low=5e-4, high=0.1, linear=False, log=True, hidden=True),
             *(EffectParameter(name, "", low=-1.9, high=1.9, linear=False, hidden=True) for name in AXIS_PARAMETERS),
             *(
@@ -104,6 +105,9 @@ class LoosePart(Effect):
         push = specific_at(recorded, place_of(values)) @ direction(values)
         return between_stops(recorded.seconds, push, values["gap"], values["settling"])
 
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        return super().implausible(recorded, values) or too_heavy(recorded, values["mass"])
+
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)
 
@@ -139,7 +143,7 @@ class LoosePart(Effect):
         begin[2] = np.log(max(float(np.median(far[0, crossed != 0.0])), 1e-4))
         begin[3] = np.log(max(float(np.median(np.abs(impulses))) / max(float(np.median(speed[0])), 1e-3), 1e-3))
         found = least_squares(off, begin, loss="soft_l1", diff_step=1e-4, max_nfev=30).x
-        gap = float(np.clip(np.exp(found[2]), 6e-4, 0.19))
+        gap = float(np.clip(np.exp(found[2]), 6e-4, 0.09))
         place = np.clip(found[4:], -0.9 * PAYLOAD_REACH, 0.9 * PAYLOAD_REACH)
         return _values(gap, knocks.settling, _axis(found), place)
 

@@ -6,12 +6,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.geometry import cross
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.effects.part_motion import hanging
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
 POINT_PARAMETERS = ("x", "y", "z")
 PAYLOAD_REACH = 0.5
 """m from the sensor within which parts of a payload are searched."""
+_SHARE = 1.05
+"""Largest mass of a moving part relative to the nominal payload, whose mass has a tolerance."""
 AXIS_PARAMETERS = ("axis_a", "axis_b")
 """Chart of directions, see `direction`."""
 
@@ -53,6 +56,56 @@ def sliding_wrench(recorded: RecordedMotion, place: Array, axis: Array, slid: tu
     )
     torque = cross(along * axis, specific_at(recorded, place) - beyond) - cross(place, beyond)
     return np.concatenate([-beyond, torque], axis=1)
+
+
+def swinging_wrench(recorded: RecordedMotion, place: Array, length: float, damping_ratio: float) -> Array:
+    """(N, 6) the difference between 1 kg on a spherical pendulum and this mass fixed at its pivot.
+
+    Args:
+        recorded: the recording.
+        place: (3,) m, the pivot, sensor axes.
+        length: m.
+        damping_ratio: of small swings.
+    """
+    pull = recorded.to_world(specific_at(recorded, place)) / length
+    rate = recorded.to_world(recorded.angular_velocity)
+    frequency = swing_frequency(recorded, length)
+    damping = 2.0 * damping_ratio * frequency
+    u, du, ddu = hanging(recorded.seconds, pull, rate, frequency, damping)
+    force = recorded.to_sensor(-length * ddu)
+    # The damper in the pivot turns the tool the way the pendulum turns.
+    twist = recorded.to_sensor(damping * length**2 * cross(u, du - cross(rate, u)))
+    return np.concatenate([force, cross(place, force) + twist], axis=1)
+
+
+def swing_frequency(recorded: RecordedMotion, length: float) -> float:
+    """rad/s of small swings of a pendulum."""
+    return float(np.sqrt(np.median(np.linalg.norm(recorded.gravity, axis=1)) / length))
+
+
+def likely_swings(
+    recorded: RecordedMotion, residual: Array, lengths: Array, damping_ratio: float, count: int
+) -> list[dict[str, float]]:
+    """Lengths (best first) and pivots, with a damping ratio, of pendulums whose swing fits a residual (N, 6)."""
+    wanted = residual - residual.mean(axis=0)
+    weight = 1.0 / np.maximum(white_level(residual), 1e-9)
+    place = payload_centre(recorded)
+    found = []
+    for length in lengths.tolist():
+        swing = swinging_wrench(recorded, place, length, damping_ratio)
+        swing -= swing.mean(axis=0)
+        along, size = (float(np.sum(swing * other * weight**2)) for other in (wanted, swing))
+        mass = along / max(size, 1e-12)
+        pivot = likely_place(mass * swing[:, :3], wanted[:, 3:]) if mass > 0.0 else place
+        values = {"length": length, "damping_ratio": damping_ratio}
+        found.append((along * mass, values | dict(zip(POINT_PARAMETERS, pivot.tolist(), strict=True))))
+    return [values for _, values in sorted(found, key=lambda item: -item[0])[:count]]
+
+
+def too_heavy(recorded: RecordedMotion, mass: float) -> str:
+    """Why a part of the payload cannot have a mass, kg, as a clause; "" when it can."""
+    whole = abs(float(recorded.phi[0]))
+    return f"{mass:.2f} kg would move in a payload of {whole:.2f} kg" if mass > _SHARE * whole else ""
 
 
 def spin_square(recorded: RecordedMotion, axis: Array) -> Array:

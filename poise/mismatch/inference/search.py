@@ -195,7 +195,10 @@ def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Ef
 def _alone(effect: Effect, whole: FittedEffect, recorded: RecordedMotion) -> Values:
     """Values to fit a piece of a combination from: the common non-linear ones, and zero."""
     parameters = effect.parameters(recorded)
-    return {p.name: 0.0 if p.linear else whole.values.get(p.name, p.from_unit(0.5)) for p in parameters}
+    return {
+        p.name: 0.0 if p.linear else min(max(whole.values.get(p.name, p.from_unit(0.5)), p.low), p.high)
+        for p in parameters
+    }
 
 
 def _alike(one: Effect, other: Effect) -> bool:

@@ -12,7 +12,7 @@ NAMES = sorted(TYPICAL)
 WRENCH = [name for name in NAMES if effect_named(name).signal == "wrench"]
 STEPPED = ("quantisation", "saturation")
 KNOCKING = ("loose_part", "backlash")
-MOTION = {"flexible_mode": "poses", "slosh": "poses", "loose_part": "poses"}
+MOTION = {"flexible_mode": "poses", "slosh": "poses", "hanging_chain": "poses", "loose_part": "poses"}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -130,6 +130,7 @@ RECOVERED = {
     "air_drag": ("coefficient", "z"),
     "flywheel": ("momentum_x", "momentum_y", "momentum_z"),
     "slosh": ("mass", "length", "z"),
+    "hanging_chain": ("mass", "length", "z"),
     "flexible_mode": ("frequency", "mass"),
     "loose_part": ("gap",),
     "grasp_compliance": ("stiffness", "height"),
