@@ -70,7 +70,7 @@ SeparateOption = Annotated[
 ]
 
 
-DeadlineOption = Annotated[
+_DeadlineOption = Annotated[
     float,
     typer.Option(
         "--deadline",
@@ -88,7 +88,7 @@ def mismatch(
     report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
-    deadline: DeadlineOption = math.inf,
+    deadline: _DeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.
