@@ -11,5 +11,5 @@ def test_columns_that_are_there_already_gain_nothing_however_large_they_are():
     regression = WhitenedRegression(columns, np.ones(6), np.zeros(6), columns.T @ np.ones(6) + rng.normal(size=4000))
     again = np.vstack([columns * 3.0, columns[::-1] * (1.0 + 1e-9)])
     projected = regression.project(again)
-    assert np.isfinite(projected.solve(np.full(12, 1e-6))).all()
+    assert np.isfinite(projected.fitted(np.full(12, 1e-6))[0]).all()
     assert np.isfinite(projected.gain(np.full(12, 1e-6)))

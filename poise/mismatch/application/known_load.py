@@ -9,12 +9,12 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.inertia.model import InertialParameters, frame_change
 from poise.mismatch.effects import PAYLOAD_PARAMETERS
-from poise.mismatch.inference import PRIOR_SIGMA, payload_steps
+from poise.mismatch.inference import payload_steps
 from poise.mismatch.reading import NominalModel
 from poise.types import Array
 
 _CAUTION = 2.0
-"""Sigmas by which mass and centre of mass are varied."""
+"""Sigmas by which mass and centre of mass are varied; those of a stated payload reach its tolerances."""
 
 
 def known_load(model: NominalModel) -> tuple[Array, Array]:
@@ -27,7 +27,7 @@ def known_load(model: NominalModel) -> tuple[Array, Array]:
     """
     if model.phi is None:
         raise InputError(ErrorCode.BAD_INPUT, "the model has no payload: state one, or save a diagnosis of a recording")
-    steps = payload_steps(model.phi, model.tolerance) * PRIOR_SIGMA
+    steps = payload_steps(model.phi, model.tolerance) / _CAUTION
     found = next((part for part in model.effects if part.name == "payload_parameters"), None)
     if found is None:
         return model.phi, np.asarray(steps @ steps.T)

@@ -9,12 +9,15 @@ from functools import cache
 
 from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
+from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
+from poise.mismatch.effects.sensor_gain import GAIN_LEVER
 from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.registry import entries_of
 
 __all__ = [
+    "GAIN_LEVER",
     "LAYERS",
     "PAYLOAD_PARAMETERS",
     "SLOWEST_VIBRATION",
@@ -26,6 +29,7 @@ __all__ = [
     "joint_columns",
     "rotation_columns",
     "slow_part",
+    "tilt_columns",
 ]
 
 

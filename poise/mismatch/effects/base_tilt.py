@@ -27,6 +27,7 @@ class BaseTilt(Effect):
     )
     confused_with = ("joint_offset", "sensor_rotation", "world_force", "base_motion")
     needs = ("load",)
+    widens = "tilt"
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
@@ -37,16 +38,16 @@ class BaseTilt(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """First order: least squares beside a constant in the sensor."""
         weight = np.repeat([1.0, 20.0], 3)
-        columns = self._weighed(recorded, cross(np.eye(3)[:2], recorded.to_world(recorded.gravity)[:, None]))
+        columns = tilt_columns(recorded)
         columns = (columns - columns.mean(axis=0)) * weight[:, None]
         wanted = (residual - residual.mean(axis=0)) * weight
-        turn = -best_fit(columns.reshape(-1, 2), wanted.ravel())[0]
+        turn = best_fit(columns.reshape(-1, 2), wanted.ravel())[0]
         yield dict(zip(_NAMES, np.clip(turn, -0.45, 0.45).tolist(), strict=True))
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         turn = Rotation.from_rotvec([-values[_NAMES[0]], -values[_NAMES[1]], 0.0]).as_matrix()
         gravity = recorded.to_world(recorded.gravity)
-        return self._weighed(recorded, (gravity @ turn.T - gravity)[:, None])[:, :, 0]
+        return _weighed(recorded, (gravity @ turn.T - gravity)[:, None])[:, :, 0]
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         del recorded
@@ -60,9 +61,14 @@ class BaseTilt(Effect):
             "the world; the nominal model stands upright."
         )
 
-    @staticmethod
-    def _weighed(recorded: RecordedMotion, gravity_in_world: Array) -> Array:
-        """(N, 6, k) the payload's wrench under k changes of gravity, (N, k, 3)."""
-        change = np.einsum("nji,nkj->nki", recorded.rotation_world_sensor, gravity_in_world)
-        torque = cross(recorded.phi[1:4], change)
-        return np.concatenate([recorded.phi[0] * change, torque], axis=2).swapaxes(1, 2)
+
+def tilt_columns(recorded: RecordedMotion) -> Array:
+    """(N, 6, 2) first-order response to the rotation of the base about x and y of the world."""
+    return -_weighed(recorded, cross(np.eye(3)[:2], recorded.to_world(recorded.gravity)[:, None]))
+
+
+def _weighed(recorded: RecordedMotion, gravity_in_world: Array) -> Array:
+    """(N, 6, k) the payload's wrench under k changes of gravity, (N, k, 3)."""
+    change = np.einsum("nji,nkj->nki", recorded.rotation_world_sensor, gravity_in_world)
+    torque = cross(recorded.phi[1:4], change)
+    return np.concatenate([recorded.phi[0] * change, torque], axis=2).swapaxes(1, 2)

@@ -7,7 +7,7 @@ from poise.mismatch.effects.sensor_bias import BIAS_PARAMETERS
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array
 
-_LEVER = 0.1
+GAIN_LEVER = 0.1
 """m: a sensor's force range over its torque range (FT 300: 300 N, 30 N m), which scales crosstalk between the two."""
 
 _LARGEST = 0.5
@@ -33,7 +33,7 @@ class SensorGain(Effect):
         for i, read in enumerate(WRENCH_CHANNELS):
             for j, felt in enumerate(WRENCH_CHANNELS):
                 unit = "" if i // 3 == j // 3 else "m" if i > j else "1/m"
-                size = 0.03 if i // 3 == j // 3 else 0.03 * _LEVER if i > j else 0.03 / _LEVER
+                size = 0.03 if i // 3 == j // 3 else 0.03 * GAIN_LEVER if i > j else 0.03 / GAIN_LEVER
                 limit = _LARGEST if i == j else np.inf
                 made.append(EffectParameter(f"gain_{read}_{felt}", unit, size, low=-limit, high=limit))
         return tuple(made)

@@ -1,6 +1,6 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
-from poise.mismatch.inference.calibration import PRIOR_SIGMA, payload_steps
+from poise.mismatch.inference.calibration import payload_steps
 from poise.mismatch.inference.fitting import HypothesisFit, fit, linearization_point, refine
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, tail
 from poise.mismatch.inference.noise import SignalNoise
@@ -17,7 +17,6 @@ from poise.mismatch.inference.unknown import (
 )
 
 __all__ = [
-    "PRIOR_SIGMA",
     "WARM_STEPS",
     "Dependence",
     "DependenceCurve",

@@ -1,7 +1,8 @@
-"""Calibration errors of every real robot: of payload, sensor, joints and clock, inside the declared tolerances.
+"""Calibration errors of every real robot: of payload, sensor, base, joints and clock, inside the declared tolerances.
 
-They are fitted under every hypothesis with tight priors, so that no hypothesis wins by correcting them. A
-calibration effect (`widens`) has these columns with a wide prior: it wins where the data contradict the tolerance.
+Every hypothesis includes them. Each is uniform inside plus and minus its tolerance, and independent of the others, so
+that no hypothesis wins by correcting them, up to the edges of all at once. A calibration effect (`widens`) has these
+columns without the bounds: it wins where the data contradict the tolerance.
 """
 
 from dataclasses import dataclass
@@ -10,16 +11,13 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
-from poise.mismatch.effects import joint_columns, rotation_columns
+from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
 from poise.mismatch.reading import Tolerance
-from poise.mismatch.recorded import RecordedMotion, at_times
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times
 from poise.types import Array
 
-PRIOR_SIGMA = 0.5
-"""One sigma of the prior in units of the tolerance: the tolerance is two sigma."""
-
-_CROSS = 0.1
-"""Gain across axes (within force, within torque) in units of that along them: typical after calibration."""
+NORMAL_PRECISION = 4.0
+"""Of the coefficients of a group without bounds."""
 
 
 @dataclass(frozen=True)
@@ -27,22 +25,20 @@ class CalibrationGroup:
     """A group of calibration errors.
 
     Args:
-        name: payload, bias, drift, gain, rotation, joints, clock, or blur (no tolerance: see `_BLURS`).
-        columns: (N, 6, k) response to one tolerance of each.
-        sigma: (k,) prior, in units of the tolerance.
+        name: payload, bias, drift, gain, rotation, tilt, joints, clock, offset, links, or blur (no tolerance: see
+            `_BLURS`).
+        columns: (N, C, k) response to one tolerance of each.
+        bound: half-width of the uniform prior in tolerances; infinite: a normal prior of `NORMAL_PRECISION`.
     """
 
     name: str
     columns: Array
-    sigma: Array
+    bound: float = 1.0
 
 
 _BLURS = (0.02, 0.05, 0.12)
 """s: faster parts of the prediction may be encoder noise, differentiated twice. Smoothing it without delay is no
 physics; without these columns an oscillating part would win by filtering the noise."""
-
-_TORQUE_CONSTANT = 0.01
-"""Relative tolerance of the motors' torque constants."""
 
 
 def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
@@ -55,21 +51,21 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
     late = -np.gradient(wrench, recorded.seconds, axis=0)[:, :, None]
     widths = [width / recorded.period for width in _BLURS]
     calm = [gaussian_filter1d(recorded.nominal, width, axis=0, mode="nearest") - recorded.nominal for width in widths]
-    groups = [
-        ("payload", payload_columns(recorded, tolerance)),
-        ("bias", np.broadcast_to(np.diag(bias), (len(recorded), 6, 6))),
-        ("drift", ramp[:, None, None] * np.diag(drift)),
-        ("gain", gain_columns(wrench) * tolerance.sensor_gain),
-        ("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
-        ("joints", joint_columns(recorded) * tolerance.joint_offset),
-        ("clock", late * tolerance.clock_offset),
-        ("blur", np.stack(calm, axis=2)),
-    ]
-    return tuple(CalibrationGroup(name, columns, np.full(columns.shape[2], PRIOR_SIGMA)) for name, columns in groups)
+    return (
+        CalibrationGroup("payload", payload_columns(recorded, tolerance)),
+        CalibrationGroup("bias", np.broadcast_to(np.diag(bias), (len(recorded), 6, 6))),
+        CalibrationGroup("drift", ramp[:, None, None] * np.diag(drift)),
+        CalibrationGroup("gain", gain_columns(wrench) * tolerance.sensor_gain),
+        CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
+        CalibrationGroup("tilt", tilt_columns(recorded) * tolerance.base_tilt),
+        CalibrationGroup("joints", joint_columns(recorded) * tolerance.joint_offset),
+        CalibrationGroup("clock", late * tolerance.clock_offset),
+        CalibrationGroup("blur", np.stack(calm, axis=2), np.inf),
+    )
 
 
 def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
-    """Calibration errors of joint efforts: payload, joint offsets, torque constants; (M, J, k) columns."""
+    """Calibration errors of joint efforts: payload, joint offsets, motors, links, base; (M, J, k) columns."""
     track, joints = recorded.effort, recorded.joints
     if track is None or joints is None:
         return ()
@@ -79,22 +75,36 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     along = -np.einsum("ncj,nck->njk", joints.jacobian_in_sensor[:, :, chosen], felt)
     count = len(chosen)
     payload = at_times(recorded.seconds, along.reshape(len(recorded), -1), track.seconds).reshape(-1, count, 10)
-    gain = track.rigid[:, :, None] * np.eye(count) * _TORQUE_CONSTANT
-    groups = [
-        ("payload", payload),
-        ("joints", track.by_position * tolerance.joint_offset),
-        ("gain", gain),
-    ]
-    return tuple(CalibrationGroup(name, columns, np.full(columns.shape[2], PRIOR_SIGMA)) for name, columns in groups)
+    gain = track.prediction[:, :, None] * np.eye(count) * tolerance.motor_gain
+    offset = np.diag(effort_sizes(track) * tolerance.effort_offset)
+    none = np.zeros((*track.measured.shape, 0))
+    links = none if track.links is None else track.links.efforts
+    tilt = none if track.by_tilt is None else track.by_tilt
+    return (
+        CalibrationGroup("payload", payload),
+        CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
+        CalibrationGroup("gain", gain),
+        CalibrationGroup("offset", np.broadcast_to(offset, gain.shape)),
+        CalibrationGroup("links", links * tolerance.link_mass),
+        CalibrationGroup("tilt", tilt * tolerance.base_tilt),
+    )
+
+
+def effort_sizes(track: EffortTrack) -> Array:
+    """(J,) N m or N: a large effort of each joint in the recording."""
+    return np.asarray(np.quantile(np.abs(track.measured), 0.99, axis=0))
 
 
 def gain_columns(wrench: Array) -> Array:
-    """(N, 6, 18) response to the gains of the six axes, and to the twelve across axes in units of `_CROSS`."""
-    out = np.zeros((len(wrench), 6, 18))
-    out[:, range(6), range(6)] = wrench
-    across = [(i, j) for i in range(6) for j in range(6) if i != j and i // 3 == j // 3]
-    for column, (i, j) in enumerate(across, start=6):
-        out[:, i, column] = _CROSS * wrench[:, j]
+    """(N, 6, 36) response to the gains of the six axes, then to the thirty across axes.
+
+    Gains from force to torque and back are scaled by `GAIN_LEVER`.
+    """
+    scale = np.repeat([1.0, GAIN_LEVER], 3)
+    pairs = sorted(np.ndindex(6, 6), key=lambda pair: pair[0] != pair[1])
+    out = np.zeros((len(wrench), 6, 36))
+    for column, (i, j) in enumerate(pairs):
+        out[:, i, column] = scale[i] / scale[j] * wrench[:, j]
     return out
 
 

@@ -1,21 +1,25 @@
 """Evidence of linear models with priors for whitened data, from small matrices.
 
-Whitened data t (R,) and columns C (k, R), one per row, with t = C'c + e, e white, c normal about `mean` with
-`precision`. Two small quantities describe what other columns X can add once C is projected out: the information
-S = XX' - XC' A^-1 CX' and the vector s = Xt - XC' A^-1 b, with A = CC' + diag(precision).
+Whitened data t (R,) and columns C (k, R), one per row, with t = C'c + e, e white. A coefficient is normal about `mean`
+with `precision`, or uniform between plus and minus its `bound`. The square of a model is that at the optimum inside the
+bounds. For the volume of the posterior a uniform prior counts as the normal one of its variance, bound^2 / 3.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
-from scipy.optimize import lsq_linear
 
+from poise.mismatch.inference.box import box_minimum
 from poise.types import Array, Mask
 
 _ROUNDING = 1e-11
 """Relative, of sums over all samples."""
+_RIDGE = 0.01
+"""Precision of a bounded coefficient in units of its bound: it selects the smallest where the data do not determine
+it. At the bound it costs 0.005 of log likelihood."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,116 +28,164 @@ class WhitenedRegression:
 
     Args:
         columns: (k, R) whitened, in the order channel by channel, each in time.
-        precision: (k,) of their prior; 0 is none.
-        mean: (k,) of their prior.
+        precision: (k,) of normal priors; 0 is none. Of bounded coefficients: 3 / bound^2.
+        mean: (k,) of normal priors; 0 for bounded coefficients.
         target: (R,) whitened residual.
+        bound: (k,) half-width of uniform priors about zero; infinite for normal ones.
     """
 
     columns: Array
     precision: Array
     mean: Array
     target: Array
+    bound: Array | float = np.inf
+
+    @cached_property
+    def bounds(self) -> Array:
+        """(k,) half-widths of the uniform priors."""
+        return np.broadcast_to(self.bound, self.mean.shape)
+
+    @cached_property
+    def _normal(self) -> Array:
+        return np.asarray(self.columns @ self.columns.T)
 
     @cached_property
     def _factor(self) -> Array:
-        normal = self.columns @ self.columns.T
-        size = np.arange(len(normal))
-        normal[size, size] += self.precision + 1e-9
-        return np.asarray(np.linalg.cholesky(normal), dtype=np.float64)
+        return np.asarray(np.linalg.cholesky(self._normal + np.diag(self.precision + 1e-9)), dtype=np.float64)
 
     @cached_property
-    def _solved(self) -> tuple[Array, Array, float]:
-        factor = self._factor
-        right = self.columns @ self.target + self.precision * self.mean
-        half = solve_triangular(factor, right, lower=True)
-        square = float(self.target @ self.target + self.precision @ self.mean**2 - half @ half)
-        return factor, half, square
+    def penalty(self) -> Array:
+        """(k,) of the squares of the coefficients about their means: precision, or hardly any inside bounds."""
+        return np.asarray(np.where(np.isfinite(self.bounds), _RIDGE / self.bounds**2, self.precision) + 1e-9)
 
-    @property
+    @cached_property
+    def curvature(self) -> Array:
+        """(k, k) of half the square by the coefficients."""
+        return self._normal + np.diag(self.penalty)
+
+    @cached_property
+    def right(self) -> Array:
+        """(k,) minus the slope of half the square at zero coefficients."""
+        return np.asarray(self.columns @ self.target + self.penalty * self.mean)
+
+    @cached_property
+    def _solved(self) -> Array:
+        return box_minimum(self.curvature, self.right, -self.bounds, self.bounds)
+
+    @cached_property
     def square(self) -> float:
-        """The least of |t - C' c|^2 + (c - mean)' precision (c - mean)."""
-        return self._solved[2]
+        """The least of |t - C' c|^2 and the penalties, inside the bounds."""
+        c = self._solved
+        fixed = self.target @ self.target + self.penalty @ self.mean**2
+        return float(fixed + c @ (self.curvature @ c - 2.0 * self.right))
 
     @cached_property
     def log_evidence(self) -> float:
         """log p(t) up to a constant of the data; columns without a prior count as unit width."""
-        factor, _, square = self._solved
         prior = float(np.log(self.precision[self.precision > 0]).sum())
-        return -0.5 * square - float(np.log(np.diag(factor)).sum()) + 0.5 * prior
+        return -0.5 * self.square - float(np.log(np.diag(self._factor)).sum()) + 0.5 * prior
 
     def coefficients(self) -> Array:
         """(k,) the most likely c."""
-        factor, half, _ = self._solved
-        return np.asarray(solve_triangular(factor, half, lower=True, trans="T"))
+        return self._solved
 
     def covariance(self) -> Array:
-        """(k, k) of c."""
-        return np.asarray(cho_solve((self._solved[0], True), np.eye(len(self.mean))))
+        """(k, k) of c, with uniform priors as normal ones."""
+        return np.asarray(cho_solve((self._factor, True), np.eye(len(self.mean))))
 
     def project(self, extra: Array) -> "ProjectedColumns":
-        """Further columns (m, R), with these columns projected out."""
-        factor, half, _ = self._solved
-        across = solve_triangular(factor, self.columns @ extra.T, lower=True)
+        """Further columns (m, R) beside these."""
+        across = self.columns @ extra.T
+        half = solve_triangular(self._factor, across, lower=True)
         whole = extra @ extra.T
         # Known columns cancel up to the rounding of large numbers: this much is not known.
-        left = whole - across.T @ across + _ROUNDING * np.diag(np.diag(whole))
-        return ProjectedColumns(left, extra @ self.target - across.T @ half)
+        whole += _ROUNDING * np.diag(np.diag(whole))
+        return ProjectedColumns(self, whole - half.T @ half, whole, across, extra @ self.target)
 
-    def extended(self, extra: Array, precision: Array, mean: Array) -> "WhitenedRegression":
+    def extended(
+        self, extra: Array, precision: Array, mean: Array, bound: Array | float = np.inf
+    ) -> "WhitenedRegression":
         """With further columns that every later hypothesis includes."""
         return WhitenedRegression(
             np.vstack([self.columns, extra]),
             np.concatenate([self.precision, precision]),
             np.concatenate([self.mean, mean]),
             self.target,
+            np.concatenate([self.bounds, np.broadcast_to(bound, mean.shape)]),
         )
 
     def with_target(self, target: Array) -> "WhitenedRegression":
-        """These columns with another residual (R,); their factorisation is reused."""
-        made = WhitenedRegression(self.columns, self.precision, self.mean, target)
-        made.__dict__["_factor"] = self._factor
+        """These columns with another residual (R,); their products are reused."""
+        made = WhitenedRegression(self.columns, self.precision, self.mean, target, self.bounds)
+        made.__dict__.update(_normal=self._normal, _factor=self._factor, curvature=self.curvature)
         return made
-
-    def rows(self, keep: Array) -> "WhitenedRegression":
-        """Restricted to a mask (R,) of the data."""
-        return WhitenedRegression(self.columns[:, keep], self.precision, self.mean, self.target[keep])
 
 
 @dataclass(frozen=True, eq=False)
 class ProjectedColumns:
-    """Columns with those of a regression projected out: information S (m, m) and vector s (m,)."""
+    """Columns X beside those of a regression C.
 
+    Args:
+        beside: the regression.
+        information: (m, m) of X with C projected out: XX' - XC' A^-1 CX', A = CC' + diag(precision).
+        products, across, vector: XX' (m, m), CX' (k, m) and Xt (m,).
+    """
+
+    beside: WhitenedRegression
     information: Array
+    products: Array
+    across: Array
     vector: Array
 
-    def solve(self, precision: Array, lower: Array | None = None) -> Array:
-        """(m,) most likely coefficients for priors about zero, none below `lower` (m,)."""
-        factor = np.linalg.cholesky(self._posterior(precision))
-        free = np.asarray(cho_solve((factor, True), self.vector))
-        if lower is None or (free >= lower).all():
-            return free
-        target = solve_triangular(factor, self.vector, lower=True)
-        return np.asarray(lsq_linear(factor.T, target, (lower, np.inf), method="bvls").x)
+    def fitted(self, precision: Array, mean: Array | None = None, lower: Array | None = None) -> tuple[Array, float]:
+        """(m,) most likely coefficients, and the decrease of the square with its penalties from zero coefficients.
+
+        Args:
+            precision, mean: (m,) of normal priors; the mean is zero by default.
+            lower: (m,) no coefficient is below; None: no bound.
+        """
+        known, count = self.beside, len(self.vector)
+        own = self.products + np.diag(precision + self._least())
+        curvature = np.block([[known.curvature, self.across], [self.across.T, own]])
+        right = np.concatenate([known.right, self.vector if mean is None else self.vector + precision * mean])
+        free = np.full(count, np.inf)
+        low = np.concatenate([-known.bounds, -free if lower is None else lower])
+        first = np.concatenate([known.coefficients(), np.zeros(count)])
+        both = box_minimum(curvature, right, low, np.concatenate([known.bounds, free]))
+        before = first @ (0.5 * curvature @ first - right)
+        return both[len(known.mean) :], float(2.0 * (before - both @ (0.5 * curvature @ both - right)))
 
     def drop(self, coefficients: Array) -> float:
-        """Decrease of the square for these coefficients."""
-        return float(2.0 * self.vector @ coefficients - coefficients @ self.information @ coefficients)
+        """Decrease of the square for these coefficients, without their prior."""
+        known = self.beside
+        right, before = known.right - self.across @ coefficients, known.coefficients()
+        after = box_minimum(known.curvature, right, -known.bounds, known.bounds)
+        gone = 2.0 * self.vector @ coefficients - coefficients @ self.products @ coefficients
+        gone += before @ (known.curvature @ before - 2.0 * known.right)
+        return float(gone - after @ (known.curvature @ after - 2.0 * right))
 
     def gain(self, precision: Array) -> float:
         """log evidence of the columns with normal priors about zero."""
-        factor = np.linalg.cholesky(self._posterior(precision))
-        half = solve_triangular(factor, self.vector, lower=True)
-        return float(0.5 * half @ half - np.log(np.diag(factor)).sum() + 0.5 * np.log(precision).sum())
+        return 0.5 * self.fitted(precision)[1] - self.narrowing(precision)
 
-    def pick(self, index: Array | slice) -> "ProjectedColumns":
+    def narrowing(self, precision: Array) -> float:
+        """log of the ratio of the volumes of prior and posterior."""
+        factor = np.linalg.cholesky(self.information + np.diag(precision + self._least()))
+        return float(np.log(np.diag(factor)).sum() - 0.5 * np.log(precision).sum())
+
+    def pick(self, index: NDArray[np.intp] | slice) -> "ProjectedColumns":
         """Some of the columns."""
-        return ProjectedColumns(self.information[index][:, index], self.vector[index])
+        return ProjectedColumns(
+            self.beside,
+            self.information[index][:, index],
+            self.products[index][:, index],
+            self.across[:, index],
+            self.vector[index],
+        )
 
-    def _posterior(self, precision: Array) -> Array:
-        size = np.arange(len(precision))
-        total = self.information.copy()
-        total[size, size] += precision + 1e-9 * max(float(np.trace(total)), 1e-6) / max(len(size), 1)
-        return total
+    def _least(self) -> float:
+        """Precision that keeps matrices definite."""
+        return 1e-9 * max(float(np.trace(self.information)), 1e-6) / max(len(self.vector), 1)
 
 
 def flat_width(information: Array) -> float:
@@ -154,10 +206,9 @@ def laplace_evidence(
     across = projected.information[np.ix_(first, other)]
     won = 0.0
     if len(first):
-        factor = np.linalg.cholesky(projected.information[np.ix_(first, first)] + np.diag(precision[first]))
-        half = solve_triangular(factor, projected.vector[first] + (precision * mean)[first], lower=True)
-        won = 0.5 * float(half @ half) - float(np.log(np.diag(factor)).sum())
-        won += 0.5 * float(np.log(precision[first]).sum()) - 0.5 * float((precision * mean**2)[first].sum())
+        prior, about, inner = precision[first], mean[first], projected.pick(first)
+        won = 0.5 * (inner.fitted(prior, about)[1] - float(prior @ about**2)) - inner.narrowing(prior)
+        factor = np.linalg.cholesky(inner.information + np.diag(prior))
         across = solve_triangular(factor, across, lower=True)
     bent = projected.information[np.ix_(other, other)] - across.T @ across
     return regression.log_evidence + won + flat_width(bent)

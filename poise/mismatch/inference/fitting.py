@@ -149,16 +149,14 @@ def _linear(
     """The most likely linear parameters at given non-linear ones."""
     if not len(weak):
         response = problem.whiten(effect.simulate(recorded, nonlinear))
-        drop = regression.project(response[None]).drop(np.ones(1))
-        nothing = ProjectedColumns(np.zeros((0, 0)), np.zeros(0))
-        return _Point(nonlinear, np.zeros((0, len(response))), response, drop, nothing)
+        drop, none = regression.project(response[None]).drop(np.ones(1)), np.zeros((0, len(response)))
+        return _Point(nonlinear, none, response, drop, regression.project(none))
     columns = problem.whiten(effect.columns(recorded, nonlinear))
     projected = regression.project(columns)
     parameters = [p for p in effect.parameters(recorded) if p.linear]
-    linear = projected.solve(weak, np.array([p.lower for p in parameters]))
+    linear, drop = projected.fitted(weak, lower=np.array([p.lower for p in parameters]))
     names = [p.name for p in parameters]
     values = nonlinear | dict(zip(names, linear.tolist(), strict=True))
-    drop = projected.drop(linear) - float(weak @ linear**2)
     return _Point(values, columns, linear @ columns, drop, projected)
 
 
@@ -186,39 +184,22 @@ def _stepped(
 ) -> _Point | None:
     """A Levenberg-Marquardt step in all parameters, damped until the fit improves; None when it cannot."""
     count = len(at.columns)
-    slope = _downhill(regression, effect, recorded, at, slopes, weak)
-    if 0.5 * at.drop + _HOPE * slope.promised < least:
+    # The remainder after the present response; linear parameters count from their present values.
+    rest = regression.with_target(regression.target - at.response).project(np.vstack([at.columns, slopes]))
+    present = np.array([at.values[p.name] for p in effect.parameters(recorded) if p.linear])
+    mean = np.concatenate([-present, np.zeros(len(slopes))])
+    promised = 0.5 * rest.fitted(np.concatenate([weak, np.ones(len(slopes))]), mean)[1]
+    if 0.5 * at.drop + _HOPE * promised < least:
         return None
     for strength in damping.tries():
-        held = strength * np.diag(slope.projected.information)[count:]
-        precision = np.concatenate([weak, held + 1e-9])
-        step = slope.projected.solve(precision)[count:]
+        held = strength * np.diag(rest.information)[count:]
+        step = rest.fitted(np.concatenate([weak, held + 1e-9]), mean)[0][count:]
         values = {p.name: _shifted(p, at.values[p.name], float(s)) for p, s in zip(moving, step, strict=True)}
         trial = _linear(problem, regression, recorded, effect, {**at.values, **values}, weak)
         if trial.drop > at.drop:
             damping.eased(strength)
             return trial
     return None
-
-
-@dataclass(frozen=True, eq=False)
-class _Downhill:
-    """The linear model of an effect about a point, and its predicted gain of log likelihood."""
-
-    projected: ProjectedColumns
-    promised: float
-
-
-def _downhill(
-    regression: WhitenedRegression, effect: Effect, recorded: RecordedMotion, at: _Point, slopes: Array, weak: Array
-) -> _Downhill:
-    count = len(at.columns)
-    projected = regression.project(np.vstack([at.columns, slopes, at.response[None]]))
-    # The remainder after the present response is subtracted.
-    vector = projected.vector[:-1] - projected.information[:-1, -1]
-    vector[:count] -= weak * np.array([at.values[p.name] for p in effect.parameters(recorded) if p.linear])
-    quick = ProjectedColumns(projected.information[:-1, :-1], vector)
-    return _Downhill(quick, 0.5 * float(vector @ quick.solve(np.concatenate([weak, np.full(len(slopes), 1.0)]))))
 
 
 def _shifted(p: EffectParameter, value: float, step: float) -> float:
@@ -317,11 +298,10 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
     precision, mean = at.priors(PRIOR_SCALES[-1])
     own = at.parameters()
     projected = at.calibration.project(at.columns)
-    vector = projected.vector + precision * mean
     lower = np.array([p.lower - at.parts[i].values[p.name] if p.positive else -np.inf for i, p in own])
     for strength in damping.tries():
         held = strength * np.diag(projected.information) + 1e-9
-        step = ProjectedColumns(projected.information, vector).solve(np.where(precision > 0, precision, held), lower)
+        step, _ = projected.fitted(np.where(precision > 0, precision, held), mean, lower)
         values = [dict(part.values) for part in at.parts]
         for (i, p), s in zip(own, step, strict=True):
             old = values[i][p.name]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from poise.mismatch.effects import LAYERS, Effect, Values
-from poise.mismatch.inference.calibration import CalibrationGroup, calibration, effort_calibration
+from poise.mismatch.inference.calibration import NORMAL_PRECISION, CalibrationGroup, calibration, effort_calibration
 from poise.mismatch.inference.evidence import WhitenedRegression
 from poise.mismatch.inference.noise import SignalNoise, fit_noise
 from poise.mismatch.reading import NominalModel
@@ -161,10 +161,11 @@ class Problem:
         groups = self.groups(recorded, parts)
         columns = np.concatenate([group.columns for group in groups], axis=2)
         keep = _seen(columns)
-        sigma = np.concatenate([group.sigma for group in groups])[keep]
+        bound = np.concatenate([np.full(group.columns.shape[2], group.bound) for group in groups])[keep]
+        precision = np.where(np.isfinite(bound), 3.0 / bound**2, NORMAL_PRECISION)
         white = self.whiten(columns[:, :, keep])
         target = self.whiten(self.measured - self.predicted(recorded))
-        return WhitenedRegression(white, sigma**-2.0, np.zeros(len(sigma)), target)
+        return WhitenedRegression(white, precision, np.zeros(len(bound)), target, bound)
 
     def whiten(self, values: Array) -> Array:
         """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""

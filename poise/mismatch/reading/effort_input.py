@@ -174,7 +174,8 @@ def _of_joints(track: EffortTrack, keep: Mask) -> EffortTrack:
     for each in fields(track):
         value = getattr(track, each.name)
         if isinstance(value, np.ndarray) and value.ndim > 1:
-            changes[each.name] = value[:, keep] if value.ndim == 2 else value[:, keep][:, :, keep]
+            by_joint = each.name in ("by_position", "by_acceleration")
+            changes[each.name] = value[:, keep][:, :, keep] if by_joint else value[:, keep]
     links = track.links
     if links is not None:
         changes["links"] = LinkTrack(links.numbers, links.efforts[:, keep], links.by_parameter[:, keep])

@@ -127,7 +127,19 @@ def effort_track(
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links)
+    by_tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt)
+
+
+def _by_tilt(model: pin.Model, positions: Array, moving: int, gravity: float) -> Array:
+    """(M, V, 2) derivative of the torque by the rotation of the base about x and y of the world."""
+    data = model.createData()
+    out = np.empty((len(positions), moving, 2))
+    for axis, turned in enumerate(([0.0, -gravity, 0.0], [gravity, 0.0, 0.0])):
+        model.gravity.linear = np.array(turned)
+        for i, q in enumerate(positions):
+            out[i, :, axis] = pin.computeGeneralizedGravity(model, data, q)[-moving:]
+    return out
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,12 +22,15 @@ _ENTRIES = (
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Declared tolerances: a deviation inside them is no finding.
+    """Declared tolerances: an error anywhere between plus and minus its tolerance is no finding.
 
     Args:
         payload_mass: relative. payload_com: m. payload_inertia: relative, of the trace.
         bias_force, bias_torque: N, N m, each axis. drift_force, drift_torque: N, N m, over the recording.
-        sensor_gain: relative, of each axis and across axes. sensor_rotation, joint_offset: rad. clock_offset: s.
+        sensor_gain: relative, each entry of the 6x6 matrix; from force to torque times 0.1 m, and back over 0.1 m.
+        sensor_rotation, base_tilt: rad, each axis. joint_offset: rad or m. clock_offset: s.
+        link_mass: relative, of each link with its moments. motor_gain: relative. effort_offset: of the joint's largest
+            effort in the recording.
     """
 
     payload_mass: float = 0.01
@@ -41,6 +44,10 @@ class Tolerance:
     sensor_rotation: float = 0.004
     joint_offset: float = 0.001
     clock_offset: float = 0.004
+    base_tilt: float = 0.002
+    link_mass: float = 0.01
+    motor_gain: float = 0.01
+    effort_offset: float = 0.01
 
 
 # The keys of each tolerance in the file.
@@ -56,6 +63,10 @@ TOLERANCE_KEYS = {
     "sensor_rotation": ("sensor_rotation",),
     "joint_offset": ("joint_offset",),
     "clock_offset": ("clock_offset",),
+    "base_tilt": ("base_tilt",),
+    "link_mass": ("link_mass",),
+    "motor_gain": ("motor_gain",),
+    "effort_offset": ("effort_offset",),
 }
 
 

@@ -81,6 +81,7 @@ class EffortTrack:
         prediction: (M, J) what the model predicts so far; begins as `rigid`.
         by_position, by_acceleration: (M, J, J) d rigid / d position; the joint-space inertia.
         links: what each link adds; None when it was not computed.
+        by_tilt: (M, J, 2) N m/rad, d rigid by the rotation of the base about x and y of the world, or None.
         motion_variance: (M, J) variance of `rigid` by the errors of the measured motion; None: the motion is exact.
     """
 
@@ -95,6 +96,7 @@ class EffortTrack:
     by_position: Array
     by_acceleration: Array
     links: LinkTrack | None = None
+    by_tilt: Array | None = None
     motion_variance: Array | None = None
 
 
