@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, implausible
@@ -91,8 +92,7 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         ]
         proofs = _compared(problem, whole, without, nominal)
         lacking = [
-            # Under a normal prior calibration errors exceed their tolerance instead of the effect.
-            implausible(problem.recorded, [part]) or ("" if part.effect.widens else proof.lacking)
+            implausible(problem.recorded, [part]) or proof.lacking
             for part, proof in zip(whole.parts, proofs, strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -158,9 +158,10 @@ def _predicted(found: HypothesisFit, fold: NDArray[np.intp]) -> Array:
     rows = [np.flatnonzero(fold == number) for number in range(_BLOCKS)]
     normals = [columns[:, row] @ columns[:, row].T for row in rows]
     rights = [columns[:, row] @ target[row] for row in rows]
-    normal = np.sum(normals, axis=0) + np.diag(regression.precision[linear] + 1e-9)
-    right = np.sum(rights, axis=0) + (regression.precision * regression.mean)[linear]
+    normal = np.sum(normals, axis=0) + np.diag(regression.penalty[linear])
+    right = np.sum(rights, axis=0) + (regression.penalty * regression.mean)[linear]
+    bounds = regression.bounds[linear]
     out = np.empty_like(target)
     for row, own, seen in zip(rows, normals, rights, strict=True):
-        out[row] = target[row] - np.linalg.solve(normal - own, right - seen) @ columns[:, row]
+        out[row] = target[row] - box_minimum(normal - own, right - seen, -bounds, bounds) @ columns[:, row]
     return out
