@@ -148,7 +148,7 @@ class MismatchDiagnoser(Node):
         """Start an examination when the window is full and holds new messages."""
         window = self._window
         if self._wrench == "auto":
-            window.expect_wrench(self.count_publishers("wrench") > 0 or not window.hears_joints)
+            window.expect_wrench(self.count_publishers("wrench") > 0 or not window.counts[1])
         full = not window.lacks and window.seconds > _FULL * self._full
         if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
             return
@@ -168,6 +168,8 @@ class MismatchDiagnoser(Node):
         status.level, status.message = self._status()
         values = {
             "window_seconds": f"{self._window.seconds:.1f}",
+            "wrenches": str(self._window.counts[0]),
+            "joint_states": str(self._window.counts[1]),
             "examinations": str(self._count),
             "seconds_of_the_last": f"{self._spent:.2f}",
             "late_messages": str(self._window.late),

@@ -145,9 +145,9 @@ class LiveWindow:
         return self._leading[-1][0] if self._leading else 0
 
     @property
-    def hears_joints(self) -> bool:
-        """Whether joint states have come."""
-        return bool(self._joints)
+    def counts(self) -> tuple[int, int]:
+        """Wrenches and joint states that are kept."""
+        return len(self._wrenches), len(self._joints)
 
     @property
     def lacks(self) -> str:
