@@ -38,7 +38,8 @@ _VISIBLE = 3.0
 """Least response, in sigmas, of an effect of typical size that is testable."""
 _BRIEF, _BESIDE = 0.3, 0.2
 """Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
-_MOST_PARTS = 3
+_MOST_PARTS = {"wrench": 3, "effort": 7}
+"""Effects of an answer. A robot description without friction, rotors and couplings lacks many at once."""
 _THRESHOLD = 3.0
 """log evidence from which a hypothesis is refined."""
 _WIDER = 1.3
@@ -153,16 +154,17 @@ def search(
         effects += dependences(problem.recorded)
     best = fit(state.judging, ())
     state.offer(best)
-    for number in range(_MOST_PARTS):
+    most = _MOST_PARTS[problem.signal]
+    for number in range(most):
         if state.limit.over():
             break
-        state.limit.passed(number / (_MOST_PARTS + 1))
+        state.limit.passed(number / (most + 1))
         found = _round(state, best, effects)
         best = state.fits[names(best)]
         if found is None:
             break
         best = _unfolded(state, found, effects)
-    state.limit.passed(_MOST_PARTS / (_MOST_PARTS + 1))
+    state.limit.passed(most / (most + 1))
     screened = {name for _, name in state.gains}
     late = [effect for effect in effects if effect.name not in screened and not isinstance(effect, Dependence)]
     if state.limit.cut:
