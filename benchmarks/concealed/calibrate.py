@@ -92,8 +92,8 @@ def judged(speaks: Array, true: Mask, weights: Array) -> tuple[float, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("concealed", type=Path, nargs="+", help="folders of benchmarks.concealed with answers")
-    parser.add_argument("--foreign", type=Path, nargs="*", default=[], help="folders of benchmarks.foreign with answers")
+    parser.add_argument("concealed", type=Path, nargs="+", help="folders of benchmarks.concealed")
+    parser.add_argument("--foreign", type=Path, nargs="*", default=[], help="folders of benchmarks.foreign")
     arguments = parser.parse_args()
     names = stated(arguments.concealed, arguments.foreign)
     print(f"{len(names.true)} names, {names.true.mean():.3f} of them true")

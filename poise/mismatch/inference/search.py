@@ -20,6 +20,7 @@ from poise.mismatch.inference.fitting import (
     refine,
     score_start,
 )
+from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
@@ -38,8 +39,7 @@ _VISIBLE = 3.0
 """Least response, in sigmas, of an effect of typical size that is testable."""
 _BRIEF, _BESIDE = 0.3, 0.2
 """Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
-_MOST_PARTS = {"wrench": 3, "effort": 7}
-"""Effects of an answer. A robot description without friction, rotors and couplings lacks many at once."""
+_MOST_PARTS = 3
 _THRESHOLD = 3.0
 """log evidence from which a hypothesis is refined."""
 _WIDER = 1.3
@@ -154,22 +154,35 @@ def search(
         effects += dependences(problem.recorded)
     best = fit(state.judging, ())
     state.offer(best)
-    most = _MOST_PARTS[problem.signal]
-    for number in range(most):
+    if problem.signal == "effort":
+        return state, _together(state, screened(problem, effects))
+    for number in range(_MOST_PARTS):
         if state.limit.over():
             break
-        state.limit.passed(number / (most + 1))
+        state.limit.passed(number / (_MOST_PARTS + 1))
         found = _round(state, best, effects)
         best = state.fits[names(best)]
         if found is None:
             break
         best = _unfolded(state, found, effects)
-    state.limit.passed(most / (most + 1))
-    screened = {name for _, name in state.gains}
-    late = [effect for effect in effects if effect.name not in screened and not isinstance(effect, Dependence)]
+    state.limit.passed(_MOST_PARTS / (_MOST_PARTS + 1))
+    tried = {name for _, name in state.gains}
+    late = [effect for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)]
     if state.limit.cut:
         state.untestable |= {effect.name: "the deadline came before it was tried" for effect in late}
     return state, _pruned(state, best)
+
+
+def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> HypothesisFit:
+    """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
+    if not parts:
+        return state.fits[()]
+    rough = state.fitted(state.judging, parts, WARM_STEPS)
+    problem = state.under(rough)
+    best = state.fitted(problem, rough.parts, _STEPS)
+    for part in best.parts:
+        state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
+    return best
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
