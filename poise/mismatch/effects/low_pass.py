@@ -22,7 +22,7 @@ class LowPass(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return (EffectParameter("time_constant", "s", low=0.002, high=1.0, linear=False, log=True),)
+        return (EffectParameter("time_constant", "s", low=0.006, high=1.0, linear=False, log=True),)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del recorded, residual
