@@ -32,7 +32,8 @@ _PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 class FlexibleMode(Effect):
     """A mass on a spring and damper along an axis of the tool; without load it is at its nominal place.
 
-    Its mass is part of the nominal payload: the response is the difference that its oscillation makes.
+    Its mass is part of the nominal payload: the response is the difference that its oscillation makes. A beam has a mode
+    in each of two directions: a model may have two.
     """
 
     name = "flexible_mode"
@@ -43,6 +44,7 @@ class FlexibleMode(Effect):
     separating_motion = "a sudden stop, then rest: the mode rings at its own frequency, in any attitude"
     confused_with = ("grasp_compliance", "slosh", "payload_parameters", "external_vibration", "low_pass")
     needs = ("load",)
+    most = 2
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
