@@ -16,6 +16,9 @@ from poise.mismatch.reading import Tolerance
 from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times
 from poise.types import Array
 
+CALIBRATION_BOUND = 1.05
+"""Half-width of the uniform priors in tolerances: the columns are linear, and the products of two errors at their edges
+are some percent of a tolerance."""
 NORMAL_PRECISION = 4.0
 """Of the coefficients of a group without bounds."""
 
@@ -33,7 +36,7 @@ class CalibrationGroup:
 
     name: str
     columns: Array
-    bound: float = 1.0
+    bound: float = CALIBRATION_BOUND
 
 
 _BLURS = (0.02, 0.05, 0.12)
