@@ -15,11 +15,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from poise.errors import InputError, PoiseError
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import write_whole
 from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
-from poise.mismatch.reading import MeasuredStreams, NominalModel, dump_model, joined, load_model, read_recording
+from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -40,11 +40,36 @@ _PARAMETERS = (
     Parameter("bags", WORDS, "bags to diagnose once, instead of topics; with several, the last is held out"),
     Parameter("window", 35.0, "s of messages that are examined together", (8.0, 600.0)),
     Parameter("period", 10.0, "least time from the start of one examination to the next, s", (0.1, 3600.0)),
-    Parameter("share", 0.4, "largest share of a core for examinations, on average", (0.01, 1.0)),
+    Parameter("share", 0.4, "largest share of a core on average, messages included", (0.01, 1.0)),
+    Parameter("wrench", "auto", "auto: efforts alone while no wrench has a publisher; required; none: efforts alone"),
     Parameter("effects", WORDS, "effects to search for; empty: the whole library"),
     Parameter("keep", "", "folder in which windows with a mismatch are saved as bags; empty: none"),
     Parameter("save", "", "model.yaml to write with the effects found, after each finding; empty: none"),
 )
+
+
+_WRENCH = ("auto", "required", "none")
+_LEAST_SHARE = 0.2
+"""Of the share: what examinations get when messages need more than the rest."""
+
+
+class _ShareMeter:
+    """How much of a core the process needs beside its examinations."""
+
+    def __init__(self) -> None:
+        self._clock, self._used = time.monotonic(), time.process_time()
+
+    def left(self, share: float, examined: float) -> float:
+        """What a share of a core leaves for examinations, since the last call.
+
+        Args:
+            share: of a core, of the whole process.
+            examined: s of processor time that the last examination took.
+        """
+        clock, used = time.monotonic(), time.process_time()
+        beside = max(used - self._used - examined, 0.0) / max(clock - self._clock, 1e-3)
+        self._clock, self._used = clock, used
+        return max(share - beside, _LEAST_SHARE * share)
 
 
 class MismatchDiagnoser(Node):
@@ -62,10 +87,14 @@ class MismatchDiagnoser(Node):
         self._period, self._share = values["period"], values["share"]
         self._keep = Path(values["keep"]) if values["keep"] else None
         self._save = Path(values["save"]) if values["save"] else None
-        self._window = LiveWindow(values["window"])
+        self._wrench = values["wrench"]
+        if self._wrench not in _WRENCH:
+            raise InputError(ErrorCode.BAD_INPUT, f"wrench must be one of {', '.join(_WRENCH)}; got {self._wrench}")
+        self._window = LiveWindow(values["window"], expects_wrench=self._wrench != "none")
         self._full: float = values["window"]
         self._busy, self._due, self._seen = False, 0.0, 0
         self._count, self._spent = 0, 0.0
+        self._meter = _ShareMeter()
         self._last: MismatchReport | None = None
         self._reports = self.create_publisher(MismatchReport, "mismatch_report", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
@@ -78,13 +107,15 @@ class MismatchDiagnoser(Node):
             self._listen()
 
     def _listen(self) -> None:
-        for kind, topic, callback, qos in (
-            (WrenchStamped, "wrench", self._on_wrench, _DEEP),
-            (JointState, "joint_states", self._on_joint_state, _DEEP),
-            (Odometry, "odom", self._on_odometry, _DEEP),
-            (String, "robot_description", self._on_description, LATCHED),
+        # At 1 kHz, messages that are decoded one by one take more than the examinations: bytes are kept.
+        for kind, topic, callback, qos, raw in (
+            (WrenchStamped, "wrench", self._window.add_wrench_message, _DEEP, True),
+            (JointState, "joint_states", self._window.add_joint_state_message, _DEEP, True),
+            (Odometry, "odom", self._on_odometry, _DEEP, False),
+            (String, "robot_description", self._on_description, LATCHED, False),
         ):
-            self.create_subscription(kind, topic, guarded(self, callback), qos)
+            if topic != "wrench" or self._wrench != "none":
+                self.create_subscription(kind, topic, guarded(self, callback), qos, raw=raw)
         self.create_service(Trigger, "reset_window", self._on_reset)
         self.create_timer(_LOOK_PERIOD, guarded(self, self._look))
 
@@ -95,15 +126,6 @@ class MismatchDiagnoser(Node):
         super().destroy_node()
 
     # -- on the executor -------------------------------------------------------------------------------------------
-
-    def _on_wrench(self, message: WrenchStamped) -> None:
-        force, torque = message.wrench.force, message.wrench.torque
-        wrench = (force.x, force.y, force.z, torque.x, torque.y, torque.z)
-        self._window.add_wrench(stamp_of(message), message.header.frame_id, wrench)
-
-    def _on_joint_state(self, message: JointState) -> None:
-        stamp = stamp_of(message)
-        self._window.add_joint_state(stamp, message.name, message.position, message.velocity, message.effort)
 
     def _on_odometry(self, message: Odometry) -> None:
         turn, place = message.pose.pose.orientation, message.pose.pose.position
@@ -122,12 +144,14 @@ class MismatchDiagnoser(Node):
     def _look(self) -> None:
         """Start an examination when the window is full and holds new messages."""
         window = self._window
+        if self._wrench == "auto":
+            window.expect_wrench(self.count_publishers("wrench") > 0 or not window.counts[1])
         full = not window.lacks and window.seconds > _FULL * self._full
         if self._busy or not full or window.newest == self._seen or time.monotonic() < self._due:
             return
         self._seen = window.newest
-        streams = window.streams()
-        self._start(lambda: self._examine_window(streams))
+        kept = window.snapshot()
+        self._start(lambda: self._examine_window(kept))
 
     def _start(self, work: Any) -> None:
         self._busy = True  # set before the thread can reset it
@@ -141,6 +165,8 @@ class MismatchDiagnoser(Node):
         status.level, status.message = self._status()
         values = {
             "window_seconds": f"{self._window.seconds:.1f}",
+            "wrenches": str(self._window.counts[0]),
+            "joint_states": str(self._window.counts[1]),
             "examinations": str(self._count),
             "seconds_of_the_last": f"{self._spent:.2f}",
             "late_messages": str(self._window.late),
@@ -156,20 +182,21 @@ class MismatchDiagnoser(Node):
         if report is None:
             return DiagnosticStatus.OK, "examining" if self._busy else self._window.lacks or "filling the window"
         if report.error.code:
-            return DiagnosticStatus.WARN, report.error.message
+            at_rest = report.error.code == ErrorCode.NOT_IDENTIFIABLE
+            return DiagnosticStatus.OK if at_rest else DiagnosticStatus.WARN, report.error.message
         sentences = [*(effect.sentence for effect in report.effects), report.unknown_sentence]
         summary = " ".join(sentence for sentence in sentences if sentence)
         return (DiagnosticStatus.WARN, summary) if summary else (DiagnosticStatus.OK, "recording and simulation agree")
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
-    def _examine_window(self, streams: MeasuredStreams) -> None:
-        newest, frame = int(streams.wrench.stamps[-1]), streams.wrench.frame_id
+    def _examine_window(self, kept: LiveWindow) -> None:
+        newest, frame = kept.newest, kept.frame_id
 
         def work() -> MismatchReport:
-            made = examine(streams, self._model, self._library, self._keep)
+            made = examine(kept.streams(), self._model, self._library, self._keep)
             self._save_model(made.found)
-            return report_message(made.found, made.start, newest, frame)
+            return report_message(made.found, made.start, newest, frame or made.reading.model.sensor_frame or "")
 
         self._report(work, newest, frame)
 
@@ -190,6 +217,9 @@ class MismatchDiagnoser(Node):
         begin, used = time.monotonic(), time.thread_time()
         try:
             message = work()
+        except NoAnswerError as error:  # the robot stands still
+            self.get_logger().info(f"{error.code.name}: {error.message}", throttle_duration_sec=60.0)
+            message = no_report_message(error, newest, frame)
         except PoiseError as error:
             self.get_logger().error(f"{error.code.name}: {error.message}", throttle_duration_sec=10.0)
             message = no_report_message(error, newest, frame)
@@ -198,7 +228,8 @@ class MismatchDiagnoser(Node):
             message = no_report_message(coded(error), newest, frame)
         finally:
             self._spent = time.monotonic() - begin
-            self._due = begin + max(self._period, (time.thread_time() - used) / self._share)
+            busy = time.thread_time() - used
+            self._due = begin + max(self._period, busy / self._meter.left(self._share, busy))
             self._count += 1
             self._busy = False
         self._last = message

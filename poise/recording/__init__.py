@@ -13,6 +13,7 @@ from poise.recording.blocks import Loss, LossKind
 from poise.recording.encoding import LATCHED_TOPICS, encode_stream, encode_text, typestore
 from poise.recording.folders import find_recordings
 from poise.recording.images import CLOUD, IMAGE, INFO, Image, image_of, messages_of, stamps_of
+from poise.recording.live_messages import header_of, joint_states_in, wrenches_in
 from poise.recording.reading import RawMessage, Recording, Topic, open_recording
 from poise.recording.rewriting import rewrite_recording
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream, stamp_of
@@ -44,10 +45,12 @@ __all__ = [
     "encode_stream",
     "encode_text",
     "find_recordings",
+    "header_of",
     "image_of",
     "interpolate",
     "interpolate_rotations",
     "joint_commands",
+    "joint_states_in",
     "messages_of",
     "nearest",
     "open_recording",
@@ -56,5 +59,6 @@ __all__ = [
     "stamp_of",
     "stamps_of",
     "typestore",
+    "wrenches_in",
     "write_recording",
 ]

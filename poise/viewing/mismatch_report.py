@@ -12,6 +12,7 @@ import numpy as np
 
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, NamedEffect, SignalDiagnosis
+from poise.viewing import effort_figures
 from poise.viewing import mismatch_figures as figures
 from poise.viewing.mismatch_summary import headline, labelled, remaining, remarks, residuals
 from poise.viewing.page import drawn, making, origin, render_page
@@ -90,6 +91,8 @@ def _signal(examination: SignalDiagnosis, index: int) -> dict[str, Any]:
         "residuals": drawn(figures.residual_panels(examination, f"{key}-residual")),
         "ladder": drawn([figures.ladder_panel(examination, f"{key}-ladder")]),
         "correlations": drawn(figures.correlation_panels(examination, f"{key}-correlation")),
+        "frictions": drawn(effort_figures.friction_panels(examination, f"{key}-friction")),
+        "responses": drawn(effort_figures.response_panels(examination, f"{key}-response")),
         "windows": figures.marked(examination),
         "proof": examination.proof,
         "channels": [

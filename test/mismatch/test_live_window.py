@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from field_robots import ARM, Recorded
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import LiveWindow, diagnose, effects_called, examine
 from poise.mismatch.reading import NominalModel, read_recording
-from poise.recording import open_recording, write_recording
+from poise.recording import WrenchStream, encode_stream, open_recording, write_recording
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -132,3 +133,47 @@ def test_effects_are_called_by_their_names():
         effects_called(["gremlins"])
     assert raised.value.code is ErrorCode.BAD_INPUT
     assert "sensor_bias" in raised.value.message
+
+
+@pytest.mark.parametrize("sensor", [True, False])
+def test_messages_as_bytes_give_the_streams_of_their_recording(tmp_path, sensor):
+    joints = Recorded(rate=250.0, seconds=9.0).joints()
+    at = joints.stamps[::2]
+    wrench = WrenchStream(at, np.sin(at * 1e-9)[:, None] * np.arange(1.0, 7.0), "link_3")
+    window = LiveWindow(35.0, expects_wrench=sensor)
+    window.description = ARM
+    for _, data in encode_stream("joint_states", joints):
+        window.add_joint_state_message(data)
+    for _, data in encode_stream("wrench", wrench) if sensor else ():
+        window.add_wrench_message(data)
+    window.add_joint_state_message(next(encode_stream("joint_states", joints))[1])
+    assert (window.late, window.lacks, window.frame_id) == (1, "", "link_3" if sensor else "")
+    assert window.newest == (wrench if sensor else joints).stamps[-1]
+    kept = window.snapshot()
+    window.clear()
+    streams = kept.streams()
+    np.testing.assert_array_equal(streams.joint_states(joints.names).effort, joints.effort)
+    with pytest.raises(InputError, match="no message holds"):
+        streams.joint_states(("tail",))
+    if sensor:
+        np.testing.assert_array_equal(streams.wrench.wrench_in_sensor, wrench.wrench_in_sensor)
+        np.testing.assert_array_equal(streams.wrench.stamps, wrench.stamps)
+    else:
+        assert streams.wrench is None
+        live = examine(streams, NominalModel(), effects_called(["viscous_friction"]), tmp_path)
+        assert {each.problem.signal for each in live.found.examinations} == {"effort"}
+        assert live.start == live.reading.recorded.start
+
+
+def test_bytes_that_are_no_message_are_refused():
+    window = LiveWindow(10.0)
+    for data in (b"", b"\0\x01\0\0", b"\0\x07" + bytes(40)):
+        with pytest.raises(InputError, match="no CDR"):
+            window.add_wrench_message(data)
+
+
+def test_when_the_sensor_stops_its_wrenches_are_forgotten():
+    window = fed(LiveWindow(10.0), 9.0)
+    window.expect_wrench(False)
+    assert window.newest == 9 * SECOND - SECOND // 100
+    assert window.streams().wrench is None

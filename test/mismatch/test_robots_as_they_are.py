@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import make_case
 from field_robots import ARM, Recorded, read, streams, urdf
 
 from poise.cli import run
@@ -33,6 +34,14 @@ def test_friction_is_named_from_joint_efforts_alone(text: str) -> None:
     assert found.main.proof.augmented < 0.5 * found.main.proof.nominal
     healthy = read(Recorded(text).joints(), text)
     assert not diagnose(healthy.recorded, healthy.model, library=effects_called(["viscous_friction"])).findings
+
+
+def test_effects_on_signals_that_were_not_recorded_are_listed_with_the_reason() -> None:
+    reading, names = read(Recorded(TURN).joints(), TURN), ["viscous_friction", "sensor_bias"]
+    found = diagnose(reading.recorded, reading.model, library=effects_called(names))
+    assert found.untestable["sensor_bias"] == "the recording has no wrench"
+    found = diagnose(make_case(3, duration=8.0).recorded(), reading.model, library=effects_called(names))
+    assert found.untestable["viscous_friction"] == "the recording has no joint efforts"
 
 
 @pytest.mark.parametrize("rate", [1000.0, 5000.0])

@@ -60,6 +60,17 @@ def test_a_running_robot_is_examined(graph, start_node, model, bias):
     graph.wait_for(lambda: any("window_seconds" in str(each) for each in states), what="diagnostics")
 
 
+def test_without_a_sensor_the_joint_efforts_are_examined(graph, start_node, model):
+    """No wrench has a publisher: the window is that of the joint states."""
+    reports = graph.collect("mismatch_report", MismatchReport, LATCHED)
+    diagnoser(start_node, model, effects=["viscous_friction"])
+    start_node("fake_robot", ARM | PAYLOAD, remaps={"wrench": "another_wrench"})
+    graph.wait_for(lambda: reports, PATIENCE, "a report")
+    assert reports[0].error.code == ErrorCode.OK, reports[0].error.message
+    assert reports[0].header.frame_id == "ft_sensor"
+    assert not reports[0].effects
+
+
 def test_bags_are_diagnosed_once_and_the_report_stays_for_who_joins_later(graph, start_node, model, tmp_path):
     augmented, excite, bag, saved = (tmp_path / name for name in ("a.yaml", "e.yaml", "run.mcap", "saved.yaml"))
     content = yaml.safe_load(model.read_text())
@@ -98,6 +109,7 @@ def test_a_robot_description_without_the_sensor_is_a_report_with_a_code(graph, s
         ({"effects": ["gremlins"]}, "gremlins"),
         ({"model": "/nowhere/model.yaml"}, "/nowhere"),
         ({"window": 1.0}, "window"),
+        ({"wrench": "perhaps"}, "perhaps"),
     ],
 )
 def test_what_makes_no_sense_ends_the_node_with_one_line(graph, start_node, params, words):

@@ -1,8 +1,8 @@
 """The diagnosis of a recording: where it differs from the simulation, which physics is missing, the held-out proof."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -108,10 +108,17 @@ class SignalDiagnosis:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What `diagnose` found, over all signals; `main` is the signal with the largest error."""
+    """What `diagnose` found, over all signals; `main` is the signal with the largest error.
+
+    Args:
+        examinations: of the signals that there are.
+        seconds: that it took.
+        missing: effects on signals that were not recorded, and why they were not tried.
+    """
 
     examinations: tuple[SignalDiagnosis, ...]
     seconds: float
+    missing: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         named = [f"{each.effect.name} ({each.belief.probability:.1%})" for each in self.findings]
@@ -150,7 +157,9 @@ class Diagnosis:
     def untestable(self) -> dict[str, str]:
         """Effects that this recording cannot show, and why."""
         named = {finding.effect.name for finding in self.findings}
-        reasons = {name: why for each in self.examinations for name, why in each.search.untestable.items()}
+        tried = {name for each in self.examinations for _, name in each.search.gains}
+        reasons = {name: why for name, why in self.missing.items() if name not in tried}
+        reasons |= {name: why for each in self.examinations for name, why in each.search.untestable.items()}
         return {name: why for name, why in reasons.items() if name not in named}
 
     @property
@@ -188,7 +197,13 @@ def diagnose(
     examined = []
     for problem in problems:
         examined.append(_examined(problem, last, library))
-    return Diagnosis(tuple(examined), time.perf_counter() - begin)
+    signals = {problem.signal for problem in problems}
+    missing = {
+        effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
+        for effect in (all_effects() if library is None else library)
+        if effect.signal not in signals
+    }
+    return Diagnosis(tuple(examined), time.perf_counter() - begin, missing)
 
 
 def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,16 @@ from poise.errors import ErrorCode, InputError
 from poise.mismatch.answer.diagnosis import Diagnosis, diagnose
 from poise.mismatch.effects import Effect, all_effects, effect_named
 from poise.mismatch.reading import MeasuredStreams, NominalModel, ReadRecording, read_streams
-from poise.recording import JointStream, PoseStream, Stream, WrenchStream, write_recording
+from poise.recording import (
+    JointStream,
+    PoseStream,
+    Stream,
+    WrenchStream,
+    header_of,
+    joint_states_in,
+    wrenches_in,
+    write_recording,
+)
 
 _MOST_SAMPLES = 200_000
 """Most messages that are kept of each topic: a minute at more than 3 kHz."""
@@ -44,14 +54,17 @@ class LiveWindow:
 
     Args:
         seconds: that are kept.
+        expects_wrench: a sensor publishes wrenches; without one, joint efforts alone are examined.
     """
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, *, expects_wrench: bool = True) -> None:
+        self.expects_wrench = expects_wrench
         self._length = round(seconds * 1e9)
         self.frame_id = ""
         """Of the wrench, by its first message."""
         self.description = ""
         """URDF."""
+        self._frame = b""
         self.late = 0
         """Messages that arrived after a later one of their topic; left out."""
         self.foreign = 0
@@ -69,6 +82,29 @@ class LiveWindow:
             return
         self._add(self._wrenches, stamp, wrench)
 
+    def add_wrench_message(self, data: bytes) -> None:
+        """Take a geometry_msgs/WrenchStamped as CDR bytes; its content is read by `streams` alone.
+
+        Raises:
+            InputError: TYPE_MISMATCH when it has no header.
+        """
+        stamp, frame = header_of(data)
+        if not self.frame_id:
+            self.frame_id = frame.decode(errors="replace")
+            self._frame = frame
+        if frame != self._frame:
+            self.foreign += 1
+            return
+        self._add(self._wrenches, stamp, data)
+
+    def add_joint_state_message(self, data: bytes) -> None:
+        """Take a sensor_msgs/JointState as CDR bytes; its content is read by `streams` alone.
+
+        Raises:
+            InputError: TYPE_MISMATCH when it has no header.
+        """
+        self._add(self._joints, header_of(data)[0], data)
+
     def add_joint_state(
         self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float], effort: Any
     ) -> None:
@@ -80,51 +116,74 @@ class LiveWindow:
         self._frames = frames
         self._add(self._poses, stamp, (rotation, translation))
 
+    def expect_wrench(self, expected: bool) -> None:
+        """Whether a sensor publishes wrenches now; when it has stopped, earlier ones are forgotten."""
+        if self.expects_wrench and not expected:
+            self._wrenches.clear()
+        self.expects_wrench = expected
+
     def clear(self) -> None:
         """Forget what was kept."""
         for kept in (self._wrenches, self._joints, self._poses):
             kept.clear()
 
     @property
+    def _leading(self) -> deque[tuple[int, Any]]:
+        """The messages whose stamps count: wrenches, or joint states where there is no sensor."""
+        return self._wrenches if self.expects_wrench or self._wrenches else self._joints
+
+    @property
     def seconds(self) -> float:
-        """s from the first wrench that is kept to the last."""
-        return (self._wrenches[-1][0] - self._wrenches[0][0]) * 1e-9 if self._wrenches else 0.0
+        """s from the first wrench that is kept to the last; without a sensor, of joint states."""
+        kept = self._leading
+        return (kept[-1][0] - kept[0][0]) * 1e-9 if kept else 0.0
 
     @property
     def newest(self) -> int:
-        """ns, stamp of the last wrench; 0 for none."""
-        return self._wrenches[-1][0] if self._wrenches else 0
+        """ns, stamp of the last wrench (joint state); 0 for none."""
+        return self._leading[-1][0] if self._leading else 0
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Wrenches and joint states that are kept."""
+        return len(self._wrenches), len(self._joints)
 
     @property
     def lacks(self) -> str:
         """What is missing for an examination; "" when nothing is."""
-        if not self._wrenches:
+        if self.expects_wrench and not self._wrenches:
             return "no wrench has come yet"
         if not self._joints:
             return "no joint state has come yet"
         if not self.description:
             return "no robot_description has come yet"
         if self.seconds < _LEAST_WINDOW:
-            return f"{self.seconds:.0f} of {_LEAST_WINDOW:.0f} s of wrenches have come"
+            return f"{self.seconds:.0f} of {_LEAST_WINDOW:.0f} s of messages have come"
         return ""
 
+    def snapshot(self) -> "LiveWindow":
+        """A copy that later messages do not change, for another thread."""
+        made = copy(self)
+        made._wrenches, made._joints, made._poses = (deque(k) for k in (self._wrenches, self._joints, self._poses))
+        return made
+
     def streams(self) -> MeasuredStreams:
-        """A snapshot of the window for the reading.
+        """The messages of the window for the reading.
 
         Raises:
-            InputError: EMPTY when no wrench is kept.
+            InputError: EMPTY when nothing is kept; TYPE_MISMATCH for a message that is not of its type.
         """
-        if not self._wrenches:
-            raise InputError(ErrorCode.EMPTY, "the window holds no wrench: wait until some have come")
+        if not self._leading:
+            what = "wrench" if self.expects_wrench else "joint state"
+            raise InputError(ErrorCode.EMPTY, f"the window holds no {what}: wait until some have come")
         wrenches, joints, poses = (list(kept) for kept in (self._wrenches, self._joints, self._poses))
-        values = np.array([value for _, value in wrenches], dtype=np.float64)
         odometry, description = None, self.description
         if len(poses) > 1:
             rotation, translation = (np.array([value[k] for _, value in poses]) for k in (0, 1))
             odometry = PoseStream(_stamps(poses), rotation, translation, *self._frames)
         return MeasuredStreams(
             "the live window",
-            WrenchStream(_stamps(wrenches), values, self.frame_id),
+            _wrench_stream(wrenches, self.frame_id),
             lambda names: _joint_stream(joints, names),
             odometry,
             lambda: description,
@@ -183,12 +242,22 @@ def effects_called(names: Sequence[str]) -> list[Effect] | None:
     return [effect for effect in found if effect is not None] or None
 
 
+def _wrench_stream(kept: list[tuple[int, Any]], frame: str) -> WrenchStream | None:
+    if not kept:
+        return None
+    if isinstance(kept[0][1], bytes):
+        return wrenches_in([data for _, data in kept])
+    return WrenchStream(_stamps(kept), np.array([value for _, value in kept], dtype=np.float64), frame)
+
+
 def _joint_stream(states: list[tuple[int, Any]], names: tuple[str, ...]) -> JointStream:
     """The states of some joints, from the messages that hold all of them; values that were not measured are NaN.
 
     Raises:
         InputError: JOINT_MISSING.
     """
+    if isinstance(states[0][1], bytes):
+        return joint_states_in([data for _, data in states], names)
     chosen = [(stamp, value) for stamp, value in states if set(names) <= set(value[0])]
     if not chosen:
         there = " ".join(sorted({name for _, (own, *_) in states for name in own})) or "none"

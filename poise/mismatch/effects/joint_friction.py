@@ -51,11 +51,11 @@ def each_joint(values: Array) -> Array:
 
 
 def torque_sizes(recorded: RecordedMotion) -> Array:
-    """(J,) a tenth of the typical effort of each joint: a typical friction."""
+    """(J,) a typical friction: a third of the usual measured effort, as wrists need little effort for anything else."""
     if recorded.effort is None:
         return np.zeros(0)
-    usual = np.quantile(np.abs(recorded.effort.rigid), 0.9, axis=0)
-    return np.asarray(0.1 * np.maximum(usual, 0.02 * usual.max(initial=0.0)) + 1e-6)
+    usual = np.quantile(np.abs(recorded.effort.measured), 0.9, axis=0)
+    return np.asarray(0.3 * np.maximum(usual, 0.02 * usual.max(initial=0.0)) + 1e-6)
 
 
 def per(recorded: RecordedMotion, rates: Array) -> Array:

@@ -72,6 +72,7 @@ class HypothesisSearch:
     gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
     _under: dict[tuple[int, bool], tuple[HypothesisFit, Problem]] = field(default_factory=dict)
+    _judged: dict[tuple[str, ...], Problem] = field(default_factory=dict)
 
     @property
     def judging(self) -> Problem:
@@ -102,7 +103,13 @@ class HypothesisSearch:
         if implausible(problem.recorded, found.parts):
             found = replace(found, log_evidence=-np.inf)
         self.offer(found)
+        if self.fits[names(found)] is found:
+            self._judged[names(found)] = problem
         return found
+
+    def judged(self, best: HypothesisFit) -> Problem:
+        """The data with the noise under which a hypothesis has its best evidence."""
+        return self._judged.get(names(best), self.judging)
 
     def offer(self, found: HypothesisFit) -> None:
         """Keep a fit when it is the best of its hypothesis."""
@@ -223,11 +230,14 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     found = sorted((each for each in found if np.isfinite(each.log_evidence)), key=lambda each: -each.log_evidence)
     if not found:
         return None
-    # The noise model of the best fit; fits near it, and the previous model, are evaluated with it too.
-    quieter = state.under(found[0])
+    # Under the noise of the best fit, fits near it and the previous model; and these under the noise of the latter:
+    # evidence is compared under equal noise.
+    quieter, louder = state.under(found[0]), state.judged(best)
     top = [each for each in found if each.log_evidence > found[0].log_evidence - _NEAR]
     for each in (*top, best):
         state.fitted(quieter, each.parts, WARM_STEPS)
+    for each in top if louder is not problem else ():
+        state.fitted(louder, each.parts, WARM_STEPS)
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]

@@ -1,0 +1,38 @@
+"""Hypotheses are compared on equal terms: under the same noise, and with priors of the size of what was measured."""
+
+import pytest
+from field_robots import Recorded, read
+
+from poise.mismatch.effects import effect_named
+from poise.mismatch.inference import FittedEffect, HypothesisSearch, Problem, effort_problem, fit, residual_of
+
+VISCOUS = effect_named("viscous_friction")
+
+
+@pytest.fixture(scope="module")
+def problem() -> Problem:
+    """An arm whose wrist needs little torque for anything but friction, with noisy efforts."""
+    reading = read(Recorded(damping=4.0, effort_noise=2.0).joints())
+    return effort_problem(reading.recorded, reading.model)
+
+
+def start(problem: Problem) -> FittedEffect:
+    assert VISCOUS is not None
+    return FittedEffect(VISCOUS, {p.name: 0.0 for p in VISCOUS.parameters(problem.recorded)})
+
+
+def test_the_prior_does_not_shrink_the_friction_of_a_wrist_that_needs_little_torque(problem: Problem) -> None:
+    (found,) = fit(problem, [start(problem)]).parts
+    assert found.values["damping_3"] == pytest.approx(4.0, rel=0.05)
+
+
+def test_the_noise_under_which_a_hypothesis_was_judged_is_kept_for_its_rivals(problem: Problem) -> None:
+    """A noise model that was fitted to a worse residual may give more evidence: rivals are judged under it, too."""
+    state = HypothesisSearch(problem)
+    first = state.fitted(problem, [start(problem)], 4)
+    quieter = problem.with_noise(problem.fitted_noise(residual_of(problem, first)))
+    second = state.fitted(quieter, first.parts, 2)
+    assert second.log_evidence > first.log_evidence
+    assert state.judged(first) is quieter
+    state.fitted(problem, first.parts, 2)
+    assert state.judged(first) is quieter
