@@ -16,9 +16,9 @@ from poise.mismatch.reading import Tolerance
 from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times
 from poise.types import Array
 
-CALIBRATION_BOUND = 1.05
+CALIBRATION_BOUND = 1.1
 """Half-width of the uniform priors in tolerances: the columns are linear, and the products of two errors at their edges
-are some percent of a tolerance."""
+are up to a tenth of a tolerance."""
 NORMAL_PRECISION = 4.0
 """Of the coefficients of a group without bounds."""
 
@@ -51,7 +51,7 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
     ramp = (recorded.seconds - middle) / max(recorded.duration, 1e-9)
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
-    late = -np.gradient(wrench, recorded.seconds, axis=0)[:, :, None]
+    later, sooner = (at_times(recorded.seconds, wrench, recorded.seconds + t * tolerance.clock_offset) for t in (1, -1))
     widths = [width / recorded.period for width in _BLURS]
     calm = [gaussian_filter1d(recorded.nominal, width, axis=0, mode="nearest") - recorded.nominal for width in widths]
     return (
@@ -62,7 +62,7 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
         CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         CalibrationGroup("tilt", tilt_columns(recorded) * tolerance.base_tilt),
         CalibrationGroup("joints", joint_columns(recorded) * tolerance.joint_offset),
-        CalibrationGroup("clock", late * tolerance.clock_offset),
+        CalibrationGroup("clock", (sooner - later)[:, :, None] / 2),
         CalibrationGroup("blur", np.stack(calm, axis=2), np.inf),
     )
 
