@@ -48,16 +48,22 @@ def base_from_odometry(stamps: Stamps, rotation: Array, translation: Array, want
         columns = [np.interp(wanted, found.stamps, column, np.nan, np.nan) for column in values.T]
         return np.stack(columns, axis=1)
 
-    motion, known = _base_motion(at(found.position), at(found.velocity), at(found.acceleration))
-    sigmas = []
-    for sigma in (at(found.velocity_sigma), at(found.acceleration_sigma)):
+    derivatives = at(found.position), at(found.velocity), at(found.acceleration)
+    return _measured_base(derivatives, (at(found.velocity_sigma), at(found.acceleration_sigma)))
+
+
+def _measured_base(derivatives: tuple[Array, Array, Array], sigmas: tuple[Array, Array]) -> MeasuredBase:
+    """Of the derivatives of `_pose_columns`, and the one-sigma errors of the first and the second one."""
+    motion, known = _base_motion(*derivatives)
+    in_base = []
+    for sigma in sigmas:
         linear = np.sqrt(np.einsum("nji,nj->ni", motion.rotation_world_base**2, sigma[:, :3] ** 2))
-        sigmas.append(np.hstack([linear, sigma[:, :2:-1]]))  # yaw, pitch, roll turn about z, y, x
-    return MeasuredBase(motion, known, sigmas[0], sigmas[1])
+        in_base.append(np.hstack([linear, sigma[:, :2:-1]]))  # yaw, pitch, roll turn about z, y, x
+    return MeasuredBase(motion, known, in_base[0], in_base[1])
 
 
-def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> tuple[BaseMotion, Mask]:
-    """The root link's motion at other times, and the mask (N,) where it is known.
+def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> MeasuredBase:
+    """The root link's motion at other times, with its errors.
 
     Args:
         odometry: poses of the root link in the world.
@@ -69,7 +75,7 @@ def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> tuple[Ba
     """
     columns = _pose_columns(odometry.rotation_parent_child, odometry.translation_parent_child)
     moved = resample(np.asarray((odometry.stamps - start) * 1e-9), columns, seconds)
-    return _base_motion(moved.position, moved.velocity, moved.acceleration)
+    return _measured_base((moved.position, moved.velocity, moved.acceleration), (moved.sigma[1], moved.sigma[2]))
 
 
 def _pose_columns(rotation: Array, translation: Array) -> Array:

@@ -40,6 +40,7 @@ class ResampledSignal:
         known: (N,) where there are values.
         jitter: s, one sigma of the removed stamp jitter; 0 when the stamps were used unchanged.
         noise: (J,) one sigma of a sample about the spline.
+        sigma: (3, N, J) one-sigma errors of position, velocity and acceleration; no velocity at rest.
     """
 
     position: Array
@@ -48,6 +49,7 @@ class ResampledSignal:
     known: Mask
     jitter: float
     noise: Array
+    sigma: Array
 
 
 def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> ResampledSignal:
@@ -70,21 +72,22 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
     seconds, values = seconds[fresh], values[fresh]
     rates = None if rates is None else rates[fresh]
     seconds, jitter = sampling_times(seconds, values)
-    out = np.full((3, len(wanted), values.shape[1]), np.nan)
+    out, sigma = np.full((2, 3, len(wanted), values.shape[1]), np.nan)
     noise = np.zeros(values.shape[1])
     for part in _stretches(seconds):
         begin, end = seconds[part][0], seconds[part][-1]
         inside = (wanted >= begin + _EDGE) & (wanted <= end - _EDGE)
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
         noise = np.maximum(noise, blend.noise)
-        found = blend(wanted[inside])
+        found, errors = blend(wanted[inside])
         for column, samples in enumerate(values[part].T):
             for rest in find_rests(seconds[part], samples, blend.spacing[column]):
                 ends = seconds[part][[rest.begin, rest.end - 1]]
                 still = (wanted[inside] >= ends[0]) & (wanted[inside] <= ends[1])
                 found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
-        out[:, inside] = found
-    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise)
+                errors[:, still, column] = np.array([[rest.sigma[0]], [0.0], [0.0]])
+        out[:, inside], sigma[:, inside] = found, errors
+    return ResampledSignal(out[0], out[1], out[2], np.isfinite(out).all(axis=(0, 2)), jitter, noise, sigma)
 
 
 def sampling_times(seconds: Array, values: Array) -> tuple[Array, float]:
@@ -143,17 +146,23 @@ class _Blend:
         half = min(max(round(_LOCAL / period), 3), (count - 1) // 2)
         return np.asarray(np.hanning(2 * half + 3)[1:-1])
 
-    def __call__(self, wanted: Array) -> Array:
-        """(3, N, J) value, rate and second rate."""
+    def __call__(self, wanted: Array) -> tuple[Array, Array]:
+        """(3, N, J) value, rate and second rate, and their one-sigma errors.
+
+        The errors are those by the noise of the samples, and the spread of the splines that are averaged.
+        """
         count = self._score.shape[2]
         score = np.stack(
             [np.stack([np.interp(wanted, self._seconds, s[:, j]) for j in range(count)], axis=1) for s in self._score]
         )
         share = np.exp(score - score.max(axis=0))
         share /= share.sum(axis=0)
-        return np.stack(
-            [sum(w * fit(wanted, order) for w, fit in zip(share, self._fits, strict=True)) for order in range(3)]
-        )
+        parts = [np.stack([fit(wanted, order) for order in range(3)]) for fit in self._fits]
+        mean = np.asarray(sum(w * part for w, part in zip(share, parts, strict=True)))
+        variance = np.zeros(mean.shape)
+        for w, part, fit in zip(share, parts, self._fits, strict=True):
+            variance += w * ((part - mean) ** 2 + fit.usual_gains()[:, None, None] * self.noise**2)
+        return mean, np.sqrt(variance)
 
 
 def _trusted(

@@ -38,6 +38,9 @@ _RIDGE = 1e-13
 _DECAY = 30
 """Knot intervals after which a sample no longer matters: its influence falls by 0.66 per interval, to 4e-6 here."""
 
+_PHASES = 6
+"""Places within a knot interval whose variances are averaged."""
+
 _MANY = 100
 """Rows from which one einsum is faster than as many small matrix products."""
 
@@ -262,6 +265,15 @@ class SplineFit:
         start, weights = self._weights(seconds)
         half = np.einsum("ndi,nij->ndj", weights, self._inverse_windows[start])
         return np.asarray(np.einsum("ndj,nej->nde", half, weights))
+
+    def usual_gains(self) -> Array:
+        """(3,) variance of value, first and second derivative amid evenly spaced samples of unit noise."""
+        middle = self.grid.intervals // 2
+        low, high = max(middle - _DECAY, 0), min(middle + _ORDER + _DECAY, self.grid.size)
+        window = self._inverse(low, high)[middle - low : middle - low + _ORDER, middle - low : middle - low + _ORDER]
+        places = self.grid.origin + self.grid.spacing * (middle + (np.arange(_PHASES) + 0.5) / _PHASES)
+        weights = self._weights(places)[1]
+        return np.asarray(np.einsum("ndi,ij,ndj->d", weights, window, weights) / _PHASES)
 
     def _weights(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
         """Knot interval (M,) and weights (M, 3, 6) of its six coefficients in value, first and second derivative."""

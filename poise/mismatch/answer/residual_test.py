@@ -53,7 +53,7 @@ def judge_residual(problem: Problem, residual: Array, whitened: Array, rounding:
     # A few spikes are no structure: residuals are limited to five sigmas.
     excess = float(np.mean(np.clip(scaled, -5.0, 5.0) ** 2)) - 1.0
     loud = _louder_when_fast(problem, residual)
-    chance = _CHANCE * np.sqrt(2.0 / (len(scaled) * float(problem.noise.share.sum())))
+    chance = _CHANCE * np.sqrt(2.0 / (len(scaled) * float(problem.noise.band.sum())))
     allowed = _MATERIAL + chance + float(np.mean((rounding / problem.noise.sigma) ** 2))
     structured = excess > allowed or loud
     depends = _depends(problem, seconds, scaled, loud) if structured else ()

@@ -57,7 +57,7 @@ def locate(
     scaled = residual / noise.total
     excess = scaled**2 - 1.0
     # Of white noise z^2 - 1 has a variance of 2.
-    spans = _spans(noise.seconds, excess.sum(axis=1), float(np.sum(2.0 / noise.share)))
+    spans = _spans(noise.seconds, excess.sum(axis=1), float(np.sum(2.0 / noise.band)))
     total = sum(float(excess[a:b].sum()) for a, b in spans)
     if not spans or total <= 0:
         return ()

@@ -46,6 +46,7 @@ def _thinned_noise(noise: SignalNoise, rows: NDArray[np.intp], span: float) -> S
         noise.seconds[middle],
         noise.speed[middle],
         np.minimum(noise.share * together, 1.0),
+        np.minimum(noise.band * together, 1.0),
         -(-noise.block // together),
         None if noise.motion is None else noise.motion[middle] * kept,
     )

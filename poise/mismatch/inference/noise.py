@@ -52,7 +52,8 @@ class SignalNoise:
         colours: of each channel.
         seconds: (N,) stamps.
         speed: (N,) rad/s.
-        share: (C,) of the white variance that the samples have, see `NoiseLevel`.
+        share: (C,) of the white variance that the samples have, see `NoiseLevel`; above 1 beside lines in the spectrum.
+        band: (C,) share of independent samples, at most 1: their weight in the likelihood.
         block: samples whose average has white noise in all channels.
         motion: (N, C) variance of the prediction by the errors of the motion; None: the motion is exact.
     """
@@ -62,6 +63,7 @@ class SignalNoise:
     seconds: Array
     speed: Array
     share: Array
+    band: Array
     block: int = 1
     motion: Array | None = None
 
@@ -79,7 +81,7 @@ class SignalNoise:
     def log_divisor(self) -> Array:
         """(N,) logarithm of the divisor of a sample over all channels: minus it is a term of the log likelihood."""
         spread = np.stack([np.log(one.deviation) for one in self._filters], axis=1)
-        return np.asarray((np.log(self.sigma) + spread) @ self.share)
+        return np.asarray((np.log(self.sigma) + spread) @ self.band)
 
     @cached_property
     def total(self) -> Array:
@@ -157,6 +159,7 @@ def fit_noise(
     least: Array,
     *,
     motion: Array | None = None,
+    band: Array | None = None,
     white: bool = False,
     coarse: bool = True,
 ) -> SignalNoise:
@@ -165,20 +168,20 @@ def fit_noise(
     Args:
         seconds, speed: (N,).
         residual: (N, C) measured minus predicted.
-        least: (C,) least white level of a sample.
+        least: (C,) least size of the noise of a sample.
+        band: (C,) share of independent samples; None: that of the residual. Likelihoods are comparable for one band.
         motion: (N, C) variance of the prediction by the errors of the motion.
         white: without a coloured part.
         coarse: see `white_level`.
     """
     period = float(np.median(np.diff(seconds)))
-    level = noise_level(residual, period, coarse)
-    low = level.sigma * np.sqrt(level.share) < least
-    # Noise below the least level says nothing about the band.
-    sigma = np.where(low, np.maximum(level.sigma, least), level.sigma)
-    share = np.where(low, np.clip(np.maximum(level.share, (least / sigma) ** 2), 0.0, 1.0), level.share)
+    level = noise_level(residual, period, coarse, least)
+    sigma, share = level.sigma, level.share
+    if band is not None:
+        sigma, share = sigma * np.sqrt(share / band), band
     block = int(level.block.max())
     plain = (NoiseColour(),) * len(sigma)
-    found = SignalNoise(sigma, plain, seconds, speed, share, block, motion)
+    found = SignalNoise(sigma, plain, seconds, speed, share, share, block, motion)
     return found if white else _most_likely(found, residual, max(block, int(_TOGETHER / period), 1), period)
 
 
@@ -217,17 +220,15 @@ def _most_likely(start: SignalNoise, residual: Array, block: int, period: float)
             best[channel], sigma[channel] = loglik[channel], np.sqrt(likely[channel])
             colours[channel] = NoiseColour(floor, slope, tau)
     sigma *= np.sqrt(block)
-    share = np.where(start.share < 1.0, _share(residual, sigma, start), 1.0)
-    return replace(start, sigma=sigma, colours=tuple(colours), share=share)
+    return replace(start, sigma=sigma, colours=tuple(colours), share=_share(residual, sigma, start.share, block))
 
 
-def _share(residual: Array, sigma: Array, start: SignalNoise) -> Array:
+def _share(residual: Array, sigma: Array, least: Array, block: int) -> Array:
     """(C,) share of the white variance in the samples, by their scatter inside blocks; slow residuals do not count."""
-    count = len(residual) // start.block
-    blocks = residual[: count * start.block].reshape(count, start.block, -1)
-    scatter = block_means(blocks.var(axis=1), max(min(_PART, count) // 4, 1))
-    found = np.median(scatter, axis=0) / sigma**2 + 1.0 / start.block
-    return np.asarray(np.clip(found, start.share, np.minimum(_EXCESS**2 * start.share, 1.0)))
+    count = len(residual) // block
+    scatter = residual[: count * block].reshape(count, block, -1).var(axis=1)
+    found = np.median(block_means(scatter, max(min(_PART, count) // 4, 1)), axis=0) / sigma**2 + 1.0 / block
+    return np.asarray(np.clip(found, least, _EXCESS**2 * least))
 
 
 def _squares(values: Array, gain: Array, decay: Array, kalman: Array) -> Array:

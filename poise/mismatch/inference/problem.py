@@ -62,6 +62,7 @@ class Problem:
         signal: wrench or effort.
         judged: (N,) samples that count, apart from the ends, which never do; None: all.
         blocks: averaged samples; None: each sample counts by itself.
+        band: (C,) share of independent samples, one for all noise models, so that their likelihoods are comparable.
     """
 
     recorded: RecordedMotion
@@ -70,6 +71,7 @@ class Problem:
     signal: Literal["wrench", "effort"] = "wrench"
     judged: Mask | None = None
     blocks: SampleBlocks | None = None
+    band: Array | None = None
     _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
         default_factory=list, init=False, repr=False
     )
@@ -194,7 +196,7 @@ class Problem:
 
     def fitted_noise(self, residual: Array) -> SignalNoise:
         """The most likely noise for a residual (N, C)."""
-        return signal_noise(self.recorded, self.model, self.signal, residual, self.active)
+        return signal_noise(self.recorded, self.model, self.signal, residual, self.active, self.band)
 
 
 def _seen(columns: Array) -> Mask:
@@ -216,7 +218,8 @@ def _begun(recorded: RecordedMotion, model: NominalModel, signal: Literal["wrenc
     rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal)
     groups = rough.groups(recorded)
     fitted = rough.calibrated(groups, rough.regression().coefficients())
-    return rough.with_noise(rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted))
+    noise = rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted)
+    return replace(rough, noise=noise, band=noise.band)
 
 
 def signal_noise(
@@ -225,6 +228,7 @@ def signal_noise(
     signal: Literal["wrench", "effort"],
     residual: Array | None,
     active: Mask | None = None,
+    band: Array | None = None,
 ) -> SignalNoise:
     """Noise of a signal: white of the measured level when `residual` is None, else the most likely noise model."""
     if signal == "wrench" or recorded.effort is None:
@@ -247,5 +251,5 @@ def signal_noise(
         return fit_noise(seconds, speed, measured - expected, least, motion=motion, white=True, coarse=coarse)
     rows = slice(None) if active is None else active
     moved = None if motion is None else motion[rows]
-    found = fit_noise(seconds[rows], speed[rows], residual[rows], least, motion=moved, coarse=coarse)
+    found = fit_noise(seconds[rows], speed[rows], residual[rows], least, motion=moved, band=band, coarse=coarse)
     return replace(found, seconds=seconds, speed=speed, motion=motion)

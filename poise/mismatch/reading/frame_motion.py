@@ -5,9 +5,10 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.reading.joint_motion import seconds_since
+from poise.mismatch.reading.motion_variance import wrench_variance
 from poise.mismatch.recorded import RecordedMotion, at_times, load_wrench
 from poise.recording import Recording, WrenchStream
-from poise.robot import find_imu, find_kinematics
+from poise.robot import FrameSource, find_imu, find_kinematics
 from poise.types import Array
 
 _ACCELEROMETER_GAP = 0.1
@@ -21,7 +22,9 @@ def recorded_from_frames(
     kinematics = find_kinematics(recording, frame)
     kinematics.feed(None, None)
     newest = kinematics.source.newest
-    motion = kinematics.source.motion(0, newest if newest is not None else 0)
+    source, end = kinematics.source, newest if newest is not None else 0
+    found = source.measured(0, end) if isinstance(source, FrameSource) else None
+    motion = source.motion(0, end) if found is None else found.motion
     start = int(wrench.stamps[0])
     sampled, seconds = seconds_since(motion.stamps, start), seconds_since(wrench.stamps, start)
     known = (seconds >= sampled[0]) & (seconds <= sampled[-1])
@@ -43,6 +46,11 @@ def recorded_from_frames(
         notes.append(
             f"tf has no positions: the part of the imu below {SLOWEST_VIBRATION:.0f} Hz is taken for the motion"
         )
+    variance = None
+    if found is not None:
+        sigma = np.abs(carried(np.hstack([found.linear_acceleration_sigma, found.angular_acceleration_sigma])))
+        sigma[:, :3] *= kinematics.has_positions
+        variance = wrench_variance(phi, omega, np.broadcast_to(np.eye(6), (len(seconds), 6, 6)), sigma)
     poses = kinematics.source.poses(int(motion.stamps[0]), int(motion.stamps[-1]))
     place = at_times(seconds_since(poses.stamps, start), poses.translation, seconds)
     recorded = RecordedMotion(
@@ -59,6 +67,7 @@ def recorded_from_frames(
         position_in_world=place,
         velocity_in_world=np.gradient(place, seconds, axis=0),
         accelerometer=felt,
+        motion_variance=variance,
     )
     return recorded, notes
 

@@ -8,10 +8,11 @@ from numpy.typing import ArrayLike
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.joint_samples import compared_efforts
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
+from poise.mismatch.reading.motion_variance import AccelerationSigma
 from poise.mismatch.reading.sanity import check_positions, check_rates
 from poise.mismatch.recorded import EffortTrack, RecordedMotion
 from poise.recording import JointStream, PoseStream, WrenchStream
-from poise.robot import BaseMotion, ResampledSignal, RobotModel, base_motion_at, resample, sampling_times
+from poise.robot import BaseMotion, MeasuredBase, ResampledSignal, RobotModel, base_motion_at, resample, sampling_times
 from poise.simulation import JointMotion
 from poise.types import Array, Mask, Stamps
 
@@ -37,13 +38,13 @@ class _JointSamples:
     odometry: PoseStream | None
     start: int
 
-    def at(self, seconds: Array) -> tuple[ResampledSignal, BaseMotion | None, Mask]:
+    def at(self, seconds: Array) -> tuple[ResampledSignal, MeasuredBase | None, Mask]:
         """Joints and base at (N,) s, and the mask (N,) where both are known."""
         joints = resample(self.seconds, self.position, seconds, self.velocity)
         if self.odometry is None:
             return joints, None, joints.known
-        base, known = base_motion_at(self.odometry, self.start, seconds)
-        return joints, base, joints.known & known
+        base = base_motion_at(self.odometry, self.start, seconds)
+        return joints, base, joints.known & base.known
 
 
 def recorded_from_streams(
@@ -85,11 +86,20 @@ def recorded_from_streams(
     notes += _jitter(moved)
     found = _efforts(robot, samples, phi, gravity)
     track = None if found is None else found[0]
-    measured, moving = wrench.wrench_in_sensor[known], _base_where(base, known)
-    moved = _where(moved, known)
-    motion = JointMotion(moved.position, moved.velocity, moved.acceleration)
+    moved, base = _where(moved, known), _base_where(base, known)
+    motion, moving, errors = _parts(moved, base)
+    measured = wrench.wrench_in_sensor[known]
     recorded = recorded_from_motion(
-        robot, seconds[known], motion, carried, measured, base=moving, gravity=gravity, start=start, effort=track
+        robot,
+        seconds[known],
+        motion,
+        carried,
+        measured,
+        base=moving,
+        gravity=gravity,
+        start=start,
+        effort=track,
+        errors=errors,
     )
     return recorded, notes
 
@@ -118,9 +128,9 @@ def _of_efforts(
             ErrorCode.TOO_FEW_SAMPLES,
             f"{len(seconds)} samples of joint states with a known motion are too few: record for ten seconds or more",
         )
-    joints = JointMotion(moved.position, moved.velocity, moved.acceleration)
+    joints, moving, _ = _parts(moved, base)
     recorded = recorded_from_motion(
-        robot, seconds, joints, carried, base=base, gravity=gravity, start=samples.start, effort=track
+        robot, seconds, joints, carried, base=moving, gravity=gravity, start=samples.start, effort=track
     )
     return recorded, _jitter(moved)
 
@@ -133,7 +143,7 @@ def _jitter(moved: ResampledSignal) -> list[str]:
 
 def _efforts(
     robot: RobotModel, samples: _JointSamples, phi: Array, gravity: float
-) -> tuple[EffortTrack, ResampledSignal, BaseMotion | None] | None:
+) -> tuple[EffortTrack, ResampledSignal, MeasuredBase | None] | None:
     """Efforts where all motion is known, with that motion at their stamps; None without measured efforts."""
     inner = (samples.seconds > samples.seconds[0] + _MARGIN) & (samples.seconds < samples.seconds[-1] - _MARGIN)
     at, effort = compared_efforts(samples.seconds[inner], samples.effort[inner])
@@ -141,9 +151,18 @@ def _efforts(
         return None
     moved, base, known = samples.at(at)
     moved, base = _where(moved, known), _base_where(base, known)
-    joints = JointMotion(moved.position, moved.velocity, moved.acceleration)
-    track = effort_track(robot, at[known], joints, effort[known], phi, base, gravity=gravity)
+    joints, moving, errors = _parts(moved, base)
+    track = effort_track(robot, at[known], joints, effort[known], phi, moving, gravity=gravity, errors=errors)
     return (track, moved, base) if track.names else None
+
+
+def _parts(
+    moved: ResampledSignal, base: MeasuredBase | None
+) -> tuple[JointMotion, BaseMotion | None, AccelerationSigma]:
+    joints = JointMotion(moved.position, moved.velocity, moved.acceleration)
+    if base is None:
+        return joints, None, AccelerationSigma(moved.sigma[2])
+    return joints, base.motion, AccelerationSigma(moved.sigma[2], base.acceleration_sigma)
 
 
 def _where(moved: ResampledSignal, known: Mask) -> ResampledSignal:
@@ -153,8 +172,12 @@ def _where(moved: ResampledSignal, known: Mask) -> ResampledSignal:
         velocity=moved.velocity[known],
         acceleration=moved.acceleration[known],
         known=known[known],
+        sigma=moved.sigma[:, known],
     )
 
 
-def _base_where(base: BaseMotion | None, known: Mask) -> BaseMotion | None:
-    return None if base is None else BaseMotion(*(value[known] for value in vars(base).values()))
+def _base_where(base: MeasuredBase | None, known: Mask) -> MeasuredBase | None:
+    if base is None:
+        return None
+    sigmas = base.velocity_sigma[known], base.acceleration_sigma[known]
+    return MeasuredBase(base.motion.select(known), base.known[known], *sigmas)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
 from poise.mismatch.reading.link_efforts import link_track
+from poise.mismatch.reading.motion_variance import AccelerationSigma, base_sources, wrench_variance
 from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.simulation import JointMotion
@@ -28,6 +29,7 @@ def recorded_from_motion(
     gravity: float = STANDARD_GRAVITY,
     start: int = 0,
     effort: EffortTrack | None = None,
+    errors: AccelerationSigma | None = None,
 ) -> RecordedMotion:
     """The recording of a known motion.
 
@@ -41,6 +43,7 @@ def recorded_from_motion(
         gravity: m/s2, downwards.
         start: ns, the stamp of second zero.
         effort: joint efforts, see `effort_track`.
+        errors: of the accelerations; None: they are exact.
     """
     rows = _forward(robot, joints, base)
     down = np.array([0.0, 0.0, -gravity])
@@ -63,7 +66,18 @@ def recorded_from_motion(
         joints=_joint_track(robot, joints, rows),
         base=rows.base if rows.base is not None and _moves(rows.base) else None,
         effort=effort,
+        motion_variance=None if errors is None else _wrench_variance(robot, payload, rows, base, errors),
     )
+
+
+def _wrench_variance(
+    robot: RobotModel, phi: Array, rows: "_Rows", base: BaseMotion | None, errors: AccelerationSigma
+) -> Array:
+    found = wrench_variance(phi, rows.omega, rows.jacobian @ robot.coupling, errors.joints)
+    if base is None or errors.base is None:
+        return found
+    sources = base_sources(base, rows.rotation, rows.position)
+    return found + wrench_variance(phi, rows.omega, sources, errors.base)
 
 
 def _joint_track(robot: RobotModel, joints: JointMotion, rows: "_Rows") -> JointTrack | None:
@@ -91,6 +105,7 @@ def effort_track(
     base: BaseMotion | None = None,
     *,
     gravity: float = STANDARD_GRAVITY,
+    errors: AccelerationSigma | None = None,
 ) -> EffortTrack:
     """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
 
@@ -104,6 +119,7 @@ def effort_track(
         phi: (10,) the payload, in addition to the links that the URDF fixes beyond the sensor.
         base: motion of the root link (M), when it moves.
         gravity: m/s2, downwards.
+        errors: of the accelerations; None: they are exact.
     """
     loaded = robot.pinocchio.copy()
     frame = loaded.frames[robot.frame_id(robot.sensor_frame)]
@@ -113,11 +129,12 @@ def effort_track(
     whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, base)
     moving = len(robot.coupling)
     torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
+    by_base = np.empty((len(seconds), len(whole.v[0]) - moving, moving))
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
         slopes = pin.computeRNEADerivatives(loaded, data, q, v, a)
         torque[i] = data.tau[-moving:]
         by_q[i] = slopes[0][-moving:, -moving:]
-        inertia[i] = slopes[2][-moving:, -moving:]
+        inertia[i], by_base[i] = slopes[2][-moving:, -moving:], slopes[2][:-moving, -moving:]
     # pinocchio fills the upper triangle only.
     rows, columns = np.tril_indices(moving, -1)
     inertia[:, rows, columns] = inertia[:, columns, rows]
@@ -127,8 +144,15 @@ def effort_track(
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
+    variance = None
+    if errors is not None:
+        variance = np.einsum("mij,mj->mi", inertia**2, errors.joints[:, known] ** 2)
+        if errors.base is not None:
+            variance += np.einsum("mbj,mb->mj", (by_base @ robot.coupling)[:, :, known] ** 2, errors.base**2)
     by_tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
-    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt)
+    return EffortTrack(
+        seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt, variance
+    )
 
 
 def _by_tilt(model: pin.Model, positions: Array, moving: int, gravity: float) -> Array:

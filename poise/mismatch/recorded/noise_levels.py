@@ -17,6 +17,8 @@ _LOUDER = 1.25
 """Ratio of two levels from which they differ."""
 _STEEP = 0.45
 """Exponent of the level over the length of a block from which the signal was filtered; first-order noise has 0.35."""
+_LASTING = 3
+"""Up to so many times the length of a block the level must last."""
 _FEWEST = 60
 """Blocks for a level."""
 _HEAVIEST = 1.8
@@ -38,7 +40,7 @@ class NoiseLevel:
     block: Array
 
 
-def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel:
+def noise_level(values: Array, period: float, coarse: bool = True, least: Array | float = 0.0) -> NoiseLevel:
     """The level of the noise in (N, C) values, also of noise that a filter or an interpolation made smooth.
 
     Averages of white noise over b samples have a level of sigma / sqrt(b). Where the level of the averages times
@@ -48,19 +50,29 @@ def noise_level(values: Array, period: float, coarse: bool = True) -> NoiseLevel
         values: the signal, or a residual.
         period: s between samples.
         coarse: see `white_level`.
+        least: (C,) size of the noise of a sample, at the least; a signal without visible noise has it inside the band
+            in which it is smaller.
     """
     lengths = [b for b in _BLOCKS if b == 1 or (b * period <= _SLOWEST * (1.0 + 1e-6) and len(values) // b >= _FEWEST)]
     levels = np.empty((len(lengths), values.shape[1]))
     for row, b in enumerate(lengths):
         means = values if b == 1 else block_means(values, b)
         levels[row] = _level(means, 3 if b == 1 else 5, coarse) * np.sqrt(b)
+    # A line in the spectrum is louder in blocks of some lengths only, unlike noise.
+    ends = np.searchsorted(lengths, _LASTING * np.array(lengths), side="right")
+    levels[1:] = [levels[row:end].min(axis=0) for row, end in enumerate(ends.tolist()) if row]
     chosen = np.zeros(values.shape[1], dtype=int)
     for row in range(1, len(lengths)):
         here, best = levels[row], levels[chosen, range(len(chosen))]
         steep = (chosen == row - 1) & (here > levels[row - 1] * (lengths[row] / lengths[row - 1]) ** _STEEP)
         fast = lengths[row] * period <= _FAST
         chosen[(here > _LOUDER * best) & fast | steep] = row
-    sigma = levels[chosen, range(len(chosen))]
+    columns, root = range(len(chosen)), np.sqrt(lengths)
+    floor = np.broadcast_to(least, chosen.shape)
+    for c in np.flatnonzero(levels[chosen, columns] < floor * root[chosen]):
+        hidden = (levels[:, c] < floor[c] * root) & (levels[:, c] > levels[0, c] * np.power(lengths, _STEEP))
+        chosen[c] = np.max(np.flatnonzero(hidden), initial=0)
+    sigma = np.maximum(levels[chosen, columns], floor * root[chosen])
     inverse = 1.0 / np.array(lengths)
     share = np.array(
         [
