@@ -21,6 +21,7 @@ from poise.mismatch.inference.fitting import (
     refine,
     score_start,
 )
+from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
@@ -154,6 +155,8 @@ def search(
         effects += dependences(problem.recorded)
     best = fit(state.judging, ())
     state.offer(best)
+    if problem.signal == "effort":
+        return state, _together(state, screened(problem, effects))
     for number in range(_MOST_PARTS):
         if state.limit.over():
             break
@@ -164,11 +167,23 @@ def search(
             break
         best = _unfolded(state, found, effects)
     state.limit.passed(_MOST_PARTS / (_MOST_PARTS + 1))
-    screened = {name for _, name in state.gains}
-    late = [effect for effect in effects if effect.name not in screened and not isinstance(effect, Dependence)]
+    tried = {name for _, name in state.gains}
+    late = [effect for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)]
     if state.limit.cut:
         state.untestable |= {effect.name: "the deadline came before it was tried" for effect in late}
     return state, _pruned(state, best)
+
+
+def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> HypothesisFit:
+    """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
+    if not parts:
+        return state.fits[()]
+    rough = state.fitted(state.judging, parts, WARM_STEPS)
+    problem = state.under(rough)
+    best = state.fitted(problem, rough.parts, _STEPS)
+    for part in best.parts:
+        state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
+    return best
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
