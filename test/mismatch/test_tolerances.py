@@ -96,7 +96,7 @@ def problem(wrench: Array, rng: np.random.Generator, colour: NoiseColour) -> Pro
         row[:] = state
         state = keep * state + np.sqrt(1.0 - keep**2) * rng.normal(size=6)
     noise = SIGMA * (rng.normal(size=(count, 6)) + colour.floor * noise)
-    known = SignalNoise(SIGMA, (colour,) * 6, recorded.seconds, np.zeros(count), np.ones(6))
+    known = SignalNoise(SIGMA, (colour,) * 6, recorded.seconds, np.zeros(count), np.ones(6), np.ones(6))
     return Problem(replace(recorded, wrench=wrench + noise), NominalModel(phi=recorded.phi), known)
 
 
@@ -187,7 +187,7 @@ def test_efforts_with_all_errors_at_their_edges_are_no_finding_and_larger_ones_a
     assert {group.name for group in groups} == {"payload", "joints", "gain", "offset", "links", "tilt"}
     rng = np.random.default_rng(9)
     sigma = 0.005 * effort_sizes(track)
-    noise = SignalNoise(sigma, (NoiseColour(),) * 3, track.seconds, np.zeros(500), np.ones(3))
+    noise = SignalNoise(sigma, (NoiseColour(),) * 3, track.seconds, np.zeros(500), np.ones(3), np.ones(3))
     wide = {"effort_offset": "offset", "motor_gain": "gain", "link_parameters": "links"}
     for _ in range(10):
         wrong = {group.name: group.columns @ rng.choice([-1.0, 1.0], group.columns.shape[2]) for group in groups}
