@@ -107,9 +107,7 @@ def effort_track(
     gravity: float = STANDARD_GRAVITY,
     errors: AccelerationSigma | None = None,
 ) -> EffortTrack:
-    """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
-
-    With its derivatives (Carpentier and Mansard 2018).
+    """Measured joint efforts, those of a rigid arm with its payload (Featherstone 2008, 5.3), and derivatives of these.
 
     Args:
         robot: with `base="floating"` when `base` is given.
@@ -126,7 +124,7 @@ def effort_track(
     loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(phi))
     loaded.gravity.linear = np.array([0.0, 0.0, -gravity])
     data = loaded.createData()
-    whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, base)
+    whole = pinocchio_state(robot, *joints, base)
     moving = len(robot.coupling)
     torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
     by_base = np.empty((len(seconds), len(whole.v[0]) - moving, moving))
