@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
 from poise.mismatch.reading import Tolerance
-from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, joint_torques
 from poise.types import Array
 
 CALIBRATION_BOUND = 1.1
@@ -72,12 +72,8 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     track, joints = recorded.effort, recorded.joints
     if track is None or joints is None:
         return ()
-    chosen = [joints.names.index(name) for name in track.names]
-    # A wrench on the sensor needs the opposite effort of the joints: tau = -J^T w.
-    felt = payload_columns(recorded, tolerance)
-    along = -np.einsum("ncj,nck->njk", joints.jacobian_in_sensor[:, :, chosen], felt)
-    count = len(chosen)
-    payload = at_times(recorded.seconds, along.reshape(len(recorded), -1), track.seconds).reshape(-1, count, 10)
+    payload = joint_torques(recorded, payload_columns(recorded, tolerance))
+    count = len(track.names)
     gain = track.prediction[:, :, None] * np.eye(count) * tolerance.motor_gain
     offset = np.diag(effort_sizes(track) * tolerance.effort_offset)
     none = np.zeros((*track.measured.shape, 0))

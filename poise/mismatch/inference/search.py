@@ -25,6 +25,7 @@ from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
+from poise.mismatch.reading import on_efforts
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -143,7 +144,8 @@ def search(
     """
     state = HypothesisSearch(problem, limit=limit or TimeLimit())
     effects = []
-    for effect in all_effects() if library is None else library:
+    for known in all_effects() if library is None else library:
+        effect = on_efforts(known, problem.recorded) if problem.signal == "effort" else known
         if effect.signal != problem.signal or effect.direct:
             continue
         reason = effect.untestable(problem.recorded) or _identified(problem, effect)
