@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
 from poise.mismatch.reading import Tolerance
-from poise.mismatch.recorded import EffortTrack, RecordedMotion, joint_torques
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, joint_torques
 from poise.types import Array
 
 CALIBRATION_BOUND = 1.1
