@@ -16,6 +16,7 @@ from poise.mismatch.inference.coarse import thinned
 from poise.mismatch.inference.fitting import (
     EffectCandidate,
     HypothesisFit,
+    exceeds_tolerance,
     fit,
     linearization_point,
     refine,
@@ -273,6 +274,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
+    good = [each for each in good if exceeds_tolerance(quieter, each.parts, each.parts[-1].effect)]
     return _simplest(good, nominal) if good else None
 
 
