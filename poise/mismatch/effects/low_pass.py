@@ -7,7 +7,6 @@ from poise.mismatch.effects.part_motion import crept
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-
 _FASTEST = 0.006
 """s: a faster filter is a delay within the usual tolerance of the clocks, and its rounding is that of the splines."""
 
