@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from poise.geometry import STANDARD_GRAVITY, cross
 from poise.mismatch.reading.link_efforts import link_track
-from poise.mismatch.reading.motion_variance import AccelerationSigma, base_sources, wrench_variance
+from poise.mismatch.reading.motion_variance import AccelerationSigma, base_sources, effort_variance, wrench_variance
 from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.simulation import JointMotion
@@ -109,8 +109,6 @@ def effort_track(
 ) -> EffortTrack:
     """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
 
-    With its derivatives (Carpentier and Mansard 2018).
-
     Args:
         robot: with `base="floating"` when `base` is given.
         seconds: (M,).
@@ -131,7 +129,7 @@ def effort_track(
     torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
     by_base = np.empty((len(seconds), len(whole.v[0]) - moving, moving))
     for i, (q, v, a) in enumerate(zip(whole.q, whole.v, whole.a, strict=True)):
-        slopes = pin.computeRNEADerivatives(loaded, data, q, v, a)
+        slopes = pin.computeRNEADerivatives(loaded, data, q, v, a)  # Carpentier and Mansard 2018
         torque[i] = data.tau[-moving:]
         by_q[i] = slopes[0][-moving:, -moving:]
         inertia[i], by_base[i] = slopes[2][-moving:, -moving:], slopes[2][:-moving, -moving:]
@@ -144,15 +142,10 @@ def effort_track(
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
-    variance = None
-    if errors is not None:
-        variance = np.einsum("mij,mj->mi", inertia**2, errors.joints[:, known] ** 2)
-        if errors.base is not None:
-            variance += np.einsum("mbj,mb->mj", (by_base @ robot.coupling)[:, :, known] ** 2, errors.base**2)
     by_tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
-    return EffortTrack(
-        seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt, variance
-    )
+    by_base = (by_base @ robot.coupling)[:, :, known]
+    spread = None if errors is None else effort_variance(inertia, by_base, errors, known)
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt, spread)
 
 
 def _by_tilt(model: pin.Model, positions: Array, moving: int, gravity: float) -> Array:
