@@ -1,5 +1,6 @@
 """Node: compares a running robot, or bags, with the simulation, and reports the missing physics."""
 
+import math
 import sys
 import time
 from pathlib import Path
@@ -42,6 +43,7 @@ _PARAMETERS = (
     Parameter("period", 10.0, "least time from the start of one examination to the next, s", (0.1, 3600.0)),
     Parameter("share", 0.4, "largest share of a core on average, messages included", (0.01, 1.0)),
     Parameter("wrench", "auto", "auto: efforts alone while no wrench has a publisher; required; none: efforts alone"),
+    Parameter("deadline", 0.0, "s after which an examination ends with its best answer so far; 0: none", (0.0, 3600.0)),
     Parameter("effects", WORDS, "effects to search for; empty: the whole library"),
     Parameter("keep", "", "folder in which windows with a mismatch are saved as bags; empty: none"),
     Parameter("save", "", "model.yaml to write with the effects found, after each finding; empty: none"),
@@ -85,6 +87,7 @@ class MismatchDiagnoser(Node):
         self._model = load_model(Path(values["model"])) if values["model"] else NominalModel()
         self._library = effects_called(values["effects"])
         self._period, self._share = values["period"], values["share"]
+        self._deadline = values["deadline"] or math.inf
         self._keep = Path(values["keep"]) if values["keep"] else None
         self._save = Path(values["save"]) if values["save"] else None
         self._wrench = values["wrench"]
@@ -194,7 +197,7 @@ class MismatchDiagnoser(Node):
         newest, frame = kept.newest, kept.frame_id
 
         def work() -> MismatchReport:
-            made = examine(kept.streams(), self._model, self._library, self._keep)
+            made = examine(kept.streams(), self._model, self._library, self._keep, self._deadline)
             self._save_model(made.found)
             return report_message(made.found, made.start, newest, frame or made.reading.model.sensor_frame or "")
 
@@ -205,7 +208,8 @@ class MismatchDiagnoser(Node):
             first = read_recording(open_recording(bags[0]), self._model)
             readings = [first, *(read_recording(open_recording(bag), first.model) for bag in bags[1:])]
             recorded, last = joined([reading.recorded for reading in readings])
-            found = diagnose(recorded, first.model, last if last.any() else None, self._library)
+            last_one = last if last.any() else None
+            found = diagnose(recorded, first.model, last_one, self._library, deadline=self._deadline)
             self._save_model(found)
             newest = recorded.start + round(float(recorded.seconds[-1]) * 1e9)
             return report_message(found, recorded.start, newest, first.model.sensor_frame or "")

@@ -1,5 +1,6 @@
 """`poise mismatch`: the physics that a recording shows and the simulation lacks."""
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +11,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from poise.commands.mismatch_design import design_json, design_sentence, designed, write_design
-from poise.commands.output import BAG_HELP, JsonOption, add_scene, console, refuse_folder, warn, write_json
+from poise.commands.output import (
+    BAG_HELP,
+    JsonOption,
+    add_scene,
+    console,
+    progress_bar,
+    refuse_folder,
+    warn,
+    write_json,
+)
 from poise.files import write_whole
 from poise.mismatch.answer import Diagnosis, NamedEffect, Quantity, diagnose
 from poise.mismatch.reading import NominalModel, ReadRecording, dump_model, joined, load_model, read_recording, spans
@@ -60,12 +70,25 @@ SeparateOption = Annotated[
 ]
 
 
+_DeadlineOption = Annotated[
+    float,
+    typer.Option(
+        "--deadline",
+        metavar="SECONDS",
+        min=0.1,
+        help="Answer after about this time with the best result so far.",
+        show_default=False,
+    ),
+]
+
+
 def mismatch(
     bags: BagsArgument,
     model: _ModelOption = None,
     report: _ReportOption = None,
     save: SaveOption = None,
     separate: SeparateOption = None,
+    deadline: _DeadlineOption = math.inf,
     json_target: JsonOption = None,
 ) -> None:
     """Identify the physical effects that a recording shows and the simulation lacks.
@@ -88,7 +111,9 @@ def mismatch(
         write_json(json_target, _unexamined(readings))
         console(json_target).print(_UNEXAMINED)
         return
-    found = diagnose(recorded, readings[0].model, last if last.any() else None)
+    with progress_bar("searching for effects") as progress:
+        last_one = last if last.any() else None
+        found = diagnose(recorded, readings[0].model, last_one, deadline=deadline, progress=progress)
     design = None if separate is None else designed(found, readings[0].robot)
     remarks = [note for reading in readings for note in reading.notes] + [design_sentence(design)] * bool(separate)
     written = [] if report is None else write_report(report, bags, remarks, found)
@@ -172,6 +197,8 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
             "whiteness": rest.whiteness,
         },
         "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
+        "complete": found.complete,
+        "unproven": found.unproven,
         "untestable": found.untestable,
         "seconds": found.seconds,
     } | _of_input(readings)
@@ -205,6 +232,7 @@ def _effect(finding: NamedEffect) -> dict[str, Any]:
     return {
         "name": finding.effect.name,
         "probability": finding.belief.probability,
+        "proof": None if finding.proof is None else asdict(finding.proof),
         "basis": None if finding.belief.basis is None else asdict(finding.belief.basis),
         "parameters": {name: quantity(number) for name, number in finding.parameters.items()},
         "windows": finding.windows,
@@ -242,6 +270,10 @@ def print_answer(people: Console, found: Diagnosis) -> None:
     if clock is not None:
         value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
         people.print(f"Inside its tolerance: the wrench's clock is {value} ± {sigma} ms late against the motion's.")
+    if not found.complete:
+        people.print("The deadline ended the search: this is the best answer so far.")
+    for name, lacking in found.unproven.items():
+        people.print(f"Not named, since it has no proof: {escape(name)} ({lacking}).", soft_wrap=True)
     if found.untestable:
         people.print(f"Not tested here: {escape(', '.join(sorted(found.untestable)))}.", soft_wrap=True)
 

@@ -4,6 +4,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import oaconvolve
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.regular_clock import regular_clock
@@ -139,7 +140,7 @@ class _Blend:
         window = self._window(len(values))
         half = len(window) // 2
         padded = np.pad(values, ((half, half), (0, 0)), mode="reflect")
-        return np.stack([np.convolve(column, window, mode="valid") for column in padded.T], axis=1)
+        return np.asarray(oaconvolve(padded, window[:, None], mode="valid", axes=0))
 
     def _window(self, count: int) -> Array:
         period = float(np.median(np.diff(self._seconds)))

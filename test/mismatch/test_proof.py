@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from cases import make_case
 
+from poise.mismatch.answer import diagnose
 from poise.mismatch.effects import Effect, EffectParameter, Values, effect_named
-from poise.mismatch.inference import Problem, names, search, wrench_problem
+from poise.mismatch.inference import EffectProof, FittedEffect, TimeLimit, names, proven, search, wrench_problem
+from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -34,23 +36,21 @@ class Pull(Effect):
         return f"{values['force']:.1f} N"
 
 
-def pulled(force: float) -> Problem:
-    """A recording in which something pulls."""
-    return wrench_problem(_pulled(force), make_case(5, duration=8.0).model)
-
-
 @cache
-def _pulled(force: float) -> RecordedMotion:
+def pulled(force: float, until: float = np.inf) -> tuple[RecordedMotion, NominalModel]:
+    """A recording in which something pulls until some time, and its model."""
+
     def spoil(exact: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:
         del wrench, rng
-        return Pull(np.inf).simulate(exact, {"force": force})
+        return Pull(np.inf).simulate(exact, {"force": force}) * (exact.seconds < until)[:, None]
 
-    return make_case(5, duration=8.0, spoil=spoil).recorded()
+    case = make_case(5, duration=8.0, spoil=spoil)
+    return case.recorded(), case.model
 
 
 @pytest.mark.parametrize(("force", "most", "found"), [(3.0, 5.0, ("pull",)), (3.0, 1.0, ()), (-3.0, 5.0, ())])
 def test_a_fit_outside_the_physical_bounds_is_no_answer(force: float, most: float, found: tuple[str, ...]) -> None:
-    _, best = search(pulled(force), [Pull(most)])
+    _, best = search(wrench_problem(*pulled(force)), [Pull(most)])
     assert tuple(name for name in names(best) if not name.startswith("unknown")) == found
 
 
@@ -77,8 +77,61 @@ def values_of(effect: Effect, recorded: RecordedMotion) -> dict[str, float]:
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_bounds_hold_for_impossible_values_alone(name: str) -> None:
-    recorded, effect = _pulled(3.0), effect_named(name)
+    recorded, effect = pulled(3.0)[0], effect_named(name)
     assert effect is not None
     usual = values_of(effect, recorded)
     assert effect.implausible(recorded, usual) == ""
     assert effect.implausible(recorded, usual | IMPOSSIBLE[name])
+
+
+def test_an_effect_of_the_whole_recording_is_named_with_its_proof() -> None:
+    found = diagnose(*pulled(3.0), library=[Pull(9.0)])
+    (named,) = found.findings
+    assert named.proof is not None
+    assert named.proof.improved_blocks == named.proof.blocks
+    assert named.proof.error_with < 1.1 < named.proof.error_without
+    assert found.unproven == {}
+    assert found.complete
+
+
+def test_an_effect_that_acts_in_one_part_alone_is_not_named() -> None:
+    problem = wrench_problem(*pulled(6.0, until=2.0))
+    state, _ = search(problem, [])
+    fitted = state.fitted(problem, [FittedEffect(Pull(9.0), {"force": 0.0})], 4)
+    assert fitted.log_evidence > state.fits[()].log_evidence + 100.0
+    model = proven(state, fitted)
+    assert model.fit.parts == ()
+    assert "parts of the recording" in model.dropped["pull"]
+
+
+@pytest.mark.parametrize(
+    ("proof", "words"),
+    [
+        (EffectProof(6, 6, 1.2, 1.0, 40.0, 1.0, 0.0), ""),
+        (EffectProof(6, 6, 1.2, 1.2, 2.0, 1.0, 0.0), "does not fall"),
+        (EffectProof(6, 4, 1.2, 1.0, 40.0, 1.0, 0.0), "in 4 of 6 parts"),
+        (EffectProof(6, 6, 5.0, 4.9, 40.0, 1.0, 33.0), "33 times"),
+    ],
+)
+def test_what_a_proof_lacks_is_said(proof: EffectProof, words: str) -> None:
+    assert words in proof.lacking
+    assert bool(words) == bool(proof.lacking)
+
+
+def test_a_search_ends_at_its_deadline_and_lists_what_was_not_tried() -> None:
+    shares: list[float] = []
+    state, best = search(wrench_problem(*pulled(3.0)), [Pull(9.0)], TimeLimit(0.0))
+    assert state.limit.cut
+    assert names(best) == ()
+    assert "deadline" in state.untestable["pull"]
+    state, best = search(wrench_problem(*pulled(3.0)), [Pull(9.0)], TimeLimit(np.inf, shares.append, (0.5, 0.5)))
+    assert not state.limit.cut
+    assert "pull" in names(best)
+    assert shares == sorted(shares)
+    assert 0.5 <= shares[-1] <= 1.0
+
+
+def test_a_diagnosis_cut_by_its_deadline_says_so() -> None:
+    found = diagnose(*pulled(3.0), library=[Pull(9.0)], deadline=1e-3)
+    assert not found.complete
+    assert found.findings == ()

@@ -12,8 +12,8 @@ from field_robots import ARM, Recorded, read, streams, urdf
 from poise.cli import run
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer import diagnose, effects_called
-from poise.mismatch.reading import NominalModel, parse_model, read_streams
-from poise.recording import JointStream, write_recording
+from poise.mismatch.reading import NominalModel, joined, parse_model, read_streams
+from poise.recording import JointStream, PoseStream, write_recording
 from poise.types import Array
 
 TURN = urdf(("turn", "revolute", "0 1 0"))
@@ -206,3 +206,32 @@ def test_without_a_usable_effort_the_findings_are_the_answer(tmp_path: Path) -> 
     assert said["verdict"] == "unknown"
     assert said["effects"] == []
     assert [finding["kind"] for finding in said["input_findings"]] == ["effort_unsigned", "command_tracking"]
+
+
+def test_recordings_are_joined_over_the_efforts_that_all_of_them_have() -> None:
+    first, second = (Recorded(seconds=6.0, seed=seed).joints() for seed in (1, 2))
+    silent = with_effort(second, second.effort * [1.0, 1.0, 0.0])
+    whole, last = joined([read(joints).recorded for joints in (first, silent)])
+    assert whole.effort is not None
+    assert whole.effort.names == ("shoulder", "elbow")
+    assert whole.effort.links is not None
+    assert len(whole.effort.seconds) == len(whole.effort.links.efforts) == len(whole)
+    assert last.sum() == len(read(silent).recorded)
+    with pytest.raises(InputError, match="only some"):
+        joined([whole, replace(whole, wrench=whole.prediction)])
+
+
+def test_a_driving_base_counts_in_joint_efforts_alone() -> None:
+    """The base accelerates along x: a level slide along x needs its mass times that acceleration."""
+    joints = Recorded(SLIDE, seconds=8.0).joints()
+    seconds = joints.seconds
+    place = np.stack([0.5 * np.sin(1.5 * seconds), 0.0 * seconds, 0.0 * seconds], axis=1)
+    turn = np.broadcast_to(np.eye(3), (len(seconds), 3, 3))
+    odometry = PoseStream(joints.stamps, turn, place, "odom", "link_0")
+    standing = read(joints, SLIDE).recorded.effort
+    driving = read_streams(replace(streams(joints, SLIDE), odometry=odometry), NominalModel()).recorded.effort
+    assert standing is not None
+    assert driving is not None
+    rows = np.isin(standing.seconds, driving.seconds)
+    felt = -2.0 * 0.5 * 1.5**2 * np.sin(1.5 * driving.seconds)
+    np.testing.assert_allclose((driving.rigid - standing.rigid[rows])[:, 0], felt, atol=0.05)

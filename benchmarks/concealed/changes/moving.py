@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 SMALL = 1e-6  # kg m2 of a body that is a point
 ATTEMPTS = 200
+LEAST_TILT = 0.1  # sine of the tilt to either side at which a loose part falls to its other stop
 
 
 @dataclass
@@ -167,7 +168,7 @@ def slosh(scene: "Scene", strength: float, rng: np.random.Generator) -> Change:
 
 def hanging_chain(scene: "Scene", strength: float, rng: np.random.Generator) -> Change:
     """A rope of four links."""
-    mass, link, ratio = 0.25 * strength, rng.uniform(0.06, 0.15), rng.uniform(0.02, 0.06)
+    mass, link, ratio = 0.25 * strength, rng.uniform(0.06, 0.15), rng.uniform(0.08, 0.2)
     place = room_for(mass, scene.payload, rng)
     made = Chain(name="hanging_chain", place=place, mass=mass, link=link, damping_ratio=ratio)
     length, first = made.first_mode()
@@ -177,8 +178,7 @@ def hanging_chain(scene: "Scene", strength: float, rng: np.random.Generator) -> 
 
 def loose_part(scene: "Scene", strength: float, rng: np.random.Generator) -> Change:
     """A part with play; an axis across the tool, which the motion turns over."""
-    mass, gap, axis = 0.25 * strength, rng.uniform(0.008, 0.014), direction(rng)
-    axis = flat(axis, 0.4)
+    mass, gap, axis = 0.25 * strength, rng.uniform(0.008, 0.014), turned_over(scene, rng)
     place = room_for(mass, scene.payload, rng)
     return Slider(
         name="loose_part",
@@ -238,6 +238,21 @@ def flywheel(scene: "Scene", strength: float, rng: np.random.Generator) -> Chang
         momentum=momentum,
         place=scene.payload.com,
     )
+
+
+def turned_over(scene: "Scene", rng: np.random.Generator) -> Array:
+    """(3,) an axis across the tool that the motion tilts to both sides of the level: a part slides to and fro.
+
+    Raises:
+        ValueError: when there is none.
+    """
+    up = scene.preview.rotation_world_sensor[:, 2]
+    for _ in range(ATTEMPTS):
+        axis = flat(direction(rng), 0.4)
+        tilt = up @ axis
+        if min(tilt.max(), -tilt.min()) > LEAST_TILT:
+            return axis
+    raise ValueError("the motion turns no axis over")
 
 
 def room_for(mass: float, payload: Payload, rng: np.random.Generator) -> Array:

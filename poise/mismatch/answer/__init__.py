@@ -1,9 +1,10 @@
 """The diagnosis: named effects with probabilities, unexplained residuals, the held-out proof, live windows."""
 
 from poise.mismatch.answer.belief import MAX_PROBABILITY, BeliefBasis
-from poise.mismatch.answer.diagnosis import Diagnosis, NamedEffect, Quantity, SignalDiagnosis, diagnose
+from poise.mismatch.answer.diagnosis import Diagnosis, SignalDiagnosis, diagnose
 from poise.mismatch.answer.discriminating_motion import DiscriminatingMotion, design_motion
 from poise.mismatch.answer.live_window import LiveWindow, effects_called, examine
+from poise.mismatch.answer.named import NamedEffect, Quantity
 from poise.mismatch.answer.residual_windows import ResidualWindow
 
 __all__ = [

@@ -1,18 +1,20 @@
 """The diagnosis of a recording: where it differs from the simulation, which physics is missing, the held-out proof."""
 
+import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
-from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs, probability_of_none
+from poise.mismatch.answer.belief import probability_of_none
 from poise.mismatch.answer.calibration_estimate import CalibrationEstimate, calibration_estimates
+from poise.mismatch.answer.named import NamedEffect, named_effects, shown_effects
 from poise.mismatch.answer.residual_test import ResidualTest, judge_residual
 from poise.mismatch.answer.residual_windows import ResidualWindow, locate
-from poise.mismatch.effects import Effect, Values, all_effects
+from poise.mismatch.effects import Effect, all_effects
 from poise.mismatch.inference import (
     WARM_STEPS,
     Dependence,
@@ -22,49 +24,28 @@ from poise.mismatch.inference import (
     HypothesisFit,
     HypothesisSearch,
     Problem,
+    ProvenModel,
+    TimeLimit,
     dependence_curve,
     effort_problem,
     fit,
     held_out,
     names,
+    proven,
     residual_of,
     search,
     state_description,
     tail,
     wrench_problem,
 )
-from poise.mismatch.reading import ModelEffect, NominalModel, with_model_effects, without
+from poise.mismatch.reading import NominalModel, with_model_effects, without
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array, Mask
 
+_FOR_SEARCH = 0.6
+"""Share of the time until the deadline for the search; the proof takes the rest."""
+
 Verdict = Literal["none", "named", "unknown", "mixed"]
-
-
-@dataclass(frozen=True, eq=False)
-class Quantity:
-    """A number with its one-sigma error, NaN when unknown."""
-
-    value: float
-    std: float
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class NamedEffect:
-    """One effect of the answer."""
-
-    effect: Effect
-    values: Values
-    covariance: Array
-    belief: EffectBelief
-    parameters: dict[str, Quantity]
-    windows: tuple[tuple[float, float], ...]
-    sentence: str
-
-    @property
-    def component(self) -> ModelEffect:
-        """As it joins a model."""
-        return ModelEffect(self.effect.name, dict(self.values), self.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +72,7 @@ class SignalDiagnosis:
         calibration: its errors as fitted, inside their tolerances.
         held_out: (N,) the samples that no fit of the proof sees.
         proof: errors on them.
+        unproven: effects that the evidence supported, but that have no proof, and what it lacks.
     """
 
     problem: Problem
@@ -104,6 +86,7 @@ class SignalDiagnosis:
     calibration: tuple[CalibrationEstimate, ...]
     held_out: Mask
     proof: HeldOutProof
+    unproven: dict[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +132,19 @@ class Diagnosis:
         return "mixed" if self.findings else "unknown"
 
     @property
+    def complete(self) -> bool:
+        """Whether the search ended before its deadline."""
+        return not any(each.search.limit.cut for each in self.examinations)
+
+    @property
     def probability(self) -> float:
         """Of the verdict `none`."""
         return float(np.prod([probability_of_none(each.search) for each in self.examinations]))
+
+    @property
+    def unproven(self) -> dict[str, str]:
+        """Effects that the evidence supported, but that have no proof, and what it lacks."""
+        return {name: why for each in self.examinations for name, why in each.unproven.items()}
 
     @property
     def untestable(self) -> dict[str, str]:
@@ -174,6 +167,9 @@ def diagnose(
     model: NominalModel,
     last: Mask | None = None,
     library: Sequence[Effect] | None = None,
+    *,
+    deadline: float = math.inf,
+    progress: Callable[[float], None] | None = None,
 ) -> Diagnosis:
     """Compare a recording with the nominal model.
 
@@ -183,6 +179,8 @@ def diagnose(
         last: (N,) the wrench samples of the last of several recordings, which no fit sees; None: a single recording,
             whose last 30 % are held out from the fits that prove the answer.
         library: effects to try; None: all.
+        deadline: s after which the search ends with its best answer so far; the fits that prove it are always made.
+        progress: is called with the completed share, 0 to 1.
 
     Raises:
         NoAnswerError: NOT_IDENTIFIABLE without a wrench and without usable efforts.
@@ -194,9 +192,12 @@ def diagnose(
     problems = [wrench_problem(recorded, model)] if recorded.has("wrench") else []
     if recorded.effort is not None and recorded.effort.names:
         problems.append(effort_problem(recorded, model))
-    examined = []
-    for problem in problems:
-        examined.append(_examined(problem, last, library))
+    examined: list[SignalDiagnosis] = []
+    for number, problem in enumerate(problems):
+        left = deadline - (time.perf_counter() - begin)
+        share = 1.0 / len(problems)
+        limit = TimeLimit(_FOR_SEARCH * left / (len(problems) - number), progress, (number * share, share))
+        examined.append(_examined(problem, last, library, limit))
     signals = {problem.signal for problem in problems}
     missing = {
         effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
@@ -211,7 +212,9 @@ def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
     return last if seconds is recorded.seconds else np.asarray(seconds >= recorded.seconds[int(np.argmax(last))])
 
 
-def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | None) -> SignalDiagnosis:
+def _examined(
+    problem: Problem, last: Mask | None, library: Sequence[Effect] | None, limit: TimeLimit
+) -> SignalDiagnosis:
     seen, looked, held = problem, problem, tail(problem)
     if last is not None:
         # The last of several recordings is not used before the proof.
@@ -219,13 +222,10 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         seen = replace(problem, judged=~held)
         make = wrench_problem if problem.signal == "wrench" else effort_problem
         looked = make(without(problem.recorded, last), problem.model)
-    state, best = search(looked, library)
-    if looked is not seen:
-        best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
-    final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
-    best = fit(final, best.parts, WARM_STEPS)
+    state, best = search(looked, library, limit)
+    model, final, best, proof = _proven(state, best, seen, held)
     nominal = fit(final, ()) if best.parts else best
-    detected = _shown(final, library)
+    detected = shown_effects(final, library)
     rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, detected))
     unknown = _unknown(final, best, rest)
     doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
@@ -239,7 +239,7 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*_findings(final, state, best, beside_unknown=doubted), *detected),
+        findings=(*named_effects(final, state, best, model, beside_unknown=doubted), *detected),
         unknown=unknown,
         residual_test=rest,
         # With the best model's calibration: a calibration without the findings would be biased by them.
@@ -248,8 +248,34 @@ def _examined(problem: Problem, last: Mask | None, library: Sequence[Effect] | N
         ),
         calibration=calibration_estimates(final, best),
         held_out=held,
-        proof=held_out(replace(final, judged=None), best, held),
+        proof=proof,
+        unproven=model.dropped,
     )
+
+
+def _proven(
+    state: HypothesisSearch, best: HypothesisFit, seen: Problem, held: Mask
+) -> tuple[ProvenModel, Problem, HypothesisFit, HeldOutProof]:
+    """The largest model whose effects have their proof and that does not increase the held-out error.
+
+    Returns:
+        The model with its proofs; the signal under the noise that it leaves, its fit there, and the held-out errors.
+    """
+    dropped: dict[str, str] = {}
+    while True:
+        model = proven(state, best)
+        best = model.fit
+        if state.problem is not seen:
+            best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
+        final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
+        best = fit(final, best.parts, WARM_STEPS)
+        proof = held_out(replace(final, judged=None), best, held)
+        dropped |= model.dropped
+        if not best.parts or not proof.worse:
+            return replace(model, dropped=dropped), final, best, proof
+        best = model.shorter()
+        lost = set(names(model.fit)) - set(names(best))
+        dropped |= dict.fromkeys(lost, "the error on held-out samples is larger with it")
 
 
 def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
@@ -263,70 +289,10 @@ def _whitened(found: HypothesisFit) -> Array:
     return np.asarray(regression.target - regression.coefficients() @ regression.columns)
 
 
-def _findings(
-    problem: Problem, state: HypothesisSearch, best: HypothesisFit, *, beside_unknown: bool
-) -> list[NamedEffect]:
-    confidence = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
-    inputs = problem.compose(best.parts)[0]
-    found = [
-        NamedEffect(
-            part.effect,
-            part.values,
-            covariance,
-            confidence[part.effect.name],
-            quantities(part, recorded, covariance),
-            part.effect.windows(recorded, part.values),
-            part.effect.sentence(recorded, part.values),
-        )
-        for part, recorded, covariance in zip(best.parts, inputs, best.covariance, strict=True)
-        if not isinstance(part.effect, Dependence)
-    ]
-    return sorted(found, key=lambda each: -each.belief.probability)
-
-
-def _shown(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffect]:
-    """Effects that the readings alone show, and that the model does not have already."""
-    known = {component.name for component in problem.model.effects}
-    found = []
-    for effect in all_effects() if library is None else library:
-        values = effect.detected(problem.recorded) if effect.signal == problem.signal and effect.direct else None
-        if values is not None and effect.name not in known:
-            parameters = effect.parameters(problem.recorded)
-            covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
-            reported = quantities(FittedEffect(effect, values), problem.recorded, covariance)
-            sure, sentence = EffectBelief(MAX_PROBABILITY, (), (), None), effect.sentence(problem.recorded, values)
-            found.append(NamedEffect(effect, values, covariance, sure, reported, (), sentence))
-    return found
-
-
 def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:
     """(C,) one sigma of the rounding of the readings; 0 without rounding."""
     scatter = [np.ptp(each.effect.simulate(problem.recorded, each.values), axis=0) / np.sqrt(12.0) for each in detected]
     return np.asarray(np.sum(scatter, axis=0)) if scatter else 0.0
-
-
-def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) -> dict[str, Quantity]:
-    """The reported parameters with one-sigma errors, to first order for derived ones."""
-    effect, values = part.effect, dict(part.values)
-    parameters = effect.parameters(recorded)
-    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    reported = {
-        p.name: Quantity(float(values[p.name]), float(s), p.unit)
-        for p, s in zip(parameters, sigma, strict=True)
-        if not p.hidden
-    }
-    derived = effect.derived(recorded, values)
-    if not derived:
-        return reported
-    slopes = np.zeros((len(derived), len(parameters)))
-    for k, (p, s) in enumerate(zip(parameters, sigma.tolist(), strict=True)):
-        if s > 0:
-            moved = effect.derived(recorded, {**values, p.name: values[p.name] + 0.01 * s})
-            slopes[:, k] = [(moved[name][0] - derived[name][0]) / (0.01 * s) for name in derived]
-    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
-    for (name, (value, unit)), std in zip(derived.items(), spread.tolist(), strict=True):
-        reported[name] = Quantity(value, std, unit)
-    return reported
 
 
 def _unknown(problem: Problem, best: HypothesisFit, rest: ResidualTest) -> UnknownPhysics | None:

@@ -1,5 +1,6 @@
 """Diagnosis of a running robot: the latest messages are kept, and examined like a recording."""
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from copy import copy
@@ -205,6 +206,7 @@ def examine(
     model: NominalModel,
     library: Sequence[Effect] | None = None,
     keep: Path | None = None,
+    deadline: float = math.inf,
 ) -> LiveDiagnosis:
     """Compare a window with the model, as `poise mismatch` does with a bag.
 
@@ -213,12 +215,13 @@ def examine(
         model: the nominal simulation.
         library: effects to look for; None: all.
         keep: folder in which the window is kept as a bag when something is found in it; None: nowhere.
+        deadline: s, see `diagnose`.
 
     Raises:
         InputError: as `read_streams`.
     """
     reading = read_streams(streams, model)
-    made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library), reading)
+    made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library, deadline=deadline), reading)
     if keep is not None and made.found.verdict != "none":
         keep.mkdir(parents=True, exist_ok=True)
         path = keep / f"window_{made.start}.mcap"

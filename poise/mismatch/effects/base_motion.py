@@ -39,6 +39,7 @@ class UnreportedBaseMotion(Effect):
     confused_with = ("hanging_chain", "contact", "external_vibration", "base_tilt")
     needs = ("load",)
     transfers = False
+    free_course = True
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])

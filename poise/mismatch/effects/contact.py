@@ -39,6 +39,7 @@ class PlateContact(Effect):
     separating_motion = "repeat the motion without the obstacle; press again at another attitude"
     confused_with = ("mass_step", "external_vibration", "loose_part", "cable")
     transfers = False
+    free_course = True
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])

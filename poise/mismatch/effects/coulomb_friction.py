@@ -60,6 +60,13 @@ class CoulombFriction(Effect):
         against = sense(recorded, nonlinear["transition"])
         return np.concatenate([each_joint(against), each_joint(np.abs(against))], axis=2)
 
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """Friction acts against the motion in either direction."""
+        for i, size in zip(numbers(recorded), torque_sizes(recorded), strict=True):
+            if abs(values[f"asymmetry_{i}"]) > values[f"torque_{i}"] + size:
+                return f"the friction of joint {i} would drive it"
+        return super().implausible(recorded, values)
+
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"torque_{i}"] for i in numbers(recorded)], "N m")
         return f"Joints have Coulomb friction: {sizes}; the nominal model has no dry friction."

@@ -29,8 +29,10 @@ from poise.mismatch.effects.starts import spans
 from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array
 
-_BLURS = (15, 5, 2)
-"""Samples."""
+_BLURS, _SCREENED = (15, 5, 2), 5
+"""Samples over which differences are averaged: in a search, and in the choice of its start."""
+_STRIDE = 0.05
+"""s between the samples that show where the part rests."""
 _FEWEST = 2
 """Knocks that a start from knocks needs."""
 _AXES, _HEARD = 80, 40.0
@@ -84,11 +86,10 @@ class LoosePart(Effect):
         bent = _bent(recorded, residual)
         found = self._from_rest(recorded, bent, weight)
         if readings and len(readings[0].moments) >= _FEWEST:
-            heard = [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
-            found.append(min(heard, key=lambda values: self._left(recorded, values, bent, weight, 1)))
-        sharp = [self._sharpened(recorded, values, bent, weight) for values in found]
-        if sharp:
-            yield min(sharp, key=lambda values: self._left(recorded, values, bent, weight, _BLURS[-1]))
+            found += [self._from_knocks(recorded, wanted, knocks) for knocks in readings[:3]]
+        drops = [self._drop(recorded, values, bent, weight, _SCREENED) for values in found]
+        if found and max(drops) > _HEARD:
+            yield self._sharpened(recorded, found[int(np.argmax(drops))], bent, weight)
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         slid = self._slid(recorded, nonlinear)
@@ -150,14 +151,16 @@ class LoosePart(Effect):
     def _from_rest(self, recorded: RecordedMotion, wanted: Array, weight: Array) -> list[dict[str, float]]:
         """The part whose weight, at one of the stops, explains most of the torque; none when it explains little."""
         centre = payload_centre(recorded)
-        push = specific_at(recorded, centre)
-        still = np.zeros(len(recorded))
+        # The part changes sides rarely: means of some samples are enough.
+        few = max(round(_STRIDE / recorded.period), 1)
+        push, basis = specific_at(recorded, centre)[::few], _basis(recorded)[::few] * np.sqrt(few)
+        torque = uniform_filter1d(wanted[:, 3:] * weight[3:], few, axis=0)[::few]
 
         def explained(axis: Array) -> float:
-            at_stops = (np.sign(push @ axis) / 2.0, still, still)
-            here = (_bent(recorded, sliding_wrench(recorded, centre, axis, at_stops)) * weight)[:, 3:]
-            along = float(np.sum(here * wanted[:, 3:] * weight[3:]))
-            return max(along, 0.0) ** 2 / max(float(np.sum(here**2)), 1e-12)
+            here = (np.sign(push @ axis) / 2.0)[:, None] * cross(axis, push) * weight[3:]
+            here -= basis @ (basis.T @ here)
+            along = float(np.sum(here * torque))
+            return few * max(along, 0.0) ** 2 / max(float(np.sum(here**2)), 1e-12)
 
         axis = max(_hemisphere(_AXES), key=explained)
         for reach in (0.2, 0.08, 0.03):
@@ -165,7 +168,7 @@ class LoosePart(Effect):
         if explained(axis) < _HEARD:
             return []
         tried = [_values(gap, _SETTLING, axis, centre) for gap in _GAPS]
-        return [min(tried, key=lambda values: self._left(recorded, values, wanted, weight, _BLURS[0]))]
+        return [max(tried, key=lambda values: self._drop(recorded, values, wanted, weight, _BLURS[0]))]
 
     def _sharpened(
         self, recorded: RecordedMotion, start: dict[str, float], wanted: Array, weight: Array
@@ -177,33 +180,39 @@ class LoosePart(Effect):
 
             def left(places: Array, blur: int = blur) -> Array:
                 values = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
-                return self._unexplained(recorded, values, wanted, weight, blur)
+                there, here = self._compared(recorded, values, wanted, weight, blur)
+                return np.asarray(there - here)
 
             begin = np.clip([p.to_unit(found[p.name]) for p in moving], 1e-3, 1.0 - 1e-3)
             places = least_squares(left, begin, bounds=(0.0, 1.0), diff_step=3e-4, max_nfev=8).x
             found = {p.name: p.from_unit(float(u)) for p, u in zip(moving, places, strict=True)}
         return found
 
-    def _unexplained(
+    def _compared(
         self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int
-    ) -> Array:
-        """The residual of the best mass, blurred over some samples."""
+    ) -> tuple[Array, Array]:
+        """The residual and its part that the best mass explains, averaged over some samples, flat."""
         response = _bent(recorded, self.columns(recorded, nonlinear)[:, :, 0])
         here, there = (
-            uniform_filter1d((part - part.mean(axis=0)) * weight, blur, axis=0)[:: max(blur // 2, 1)].ravel()
+            uniform_filter1d((part - part.mean(axis=0)) * weight, blur, axis=0)[:: _step(blur)].ravel()
             for part in (response, wanted)
         )
         mass = max(float(here @ there), 0.0) / max(float(here @ here), 1e-12)
-        left: Array = there - mass * here
-        return left
+        return there, mass * here
 
-    def _left(self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> float:
-        """The squared residual of the best mass."""
-        return float(np.mean(self._unexplained(recorded, nonlinear, wanted, weight, blur) ** 2))
+    def _drop(self, recorded: RecordedMotion, nonlinear: Values, wanted: Array, weight: Array, blur: int) -> float:
+        """By how much the best mass lowers the square of the residual."""
+        there, here = self._compared(recorded, nonlinear, wanted, weight, blur)
+        return _step(blur) * float(there @ there - (there - here) @ (there - here))
 
 
 def _values(gap: float, settling: float, axis: Array, place: Array) -> dict[str, float]:
     return {"gap": gap, "settling": settling, **chart(axis), **dict(zip(POINT_PARAMETERS, place.tolist(), strict=True))}
+
+
+def _step(blur: int) -> int:
+    """Samples between averages of `blur` samples."""
+    return max(blur // 2, 1)
 
 
 def _bent(recorded: RecordedMotion, values: Array) -> Array:

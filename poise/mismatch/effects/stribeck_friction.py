@@ -16,6 +16,7 @@ from poise.mismatch.effects.joint_friction import (
     per,
     sense,
     torque_sizes,
+    transitions,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -48,13 +49,20 @@ class StribeckFriction(Effect):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del recorded, residual
-        for velocity in (0.03, 0.1, 0.3):
-            yield {"velocity": velocity, "transition": 0.1 * velocity}
+        for velocity in (0.05, 0.2):
+            for start in transitions():
+                if start["transition"] < 0.25 * velocity:
+                    yield {"velocity": velocity, **start}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         velocity, against = efforts(recorded).velocity, sense(recorded, nonlinear["transition"])
         slow = np.exp(-((velocity / nonlinear["velocity"]) ** 2))
         return np.concatenate([each_joint(part) for part in (against, against * slow, velocity)], axis=2)
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """Without stiction, this is Coulomb and viscous friction."""
+        stiction, torque = (sum(values[f"{kind}_{i}"] for i in numbers(recorded)) for kind in ("stiction", "torque"))
+        return super().implausible(recorded, values) or ("there is no stiction" if stiction < 0.1 * torque else "")
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         sizes = listed(recorded, [values[f"stiction_{i}"] for i in numbers(recorded)], "N m")

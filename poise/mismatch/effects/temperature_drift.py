@@ -17,6 +17,9 @@ from poise.mismatch.effects.joint_friction import (
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
+_QUICKEST = 20.0
+"""s: least time constant of a gear that warms up."""
+
 
 class TemperatureDrift(Effect):
     """tau_j = (d_j v_j + c_j sign(v_j)) exp(-t / T), beside the friction of the warm gear."""
@@ -30,13 +33,12 @@ class TemperatureDrift(Effect):
     separating_motion = "one cycle, repeated until the torques of two cycles are equal"
     confused_with = ("viscous_friction", "coulomb_friction", "stribeck_friction")
     needs = ("effort",)
-    transfers = True
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         joints, sizes = numbers(recorded), torque_sizes(recorded)
         rates = per(recorded, efforts(recorded).velocity) if recorded.effort is not None else sizes
-        longest = max(1.5 * recorded.duration, 4.0)
-        made = [EffectParameter("time_constant", "s", low=2.0, high=longest, linear=False, log=True)]
+        longest = max(1.5 * recorded.duration, 3.0 * _QUICKEST)
+        made = [EffectParameter("time_constant", "s", low=_QUICKEST, high=longest, linear=False, log=True)]
         for kind, unit, scales in (("damping", "N m s/rad", rates), ("torque", "N m", sizes)):
             pairs = zip(joints, scales, strict=True)
             made += [EffectParameter(f"{kind}_{i}", unit, 0.5 * scale, positive=True) for i, scale in pairs]
@@ -45,7 +47,11 @@ class TemperatureDrift(Effect):
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del residual
         for share in (0.1, 0.4):
-            yield {"time_constant": max(share * recorded.duration, 2.1)}
+            yield {"time_constant": max(share * recorded.duration, 1.3 * _QUICKEST)}
+
+    def untestable(self, recorded: RecordedMotion) -> str:
+        short = f"it lasts {recorded.duration:.0f} s, and gears warm up in minutes"
+        return super().untestable(recorded) or (short if recorded.duration < 0.9 * _QUICKEST else "")
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         track = efforts(recorded)

@@ -5,7 +5,9 @@ from poise.mismatch.inference.fitting import HypothesisFit, fit, linearization_p
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, tail
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
+from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
 from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, names, residual_of, search
+from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
     Dependence,
     DependenceCurve,
@@ -18,12 +20,15 @@ __all__ = [
     "WARM_STEPS",
     "Dependence",
     "DependenceCurve",
+    "EffectProof",
     "FittedEffect",
     "HeldOutProof",
     "HypothesisFit",
     "HypothesisSearch",
     "Problem",
+    "ProvenModel",
     "SignalNoise",
+    "TimeLimit",
     "dependence_curve",
     "effort_problem",
     "fit",
@@ -32,6 +37,7 @@ __all__ = [
     "linearization_point",
     "names",
     "payload_steps",
+    "proven",
     "refine",
     "residual_of",
     "search",

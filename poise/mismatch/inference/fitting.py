@@ -16,7 +16,7 @@ from poise.mismatch.inference.evidence import ProjectedColumns, WhitenedRegressi
 from poise.mismatch.inference.linearised import PRIOR_SCALES, SLOPE_STEP, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
-from poise.types import Array
+from poise.types import Array, Mask
 
 _MOST_STEPS = 12
 _HOPE = 5.0
@@ -39,6 +39,7 @@ class HypothesisFit:
         response: (N, C) of the parts.
         calibrated: (N, C) of the calibration errors.
         covariance: of each part's parameters, in the order of `Effect.parameters`.
+        linear: (k,) columns of the regression that belong to calibration errors or linear parameters.
     """
 
     parts: tuple[FittedEffect, ...]
@@ -48,6 +49,7 @@ class HypothesisFit:
     response: Array
     calibrated: Array
     covariance: tuple[Array, ...]
+    linear: Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +339,8 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     response = problem.predicted(at.whole) - problem.predicted(problem.recorded)
     groups = problem.groups(at.whole, at.parts)
     calibrated = problem.calibrated(groups, at.calibration.coefficients())
-    return HypothesisFit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole))
+    straight = np.concatenate([np.ones(len(whole.columns) - len(linear), dtype=bool), linear])
+    return HypothesisFit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole), straight)
 
 
 def _covariances(at: Linearised, whole: WhitenedRegression) -> tuple[Array, ...]:

@@ -7,10 +7,13 @@ import numpy as np
 from poise.mismatch.inference.coarse import thinned
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.unknown import Dependence
 from poise.types import Array, Mask
 
 _STEPS = 4
 """Steps of the fit without the held-out samples, which starts from the fit with them."""
+_EQUAL = 1e-3
+"""Relative difference up to which errors are equal."""
 _TAIL = 0.3
 """Share of a single recording, at its end, that is held out."""
 
@@ -32,17 +35,30 @@ class HeldOutProof:
     as_given: float
     by_channel: Array
 
+    @property
+    def worse(self) -> bool:
+        """Whether the effects increase the error, by more than the resolution of its estimate."""
+        return self.augmented > (1.0 + _EQUAL) * self.nominal
+
 
 def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     """Fit the model without some samples, and measure its error there.
 
-    Events among the held-out samples cannot be predicted: they are taken from the fit of the whole recording.
+    Events among the held-out samples cannot be predicted: they are taken from the fit of the whole recording. A free
+    curve over a state shows that the residual depends on it; where it increases the error it is left out, since it is
+    no part of the augmented model.
 
     Args:
         problem: with the noise that the best model leaves.
         best: the diagnosis.
         last: (N,) samples to hold out.
     """
+    proof = _compared(problem, best, last)
+    named = tuple(part for part in best.parts if not isinstance(part.effect, Dependence))
+    return _compared(problem, replace(best, parts=named), last) if proof.worse and named != best.parts else proof
+
+
+def _compared(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     seconds = problem.seconds
     fixed = [part for part in best.parts if _happens_in(problem, part, seconds[last])]
     learnt = [part for part in best.parts if part not in fixed]
@@ -81,9 +97,9 @@ def _reading(problem: Problem, measured: Array) -> Problem:
 
 
 def _happens_in(problem: Problem, part: FittedEffect, held: Array) -> bool:
-    """Whether an event lies among the held-out samples and began there."""
+    """Whether an event began among the held-out samples, or takes a free course there."""
     if part.effect.transfers or not len(held):
         return False
     recorded = problem.compose([part])[0][0]
     windows = part.effect.windows(recorded, part.values)
-    return bool(windows) and min(begin for begin, _ in windows) > held[0] - 0.5
+    return bool(windows) and min(window[part.effect.free_course] for window in windows) > held[0] - 0.5

@@ -20,7 +20,9 @@ from poise.mismatch.inference.fitting import (
     refine,
     score_start,
 )
+from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -63,6 +65,7 @@ class HypothesisSearch:
         fits: best fit of every hypothesis, by the names of its effects.
         gains: log evidence that an effect adds to a hypothesis, estimated without a full fit.
         untestable: effects that this recording cannot show, and why.
+        limit: time for the search. When it is over, the search ends with the best hypothesis so far.
     """
 
     problem: Problem
@@ -70,6 +73,7 @@ class HypothesisSearch:
     fits: dict[tuple[str, ...], HypothesisFit] = field(default_factory=dict)
     gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
+    limit: TimeLimit = field(default_factory=TimeLimit)
     _under: dict[tuple[int, bool], tuple[HypothesisFit, Problem]] = field(default_factory=dict)
     _judged: dict[tuple[str, ...], Problem] = field(default_factory=dict)
 
@@ -128,13 +132,15 @@ def names(found: HypothesisFit) -> tuple[str, ...]:
     return tuple(sorted(part.effect.name for part in found.parts))
 
 
-def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[HypothesisSearch, HypothesisFit]:
+def search(
+    problem: Problem, library: Sequence[Effect] | None = None, limit: TimeLimit | None = None
+) -> tuple[HypothesisSearch, HypothesisFit]:
     """Find the effects that the evidence supports.
 
     Returns:
         All hypotheses, and the best fit: that of the nominal model when no effect is supported.
     """
-    state = HypothesisSearch(problem)
+    state = HypothesisSearch(problem, limit=limit or TimeLimit())
     effects = []
     for effect in all_effects() if library is None else library:
         if effect.signal != problem.signal or effect.direct:
@@ -148,13 +154,35 @@ def search(problem: Problem, library: Sequence[Effect] | None = None) -> tuple[H
         effects += dependences(problem.recorded)
     best = fit(state.judging, ())
     state.offer(best)
-    for _ in range(_MOST_PARTS):
+    if problem.signal == "effort":
+        return state, _together(state, screened(problem, effects))
+    for number in range(_MOST_PARTS):
+        if state.limit.over():
+            break
+        state.limit.passed(number / (_MOST_PARTS + 1))
         found = _round(state, best, effects)
         best = state.fits[names(best)]
         if found is None:
             break
         best = _unfolded(state, found, effects)
+    state.limit.passed(_MOST_PARTS / (_MOST_PARTS + 1))
+    tried = {name for _, name in state.gains}
+    late = [effect for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)]
+    if state.limit.cut:
+        state.untestable |= {effect.name: "the deadline came before it was tried" for effect in late}
     return state, _pruned(state, best)
+
+
+def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> HypothesisFit:
+    """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
+    if not parts:
+        return state.fits[()]
+    rough = state.fitted(state.judging, parts, WARM_STEPS)
+    problem = state.under(rough)
+    best = state.fitted(problem, rough.parts, _STEPS)
+    for part in best.parts:
+        state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
+    return best
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
@@ -206,7 +234,7 @@ def _identified(problem: Problem, effect: Effect) -> str:
 
 def _pruned(state: HypothesisSearch, best: HypothesisFit) -> HypothesisFit:
     """Without parts that later ones made redundant."""
-    while len(best.parts) > 1:
+    while len(best.parts) > 1 and not state.limit.over():
         problem = state.under(best)
         shorter = []
         for part in best.parts:
@@ -225,7 +253,9 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     if not chosen:
         return None
     problem = state.under(best)
-    found = [state.fitted(problem, parts, _STEPS) for parts in chosen]
+    # At the deadline the most promising hypothesis is still fitted.
+    within = (parts for number, parts in enumerate(chosen) if not (state.limit.over() and number))
+    found = [state.fitted(problem, parts, _STEPS) for parts in within]
     found = sorted((each for each in found if np.isfinite(each.log_evidence)), key=lambda each: -each.log_evidence)
     if not found:
         return None
@@ -260,8 +290,8 @@ def prescreen(
     free = [effect for effect in effects if effect.name not in taken]
     problem = _calm(state.under(best), best)
     full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
-    fast = _beside(full, best.parts, [effect for effect in free if effect.fast])
-    slow = _beside(rough, best.parts, [effect for effect in free if not effect.fast])
+    slow = _beside(rough, best.parts, [effect for effect in free if not effect.fast], state.limit)
+    fast = _beside(full, best.parts, [effect for effect in free if effect.fast], state.limit)
     found = sorted((*slow, *fast), key=lambda each: -each.gain)
     for each in found:
         if not taken & set(each.effect.made_of):
@@ -301,7 +331,9 @@ def _few_unknown(candidates: list[EffectCandidate]) -> list[EffectCandidate]:
     return [each for each in candidates if each not in unknown[2:]]
 
 
-def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect]) -> list[EffectCandidate]:
+def _beside(
+    problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect], limit: TimeLimit
+) -> list[EffectCandidate]:
     """Each effect added to some parts, at its most likely values; the most promising first.
 
     The score at its starting points bounds its gain; effects that cannot approach the best so far are not refined.
@@ -313,6 +345,8 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
         few = few.select(problem.blocks.middle(len(few)))
     seen = []
     for effect in effects:
+        if limit.over():
+            break
         # States have many columns; the middles of the blocks suffice for them.
         recorded = few if isinstance(effect, Dependence) else here.recorded
         starts = _starts(effect, recorded, here.residual)
@@ -327,7 +361,7 @@ def _beside(problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[E
         done = each
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-            if nonlinear and each.potential > least:
+            if nonlinear and each.potential > least and not limit.over():
                 done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
             if each.effect.implausible(recorded, done.values):
                 done = replace(done, gain=-np.inf)

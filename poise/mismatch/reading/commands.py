@@ -81,9 +81,7 @@ def _followed(name: str, sent_at: Array, sent: Array, at: Array, moved: Array) -
     edges = np.linspace(0, len(at), _BLOCKS + 1).astype(int).tolist()
     parts = [_lag(sent_at, sent, at[a:b], moved[a:b])[0] for a, b in itertools.pairwise(edges)]
     scatter = max(float(np.std(parts, ddof=1) / np.sqrt(_BLOCKS)), 5e-4)
-    late = (
-        f"{1e3 * delay:.0f} ± {1e3 * scatter:.0f} ms late" if delay < _LATEST else f"over {1e3 * _LATEST:.0f} ms late"
-    )
+    late = f"{1e3 * delay:.1f} ± {1e3 * scatter:.1f} ms" if delay < _LATEST else f"over {1e3 * _LATEST:.0f} ms"
     off = float(np.sqrt(np.mean((moved - np.interp(at, sent_at, sent)) ** 2)))
     return f"{name} {late} late, gain {gain:.3g}, off by {off:.2g} (rms, rad or m; then {missed:.2g})", name, delay
 

@@ -59,7 +59,7 @@ def checked_efforts(track: EffortTrack) -> tuple[EffortTrack | None, list[InputF
             found.append(InputFinding(f"effort_{kind}", sentence, names))
     if still.all():
         return None, found
-    track = _of_joints(track, ~still)
+    track = of_joints(track, ~still)
     if _unsigned(track):
         sentence = (
             "The efforts have no sign: they are never negative, while the arm needs efforts of both signs. They were "
@@ -118,7 +118,10 @@ def _other_unit(
         turned = replace(track, measured=track.measured / _MILLI)
         return turned, [*found, finding]
     if coherent:
-        sentence = f"The efforts are {factor:.3g} times what the model says: they are of another unit than N m (or N)."
+        sentence = (
+            f"The efforts are {factor:.3g} times what the model says: they are of another unit than N m (or N), "
+            "or the masses of the description are wrong."
+        )
     else:
         sentence = (
             f"The efforts are not in N m (or N): each joint has a factor of its own to what the model says "
@@ -168,7 +171,7 @@ def _gain(track: EffortTrack, joint: int) -> _Gain:
     return _Gain(value, std, float(np.std(own)))
 
 
-def _of_joints(track: EffortTrack, keep: Mask) -> EffortTrack:
+def of_joints(track: EffortTrack, keep: Mask) -> EffortTrack:
     """The efforts of some joints; derivatives count by these joints alone."""
     changes: dict[str, Any] = {"names": _named(track, keep)}
     for each in fields(track):

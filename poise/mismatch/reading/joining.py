@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.mismatch.reading.effort_input import of_joints
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Mask
 
@@ -21,14 +22,17 @@ def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     is dropped.
 
     Raises:
-        InputError: BAD_INPUT when the recordings' joints differ.
+        InputError: BAD_INPUT when the recordings' joints differ, or only some have a wrench.
     """
     if len(recordings) == 1:
         return recordings[0], np.zeros(len(recordings[0]), dtype=bool)
-    for kind in ("joints", "effort"):
-        named = {getattr(recorded, kind).names for recorded in recordings if getattr(recorded, kind) is not None}
-        if len(named) > 1:
-            raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
+    if len({recorded.joints.names for recorded in recordings if recorded.joints is not None}) > 1:
+        raise InputError(ErrorCode.BAD_INPUT, "the recordings are of different robots: their joints differ")
+    recordings = _with_common_efforts(recordings)
+    if len({recorded.has("wrench") for recorded in recordings}) > 1:
+        raise InputError(
+            ErrorCode.BAD_INPUT, "only some of the recordings have a wrench: diagnose the others separately"
+        )
     if len({recorded.commands.names for recorded in recordings if recorded.commands is not None}) > 1:
         recordings = [replace(recorded, commands=None) for recorded in recordings]
     moved = []
@@ -46,6 +50,17 @@ def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
     whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(recordings)[1:]))
     last = np.arange(len(whole)) >= len(whole) - len(recordings[-1])
     return whole, last
+
+
+def _with_common_efforts(recordings: Sequence[RecordedMotion]) -> list[RecordedMotion]:
+    """With the efforts of the joints that have a usable one in every recording."""
+    tracks = [recorded.effort for recorded in recordings]
+    common = set.intersection(*(set() if track is None else set(track.names) for track in tracks))
+    cut = [
+        None if track is None or not common else of_joints(track, np.array([name in common for name in track.names]))
+        for track in tracks
+    ]
+    return [replace(recorded, effort=effort) for recorded, effort in zip(recordings, cut, strict=True)]
 
 
 def spans(recordings: Sequence[RecordedMotion]) -> list[tuple[float, float]]:

@@ -19,6 +19,8 @@ from poise.types import Array, Mask, Stamps
 
 _FEWEST = 100
 """Wrench samples with known motion, at least."""
+_JITTER = 1e-5
+"""s of jitter that is not reported."""
 _MARGIN = 0.1
 """s at the ends of the joint states whose efforts are not compared."""
 
@@ -126,7 +128,7 @@ def _of_efforts(
 
 
 def _jitter(moved: ResampledSignal) -> list[str]:
-    if not moved.jitter:
+    if moved.jitter < _JITTER:
         return []
     return [f"joint stamps jitter by {1e3 * moved.jitter:.2f} ms about a regular clock: that clock was used"]
 

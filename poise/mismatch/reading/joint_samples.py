@@ -13,9 +13,12 @@ from poise.mismatch.reading.wrench_samples import (
 from poise.recording import JointStream
 from poise.types import Array
 
+_MAX_JOINT_RATE = 1000.0
+"""Hz; averages over more than a few milliseconds blur the steps of an acceleration."""
+
 
 def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStream, list[str]]:
-    """Without positions that are not finite and without repeated stamps, at no more than MAX_WRENCH_RATE.
+    """Without positions that are not finite and without repeated stamps, at no more than _MAX_JOINT_RATE.
 
     Args:
         joints: as measured.
@@ -38,13 +41,16 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
         notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
         joints = joints.select(inside)
     joints, said = averaged_joints(joints)
+    together = _together(joints.seconds)
+    if together > 1 and np.isfinite(joints.effort).any():
+        said.append(f"{together} joint efforts each were averaged")
     return joints, notes + said
 
 
 def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:
-    """Joint states, or commands, at no more than MAX_WRENCH_RATE."""
+    """Joint states, or commands, at no more than _MAX_JOINT_RATE."""
     period = float(np.median(np.diff(joints.stamps))) * 1e-9 if len(joints) > 1 else 1.0
-    together = int(np.ceil(1.0 / max(period, 1e-6) / MAX_WRENCH_RATE - 0.05))
+    together = int(np.ceil(1.0 / max(period, 1e-6) / _MAX_JOINT_RATE - 0.05))
     if together < 2:
         return joints, []
     parts = (averaged(values, together) for values in (joints.position, joints.velocity, joints.effort))
@@ -53,7 +59,7 @@ def averaged_joints(joints: JointStream) -> tuple[JointStream, list[str]]:
 
 
 def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
-    """Stamps and efforts (M, J) of finite samples, averaged to at most MAX_WRENCH_SAMPLES.
+    """Stamps and efforts (M, J) of finite samples, averaged to the rate and the number that a wrench may have.
 
     Args:
         seconds: (N,).
@@ -62,5 +68,11 @@ def compared_efforts(seconds: Array, effort: Array) -> tuple[Array, Array]:
     known = np.isfinite(effort)
     rows = known[:, known.any(axis=0)].all(axis=1)
     seconds, effort = seconds[rows], effort[rows]
-    together = int(np.ceil(len(seconds) / MAX_WRENCH_SAMPLES))
+    together = _together(seconds)
     return (seconds, effort) if together < 2 else (averaged(seconds, together), averaged(effort, together))
+
+
+def _together(seconds: Array) -> int:
+    """How many efforts are averaged."""
+    rate = 1.0 / float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+    return int(np.ceil(max(len(seconds) / MAX_WRENCH_SAMPLES, rate / MAX_WRENCH_RATE - 0.05)))

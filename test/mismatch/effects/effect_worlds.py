@@ -125,7 +125,7 @@ TYPICAL = {
     | {f"damping_{i}": 2.0 if i < 4 else 0.4 for i in range(1, 7)},
     "load_dependent_friction": {"transition": 0.02, "ratio_2": 0.08, "ratio_3": 0.08},
     "position_friction": {"transition": 0.02, "sine_1": 3.0, "cosine_6": -0.8},
-    "temperature_drift": {"time_constant": 5.0, "damping_1": 4.0, "torque_2": 4.0, "damping_3": 3.0},
+    "temperature_drift": {"time_constant": 25.0, "damping_1": 4.0, "torque_2": 4.0, "damping_3": 3.0},
     "motor_gain": {"gain_2": 0.1, "gain_3": -0.08, "gain_1": 0.07},
     "effort_offset": {"offset_1": 2.0, "offset_2": -3.0, "offset_5": 0.5},
     "link_parameters": {"moment_x_2": 0.2, "moment_x_3": -0.2},

@@ -140,7 +140,7 @@ RECOVERED = {
     "load_dependent_friction": ("ratio_2", "ratio_3"),
     "joint_coupling": ("driving", "driven", "shared", "inertia", "damping", "friction"),
     "position_friction": ("sine_1", "cosine_6"),
-    "temperature_drift": ("time_constant", "damping_1", "torque_2"),
+    "temperature_drift": ("damping_1", "torque_2"),
     "motor_gain": ("gain_2", "gain_3"),
     "effort_offset": (),  # beside a constant in every channel nothing is left of it
     "link_parameters": ("moment_x_2",),

@@ -79,6 +79,17 @@ def test_a_base_that_moves_unnoticed_is_a_base_that_moves():
     assert np.abs(acceleration).max() > 0.2
 
 
+@pytest.mark.parametrize(("speed", "why"), [(0.1, ""), (-0.3, "move"), (1.5, "accelerate")])
+def test_no_base_moves_metres_unnoticed(speed, why):
+    still = moved(turn=0.7)
+    effect = effect_named("base_motion")
+    # A base that sways stays near its place; one that is pushed on does not.
+    course = {f"speed_x_{k}": speed * (np.cos(np.pi * k) if speed > 0 else 1.0) for k in range(10)}
+    values = filled(effect, still, {"start": 0.5, "length": 6.0, "splines": 10.0} | course)
+    assert effect.implausible(still, values).startswith(f"the base would {why}" if why else "")
+    assert bool(effect.implausible(still, values)) == bool(why)
+
+
 def test_a_base_that_shakes_is_a_base_that_shakes():
     """Within the window, away from where the shaking comes and goes."""
     omega = 2 * np.pi * 13.0

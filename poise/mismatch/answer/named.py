@@ -1,0 +1,111 @@
+"""The named effects of an answer: parameters with errors, belief and proof."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs
+from poise.mismatch.effects import Effect, Values, all_effects
+from poise.mismatch.inference import (
+    Dependence,
+    EffectProof,
+    FittedEffect,
+    HypothesisFit,
+    HypothesisSearch,
+    Problem,
+    ProvenModel,
+    names,
+)
+from poise.mismatch.reading import ModelEffect
+from poise.mismatch.recorded import RecordedMotion
+from poise.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """A number with its one-sigma error, NaN when unknown."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class NamedEffect:
+    """One effect of the answer; without a proof where the readings alone show it."""
+
+    effect: Effect
+    values: Values
+    covariance: Array
+    belief: EffectBelief
+    parameters: dict[str, Quantity]
+    windows: tuple[tuple[float, float], ...]
+    sentence: str
+    proof: EffectProof | None
+
+    @property
+    def component(self) -> ModelEffect:
+        """As it joins a model."""
+        return ModelEffect(self.effect.name, dict(self.values), self.covariance)
+
+
+def named_effects(
+    problem: Problem, state: HypothesisSearch, best: HypothesisFit, model: ProvenModel, *, beside_unknown: bool
+) -> list[NamedEffect]:
+    confidence = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
+    inputs = problem.compose(best.parts)[0]
+    found = [
+        NamedEffect(
+            part.effect,
+            part.values,
+            covariance,
+            confidence[part.effect.name],
+            quantities(part, recorded, covariance),
+            part.effect.windows(recorded, part.values),
+            part.effect.sentence(recorded, part.values),
+            proof,
+        )
+        for part, recorded, covariance, proof in zip(best.parts, inputs, best.covariance, model.proofs, strict=True)
+        if not isinstance(part.effect, Dependence)
+    ]
+    return sorted(found, key=lambda each: -each.belief.probability)
+
+
+def shown_effects(problem: Problem, library: Sequence[Effect] | None) -> list[NamedEffect]:
+    """Effects that the readings alone show, and that the model does not have already."""
+    known = {component.name for component in problem.model.effects}
+    found = []
+    for effect in all_effects() if library is None else library:
+        values = effect.detected(problem.recorded) if effect.signal == problem.signal and effect.direct else None
+        if values is not None and effect.name not in known:
+            parameters = effect.parameters(problem.recorded)
+            covariance = np.diag([p.resolution**2 / 12.0 for p in parameters])
+            reported = quantities(FittedEffect(effect, values), problem.recorded, covariance)
+            sure, sentence = EffectBelief(MAX_PROBABILITY, (), (), None), effect.sentence(problem.recorded, values)
+            found.append(NamedEffect(effect, values, covariance, sure, reported, (), sentence, None))
+    return found
+
+
+def quantities(part: FittedEffect, recorded: RecordedMotion, covariance: Array) -> dict[str, Quantity]:
+    """The reported parameters with one-sigma errors, to first order for derived ones."""
+    effect, values = part.effect, dict(part.values)
+    parameters = effect.parameters(recorded)
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    reported = {
+        p.name: Quantity(float(values[p.name]), float(s), p.unit)
+        for p, s in zip(parameters, sigma, strict=True)
+        if not p.hidden
+    }
+    derived = effect.derived(recorded, values)
+    if not derived:
+        return reported
+    slopes = np.zeros((len(derived), len(parameters)))
+    for k, (p, s) in enumerate(zip(parameters, sigma.tolist(), strict=True)):
+        if s > 0:
+            moved = effect.derived(recorded, {**values, p.name: values[p.name] + 0.01 * s})
+            slopes[:, k] = [(moved[name][0] - derived[name][0]) / (0.01 * s) for name in derived]
+    spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    for (name, (value, unit)), std in zip(derived.items(), spread.tolist(), strict=True):
+        reported[name] = Quantity(value, std, unit)
+    return reported

@@ -1,0 +1,320 @@
+"""Several effects of joint efforts at once, selected by cross-validation of linear models.
+
+The nominal model of a real arm lacks friction, rotors, offsets and more, all at the same time: beside the errors of the
+others, the evidence of one effect says little. These effects are linear in their parameters, so that the normal
+matrices of a few blocks of the recording give the error on each block of a fit to the others, for any set of effects.
+"""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.effects import Effect, Values
+from poise.mismatch.inference.box import box_minimum
+from poise.mismatch.inference.linearised import PRIOR_SCALES
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.recorded import EffortTrack, LinkTrack
+from poise.types import Array
+
+_BLOCKS = 6
+_ROWS = 3000
+"""Averages of consecutive samples that are compared, at the most."""
+_LEAST, _IN_BLOCKS = 0.12, 4
+"""Share of the error of some joint on other blocks that an effect must explain, and the blocks in which it falls."""
+_DETAIL = 0.01
+"""Least share of the error of the nominal model in some joint: laws of friction hold to about a tenth."""
+_SIMPLER = 0.85
+"""Share of the largest fall from which an effect with fewer parameters is preferred."""
+_GENERAL = ("link_parameters",)
+"""Effects that are tried after all others, since they can imitate several of them."""
+_MOST = 10
+_TOLERANCE_RIDGE = 0.01
+"""Precision of a calibration error in tolerances: inside the bounds the smallest is taken."""
+_RIDGE = 1e-9
+"""Relative to the mean of the normal matrix's diagonal."""
+_FLOOR = 1e-5
+"""Least variance of a joint's residual, relative to that of its measured effort."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Family:
+    """An effect at some of its non-linear values, with the columns (R, J, k) of its linear parameters."""
+
+    effect: Effect | None
+    values: Values
+    columns: Array
+    precision: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def name(self) -> str:
+        return self.effect.name if self.effect else ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Normal matrices (B, J, K, K), vectors (B, J, K) and squares (B, J) of all columns; `places` of each family."""
+
+    families: tuple[_Family, ...]
+    places: tuple[slice, ...]
+    matrix: Array
+    vector: Array
+    square: Array
+    rows: Array
+    floor: Array
+
+    @cached_property
+    def nominal(self) -> Array:
+        """(J,) variance of the residual of the calibrated nominal model on held-out blocks."""
+        return _begun(self, [])[1]
+
+
+def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect, ...]:
+    """The effects that lower the error on held-out blocks, with values; none when no effect does.
+
+    Args:
+        problem: joint efforts.
+        effects: with linear parameters.
+    """
+    effort, rows = problem.recorded.effort, np.flatnonzero(problem.active)
+    if effort is None or len(rows) < 20 * _BLOCKS:
+        return ()
+    screen = _Screen(problem, effort, rows)
+    linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
+    choosing = [each for each in linear if any(p.choice for p in each.parameters(problem.recorded))]
+    combined = [each for each in linear if each.made_of]
+    sums = screen.extended([each for each in linear if each not in choosing])
+    chosen = _grown(sums, [])
+    if choosing:
+        # Which joints are concerned shows once the common effects are there.
+        sums = screen.extended(choosing, _fitted(problem, sums, chosen))
+        chosen = _grown(sums, chosen)
+    chosen = _pruned(sums, _grown(sums, chosen, general=True))
+    chosen = _varied(sums, chosen)
+    for effect in combined:
+        chosen = _replaced(problem, sums, chosen, effect)
+    return _fitted(problem, sums, chosen)
+
+
+class _Screen:
+    """The averaged samples of a recording, and the families of effects on them."""
+
+    def __init__(self, problem: Problem, effort: EffortTrack, rows: NDArray[np.intp]) -> None:
+        together = int(np.ceil(len(rows) / _ROWS))
+        self._groups = rows[: len(rows) // together * together].reshape(-1, together)
+        thin = self._averaged(effort)
+        self._problem = problem
+        self._recorded = replace(problem.recorded, effort=thin)
+        self._target = thin.measured - thin.prediction
+        self._floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
+        groups = problem.groups(self._recorded)
+        columns = np.concatenate([group.columns for group in groups], axis=2)
+        bound = np.concatenate([np.full(group.columns.shape[2], group.bound) for group in groups])
+        precision = np.full(len(bound), _TOLERANCE_RIDGE)
+        self._families = [_Family(None, {}, columns, precision, -bound, bound)]
+
+    def extended(self, effects: Sequence[Effect], beside: Sequence[FittedEffect] | None = None) -> "_Sums":
+        """The sums with further effects; those that start from what others leave, at the full rate."""
+        recorded, left = self._recorded, self._target
+        if beside is not None:
+            recorded = self._problem.recorded
+            left = self._problem.measured - self._problem.predicted(self._problem.compose(beside)[1])
+        for effect in effects:
+            linear = [p for p in effect.parameters(recorded) if p.linear]
+            lower = np.array([max(p.lower, p.low) for p in linear])
+            upper = np.array([p.high for p in linear])
+            precision = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in linear])
+            for start in effect.starts(recorded, left):
+                columns = effect.columns(recorded, start)
+                columns = columns if beside is None else self._mean(columns)
+                family = _Family(effect, dict(start), columns, precision, lower, upper)
+                self._families.append(family)
+        return _summed(self._families, self._target, self._floor)
+
+    def _mean(self, values: Array) -> Array:
+        return np.asarray(values[self._groups].mean(axis=1))
+
+    def _averaged(self, effort: EffortTrack) -> EffortTrack:
+        changes: dict[str, object] = {
+            each.name: self._mean(getattr(effort, each.name))
+            for each in fields(effort)
+            if isinstance(getattr(effort, each.name), np.ndarray)
+        }
+        if effort.links is not None:
+            names, columns = effort.links.base_parameters
+            parts = (self._mean(part) for part in (effort.links.efforts, effort.links.by_parameter))
+            links = LinkTrack(effort.links.numbers, *parts)
+            links.__dict__["base_parameters"] = names, self._mean(columns)  # the same parameters as at the full rate
+            changes["links"] = links
+        return replace(effort, **changes)  # type: ignore[arg-type]
+
+
+def _summed(families: Sequence[_Family], target: Array, floor: Array) -> _Sums:
+    whole = np.concatenate([family.columns for family in families], axis=2)
+    ends = np.cumsum([family.columns.shape[2] for family in families])
+    places = tuple(
+        slice(int(end) - family.columns.shape[2], int(end)) for family, end in zip(families, ends, strict=True)
+    )
+    edges = np.linspace(0, len(target), _BLOCKS + 1).astype(int)
+    parts = [slice(a, b) for a, b in itertools.pairwise(edges)]
+    matrix = np.array([[part.T @ part for part in np.moveaxis(whole[rows], 1, 0)] for rows in parts])
+    vector = np.array([np.einsum("rjk,rj->jk", whole[rows], target[rows]) for rows in parts])
+    square = np.array([np.sum(target[rows] ** 2, axis=0) for rows in parts])
+    return _Sums(tuple(families), places, matrix, vector, square, np.diff(edges), floor)
+
+
+def _numbered(sums: _Sums, chosen: Sequence[int]) -> list[tuple[int, slice]]:
+    """Families of a set, the calibration first, with their places in the vector of its coefficients."""
+    found, begin = [], 0
+    for i in (0, *chosen):
+        end = begin + sums.families[i].columns.shape[2]
+        found.append((i, slice(begin, end)))
+        begin = end
+    return found
+
+
+def _index(sums: _Sums, chosen: Sequence[int]) -> Array:
+    return np.concatenate([np.arange(sums.places[i].start, sums.places[i].stop) for i in (0, *chosen)])
+
+
+def _bounded(sums: _Sums, chosen: Sequence[int], matrix: Array, vector: Array) -> Array:
+    """The least-squares coefficients with priors, inside their bounds."""
+    families = [sums.families[i] for i in (0, *chosen)]
+    precision, lower, upper = (
+        np.concatenate([getattr(family, name) for family in families]) for name in ("precision", "lower", "upper")
+    )
+    ridge = precision + _RIDGE * np.trace(matrix) / max(len(matrix), 1)
+    return box_minimum(matrix + np.diag(ridge), vector, lower, upper)
+
+
+def _solved(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
+    """Coefficients of a fit to all blocks, joints weighted by their residual variance (J,)."""
+    index = _index(sums, chosen)
+    matrix, vector = sums.matrix.sum(axis=0)[:, index][:, :, index], sums.vector.sum(axis=0)[:, index]
+    return _bounded(
+        sums, chosen, np.einsum("jkl,j->kl", matrix, 1 / variance), (vector / variance[:, None]).sum(axis=0)
+    )
+
+
+def _error(sums: _Sums, chosen: Sequence[int], variance: Array) -> Array:
+    """(B, J) mean square on each block of a fit to the other blocks."""
+    index = _index(sums, chosen)
+    matrix, vector = sums.matrix[:, :, index][:, :, :, index], sums.vector[:, :, index]
+    weighted = np.einsum("bjkl,j->bkl", matrix, 1 / variance), np.einsum("bjk,j->bk", vector, 1 / variance)
+    out = np.empty(sums.square.shape)
+    for block in range(len(out)):
+        rest = (weighted[0].sum(axis=0) - weighted[0][block], weighted[1].sum(axis=0) - weighted[1][block])
+        values = _bounded(sums, chosen, *rest)
+        bent = np.einsum("k,jkl,l->j", values, matrix[block], values, optimize=True)
+        out[block] = sums.square[block] - 2.0 * vector[block] @ values + bent
+    return np.asarray(np.maximum(out, 0.0) / sums.rows[:, None])
+
+
+def _variance(error: Array, floor: Array) -> Array:
+    """(J,)."""
+    return np.asarray(np.maximum(error.mean(axis=0), floor))
+
+
+def _begun(sums: _Sums, chosen: Sequence[int]) -> tuple[Array, Array]:
+    """(B, J) error of a set with weights by its own residual, and that residual's variance (J,)."""
+    variance = _variance(sums.square / sums.rows[:, None], sums.floor)
+    for _ in range(2):
+        error = _error(sums, chosen, variance)
+        variance = _variance(error, sums.floor)
+    return error, variance
+
+
+def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int]:
+    """Add the family that lowers the error most, until none does."""
+    chosen = list(chosen)
+    while len(chosen) < _MOST:
+        before, variance = _begun(sums, chosen)
+        names = {sums.families[i].name for i in chosen}
+        falls = {}
+        for i in range(1, len(sums.families)):
+            family = sums.families[i]
+            combined = family.effect is None or family.effect.made_of
+            if combined or family.name in names or (family.name in _GENERAL) > general:
+                continue
+            after = _error(sums, [*chosen, i], variance)
+            if _proven(sums, before, after, variance):
+                falls[i] = 1.0 - _relative(after, variance)
+        if not falls:
+            break
+        best = max(falls.values())
+        near = [i for i, fall in falls.items() if fall >= _SIMPLER * best]
+        size = min(sums.families[i].columns.shape[2] for i in near)
+        chosen.append(max((i for i in near if sums.families[i].columns.shape[2] == size), key=falls.__getitem__))
+    return chosen
+
+
+def _relative(error: Array, variance: Array) -> float:
+    return float(np.mean(error / variance))
+
+
+def _proven(sums: _Sums, before: Array, after: Array, variance: Array) -> bool:
+    """Whether the error falls materially in some joint, over all blocks and again in most of them."""
+    falls = (before - after).mean(axis=0)
+    material = (falls > _LEAST * before.mean(axis=0)) & (falls > _DETAIL * sums.nominal)
+    blocks = (after / variance).mean(axis=1) < (before / variance).mean(axis=1)
+    return bool(material.any() and falls @ (1 / variance) > 0.0 and blocks.sum() >= _IN_BLOCKS)
+
+
+def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
+    """Without families that later ones made redundant."""
+    while chosen:
+        after, variance = _begun(sums, chosen)
+        without = {i: _error(sums, [j for j in chosen if j != i], variance) for i in chosen}
+        idle = [i for i in chosen if not _proven(sums, without[i], after, variance)]
+        if not idle:
+            break
+        chosen = [j for j in chosen if j != min(idle, key=lambda i: _relative(without[i], variance))]
+    return chosen
+
+
+def _varied(sums: _Sums, chosen: list[int]) -> list[int]:
+    """With the best non-linear values of each effect among those tried."""
+    for place, i in enumerate(chosen):
+        variance = _begun(sums, chosen)[1]
+        alike = [k for k in range(1, len(sums.families)) if sums.families[k].name == sums.families[i].name]
+        sets = [[*chosen[:place], k, *chosen[place + 1 :]] for k in alike]
+        chosen = min(sets, key=lambda one: _relative(_error(sums, one, variance), variance))
+    return chosen
+
+
+def _replaced(problem: Problem, sums: _Sums, chosen: list[int], combined: Effect) -> list[int]:
+    """With a combination in place of its simple effects, where these explain clearly less."""
+    rest = [i for i in chosen if sums.families[i].name not in combined.made_of]
+    if len(rest) == len(chosen):
+        return chosen
+    before, variance = _begun(sums, chosen)
+    tried = {i: _error(sums, [*rest, i], variance) for i, each in enumerate(sums.families) if each.effect is combined}
+    proven = [i for i, error in tried.items() if _proven(sums, before, error, variance)]
+    if not proven:
+        return chosen
+    made = [*rest, min(proven, key=lambda i: _relative(tried[i], variance))]
+    return chosen if _implausible(problem, sums, made) else made
+
+
+def _implausible(problem: Problem, sums: _Sums, chosen: list[int]) -> bool:
+    parts = _fitted(problem, sums, chosen)
+    return any(part.effect.implausible(problem.recorded, part.values) for part in parts)
+
+
+def _fitted(problem: Problem, sums: _Sums, chosen: list[int]) -> tuple[FittedEffect, ...]:
+    values = _solved(sums, chosen, _begun(sums, chosen)[1])
+    parts = []
+    for i, place in _numbered(sums, chosen)[1:]:
+        family = sums.families[i]
+        if family.effect is None:
+            continue
+        linear = [p.name for p in family.effect.parameters(problem.recorded) if p.linear]
+        parts.append(
+            FittedEffect(family.effect, dict(family.values) | dict(zip(linear, values[place].tolist(), strict=True)))
+        )
+    return tuple(parts)

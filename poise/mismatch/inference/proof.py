@@ -1,0 +1,167 @@
+"""The proof of each effect of a model: the error falls with it on samples that no fit saw, again and again.
+
+The recording is cut into `_BLOCKS` blocks in which the effect acts equally strongly. Every block is cut into as many
+pieces. The model with the effect and the best one without it are fitted to all pieces but one of each block, and
+predict these. The fits solve for all linear parameters and the calibration errors; other parameters keep their values.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from poise.mismatch.inference.box import box_minimum
+from poise.mismatch.inference.fitting import HypothesisFit, fit
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, implausible
+from poise.types import Array
+
+_BLOCKS = 6
+_LEAST_IMPROVED = 5
+"""Blocks in which the error must fall: an effect without truth reaches as many with a probability of 11 %."""
+_LEAST_GAIN = 3.0
+"""log likelihood that an effect must win in all blocks together."""
+_LEAST_OF_REST = 0.05
+"""Energy of an effect in units of the energy that remains unexplained: model errors can imitate a smaller one."""
+
+
+@dataclass(frozen=True)
+class EffectProof:
+    """Errors without and with an effect on samples that no fit saw, in units of the noise (rms; 1 is noise).
+
+    Args:
+        blocks: parts of the recording, with equal shares of the effect's response.
+        improved_blocks: those in which the error falls.
+        error_without, error_with: over all blocks.
+        gain: log likelihood won over all blocks, for noise as large as the remaining residual.
+        share: of the error that the whole model explains, the part that this effect explains.
+        rest: energy that the model leaves above the noise, in units of the energy of this effect, where it acts.
+    """
+
+    blocks: int
+    improved_blocks: int
+    error_without: float
+    error_with: float
+    gain: float
+    share: float
+    rest: float
+
+    @property
+    def lacking(self) -> str:
+        """What the proof lacks, as a clause; "" for a proof that holds."""
+        if self.gain < _LEAST_GAIN:
+            return "the error on samples outside the fit does not fall with it"
+        if self.improved_blocks < _LEAST_IMPROVED:
+            return f"the error falls in {self.improved_blocks} of {self.blocks} parts of the recording"
+        if self.rest * _LEAST_OF_REST > 1.0:
+            return f"the error that remains unexplained is {self.rest:.0f} times as large as what it explains"
+        return ""
+
+
+@dataclass(frozen=True, eq=False)
+class ProvenModel:
+    """A model whose every effect has its proof.
+
+    Args:
+        fit: of the model, under the noise that it leaves.
+        proofs: of its parts, in their order.
+        without: the best fits without each of its parts, in their order.
+        dropped: effects without proof and what they lack.
+    """
+
+    fit: HypothesisFit
+    proofs: tuple[EffectProof, ...]
+    without: tuple[HypothesisFit, ...]
+    dropped: dict[str, str]
+
+    def shorter(self) -> HypothesisFit:
+        """The best fit with one part fewer."""
+        return max(self.without, key=lambda each: each.log_evidence)
+
+
+def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
+    """The model without the effects that lack a proof; after each removal the others are proven again."""
+    dropped: dict[str, str] = {}
+    while True:
+        problem = state.under(best)
+        whole, nominal = state.fitted(problem, best.parts, WARM_STEPS), state.fitted(problem, (), 0)
+        without = [
+            nominal if len(best.parts) == 1 else state.fitted(problem, _others(whole.parts, part), WARM_STEPS)
+            for part in whole.parts
+        ]
+        proofs = _compared(problem, whole, without, nominal)
+        lacking = [
+            implausible(problem.recorded, [part]) or proof.lacking
+            for part, proof in zip(whole.parts, proofs, strict=True)
+        ]
+        failed = [index for index, reason in enumerate(lacking) if reason]
+        if not failed:
+            return ProvenModel(whole, tuple(proofs), tuple(without), dropped)
+        weakest = max(failed, key=lambda index: without[index].log_evidence)
+        dropped[whole.parts[weakest].effect.name] = lacking[weakest]
+        best = without[weakest]
+
+
+def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:
+    return [other for other in parts if other is not part]
+
+
+def _compared(
+    problem: Problem, whole: HypothesisFit, without: Sequence[HypothesisFit], nominal: HypothesisFit
+) -> list[EffectProof]:
+    """The proof of each part of `whole`; the fit without it is at its place in `without`."""
+    if problem.blocks is not None and any(part.effect.free_course for part in whole.parts):
+        # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
+        full = replace(problem, blocks=None)
+        whole, nominal, *without = (fit(full, each.parts, 1) for each in (whole, nominal, *without))
+    return [_proof(problem.measured.shape[1], whole, shorter, nominal) for shorter in without]
+
+
+def _proof(channels: int, whole: HypothesisFit, without: HypothesisFit, nominal: HypothesisFit) -> EffectProof:
+    """The proof of the effect that `whole` has and `without` lacks."""
+    fitted = [_residual(each) for each in (without, whole)]
+    energy = np.sum((fitted[0] - fitted[1]).reshape(channels, -1) ** 2, axis=0)
+    share = energy / max(float(energy.sum()), 1e-300)
+    # The calibration is determined by the whole recording: pieces are cut where the effect does not act, too.
+    fold = np.tile(_parts(0.5 * share + 0.5 / len(share), _BLOCKS**2) % _BLOCKS, channels)
+    squares = [_predicted(each, fold) ** 2 for each in (without, whole, nominal)]
+    fall = np.sum((squares[0] - squares[1]).reshape(channels, -1), axis=0)
+    falls = np.bincount(_parts(share, _BLOCKS), weights=fall, minlength=_BLOCKS)
+    left = np.sum(fitted[1].reshape(channels, -1) ** 2, axis=0)
+    errors = [float(np.mean(each)) for each in squares]
+    return EffectProof(
+        blocks=_BLOCKS,
+        improved_blocks=int(np.sum(falls > 0.0)),
+        error_without=float(np.sqrt(errors[0])),
+        error_with=float(np.sqrt(errors[1])),
+        gain=0.5 * float(fall.sum()) / max(errors[1], 1.0),
+        share=float(np.clip((errors[0] - errors[1]) / max(errors[2] - errors[1], 1e-12), 0.0, 1.0)),
+        rest=max(float(share @ left) - channels, 0.0) / max(float(share @ energy), 1e-9),
+    )
+
+
+def _residual(found: HypothesisFit) -> Array:
+    """(R,) whitened."""
+    return np.asarray(found.regression.target - found.regression.coefficients() @ found.regression.columns)
+
+
+def _parts(share: Array, count: int) -> NDArray[np.intp]:
+    """(N,) number of the part of each sample: consecutive parts with equal sums of `share` (N,)."""
+    return np.minimum((np.cumsum(share) * count * (1.0 - 1e-9)).astype(np.intp), count - 1)
+
+
+def _predicted(found: HypothesisFit, fold: NDArray[np.intp]) -> Array:
+    """(R,) whitened residuals, each predicted by a fit to the other folds."""
+    linear, regression = found.linear, found.regression
+    columns, target = regression.columns[linear], regression.target
+    rows = [np.flatnonzero(fold == number) for number in range(_BLOCKS)]
+    normals = [columns[:, row] @ columns[:, row].T for row in rows]
+    rights = [columns[:, row] @ target[row] for row in rows]
+    normal = np.sum(normals, axis=0) + np.diag(regression.penalty[linear])
+    right = np.sum(rights, axis=0) + (regression.penalty * regression.mean)[linear]
+    bounds = regression.bounds[linear]
+    out = np.empty_like(target)
+    for row, own, seen in zip(rows, normals, rights, strict=True):
+        out[row] = target[row] - box_minimum(normal - own, right - seen, -bounds, bounds) @ columns[:, row]
+    return out
