@@ -79,6 +79,12 @@ def test_a_signal_without_noise_has_the_least_level_in_its_own_band() -> None:
     assert (level.share < 0.2).all()
 
 
+def test_a_slow_recording_has_a_level_too() -> None:
+    level = noise_level(np.random.default_rng(1).normal(size=(1000, 3)), 0.1)
+    assert level.sigma == pytest.approx(np.ones(3), rel=0.15)
+    assert level.block.tolist() == [1, 1, 1]
+
+
 def test_a_line_in_the_spectrum_is_no_noise() -> None:
     values = noise("white", 200, seed=5)
     seconds = np.arange(len(values)) / 200
