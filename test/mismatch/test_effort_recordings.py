@@ -8,7 +8,8 @@ import pytest
 from poise.inertia import InertialParameters
 from poise.mismatch import NominalModel, diagnose, joined
 from poise.mismatch.answer import effects_called
-from poise.mismatch.reading import MeasuredStreams, ReadRecording, read_streams
+from poise.mismatch.reading import MeasuredStreams, ModelEffect, ReadRecording, read_streams, with_model_effects
+from poise.mismatch.recorded import joint_torques, wrench_of_torques
 from poise.robot import RobotModel, find_urdf, read_urdf
 from poise.simulation import FourierTrajectory, IdealRobot, WrenchNoise, record
 
@@ -19,15 +20,23 @@ NOISE = WrenchNoise(rate=100.0, force=0.1, torque=0.005)
 
 
 def read(
-    model: NominalModel, seed: int = 2, phi: np.ndarray = PHI, seconds: float = 8.0, damping: np.ndarray | float = 0.0
+    model: NominalModel,
+    seed: int = 2,
+    phi: np.ndarray = PHI,
+    seconds: float = 8.0,
+    damping: np.ndarray | float = 0.0,
+    dry: np.ndarray | float = 0.0,
+    *,
+    efforts_alone: bool = False,
 ) -> ReadRecording:
-    """A recording of the ideal robot with effort noise and damped joints, read."""
+    """A recording of the ideal robot with effort noise, damped joints and dry friction, read."""
     motion = FourierTrajectory.random(ROBOT, np.random.default_rng(seed), duration=seconds, speed=0.3)
     ideal = IdealRobot(ROBOT, phi, [0.0, 0.0, -(model.gravity or 9.80665)], model.tool_in_wrench)
     made = record(ideal, motion, np.random.default_rng(seed), NOISE)
     noise = np.random.default_rng(seed).normal(size=made.joints.effort.shape) * 0.1
-    joints = replace(made.joints, effort=made.joints.effort + noise + damping * made.joints.velocity)
-    streams = MeasuredStreams("test", made.wrench, lambda _: joints, None, lambda: URDF)
+    friction = damping * made.joints.velocity + dry * np.tanh(made.joints.velocity / 0.03)
+    joints = replace(made.joints, effort=made.joints.effort + noise + friction)
+    streams = MeasuredStreams("test", None if efforts_alone else made.wrench, lambda _: joints, None, lambda: URDF)
     return read_streams(streams, model)
 
 
@@ -76,3 +85,43 @@ def test_no_fit_leaves_the_physical_bounds_of_a_friction():
     ]
     assert named.values[numbers[0]] == pytest.approx(30.0, rel=0.1)
     assert named.values[numbers[1]] == 0.0
+
+
+ARM = np.array([not name.startswith("ridgeback") and "base" not in name for name in ROBOT.joint_names])
+"""Joints with friction."""
+
+
+def test_friction_and_an_undeclared_load_are_found_together_in_efforts_alone():
+    """Coulomb friction with a transition of 30 mrad/s is no stribeck friction, and the load is no link error."""
+    none = np.zeros(10)
+    model = NominalModel(sensor_frame="ft_sensor", phi=none)
+    reading = read(model, phi=PHI, damping=5.0 * ARM, dry=4.0 * ARM, efforts_alone=True)
+    library = ["viscous_friction", "coulomb_friction", "stribeck_friction", "payload_parameters", "link_parameters"]
+    found = diagnose(reading.recorded, reading.model, library=effects_called(library))
+    named = {each.effect.name: each for each in found.findings}
+    assert set(named) == {"viscous_friction", "coulomb_friction", "payload_parameters"}
+    assert named["payload_parameters"].parameters["mass"].value == pytest.approx(PHI[0], rel=0.05)
+    assert named["coulomb_friction"].parameters["transition"].value == pytest.approx(0.03, rel=0.2)
+    assert found.main.proof.augmented < 1.2
+    # What was found is part of the nominal model of a second diagnosis, which finds nothing more.
+    again = diagnose(reading.recorded, found.augmented, library=effects_called(library))
+    assert not again.findings
+    assert again.main.proof.nominal < 1.2
+
+
+def test_a_model_of_an_earlier_version_has_the_fixed_transition():
+    reading = read(NominalModel(sensor_frame="ft_sensor", phi=PHI))
+    effort = reading.recorded.effort
+    assert effort is not None
+    joints = range(1, len(effort.names) + 1)
+    old = ModelEffect("coulomb_friction", {f"torque_{i}": 2.0 for i in joints}, np.zeros((len(joints), len(joints))))
+    made = with_model_effects(reading.recorded, [old]).effort
+    assert made is not None
+    np.testing.assert_allclose(made.prediction - effort.rigid, 2.0 * np.tanh(effort.velocity / 0.005), atol=1e-9)
+
+
+def test_a_wrench_is_recovered_from_the_torques_that_balance_it():
+    recorded = read(NominalModel(sensor_frame="ft_sensor", phi=PHI)).recorded
+    wrench = np.tile([3.0, -2.0, 4.0, 0.1, 0.2, -0.1], (len(recorded), 1))
+    torques = joint_torques(recorded, wrench[:, :, None])[:, :, 0]
+    assert np.median(np.abs(wrench_of_torques(recorded, torques) - wrench)) < 0.05

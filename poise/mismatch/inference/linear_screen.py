@@ -86,7 +86,7 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
         return ()
     screen = _Screen(problem, effort, rows)
     linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
-    choosing = [each for each in linear if any(p.choice for p in each.parameters(problem.recorded))]
+    choosing = [each for each in linear if _follows(each, problem)]
     combined = [each for each in linear if each.made_of]
     sums = screen.extended([each for each in linear if each not in choosing])
     chosen = _grown(sums, [])
@@ -99,6 +99,13 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
     for effect in combined:
         chosen = _replaced(problem, sums, chosen, effect)
     return _fitted(problem, sums, chosen)
+
+
+def _follows(effect: Effect, problem: Problem) -> bool:
+    """Whether the starting points of an effect follow a residual: it chooses a joint, or a place and a time."""
+    parameters = effect.parameters(problem.recorded)
+    chooses = any(p.choice for p in parameters)
+    return chooses or (effect.layer != "friction" and not all(p.linear for p in parameters))
 
 
 class _Screen:

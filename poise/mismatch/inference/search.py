@@ -15,6 +15,7 @@ from poise.mismatch.inference.coarse import thinned
 from poise.mismatch.inference.fitting import (
     EffectCandidate,
     HypothesisFit,
+    exceeds_tolerance,
     fit,
     linearization_point,
     refine,
@@ -24,6 +25,7 @@ from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
+from poise.mismatch.reading import on_efforts
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -142,7 +144,8 @@ def search(
     """
     state = HypothesisSearch(problem, limit=limit or TimeLimit())
     effects = []
-    for effect in all_effects() if library is None else library:
+    for known in all_effects() if library is None else library:
+        effect = on_efforts(known, problem.recorded) if problem.signal == "effort" else known
         if effect.signal != problem.signal or effect.direct:
             continue
         reason = effect.untestable(problem.recorded) or _identified(problem, effect)
@@ -270,6 +273,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
+    good = [each for each in good if exceeds_tolerance(quieter, each.parts, each.parts[-1].effect)]
     return _simplest(good, nominal) if good else None
 
 

@@ -2,6 +2,7 @@
 
 from poise.mismatch.reading.joining import joined, spans, without
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
+from poise.mismatch.reading.load_on_efforts import on_efforts
 from poise.mismatch.reading.measured_streams import MeasuredStreams
 from poise.mismatch.reading.model_effects import absent, complete_values, effect_of, with_model_effects
 from poise.mismatch.reading.nominal_model import (
@@ -29,6 +30,7 @@ __all__ = [
     "identified",
     "joined",
     "load_model",
+    "on_efforts",
     "parse_model",
     "read_recording",
     "read_streams",

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.effects import LAYERS, Effect, Values, effect_named
+from poise.mismatch.reading.load_on_efforts import on_efforts
 from poise.mismatch.reading.nominal_model import ModelEffect
 from poise.mismatch.recorded import RecordedMotion
 
@@ -28,11 +29,13 @@ def with_model_effects(
     for effect, component in sorted(known, key=lambda pair: (LAYERS.index(pair[0].layer), pair[0].order, pair[0].name)):
         if absent(effect, recorded, events, component.values):
             continue
-        response = effect.simulate(recorded, complete_values(effect, recorded, component.values))
-        if effect.signal == "wrench":
-            recorded = recorded.with_prediction(recorded.prediction + response)
-        elif recorded.effort is not None:
-            recorded = recorded.with_effort(recorded.effort.prediction + response)
+        values = complete_values(effect, recorded, component.values)
+        for acting in {effect, on_efforts(effect, recorded)}:
+            response = acting.simulate(recorded, values)
+            if acting.signal == "wrench":
+                recorded = recorded.with_prediction(recorded.prediction + response)
+            elif recorded.effort is not None:
+                recorded = recorded.with_effort(recorded.effort.prediction + response)
     return recorded
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from poise.geometry import cross
 from poise.mismatch.recorded import motion_response
 from poise.robot import BaseMotion
-from poise.types import Array, Mask
+from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,21 +35,6 @@ def wrench_variance(phi: Array, angular_velocity: Array, sources: Array, sigma: 
     linear, angular = sources[:, :3], sources[:, 3:]
     response = motion_response(phi, angular_velocity, -linear, np.zeros_like(linear), angular)
     return np.asarray(np.sum((response * sigma[:, None, :]) ** 2, axis=2))
-
-
-def effort_variance(inertia: Array, by_base: Array, errors: AccelerationSigma, known: Mask) -> Array:
-    """(M, J) variance of rigid efforts by independent errors of the accelerations.
-
-    Args:
-        inertia: (M, J, J) joint-space inertia.
-        by_base: (M, V, J) change of the efforts with the acceleration of the base; V is 6, or 0 for a fixed base.
-        errors: of all the robot's joints.
-        known: which of these joints are the J.
-    """
-    found = np.asarray(np.einsum("mij,mj->mi", inertia**2, errors.joints[:, known] ** 2))
-    if errors.base is not None:
-        found += np.einsum("mbj,mb->mj", by_base**2, errors.base**2)
-    return found
 
 
 def base_sources(base: BaseMotion, rotation_world_sensor: Array, position_in_world: Array) -> Array:

@@ -1,6 +1,7 @@
 """One recording in the form that effects use: measured and predicted wrench, motion, and the wrench of a rigid load."""
 
 from poise.mismatch.recorded.channels import WRENCH_CHANNELS, directed
+from poise.mismatch.recorded.joint_torques import joint_torques, wrench_of_torques
 from poise.mismatch.recorded.link_track import LINK_PARAMETERS, LinkTrack
 from poise.mismatch.recorded.load_wrench import forces_at, load_wrench, motion_response
 from poise.mismatch.recorded.noise_levels import NoiseLevel, block_means, lattice, noise_level, white_level
@@ -21,9 +22,11 @@ __all__ = [
     "block_means",
     "directed",
     "forces_at",
+    "joint_torques",
     "lattice",
     "load_wrench",
     "motion_response",
     "noise_level",
     "white_level",
+    "wrench_of_torques",
 ]

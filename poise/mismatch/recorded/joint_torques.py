@@ -1,0 +1,47 @@
+"""Joint efforts that balance a wrench on the sensor, and the wrench that explains joint efforts best."""
+
+import numpy as np
+
+from poise.mismatch.recorded.recorded_motion import RecordedMotion
+from poise.mismatch.recorded.resampling import at_times
+from poise.types import Array
+
+_LEVER = 0.1
+"""m: size of a torque relative to that of a force."""
+_DAMPING = 0.05
+"""m: efforts that need a lever shorter than this say little about a force."""
+
+
+def joint_torques(recorded: RecordedMotion, wrench: Array) -> Array:
+    """(M, J, k) efforts that (N, 6, k) wrenches of the load on the sensor need: tau = -J^T w.
+
+    Raises:
+        ValueError: without joints or efforts.
+    """
+    jacobian, seconds = _jacobian(recorded)
+    along = -np.einsum("ncj,nck->njk", jacobian, wrench)
+    flat = along.reshape(len(along), int(np.prod(along.shape[1:])))
+    return at_times(recorded.seconds, flat, seconds).reshape(len(seconds), *along.shape[1:])
+
+
+def wrench_of_torques(recorded: RecordedMotion, torque: Array) -> Array:
+    """(N, 6) wrench on the sensor, the smallest among those that explain efforts (M, J) best.
+
+    Raises:
+        ValueError: without joints or efforts.
+    """
+    jacobian, seconds = _jacobian(recorded)
+    scale = np.repeat([1.0, _LEVER], 3)
+    scaled = jacobian * scale[:, None]
+    square = np.einsum("nci,ncj->nij", scaled, scaled) + _DAMPING**2 * np.eye(jacobian.shape[2])
+    there = at_times(seconds, torque, recorded.seconds)
+    return np.asarray(-scale * np.einsum("ncj,nj->nc", scaled, np.linalg.solve(square, there[:, :, None])[:, :, 0]))
+
+
+def _jacobian(recorded: RecordedMotion) -> tuple[Array, Array]:
+    """(N, 6, J) of the joints with efforts, and the stamps (M,) of these."""
+    joints, effort = recorded.joints, recorded.effort
+    if joints is None or effort is None:
+        raise ValueError("this recording has no joint efforts")
+    chosen = [joints.names.index(name) for name in effort.names]
+    return joints.jacobian_in_sensor[:, :, chosen], effort.seconds
