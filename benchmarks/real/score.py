@@ -33,7 +33,8 @@ class Answer:
     Args:
         verdict: as in its JSON; "refused" when it gave no answer.
         named: belief by effect.
-        errors: held-out error of the nominal model, with calibration, and with the effects; empty without an answer.
+        errors: held-out error of the nominal model, with calibration, and with the effects; empty where no signal was
+            examined.
         seconds: wall time.
         complaint: the last line on stderr, when it gave no answer.
     """
@@ -56,7 +57,7 @@ def ask(recording: Path) -> Answer:
             return Answer("refused", {}, {}, seconds, lines[-1])
         content = json.loads((place / "answer.json").read_text())
     named = {effect["name"]: float(effect["probability"]) for effect in content["effects"]}
-    return Answer(str(content["verdict"]), named, content["fit"]["holdout"], seconds, "")
+    return Answer(str(content["verdict"]), named, (content["fit"] or {}).get("holdout", {}), seconds, "")
 
 
 def baseline(rig: Rig, folder: Path) -> Fit | None:

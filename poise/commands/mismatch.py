@@ -270,6 +270,11 @@ def print_answer(people: Console, found: Diagnosis) -> None:
     if clock is not None:
         value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
         people.print(f"Inside its tolerance: the wrench's clock is {value} ± {sigma} ms late against the motion's.")
+    limits = [
+        f"{small.group} {small.name}" for each in found.examinations for small in each.calibration if small.at_limit
+    ]
+    if limits:
+        people.print(f"At the limit of their tolerances: {', '.join(limits)}.", soft_wrap=True)
     if not found.complete:
         people.print("The deadline ended the search: this is the best answer so far.")
     for name, lacking in found.unproven.items():
