@@ -195,6 +195,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
             "noise_floor": proof.floor,
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
             "whiteness": rest.whiteness,
+            "nrmse": _nrmse(found),
         },
         "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
         "complete": found.complete,
@@ -202,6 +203,18 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
         "untestable": found.untestable,
         "seconds": found.seconds,
     } | _of_input(readings)
+
+
+def _nrmse(found: Diagnosis) -> dict[str, dict[str, float]]:
+    """Error of each joint's effort on held-out samples over the effort itself; empty without efforts."""
+    errors = {}
+    for each in found.examinations:
+        effort = each.problem.recorded.effort
+        if each.problem.signal == "effort" and effort is not None:
+            nominal, augmented, given = each.proof.nrmse.tolist()
+            parts = zip(effort.names, given, nominal, augmented, strict=True)
+            errors = {name: {"nominal": a, "calibrated": b, "augmented": c} for name, a, b, c in parts}
+    return errors
 
 
 def _of_input(readings: list[ReadRecording]) -> dict[str, Any]:
