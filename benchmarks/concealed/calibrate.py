@@ -1,46 +1,79 @@
-"""What the probabilities are worth: `python -m benchmarks.concealed.calibrate DIR DIR.seals.json`.
+"""What the probabilities are worth: `python -m benchmarks.concealed.calibrate DIR ... [--foreign DIR ...]`.
 
 Fits the weights of `poise.mismatch.answer.belief` (Platt's scaling: logistic in what speaks for a name) on answers to
-recordings made with the seeds `calibration`. A half of the cases is fitted and the other half judges, then the halves
-change places; the weights of all cases together go into belief.py.
+cases of two generators that serve no other purpose: DIR of benchmarks.concealed (seeds `calibration`), and DIR of
+benchmarks.foreign (seeds `dev`). A half of the cases is fitted and the other half judges, then the halves change
+places, and each generator judges the weights of the other; the weights of all together go into belief.py.
 """
 
 import argparse
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
 
 from benchmarks.concealed.run import ANSWERS
 from benchmarks.concealed.score import read_json
-from benchmarks.concealed.seals import open_seals
+from benchmarks.concealed.seals import open_seals, private_file
 from benchmarks.concealed.table import brier, calibration_error
 from benchmarks.concealed.tally import judge
+from benchmarks.foreign.seals import unseal
 from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis
-from poise.types import Array
+from poise.types import Array, Mask
 
 WIDTH = 3.0
 """One sigma of the weights' prior: what is never seen must not become infinitely sure."""
 
 
-def stated(folder: Path, private: Path) -> tuple[Array, Array, Array, Array]:
-    """Of every name given: number of its case, what speaks for it (K, p), was it true, and the stated probability."""
+@dataclass(frozen=True, eq=False)
+class Stated:
+    """Names that the tool gave: what speaks for each (K, p), is it true (K,), and its stated probability (K,).
+
+    `case` and `source` (K,) number the cases and the generators.
+    """
+
+    speaks: Array
+    true: Mask
+    said: Array
+    case: Array
+    source: Array
+
+
+def stated(concealed: list[Path], foreign: list[Path]) -> Stated:
+    """Every name of all answers in some folders."""
     rows = []
-    for number, (case, label) in enumerate(sorted(open_seals(folder, private).items())):
-        answer = read_json(folder / ANSWERS / f"{case}.json")
-        if answer is None:
-            continue
-        verdict = judge(case, label, answer)
-        known = set(verdict.truth) | set(label["accept"])
-        for effect in answer["effects"]:
-            if effect["basis"] is None or (label["kind"] == "foreign" and effect["name"] in label["accept"]):
-                continue
-            rows.append((number, *BeliefBasis(**effect["basis"]).terms, effect["name"] in known, effect["probability"]))
+    for source, folders in enumerate((concealed, foreign)):
+        for folder in folders:
+            for number, (known, effects) in enumerate(_concealed(folder) if source == 0 else _foreign(folder)):
+                for effect in effects:
+                    terms = BeliefBasis(**effect["basis"]).terms
+                    rows.append((*terms, effect["name"] in known, effect["probability"], number, source))
     table = np.array(rows, dtype=np.float64)
-    return table[:, 0].astype(int), table[:, 1:-2], table[:, -2], table[:, -1]
+    return Stated(table[:, :-4], table[:, -4] > 0.5, table[:, -3], table[:, -2], table[:, -1])
 
 
-def fitted(speaks: Array, true: Array) -> Array:
+def _concealed(folder: Path) -> Iterator[tuple[set[str], list[dict[str, Any]]]]:
+    """(true names, names given) of each case."""
+    for case, label in sorted(open_seals(folder, private_file(folder)).items()):
+        answer = read_json(folder / ANSWERS / f"{case}.json")
+        if answer is not None:
+            known = set(judge(case, label, answer).truth) | set(label["accept"])
+            doubtful = set(label["accept"]) if label["kind"] == "foreign" else set()
+            yield known, [e for e in answer["effects"] if e["basis"] is not None and e["name"] not in doubtful]
+
+
+def _foreign(folder: Path) -> Iterator[tuple[set[str], list[dict[str, Any]]]]:
+    for case, label in sorted(unseal(folder).items()):
+        outcome = read_json(folder / ANSWERS / f"{case}.json") or {}
+        known = {name for effect in label["effects"] for name in (effect["name"], *effect["accept"])}
+        effects = (outcome.get("answer") or {}).get("effects") or []
+        yield known, [effect for effect in effects if effect["basis"] is not None]
+
+
+def fitted(speaks: Array, true: Mask) -> Array:
     """(p,) most likely weights, with a normal prior."""
 
     def loss(weights: Array) -> float:
@@ -50,7 +83,7 @@ def fitted(speaks: Array, true: Array) -> Array:
     return np.asarray(minimize(loss, np.zeros(speaks.shape[1]), method="BFGS").x)
 
 
-def judged(speaks: Array, true: Array, weights: Array) -> tuple[float, float]:
+def judged(speaks: Array, true: Mask, weights: Array) -> tuple[float, float]:
     """Expected calibration error and Brier's score of weights on names they were not fitted to."""
     probability = np.minimum(1.0 / (1.0 + np.exp(-speaks @ weights)), MAX_PROBABILITY)
     pairs = [(float(p), bool(t)) for p, t in zip(probability, true, strict=True)]
@@ -59,18 +92,20 @@ def judged(speaks: Array, true: Array, weights: Array) -> tuple[float, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("seals", type=Path)
+    parser.add_argument("concealed", type=Path, nargs="+", help="folders of benchmarks.concealed")
+    parser.add_argument("--foreign", type=Path, nargs="*", default=[], help="folders of benchmarks.foreign")
     arguments = parser.parse_args()
-    case, speaks, true, said = stated(arguments.folder, arguments.seals)
-    print(f"{len(true)} names, {true.mean():.3f} of them true")
-    pairs = [(float(p), bool(t)) for p, t in zip(said, true, strict=True)]
+    names = stated(arguments.concealed, arguments.foreign)
+    print(f"{len(names.true)} names, {names.true.mean():.3f} of them true")
+    pairs = [(float(p), bool(t)) for p, t in zip(names.said, names.true, strict=True)]
     print(f"as stated: calibration error {calibration_error(pairs):.3f}, Brier {brier(pairs):.3f}")
-    for half in (0, 1):
-        learnt = case % 2 == half
-        error, square = judged(speaks[~learnt], true[~learnt], fitted(speaks[learnt], true[learnt]))
-        print(f"fitted to the other half ({learnt.sum()} names): calibration error {error:.3f}, Brier {square:.3f}")
-    print("WEIGHTS =", tuple(fitted(speaks, true).round(2).tolist()))
+    parts = {f"half {half}": names.case % 2 == half for half in (0, 1)}
+    parts |= {what: names.source == k for k, what in enumerate(("concealed", "foreign"))} if arguments.foreign else {}
+    for what, judges in parts.items():
+        weights = fitted(names.speaks[~judges], names.true[~judges])
+        error, square = judged(names.speaks[judges], names.true[judges], weights)
+        print(f"{what}, not fitted: {judges.sum()} names, calibration error {error:.3f}, Brier {square:.3f}")
+    print("WEIGHTS =", tuple(fitted(names.speaks, names.true).round(2).tolist()))
 
 
 if __name__ == "__main__":

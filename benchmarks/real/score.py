@@ -41,7 +41,7 @@ class Answer:
         verdict: as in its JSON; "refused" when it gave no answer.
         named: belief by effect.
         errors: held-out error of the nominal model, with calibration, and with the effects; empty without an answer.
-        nrmse: of each joint's effort on held-out samples, of the nominal model and with the effects.
+        nrmse: of each joint's effort: nominal and augmented on all samples, held_out on those that the fit did not see.
         parameters: value by effect and parameter.
         seconds: wall time.
         complaint: what it said of the recording itself, or the last line on stderr when it gave no answer.
@@ -140,7 +140,7 @@ def main() -> None:
         "rig",
         "held-out error: nominal, answer",
         "named (belief)",
-        "NRMSE: nominal, answer",
+        "NRMSE: nominal, answer, held out",
         "off",
         "least squares: NRMSE, moving, nominal",
         "off",

@@ -206,14 +206,18 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
 
 
 def _nrmse(found: Diagnosis) -> dict[str, dict[str, float]]:
-    """Error of each joint's effort on held-out samples over the effort itself; empty without efforts."""
+    """Error of each joint's effort over the effort itself; empty without efforts.
+
+    Of the nominal model as given and of the fit with the effects, on all samples; and of a fit without the held-out
+    samples, on these.
+    """
     errors = {}
     for each in found.examinations:
         effort = each.problem.recorded.effort
         if each.problem.signal == "effort" and effort is not None:
-            nominal, augmented, given = each.proof.nrmse.tolist()
-            parts = zip(effort.names, given, nominal, augmented, strict=True)
-            errors = {name: {"nominal": a, "calibrated": b, "augmented": c} for name, a, b, c in parts}
+            nominal, augmented = each.nrmse.tolist()
+            parts = zip(effort.names, nominal, augmented, each.proof.nrmse[1].tolist(), strict=True)
+            errors = {name: {"nominal": a, "augmented": b, "held_out": c} for name, a, b, c in parts}
     return errors
 
 
@@ -283,6 +287,11 @@ def print_answer(people: Console, found: Diagnosis) -> None:
     if clock is not None:
         value, sigma = rounded(1e3 * clock.value, 1e3 * clock.std)
         people.print(f"Inside its tolerance: the wrench's clock is {value} ± {sigma} ms late against the motion's.")
+    limits = [
+        f"{small.group} {small.name}" for each in found.examinations for small in each.calibration if small.at_limit
+    ]
+    if limits:
+        people.print(f"At the limit of their tolerances: {', '.join(limits)}.", soft_wrap=True)
     if not found.complete:
         people.print("The deadline ended the search: this is the best answer so far.")
     for name, lacking in found.unproven.items():

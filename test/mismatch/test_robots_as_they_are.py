@@ -162,6 +162,13 @@ def test_joints_without_states_stand_where_the_model_says_or_are_named() -> None
     assert level is not None
     assert hanging is not None
     assert level.names == hanging.names == ("elbow", "wrist")
+    (held,) = read(seen, model=parse_model({"joint_positions": {"shoulder": 0.1}})).findings
+    assert (held.kind, held.joints, held.values) == ("joints_held", ("shoulder",), (0.1,))
+    # A joint behind the last one with states is held at zero.
+    parts = (values[:, :2] for values in (joints.position, joints.velocity, joints.effort))
+    reading = read(JointStream(joints.stamps, joints.names[:2], *parts))
+    assert reading.model.sensor_frame == "link_2"
+    assert [(each.kind, each.joints) for each in reading.findings] == [("joints_held", ("wrist",))]
     assert np.abs(hanging.rigid[:10, 0]).max() < 0.2 * np.abs(level.rigid[:10, 0]).min()
 
 

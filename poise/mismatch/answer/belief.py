@@ -1,15 +1,17 @@
 """Confidence of an answer: probabilities of effects, their rivals, and indistinguishable effects."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from poise.mismatch.inference import HypothesisSearch
+from poise.mismatch.effects import effect_named
+from poise.mismatch.inference import EffectProof, HypothesisSearch
 
 _TEMPERATURE = 2.0
 """divisor of log evidences in the comparison of rivals: no model is exact."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-_WEIGHTS = (1.97, 0.33, -4.03, -1.86)
+_WEIGHTS = (1.5, 0.2, 0.2, -4.0, -2.0)
 """Of `BeliefBasis.terms` in the log odds that a name is true: fitted by `benchmarks.concealed.calibrate` on recordings
 that served no other purpose."""
 MAX_PROBABILITY = 0.995
@@ -43,18 +45,28 @@ class BeliefBasis:
 
     Args:
         evidence: gain (log, base e) of the answer over the best hypothesis without it.
+        gain, share: of its proof, see `EffectProof`.
         parts: of the answer, named or not.
         beside_unknown: the residual contains an effect that no name explains.
     """
 
     evidence: float
+    gain: float
+    share: float
     parts: int
     beside_unknown: bool
 
     @property
-    def terms(self) -> tuple[float, float, float, float]:
-        """The regressors of the log odds."""
-        return 1.0, math.log(max(self.evidence, 0.1)), float(self.beside_unknown), float(self.parts - 1)
+    def terms(self) -> tuple[float, float, float, float, float]:
+        """The regressors of the log odds: other effects and unknown ones question a name that removes little error."""
+        left = 1.0 - self.share
+        return (
+            1.0,
+            math.log(max(self.evidence, 0.1)),
+            math.log(max(self.gain, 1.0)),
+            left * self.beside_unknown,
+            left * (self.parts > 1),
+        )
 
     @property
     def probability(self) -> float:
@@ -63,12 +75,15 @@ class BeliefBasis:
         return min(1.0 / (1.0 + math.exp(-odds)), MAX_PROBABILITY)
 
 
-def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> dict[str, EffectBelief]:
+def beliefs(
+    state: HypothesisSearch, answer: Names, proofs: Mapping[str, EffectProof], *, beside_unknown: bool
+) -> dict[str, EffectBelief]:
     """A belief for each effect of an answer.
 
     Args:
         state: all hypotheses that were tried.
         answer: the effects of the best hypothesis.
+        proofs: of each of them.
         beside_unknown: the residual contains an effect that no name explains.
     """
     raw = _evidences(state)
@@ -81,8 +96,8 @@ def beliefs(state: HypothesisSearch, answer: Names, *, beside_unknown: bool) -> 
             for names, value in weight.items()
             if len(names) == len(answer) and set(without) < set(names) and names != answer
         }
-        evidence = raw[answer] - max(value for names, value in raw.items() if name not in names)
-        basis = BeliefBasis(evidence, len(answer), beside_unknown)
+        evidence = raw[answer] - max(value for names, value in raw.items() if name not in _contained(names))
+        basis = BeliefBasis(evidence, proofs[name].gain, proofs[name].share, len(answer), beside_unknown)
         probability = basis.probability
         lacking = sum(value for names, value in weight.items() if name not in names)
         others = {rival: (1.0 - probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
@@ -108,6 +123,12 @@ def _evidences(state: HypothesisSearch) -> dict[Names, float]:
         if names in found and key not in state.fits:
             found[key] = state.fits[names].log_evidence + gain
     return found
+
+
+def _contained(names: Names) -> set[str]:
+    """The effects of a hypothesis, and those that they contain."""
+    effects = [effect_named(name) for name in names]
+    return {*names, *(piece for effect in effects if effect is not None for piece in effect.made_of)}
 
 
 def _stranger(names: Names, known: Names) -> str:

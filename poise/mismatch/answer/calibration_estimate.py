@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.mismatch.inference import HypothesisFit, Problem
-from poise.mismatch.reading import Tolerance
+from poise.mismatch.inference import HypothesisFit, Problem, effort_sizes
 
 
 @dataclass(frozen=True)
@@ -15,7 +14,8 @@ class CalibrationEstimate:
 
     Args:
         group, name: as in `model.yaml` and in the parameters of effects.
-        value, std, tolerance: in `unit`; the prior of the fit is centred at zero, as wide as the tolerance.
+        value, std, tolerance: in `unit`; the prior of the fit is uniform between plus and minus the tolerance.
+        at_limit: the value is at the end of its tolerance: the true error is there or beyond.
     """
 
     group: str
@@ -24,30 +24,53 @@ class CalibrationEstimate:
     std: float
     tolerance: float
     unit: str
+    at_limit: bool
+
+
+_LIMIT = 0.999
+"""Of the tolerance."""
 
 
 def calibration_estimates(problem: Problem, best: HypothesisFit) -> tuple[CalibrationEstimate, ...]:
-    """All observable calibration errors of a wrench except gains across axes; none for joint efforts."""
-    if problem.signal != "wrench":
-        return ()
+    """All observable calibration errors except gains across axes."""
     groups = problem.groups(problem.compose(best.parts)[1], best.parts)
+    label = _labels if problem.signal == "wrench" else _effort_labels
     shown = [np.abs(group.columns).max(axis=(0, 1)) > 0.0 for group in groups]
     value, spread = best.regression.coefficients(), np.sqrt(np.diag(best.regression.covariance()))
     found, row = [], 0
     for group, seen in zip(groups, shown, strict=True):
-        labels = list(_labels(group.name, len(seen), problem.model.tolerance))
+        labels = list(label(group.name, problem))
         for column in np.flatnonzero(seen):
             if column < len(labels):
                 kind, name, size, unit = labels[column]
-                found.append(
-                    CalibrationEstimate(kind, name, float(value[row] * size), float(spread[row] * size), size, unit)
-                )
+                at, std = float(value[row]), float(spread[row])
+                limit, at = abs(at) > _LIMIT, float(np.clip(at, -1.0, 1.0))
+                found.append(CalibrationEstimate(kind, name, at * size, std * size, size, unit, limit))
             row += 1
     return tuple(found)
 
 
-def _labels(group: str, count: int, at: Tolerance) -> Iterator[tuple[str, str, float, str]]:
+def _effort_labels(group: str, problem: Problem) -> Iterator[tuple[str, str, float, str]]:
+    """(group, name, tolerance, unit) of the columns of `effort_calibration`, in their order."""
+    at, track = problem.model.tolerance, problem.recorded.effort
+    if track is None:
+        return
+    if group == "gain":
+        yield from (("motor_gain", f"gain_{name}", at.motor_gain, "") for name in track.names)
+    elif group == "offset":
+        sizes = (effort_sizes(track) * at.effort_offset).tolist()
+        yield from (("effort_offset", f"offset_{name}", s, "N m") for name, s in zip(track.names, sizes, strict=True))
+    elif group == "joints":
+        yield from (("joint_offset", f"offset_{name}", at.joint_offset, "rad") for name in track.names)
+    elif group == "links" and track.links is not None:
+        yield from (("link_mass", f"mass_{number}", at.link_mass, "") for number in track.links.numbers)
+    elif group in ("payload", "tilt"):
+        yield from _labels(group, problem)
+
+
+def _labels(group: str, problem: Problem) -> Iterator[tuple[str, str, float, str]]:
     """(group, name, tolerance, unit) of the columns of `calibration`, in their order."""
+    at, joints = problem.model.tolerance, problem.recorded.joints
     if group == "payload":
         yield "payload", "mass", at.payload_mass, ""
         yield from (("payload", f"com_{axis}", at.payload_com, "m") for axis in "xyz")
@@ -61,7 +84,9 @@ def _labels(group: str, count: int, at: Tolerance) -> Iterator[tuple[str, str, f
         yield from (("sensor_gain", f"gain_{what}{axis}", at.sensor_gain, "") for what in "ft" for axis in "xyz")
     elif group == "rotation":
         yield from (("sensor_rotation", f"rotation_{axis}", at.sensor_rotation, "rad") for axis in "xyz")
-    elif group == "joints":
-        yield from (("joint_offset", f"offset_{k + 1}", at.joint_offset, "rad") for k in range(count))
+    elif group == "tilt":
+        yield from (("base_tilt", f"rotation_{axis}", at.base_tilt, "rad") for axis in "xy")
+    elif group == "joints" and joints is not None:
+        yield from (("joint_offset", f"offset_{k + 1}", at.joint_offset, "rad") for k in range(len(joints.names)))
     elif group == "clock":
         yield "clock_offset", "offset", at.clock_offset, "s"

@@ -53,7 +53,8 @@ class NamedEffect:
 def named_effects(
     problem: Problem, state: HypothesisSearch, best: HypothesisFit, model: ProvenModel, *, beside_unknown: bool
 ) -> list[NamedEffect]:
-    confidence = beliefs(state, names(best), beside_unknown=beside_unknown) if best.parts else {}
+    proofs = {part.effect.name: proof for part, proof in zip(best.parts, model.proofs, strict=True)}
+    confidence = beliefs(state, names(best), proofs, beside_unknown=beside_unknown) if best.parts else {}
     inputs = problem.compose(best.parts)[0]
     found = [
         NamedEffect(
@@ -64,9 +65,9 @@ def named_effects(
             quantities(part, recorded, covariance),
             part.effect.windows(recorded, part.values),
             part.effect.sentence(recorded, part.values),
-            proof,
+            proofs[part.effect.name],
         )
-        for part, recorded, covariance, proof in zip(best.parts, inputs, best.covariance, model.proofs, strict=True)
+        for part, recorded, covariance in zip(best.parts, inputs, best.covariance, strict=True)
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)

@@ -117,6 +117,7 @@ class Effect(ABC):
         free_course: of an event: splines fit its time course, so that one half of it does not predict the other.
         made_of: names of effects that it contains beside further terms; where these terms vanish, they are the answer.
             An answer never names an effect beside one that contains it.
+        most: how many of its kind a model may have.
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
@@ -136,6 +137,7 @@ class Effect(ABC):
     fast: ClassVar[bool] = False
     free_course: ClassVar[bool] = False
     made_of: ClassVar[tuple[str, ...]] = ()
+    most: ClassVar[int] = 1
     direct: ClassVar[bool] = False
     widens: ClassVar[str] = ""
     defaults: ClassVar[Values] = {}

@@ -6,6 +6,7 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.part_wrench import out_of_reach
 from poise.mismatch.effects.starts import bursts
 from poise.mismatch.recorded import RecordedMotion, directed, forces_at
 from poise.types import Array
@@ -109,6 +110,9 @@ class PlateContact(Effect):
     def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
         del recorded
         return ((values["start"], values["start"] + values["length"]),)
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        return super().implausible(recorded, values) or out_of_reach(values)
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         peak = self._peak(values)

@@ -16,12 +16,12 @@ from poise.mismatch.effects.part_wrench import (
     direction,
     likely_place,
     named_axis,
+    no_part,
     payload_centre,
     place_of,
     sliding_wrench,
     specific_at,
     spin_square,
-    too_heavy,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -32,7 +32,8 @@ _PAIRS = tuple((i, j) for i in range(3) for j in range(i, 3))
 class FlexibleMode(Effect):
     """A mass on a spring and damper along an axis of the tool; without load it is at its nominal place.
 
-    Its mass is part of the nominal payload: the response is the difference that its oscillation makes.
+    Its mass is part of the nominal payload: the response is the difference that its oscillation makes. A beam has a
+    mode in each of two directions: a model may have two.
     """
 
     name = "flexible_mode"
@@ -43,6 +44,7 @@ class FlexibleMode(Effect):
     separating_motion = "a sudden stop, then rest: the mode rings at its own frequency, in any attitude"
     confused_with = ("grasp_compliance", "slosh", "payload_parameters", "external_vibration", "low_pass")
     needs = ("load",)
+    most = 2
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
@@ -93,7 +95,7 @@ class FlexibleMode(Effect):
         return sliding_wrench(recorded, place, axis, (z, dz, second))[:, :, None]
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        return super().implausible(recorded, values) or too_heavy(recorded, values["mass"])
+        return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)

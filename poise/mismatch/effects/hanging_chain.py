@@ -9,10 +9,10 @@ from poise.mismatch.effects.part_wrench import (
     PAYLOAD_REACH,
     POINT_PARAMETERS,
     likely_swings,
+    no_part,
     place_of,
     swing_frequency,
     swinging_wrench,
-    too_heavy,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -77,7 +77,7 @@ class HangingChain(Effect):
         if values["second_mass"] > values["mass"]:
             return "the second mode would carry more mass than the first"
         whole = values["mass"] + values["second_mass"]
-        return super().implausible(recorded, values) or too_heavy(recorded, whole)
+        return super().implausible(recorded, values) or no_part(recorded, values, whole)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         found = self.derived(recorded, values)

@@ -10,6 +10,8 @@ from poise.types import Array
 
 _LOUD = 8.0
 """Jumps of the force, in units of its noise, that count as knocks."""
+_ALONG = 0.8
+"""Least cosine between the jump of a knock and the common axis."""
 _APART = 0.06
 """s, the least time between two knocks."""
 _MOST = 60
@@ -50,6 +52,10 @@ def find_knocks(seconds: Array, force: Array, sigma: Array) -> list[Knocks]:
     if len(rows) < 2:
         return []
     axis = np.linalg.eigh(jumps[rows].T @ jumps[rows])[1][:, 2]
+    # Outliers of heavy-tailed noise jump in other directions.
+    rows = rows[np.abs(jumps[rows] @ axis) > _ALONG * np.linalg.norm(jumps[rows], axis=1)]
+    if len(rows) < 2:
+        return []
     onsets = rows[np.concatenate([[True], np.diff(seconds[rows]) > _APART])]
     onsets = np.sort(onsets[np.argsort(-size[onsets])[:_MOST]])
     along = force @ axis

@@ -19,11 +19,11 @@ from poise.mismatch.effects.part_wrench import (
     direction,
     likely_place,
     named_axis,
+    no_part,
     payload_centre,
     place_of,
     sliding_wrench,
     specific_at,
-    too_heavy,
 )
 from poise.mismatch.effects.starts import spans
 from poise.mismatch.recorded import RecordedMotion, white_level
@@ -107,7 +107,7 @@ class LoosePart(Effect):
         return between_stops(recorded.seconds, push, values["gap"], values["settling"])
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        return super().implausible(recorded, values) or too_heavy(recorded, values["mass"])
+        return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         return named_axis(values)

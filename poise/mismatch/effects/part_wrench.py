@@ -13,6 +13,8 @@ from poise.types import Array
 POINT_PARAMETERS = ("x", "y", "z")
 PAYLOAD_REACH = 0.5
 """m from the sensor within which parts of a payload are searched."""
+_END = 0.98
+"""Share of the reach from which a place is at the end of its range."""
 _SHARE = 1.05
 """Largest mass of a moving part relative to the nominal payload, whose mass has a tolerance."""
 AXIS_PARAMETERS = ("axis_a", "axis_b")
@@ -102,10 +104,17 @@ def likely_swings(
     return [values for _, values in sorted(found, key=lambda item: -item[0])[:count]]
 
 
-def too_heavy(recorded: RecordedMotion, mass: float) -> str:
-    """Why a part of the payload cannot have a mass, kg, as a clause; "" when it can."""
+def no_part(recorded: RecordedMotion, values: Mapping[str, float], mass: float) -> str:
+    """Why a part of the payload cannot have a mass, kg, and a place, as a clause; "" when it can."""
     whole = abs(float(recorded.phi[0]))
-    return f"{mass:.2f} kg would move in a payload of {whole:.2f} kg" if mass > _SHARE * whole else ""
+    heavy = f"{mass:.2f} kg would move in a payload of {whole:.2f} kg" if mass > _SHARE * whole else ""
+    return heavy or out_of_reach(values)
+
+
+def out_of_reach(values: Mapping[str, float]) -> str:
+    """Why nothing acts at a place, as a clause: a fit pressed it against the end of its range; "" otherwise."""
+    farthest = float(np.abs(place_of(values)).max())
+    return f"it would act {farthest:.2f} m from the sensor" if farthest > _END * PAYLOAD_REACH else ""
 
 
 def spin_square(recorded: RecordedMotion, axis: Array) -> Array:

@@ -9,10 +9,10 @@ from poise.mismatch.effects.part_wrench import (
     PAYLOAD_REACH,
     POINT_PARAMETERS,
     likely_swings,
+    no_part,
     place_of,
     swing_frequency,
     swinging_wrench,
-    too_heavy,
 )
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -60,7 +60,7 @@ class Slosh(Effect):
         return swing[:, :, None]
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        return super().implausible(recorded, values) or too_heavy(recorded, values["mass"])
+        return super().implausible(recorded, values) or no_part(recorded, values, values["mass"])
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         frequency = swing_frequency(recorded, values["length"]) / (2.0 * np.pi)

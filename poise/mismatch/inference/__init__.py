@@ -1,6 +1,6 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
-from poise.mismatch.inference.calibration import payload_steps
+from poise.mismatch.inference.calibration import effort_sizes, payload_steps
 from poise.mismatch.inference.fitting import HypothesisFit, fit, linearization_point, refine
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, tail
 from poise.mismatch.inference.noise import SignalNoise
@@ -31,6 +31,7 @@ __all__ = [
     "TimeLimit",
     "dependence_curve",
     "effort_problem",
+    "effort_sizes",
     "fit",
     "held_out",
     "linear_bspline_basis",

@@ -13,9 +13,12 @@ from scipy.ndimage import gaussian_filter1d
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
 from poise.mismatch.reading import Tolerance
-from poise.mismatch.recorded import EffortTrack, RecordedMotion, joint_torques
+from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, joint_torques
 from poise.types import Array
 
+CALIBRATION_BOUND = 1.1
+"""Half-width of the uniform priors in tolerances: the columns are linear, and the products of two errors at their edges
+are up to a tenth of a tolerance."""
 NORMAL_PRECISION = 4.0
 """Of the coefficients of a group without bounds."""
 
@@ -33,7 +36,7 @@ class CalibrationGroup:
 
     name: str
     columns: Array
-    bound: float = 1.0
+    bound: float = CALIBRATION_BOUND
 
 
 _BLURS = (0.02, 0.05, 0.12)
@@ -48,7 +51,7 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
     ramp = (recorded.seconds - middle) / max(recorded.duration, 1e-9)
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
-    late = -np.gradient(wrench, recorded.seconds, axis=0)[:, :, None]
+    later, sooner = (at_times(recorded.seconds, wrench, recorded.seconds + t * tolerance.clock_offset) for t in (1, -1))
     widths = [width / recorded.period for width in _BLURS]
     calm = [gaussian_filter1d(recorded.nominal, width, axis=0, mode="nearest") - recorded.nominal for width in widths]
     return (
@@ -59,7 +62,7 @@ def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[Calibra
         CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
         CalibrationGroup("tilt", tilt_columns(recorded) * tolerance.base_tilt),
         CalibrationGroup("joints", joint_columns(recorded) * tolerance.joint_offset),
-        CalibrationGroup("clock", late * tolerance.clock_offset),
+        CalibrationGroup("clock", (sooner - later)[:, :, None] / 2),
         CalibrationGroup("blur", np.stack(calm, axis=2), np.inf),
     )
 

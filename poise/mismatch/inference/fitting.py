@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.damping import Damping
@@ -25,6 +26,9 @@ _SETTLED = 0.1
 """Decrease of the square at which a fit has converged."""
 _NEARLY = 2.0
 """Decrease of the square below which the calibration is not linearised again."""
+
+_CHANCE = 0.00135
+"""Probability that a normal deviate exceeds three sigma on one side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -312,6 +316,28 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
             damping.eased(strength)
             return moved
     return None
+
+
+def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: Effect) -> bool:
+    """Whether an effect lies outside the tolerances that it widens by three sigma; true where it widens none.
+
+    At the edge of the tolerances, noise alone lowers the square by as many degrees of freedom as half the parameters.
+
+    Args:
+        problem: the signal.
+        parts: as fitted.
+        effect: of one of them.
+    """
+    if not effect.widens:
+        return True
+    squares, counts = [], []
+    for kept in (parts, [part for part in parts if part.effect is not effect]):
+        about = linearised(problem, tuple(kept), None)
+        precision, mean = about.priors(PRIOR_SCALES[-1])
+        whole = about.calibration.extended(about.columns, np.where(precision > 0, precision, 1.0), mean)
+        squares.append(whole.square)
+        counts.append(len(about.columns))
+    return bool(squares[1] - squares[0] > chi2.isf(_CHANCE, (counts[0] - counts[1] + 1) / 2))
 
 
 def _finished(problem: Problem, at: Linearised) -> HypothesisFit:

@@ -72,7 +72,8 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof
     events = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.recorded) if fixed else 0.0
     measured = problem.measured - events
     train = _reading(replace(problem, judged=~last), measured)
-    plain, full = fit(thinned(replace(problem, judged=~last)), ()), fit(thinned(train), learnt, _STEPS)
+    bare = replace(problem, judged=~last)
+    plain, full = fit(thinned(bare.weighed()), ()), fit(thinned(train.weighed()), learnt, _STEPS)
     given = problem.measured - problem.predicted(problem.recorded)
     errors = [
         given - plain.response - plain.calibrated,

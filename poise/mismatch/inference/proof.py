@@ -35,7 +35,7 @@ class EffectProof:
         improved_blocks: those in which the error falls.
         error_without, error_with: over all blocks.
         gain: log likelihood won over all blocks, for noise as large as the remaining residual.
-        share: of the error that the whole model explains, the part that this effect explains.
+        share: of the energy of the error without the effect, the part that it removes.
         rest: energy that the model leaves above the noise, in units of the energy of this effect, where it acts.
     """
 
@@ -85,12 +85,9 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
     dropped: dict[str, str] = {}
     while True:
         problem = state.under(best)
-        whole, nominal = state.fitted(problem, best.parts, WARM_STEPS), state.fitted(problem, (), 0)
-        without = [
-            nominal if len(best.parts) == 1 else state.fitted(problem, _others(whole.parts, part), WARM_STEPS)
-            for part in whole.parts
-        ]
-        proofs = _compared(problem, whole, without, nominal)
+        whole = state.fitted(problem, best.parts, WARM_STEPS)
+        without = [state.fitted(problem, _others(whole.parts, part), WARM_STEPS) for part in whole.parts]
+        proofs = _compared(problem, whole, without)
         lacking = [
             implausible(problem.recorded, [part]) or proof.lacking
             for part, proof in zip(whole.parts, proofs, strict=True)
@@ -107,25 +104,23 @@ def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEff
     return [other for other in parts if other is not part]
 
 
-def _compared(
-    problem: Problem, whole: HypothesisFit, without: Sequence[HypothesisFit], nominal: HypothesisFit
-) -> list[EffectProof]:
+def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[HypothesisFit]) -> list[EffectProof]:
     """The proof of each part of `whole`; the fit without it is at its place in `without`."""
     if problem.blocks is not None and any(part.effect.free_course for part in whole.parts):
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
         full = replace(problem, blocks=None)
-        whole, nominal, *without = (fit(full, each.parts, 1) for each in (whole, nominal, *without))
-    return [_proof(problem.measured.shape[1], whole, shorter, nominal) for shorter in without]
+        whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
+    return [_proof(problem.measured.shape[1], whole, shorter) for shorter in without]
 
 
-def _proof(channels: int, whole: HypothesisFit, without: HypothesisFit, nominal: HypothesisFit) -> EffectProof:
+def _proof(channels: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
     """The proof of the effect that `whole` has and `without` lacks."""
     fitted = [_residual(each) for each in (without, whole)]
     energy = np.sum((fitted[0] - fitted[1]).reshape(channels, -1) ** 2, axis=0)
     share = energy / max(float(energy.sum()), 1e-300)
     # The calibration is determined by the whole recording: pieces are cut where the effect does not act, too.
     fold = np.tile(_parts(0.5 * share + 0.5 / len(share), _BLOCKS**2) % _BLOCKS, channels)
-    squares = [_predicted(each, fold) ** 2 for each in (without, whole, nominal)]
+    squares = [_predicted(each, fold) ** 2 for each in (without, whole)]
     fall = np.sum((squares[0] - squares[1]).reshape(channels, -1), axis=0)
     falls = np.bincount(_parts(share, _BLOCKS), weights=fall, minlength=_BLOCKS)
     left = np.sum(fitted[1].reshape(channels, -1) ** 2, axis=0)
@@ -136,7 +131,7 @@ def _proof(channels: int, whole: HypothesisFit, without: HypothesisFit, nominal:
         error_without=float(np.sqrt(errors[0])),
         error_with=float(np.sqrt(errors[1])),
         gain=0.5 * float(fall.sum()) / max(errors[1], 1.0),
-        share=float(np.clip((errors[0] - errors[1]) / max(errors[2] - errors[1], 1e-12), 0.0, 1.0)),
+        share=float(np.clip(1.0 - errors[1] / max(errors[0], 1e-12), 0.0, 1.0)),
         rest=max(float(share @ left) - channels, 0.0) / max(float(share @ energy), 1e-9),
     )
 

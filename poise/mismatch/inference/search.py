@@ -5,6 +5,7 @@ a slow residual may be coloured noise under one hypothesis and physics under the
 the present best model with the noise and the calibration linearised there; the promising ones are then fitted in full.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -15,6 +16,7 @@ from poise.mismatch.inference.coarse import thinned
 from poise.mismatch.inference.fitting import (
     EffectCandidate,
     HypothesisFit,
+    exceeds_tolerance,
     fit,
     linearization_point,
     refine,
@@ -179,9 +181,11 @@ def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> Hypothe
     """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
     if not parts:
         return state.fits[()]
-    rough = state.fitted(state.judging, parts, WARM_STEPS)
-    problem = state.under(rough)
-    best = state.fitted(problem, rough.parts, _STEPS)
+    predicted = state.problem.predicted(state.problem.compose(parts)[1])
+    rough = state.problem.with_noise(state.problem.fitted_noise(state.problem.measured - predicted))
+    settled = fit(rough.weighed(), parts, _STEPS)
+    problem = state.under(settled)
+    best = state.fitted(problem, settled.parts, 0)
     for part in best.parts:
         state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
     return best
@@ -189,8 +193,8 @@ def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> Hypothe
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
     """log evidence by which a model must exceed one with an effect less."""
-    known = {part.effect.name for part in best.parts}
-    new = next((part.effect for part in found.parts if part.effect.name not in known), None)
+    more = Counter(names(found)) - Counter(names(best))
+    new = next((part.effect for part in found.parts if part.effect.name in more), None)
     if new is None:
         return _NEW_PHYSICS
     first = _UNKNOWN if isinstance(new, Dependence) else _WIDER if new.widens else _NEW_PHYSICS
@@ -226,7 +230,7 @@ def _alone(effect: Effect, whole: FittedEffect, recorded: RecordedMotion) -> Val
 
 
 def _alike(one: Effect, other: Effect) -> bool:
-    return one.name in other.confused_with or other.name in one.confused_with
+    return one.name in (other.name, *other.confused_with) or other.name in one.confused_with
 
 
 def _identified(problem: Problem, effect: Effect) -> str:
@@ -272,6 +276,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     before, nominal = state.fits[names(best)], state.fits[()].log_evidence
     judged = [state.fits[names(each)] for each in found]
     good = [each for each in judged if each.log_evidence - before.log_evidence >= _needed(each, before, nominal)]
+    good = [each for each in good if exceeds_tolerance(quieter, each.parts, each.parts[-1].effect)]
     return _simplest(good, nominal) if good else None
 
 
@@ -289,7 +294,8 @@ def prescreen(
 ) -> list[tuple[FittedEffect, ...]]:
     """Each effect added to the present best model: the few hypotheses that deserve a full fit."""
     taken = {name for part in best.parts for name in (part.effect.name, *part.effect.made_of)}
-    free = [effect for effect in effects if effect.name not in taken]
+    known = Counter(names(best))
+    free = [effect for effect in effects if effect.name not in taken or 0 < known[effect.name] < effect.most]
     problem = _calm(state.under(best), best)
     full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
     slow = _beside(rough, best.parts, [effect for effect in free if not effect.fast], state.limit)

@@ -12,7 +12,7 @@ from poise.mismatch.reading.motion_variance import AccelerationSigma, base_sourc
 from poise.mismatch.recorded import BaseTrack, EffortTrack, JointTrack, RecordedMotion, load_wrench
 from poise.robot import BaseMotion, RobotModel, inertia_of, pinocchio_state
 from poise.simulation import JointMotion
-from poise.types import Array
+from poise.types import Array, Mask
 
 _STILL = 1e-3
 """m/s or rad/s below which a base is at rest."""
@@ -107,9 +107,7 @@ def effort_track(
     gravity: float = STANDARD_GRAVITY,
     errors: AccelerationSigma | None = None,
 ) -> EffortTrack:
-    """Measured joint efforts, and those of a rigid arm with its payload (Featherstone 2008, section 5.3).
-
-    With its derivatives (Carpentier and Mansard 2018).
+    """Measured joint efforts, those of a rigid arm with its payload (Featherstone 2008, 5.3), and derivatives of these.
 
     Args:
         robot: with `base="floating"` when `base` is given.
@@ -126,7 +124,7 @@ def effort_track(
     loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(phi))
     loaded.gravity.linear = np.array([0.0, 0.0, -gravity])
     data = loaded.createData()
-    whole = pinocchio_state(robot, joints.position, joints.velocity, joints.acceleration, base)
+    whole = pinocchio_state(robot, *joints, base)
     moving = len(robot.coupling)
     torque, by_q, inertia = (np.empty((len(seconds), moving, *more)) for more in ((), (moving,), (moving,)))
     by_base = np.empty((len(seconds), len(whole.v[0]) - moving, moving))
@@ -144,15 +142,17 @@ def effort_track(
     names = tuple(name for name, there in zip(robot.joint_names, known.tolist(), strict=True) if there)
     parts = (joints.position[:, known], joints.velocity[:, known], joints.acceleration[:, known])
     links = link_track(robot, whole.q, whole.v, whole.a, gravity, known)
-    variance = None
-    if errors is not None:
-        variance = np.einsum("mij,mj->mi", inertia**2, errors.joints[:, known] ** 2)
-        if errors.base is not None:
-            variance += np.einsum("mbj,mb->mj", (by_base @ robot.coupling)[:, :, known] ** 2, errors.base**2)
-    by_tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
-    return EffortTrack(
-        seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, by_tilt, variance
-    )
+    variance = None if errors is None else _variance(errors, inertia, (by_base @ robot.coupling)[:, :, known], known)
+    tilt = np.einsum("nik,ij->njk", _by_tilt(loaded, whole.q, moving, gravity), robot.coupling)[:, known]
+    return EffortTrack(seconds, names, *parts, measured[:, known], rigid, rigid, by_q, inertia, links, tilt, variance)
+
+
+def _variance(errors: AccelerationSigma, inertia: Array, by_base: Array, known: Mask) -> Array:
+    """(M, J) of the torque by the errors of the accelerations."""
+    variance = np.einsum("mij,mj->mi", inertia**2, errors.joints[:, known] ** 2)
+    if errors.base is not None:
+        variance += np.einsum("mbj,mb->mj", by_base**2, errors.base**2)
+    return np.asarray(variance)
 
 
 def _by_tilt(model: pin.Model, positions: Array, moving: int, gravity: float) -> Array:

@@ -16,7 +16,7 @@ from poise.mismatch.reading.joint_samples import usable_joints
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.nominal_model import NominalModel
 from poise.mismatch.reading.payload import identified, loosened
-from poise.mismatch.reading.sanity import check_motion, check_wrench, without_spikes
+from poise.mismatch.reading.sanity import check_frame_motion, check_motion, check_wrench, without_spikes
 from poise.mismatch.reading.wrench_samples import usable
 from poise.mismatch.recorded import RecordedMotion
 from poise.recording import JointStream, PoseStream, Recording
@@ -83,7 +83,9 @@ def read_recording(recording: Recording, model: NominalModel) -> ReadRecording:
 
     known = replace(known, sensor_frame=frame)
     recorded, known, corrections = _against(build, str(recording.path), known, np.zeros(10))
-    return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections))
+    findings = check_frame_motion(recorded)
+    said = tuple(finding.sentence for finding in findings)
+    return ReadRecording(recorded, known, None, None, (*losses, *notes, *corrections, *said), tuple(findings))
 
 
 def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence[str] = ()) -> ReadRecording:
@@ -101,7 +103,8 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     if wrench is not None:
         wrench, notes = usable(wrench)
         losses += notes
-    joints, robot, odometry = _robot(streams, model)
+    text = streams.description() if model.urdf is None else read_urdf(find_urdf(model.urdf))
+    joints, robot, odometry = _robot(streams, model, text)
     frame = robot.sensor_frame
     joints, notes = usable_joints(joints, alone=wrench is None)
     tool = robot.load_in_sensor if model.tool_in_wrench else np.zeros(10)
@@ -112,6 +115,7 @@ def read_streams(streams: MeasuredStreams, model: NominalModel, losses: Sequence
     known = replace(model, sensor_frame=frame)
     recorded, known, corrections = _against(build, streams.name, known, tool, wrench is not None)
     recorded, findings = _checked(recorded, robot, joints, streams)
+    findings = [*_held(model, robot, text, wrench is None), *findings]
     said = tuple(finding.sentence for finding in findings)
     return ReadRecording(recorded, known, robot, joints, (*losses, *notes, *corrections, *said), tuple(findings))
 
@@ -164,12 +168,29 @@ def _against(
     return recorded, model, [*notes, *spikes]
 
 
-def _robot(streams: MeasuredStreams, model: NominalModel) -> tuple[JointStream, RobotModel, PoseStream | None]:
+def _held(model: NominalModel, robot: RobotModel, text: str, alone: bool) -> list[InputFinding]:
+    """Joints of the robot's chain without states, and behind it where, without a wrench, the states chose its end."""
+    longest = next((names for _, names in chains(text) if set(robot.joint_names) <= set(names)), ())
+    held = tuple(
+        name
+        for name in longest
+        if name in model.joint_positions or (alone and model.sensor_frame is None and name not in robot.joint_names)
+    )
+    if not held or robot.base == "floating":
+        return []
+    places = tuple(model.joint_positions.get(name, 0.0) for name in held)
+    said = ", ".join(f"{name} at {place:.3g}" for name, place in zip(held, places, strict=True))
+    sentence = f"Joints without states are held: {said} rad (or m); what moves behind them is wrong if they moved."
+    return [InputFinding("joints_held", sentence, held, places)]
+
+
+def _robot(
+    streams: MeasuredStreams, model: NominalModel, text: str
+) -> tuple[JointStream, RobotModel, PoseStream | None]:
     """Joint states with a robot that they move; odometry when the root of that robot moves."""
     frame = model.sensor_frame
     if frame is None and streams.wrench is not None:
         frame = streams.wrench.frame_id or "ft_sensor"
-    text = streams.description() if model.urdf is None else read_urdf(find_urdf(model.urdf))
     try:
         return robot_of(text, frame, streams.joint_states, streams.odometry, model.joint_positions)
     except InputError as error:

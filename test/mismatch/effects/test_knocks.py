@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_worlds import NOISE, TYPICAL, recorded
+from effect_worlds import NOISE, TYPICAL, recorded, typical
 
 from poise.mismatch.effects import effect_named
 from poise.mismatch.reading.sanity import without_spikes
@@ -49,3 +49,12 @@ def test_only_knocks_are_unsettled():
     # What the part does there is most of its force, and nearly none of the rest exceeds its weight.
     force = np.linalg.norm(LOOSE.simulate(at, values)[:, :3], axis=1)
     assert force[inside].max() > 5.0 * force[~inside].max()
+
+
+@pytest.mark.parametrize("name", ["loose_part", "flexible_mode", "slosh", "hanging_chain", "contact"])
+def test_nothing_acts_beyond_the_reach_and_no_part_outweighs_the_payload(name):
+    effect, at, values = typical(name)
+    assert effect.implausible(at, values) == ""
+    assert "0.50 m" in effect.implausible(at, values | {"x": -0.499})
+    if name != "contact":
+        assert "payload" in effect.implausible(at, values | {"mass": 3.0})
