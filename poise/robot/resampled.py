@@ -19,7 +19,7 @@ _EDGE = 0.08
 """s at the ends of a stretch where accelerations are too uncertain."""
 _SPACINGS = tuple(0.03 * 1.5**k for k in range(-4, 8))
 """s between knots that are tried: 0.006 to 0.51."""
-_SLOW_KNOTS, _SAMPLES = 0.0299, 8.0
+_SLOW_KNOTS, _SAMPLES = 0.0299, 3.0
 """s; closer knots are tried when each interval has this many samples."""
 _LOCAL = 0.7
 """s around a sample that decide which spline fits it best."""

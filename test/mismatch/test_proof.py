@@ -135,3 +135,19 @@ def test_a_diagnosis_cut_by_its_deadline_says_so() -> None:
     found = diagnose(*pulled(3.0), library=[Pull(9.0)], deadline=1e-3)
     assert not found.complete
     assert found.findings == ()
+
+
+def test_an_event_that_is_over_before_the_held_out_samples_does_not_make_them_worse() -> None:
+    """The calibration beside it changes by chance: this is no evidence against the event."""
+    vibration = effect_named("external_vibration")
+    assert vibration is not None
+
+    def spoil(exact: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:
+        del wrench, rng
+        values = {"start": 2.0, "length": 3.0, "frequency": 12.0}
+        sizes = {p.name: 0.0 for p in vibration.parameters(exact) if p.linear} | {"sine_x": 0.5, "cosine_y": 0.5}
+        return vibration.simulate(exact, values | sizes)
+
+    case = make_case(5, duration=14.0, spoil=spoil)
+    found = diagnose(case.recorded(), case.model, None, [vibration])
+    assert [each.effect.name for each in found.findings] == ["external_vibration"]

@@ -131,6 +131,18 @@ def test_the_opposite_sign_of_one_joint_is_turned() -> None:
     np.testing.assert_allclose(left, honest.measured)
 
 
+def test_a_level_slide_shows_volts_and_the_opposite_sign_by_its_inertia() -> None:
+    """Gain and rotor cannot be distinguished there, but a rotor only adds."""
+    joints = Recorded(SLIDE, damping=3.0, effort_noise=0.02).joints()
+    _, values, left = of("effort_unit", with_effort(joints, joints.effort / 35.0), SLIDE)
+    assert values == pytest.approx([1 / 35.0], rel=0.1)
+    assert left is None
+    assert of("effort_sign", with_effort(joints, -joints.effort), SLIDE)[0] == ("slide",)
+    # A rotor of five times the mass of the slide is no other unit.
+    heavy = with_effort(joints, joints.effort + 10.0 * np.gradient(joints.velocity, joints.seconds, axis=0))
+    assert read(heavy, SLIDE).findings == ()
+
+
 def test_efforts_without_gravity_are_left_out() -> None:
     case = Recorded(damping=6.0, coulomb=3.0)
     joints = case.joints()

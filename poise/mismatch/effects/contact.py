@@ -18,6 +18,8 @@ _ENOUGH = 100
 """Samples outside a contact that suffice to fit the rest of the recording."""
 _AROUND = 0.3
 """s before and after a burst that the search for its window includes at least."""
+_PULL = 0.4
+"""Largest force against the push, relative to it: calibration errors and noise may seem to pull a little."""
 _SHORTEST = 0.05
 """s of a touch."""
 _NARROWER = tuple(np.linspace(-0.06, 0.4, 24).tolist())
@@ -112,7 +114,12 @@ class PlateContact(Effect):
         return ((values["start"], values["start"] + values["length"]),)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        return super().implausible(recorded, values) or out_of_reach(values)
+        """A contact pushes: a force that swings to both sides is an error of the motion, or a vibration."""
+        peak = self._peak(values)
+        size = float(np.linalg.norm(peak))
+        pull = -float((_forces(values) @ peak).min()) / max(size, 1e-9)
+        both = f"what pushes with {size:.1f} N would pull with {pull:.1f} N" if pull > _PULL * size else ""
+        return super().implausible(recorded, values) or out_of_reach(values) or both
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         peak = self._peak(values)
@@ -129,8 +136,13 @@ class PlateContact(Effect):
     @staticmethod
     def _peak(values: Values) -> Array:
         """(3,) the force at the knot where it is greatest, world axes."""
-        forces = np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(_KNOTS)])
+        forces = _forces(values)
         return np.asarray(forces[int(np.argmax(np.linalg.norm(forces, axis=1)))])
+
+
+def _forces(values: Values) -> Array:
+    """(K, 3) N at the knots, world axes."""
+    return np.array([[values[f"force_{axis}_{k}"] for axis in "xyz"] for k in range(_KNOTS)])
 
 
 def _straight(recorded: RecordedMotion, residual: Array, begin: float, end: float) -> Array:

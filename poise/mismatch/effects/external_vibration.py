@@ -17,8 +17,9 @@ _STRETCH = 1.28
 """s of each spectrum; the next one begins a quarter of it later."""
 _RAMP = 0.1
 """s in which the vibration rises and falls."""
-_CLEAR = 0.05
-"""Share of the robot's own acceleration that a line must exceed: splines smooth a jerk by up to 4 % of it."""
+_CLEAR = 0.1
+"""Share of the robot's own acceleration that a line must exceed: splines smooth a jerk by up to 4 % of it, and joints
+that ring by less hide it in the noise of their encoders."""
 _FEWEST_WAVES = 6.0
 """Of a vibration; a shorter burst is another event."""
 

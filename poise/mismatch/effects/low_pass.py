@@ -7,6 +7,9 @@ from poise.mismatch.effects.part_motion import crept
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
+_FASTEST = 0.006
+"""s: a faster filter is a delay within the usual tolerance of the clocks, and its rounding is that of the splines."""
+
 
 class LowPass(Effect):
     """T dw_read/dt = w - w_read, discretised exactly for a wrench that is linear between samples."""
@@ -22,12 +25,18 @@ class LowPass(Effect):
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded
-        return (EffectParameter("time_constant", "s", low=0.002, high=1.0, linear=False, log=True),)
+        return (EffectParameter("time_constant", "s", low=_FASTEST, high=1.0, linear=False, log=True),)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         del recorded, residual
         for time_constant in (0.01, 0.05, 0.25):
             yield {"time_constant": time_constant}
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        (constant,) = self.parameters(recorded)
+        if constant.at_end(values[constant.name]):
+            return f"time_constant would be at most {_FASTEST} s, or at least {constant.high:g} s"
+        return super().implausible(recorded, values)
 
     def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
         return crept(recorded.seconds, recorded.prediction, values["time_constant"]) - recorded.prediction

@@ -4,16 +4,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.recorded import RecordedMotion, white_level
 from poise.types import Array, Mask
 
 
 def scaled(recorded: RecordedMotion, residual: Array) -> Array:
-    """(N, C) residual in units of each channel's noise (from differences of neighbours, robust)."""
+    """(N, C) residual in units of each channel's white noise."""
     del recorded
-    steps = np.diff(residual, axis=0)
-    level = 1.4826 * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / np.sqrt(2)
-    return np.asarray(residual / np.maximum(level, 1e-12))
+    return np.asarray(residual / np.maximum(white_level(residual), 1e-12))
 
 
 def steps(
@@ -31,7 +29,7 @@ def steps(
         count: how many at the most.
         apart: s between them.
     """
-    gain = step_gain(scaled(recorded, residual), columns / np.maximum(_noise(residual), 1e-12)[:, None])
+    gain = step_gain(scaled(recorded, residual), columns / np.maximum(white_level(residual), 1e-12)[:, None])
     middle = (recorded.seconds[1:] + recorded.seconds[:-1]) / 2
     taken: list[float] = []
     for index in np.argsort(gain[1:])[::-1]:
@@ -131,8 +129,3 @@ def lines(recorded: RecordedMotion, residual: Array, count: int = 3, low: float 
             return
         yield float(frequency[peak])
         ratio[max(peak - 4, 0) : peak + 5] = 0.0
-
-
-def _noise(residual: Array) -> Array:
-    differences = np.diff(residual, axis=0)
-    return np.asarray(1.4826 * np.median(np.abs(differences - np.median(differences, axis=0)), axis=0) / np.sqrt(2))

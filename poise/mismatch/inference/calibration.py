@@ -39,9 +39,10 @@ class CalibrationGroup:
     bound: float = CALIBRATION_BOUND
 
 
-_BLURS = (0.02, 0.05, 0.12)
+_BLURS = (0.006, 0.02, 0.05, 0.12)
 """s: faster parts of the prediction may be encoder noise, differentiated twice. Smoothing it without delay is no
-physics; without these columns an oscillating part would win by filtering the noise."""
+physics; without these columns an oscillating part would win by filtering the noise. The narrowest one also has the
+second-order part of a clock offset, which the clock's column lacks."""
 
 
 def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:

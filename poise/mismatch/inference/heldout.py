@@ -1,5 +1,6 @@
 """The proof: a model fitted without some samples, compared with them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,7 +52,9 @@ class HeldOutProof:
 def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     """Fit the model without some samples, and measure its error there.
 
-    Events among the held-out samples cannot be predicted: they are taken from the fit of the whole recording. A free
+    Events among the held-out samples cannot be predicted: they are taken from the fit of the whole recording. Events
+    that end before these samples do not act there. If the calibration errors beside them increase the error, the events
+    are removed for both models. A free
     curve over a state shows that the residual depends on it; where it increases the error it is left out, since it is
     no part of the augmented model.
 
@@ -60,23 +63,27 @@ def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
         best: the diagnosis.
         last: (N,) samples to hold out.
     """
-    proof = _compared(problem, best, last)
+    proof = _compared(problem, best, last, ())
+    over = [part for part in best.parts if _is_over(problem, part, problem.seconds[last])]
+    if proof.worse and over:
+        proof = _compared(problem, best, last, over)
     named = tuple(part for part in best.parts if not isinstance(part.effect, Dependence))
-    return _compared(problem, replace(best, parts=named), last) if proof.worse and named != best.parts else proof
+    if proof.worse and named != best.parts:
+        proof = _compared(problem, replace(best, parts=named), last, over)
+    return proof
 
 
-def _compared(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
+def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[FittedEffect]) -> HeldOutProof:
     seconds = problem.seconds
     fixed = [part for part in best.parts if _happens_in(problem, part, seconds[last])]
-    learnt = [part for part in best.parts if part not in fixed]
-    events = problem.predicted(problem.compose(fixed)[1]) - problem.predicted(problem.recorded) if fixed else 0.0
-    measured = problem.measured - events
-    train = _reading(replace(problem, judged=~last), measured)
-    bare = replace(problem, judged=~last)
-    plain, full = fit(thinned(bare.weighed()), ()), fit(thinned(train.weighed()), learnt, _STEPS)
+    learnt = [part for part in best.parts if part not in fixed and part not in over]
+    past = problem.measured - _response(problem, over)
+    measured = past - _response(problem, fixed)
+    before, train = (_reading(replace(problem, judged=~last), each) for each in (past, measured))
+    plain, full = fit(thinned(before.weighed()), ()), fit(thinned(train.weighed()), learnt, _STEPS)
     given = problem.measured - problem.predicted(problem.recorded)
     errors = [
-        given - plain.response - plain.calibrated,
+        past - problem.predicted(problem.recorded) - plain.response - plain.calibrated,
         measured - problem.predicted(problem.recorded) - full.response - full.calibrated,
         given,
     ]
@@ -89,6 +96,11 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof
     by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors])
     signal = np.sqrt(np.mean(problem.measured[rows] ** 2, axis=0))
     return HeldOutProof(floor, sizes[0], sizes[1], sizes[2], by_channel, signal)
+
+
+def _response(problem: Problem, parts: Sequence[FittedEffect]) -> Array | float:
+    """(N, C) what some parts add to the prediction."""
+    return problem.predicted(problem.compose(parts)[1]) - problem.predicted(problem.recorded) if parts else 0.0
 
 
 def tail(problem: Problem) -> Mask:
@@ -112,3 +124,11 @@ def _happens_in(problem: Problem, part: FittedEffect, held: Array) -> bool:
     recorded = problem.compose([part])[0][0]
     windows = part.effect.windows(recorded, part.values)
     return bool(windows) and min(window[part.effect.free_course] for window in windows) > held[0] - 0.5
+
+
+def _is_over(problem: Problem, part: FittedEffect, held: Array) -> bool:
+    """Whether an event ends before the held-out samples."""
+    if part.effect.transfers or not len(held):
+        return False
+    windows = part.effect.windows(problem.compose([part])[0][0], part.values)
+    return bool(windows) and max(end for _, end in windows) < held[0]

@@ -12,7 +12,7 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.mismatch.effects import Effect, EffectParameter, Values
-from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, white_level
+from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion, noise_level
 from poise.types import Array
 
 _CURVE = 8
@@ -308,10 +308,11 @@ def dependence_curve(
 
 
 def _level(recorded: RecordedMotion) -> Array:
-    """(6,) white noise of the wrench; that of an FT-300 in a simulated motion."""
+    """(6,) noise of a sample of the wrench; that of an FT-300 in a simulated motion."""
     if not np.isfinite(recorded.wrench).all():
         return np.repeat([0.1, 0.005], 3)
-    return np.maximum(white_level(recorded.wrench - recorded.nominal), 1e-9)
+    found = noise_level(recorded.wrench - recorded.nominal, recorded.period)
+    return np.asarray(np.maximum(np.sqrt(found.share) * found.sigma, 1e-9))
 
 
 def dependences(recorded: RecordedMotion) -> list[Effect]:

@@ -41,6 +41,9 @@ class _Gain:
         return self.std < _KNOWN * max(abs(self.value), 1.0) and self.strength > 0.0
 
 
+_UNKNOWN = _Gain(0.0, np.inf, 0.0)
+
+
 def checked_efforts(track: EffortTrack) -> tuple[EffortTrack | None, list[InputFinding]]:
     """The efforts that can be compared, and what was found about the others; None when none is left.
 
@@ -91,6 +94,8 @@ def _by_gain(
         return None, [*found, InputFinding("effort_unrelated", sentence, names, tuple(value[known].tolist()))]
     turned = known & (value > _NEGATIVE[0]) & (value < _NEGATIVE[1])
     if turned.any():
+        if known.sum() > 1 and (turned == known).all():
+            turned[:] = True
         names = _named(track, turned)
         sentence = (
             f"The effort of {', '.join(names)} has the opposite sign: it is what the load exerts on the joint. It was "
@@ -150,19 +155,31 @@ def _likeness(values: Array, track: EffortTrack, joint: int) -> float:
 
 
 def _gain(track: EffortTrack, joint: int) -> _Gain:
-    """Least squares of an effort on the model's, beside friction, rotor inertia and offset."""
+    """The gain of a joint, with a rotor that adds to the inertia where it can be distinguished.
+
+    A rotor only adds: where it cannot be distinguished, a gain that is too small or negative counts, and no other.
+    """
+    found = _fitted_gain(track, joint, rotor=True)
+    if found.strength > 0.0:
+        return found
+    found = _fitted_gain(track, joint, rotor=False)
+    return found if found.value < 1.0 / _OTHER_UNIT else _UNKNOWN
+
+
+def _fitted_gain(track: EffortTrack, joint: int, *, rotor: bool) -> _Gain:
+    """Least squares of an effort on the model's, beside friction, offset, and the inertia of a rotor."""
     rigid, velocity = track.rigid[:, joint], track.velocity[:, joint]
-    kinds = np.std(track.rigid, axis=0)
-    beside = np.stack(
-        [np.ones(len(rigid)), velocity, track.acceleration[:, joint], *(np.tanh(velocity / slow) for slow in _SLOW)],
-        axis=1,
+    beside = [np.ones(len(rigid)), velocity, *(np.tanh(velocity / slow) for slow in _SLOW)]
+    columns = np.stack([*beside, track.acceleration[:, joint]] if rotor else beside, axis=1)
+    columns = columns / np.maximum(np.abs(columns).max(axis=0), 1e-12)
+    own, rest = (
+        values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
+        for values in (rigid, track.measured[:, joint])
     )
-    beside = beside / np.maximum(np.abs(beside).max(axis=0), 1e-12)
-    own = rigid - beside @ np.linalg.lstsq(beside, rigid, rcond=None)[0]
-    rest = track.measured[:, joint] - beside @ np.linalg.lstsq(beside, track.measured[:, joint], rcond=None)[0]
+    strongest = float(np.std(track.rigid, axis=0).max())
+    if np.std(rigid) < _STRONG * strongest or np.std(own) < 1e-3 * max(float(np.std(rigid)), 1e-9):
+        return _UNKNOWN
     power = float(own @ own)
-    if power < 1e-12 * len(own) or np.std(rigid) < _STRONG * float(kinds.max()) or np.std(own) < 1e-3 * np.std(rigid):
-        return _Gain(0.0, np.inf, 0.0)
     value = float(own @ rest) / power
     left = rest - value * own
     # A residual that changes slowly holds fewer independent samples.

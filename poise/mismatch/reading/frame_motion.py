@@ -8,11 +8,13 @@ from poise.mismatch.reading.joint_motion import seconds_since
 from poise.mismatch.reading.motion_variance import wrench_variance
 from poise.mismatch.recorded import RecordedMotion, at_times, load_wrench
 from poise.recording import Recording, WrenchStream
-from poise.robot import FrameSource, find_imu, find_kinematics
+from poise.robot import FrameSource, MeasuredMotion, find_imu, find_kinematics
 from poise.types import Array
 
 _ACCELEROMETER_GAP = 0.1
 """s by which an accelerometer may begin later than the wrench, or end earlier."""
+_SOURCES = np.eye(6)[None]
+"""(1, 6, 6) of `wrench_variance`: errors along the axes of the sensor."""
 
 
 def recorded_from_frames(
@@ -22,7 +24,7 @@ def recorded_from_frames(
     kinematics = find_kinematics(recording, frame)
     kinematics.feed(None, None)
     newest = kinematics.source.newest
-    source, end = kinematics.source, newest if newest is not None else 0
+    source, end = kinematics.source, newest or 0
     found = source.measured(0, end) if isinstance(source, FrameSource) else None
     motion = source.motion(0, end) if found is None else found.motion
     start = int(wrench.stamps[0])
@@ -35,8 +37,7 @@ def recorded_from_frames(
     def carried(values: Array) -> Array:
         return at_times(sampled, values.reshape(len(values), -1), seconds)
 
-    left, _, right = np.linalg.svd(carried(motion.rotation_world_sensor).reshape(-1, 3, 3))
-    rotation = left @ right
+    rotation = _nearest_rotations(carried(motion.rotation_world_sensor).reshape(-1, 3, 3))
     down = np.array([0.0, 0.0, -gravity]) @ rotation
     linear = carried(motion.linear_acceleration_in_sensor)
     omega, alpha = carried(motion.angular_velocity_in_sensor), carried(motion.angular_acceleration_in_sensor)
@@ -46,11 +47,7 @@ def recorded_from_frames(
         notes.append(
             f"tf has no positions: the part of the imu below {SLOWEST_VIBRATION:.0f} Hz is taken for the motion"
         )
-    variance = None
-    if found is not None:
-        sigma = np.abs(carried(np.hstack([found.linear_acceleration_sigma, found.angular_acceleration_sigma])))
-        sigma[:, :3] *= kinematics.has_positions
-        variance = wrench_variance(phi, omega, np.broadcast_to(np.eye(6), (len(seconds), 6, 6)), sigma)
+    sigma = None if found is None else np.abs(carried(_acceleration_sigma(found, kinematics.has_positions)))
     poses = kinematics.source.poses(int(motion.stamps[0]), int(motion.stamps[-1]))
     place = at_times(seconds_since(poses.stamps, start), poses.translation, seconds)
     recorded = RecordedMotion(
@@ -67,9 +64,19 @@ def recorded_from_frames(
         position_in_world=place,
         velocity_in_world=np.gradient(place, seconds, axis=0),
         accelerometer=felt,
-        motion_variance=variance,
+        motion_variance=None if sigma is None else wrench_variance(phi, omega, _SOURCES, sigma),
     )
     return recorded, notes
+
+
+def _nearest_rotations(matrices: Array) -> Array:
+    left, _, right = np.linalg.svd(matrices)
+    return np.asarray(left @ right)
+
+
+def _acceleration_sigma(found: MeasuredMotion, has_positions: bool) -> Array:
+    """(M, 6) one-sigma errors of linear and angular acceleration; without positions the linear one is zero."""
+    return np.hstack([found.linear_acceleration_sigma * has_positions, found.angular_acceleration_sigma])
 
 
 def _measured_acceleration(recording: Recording, frame: str, start: int, seconds: Array, down: Array) -> Array | None:

@@ -1,6 +1,7 @@
 """From joint states, odometry and a wrench to a `RecordedMotion`."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,20 +91,9 @@ def recorded_from_streams(
     track = None if found is None else found[0]
     moved, base = _where(moved, known), _base_where(base, known)
     motion, moving, errors = _parts(moved, base)
-    measured = wrench.wrench_in_sensor[known]
-    recorded = recorded_from_motion(
-        robot,
-        seconds[known],
-        motion,
-        carried,
-        measured,
-        base=moving,
-        gravity=gravity,
-        start=start,
-        effort=track,
-        errors=errors,
-    )
-    return recorded, notes
+    measured, at = wrench.wrench_in_sensor[known], seconds[known]
+    make = partial(recorded_from_motion, base=moving, gravity=gravity, start=start, effort=track, errors=errors)
+    return make(robot, at, motion, carried, measured), notes
 
 
 def _no_overlap(count: int, sampled: Array) -> InputError:

@@ -60,7 +60,8 @@ def noise_level(values: Array, period: float, coarse: bool = True, least: Array 
         levels[row] = _level(means, 3 if b == 1 else 5, coarse) * np.sqrt(b)
     # A line in the spectrum is louder in blocks of some lengths only, unlike noise.
     ends = np.searchsorted(lengths, _LASTING * np.array(lengths), side="right")
-    levels[1:] = [levels[row:end].min(axis=0) for row, end in enumerate(ends.tolist()) if row]
+    for row in range(1, len(lengths)):
+        levels[row] = levels[row : ends[row]].min(axis=0)
     chosen = np.zeros(values.shape[1], dtype=int)
     for row in range(1, len(lengths)):
         here, best = levels[row], levels[chosen, range(len(chosen))]

@@ -79,6 +79,15 @@ def test_a_base_that_moves_unnoticed_is_a_base_that_moves():
     assert np.abs(acceleration).max() > 0.2
 
 
+def test_a_contact_pushes_and_does_not_pull():
+    still = moved(turn=0.7)
+    effect = effect_named("contact")
+    values = TYPICAL["contact"]
+    assert effect.implausible(still, values) == ""
+    swinging = {name: value * (-1.0) ** int(name[-1]) for name, value in values.items() if name.startswith("force_")}
+    assert "would pull" in effect.implausible(still, values | swinging)
+
+
 @pytest.mark.parametrize(("speed", "why"), [(0.1, ""), (-0.3, "move"), (1.5, "accelerate")])
 def test_no_base_moves_metres_unnoticed(speed, why):
     still = moved(turn=0.7)
