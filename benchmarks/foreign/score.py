@@ -164,6 +164,23 @@ def by_profile(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str, str, st
     return [row for row in rows if len(row) == 5]
 
 
+def without_each_profile(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str, str, str]]:
+    """Name of the profile left out; false alarms, named first, a name too many and calibration error of all others."""
+    rows = []
+    for profile in PROFILES:
+        rest = [v for v in verdicts if v.profile != profile.name and v.answered]
+        healthy, single = ([v for v in rest if v.kind == kind] for kind in ("healthy", "single"))
+        counts = (
+            (sum(not v.right for v in healthy), len(healthy)),
+            (sum(v.right for v in single), len(single)),
+            (sum(v.extra for v in rest), len(rest)),
+        )
+        cells = [f"{100 * hits / count:.0f} % of {count}" if count else "-" for hits, count in counts]
+        error = calibration_error([pair for v in rest for pair in v.stated])
+        rows.append((profile.name, cells[0], cells[1], cells[2], f"{error:.2f}"))
+    return rows
+
+
 def report(verdicts: Sequence[Verdict]) -> str:
     """The tables as Markdown."""
     lines = ["| what | cases, rate (95 % interval) |", "| --- | --- |"]
@@ -174,6 +191,9 @@ def report(verdicts: Sequence[Verdict]) -> str:
     lines.append(f"| CPU of an answer: median, largest | {np.median(cpu):.1f} s, {cpu[-1]:.1f} s |")
     lines += ["", "| profile | no answer | false alarms | named first | outside flagged |", "| --- |" + " --- |" * 4]
     lines += ["| " + " | ".join(row) + " |" for row in by_profile(verdicts)]
+    heads = ("left out", "false alarms", "named first", "a name too many", "calibration error")
+    lines += ["", "| " + " | ".join(heads) + " |", "| --- |" + " --- |" * 4]
+    lines += ["| " + " | ".join(row) + " |" for row in without_each_profile(verdicts)]
     return "\n".join(lines)
 
 

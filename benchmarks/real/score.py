@@ -8,6 +8,7 @@ import argparse
 import json
 import shutil
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,12 @@ from poise.recording import open_recording
 
 SEALED = Path(__file__).with_name("sealed") / "published.yaml"
 ANSWERS = "answers.json"
+_PUBLISHED = {
+    "viscous_friction": ("damping", "viscous"),
+    "coulomb_friction": ("torque", "coulomb"),
+    "motor_inertia": ("inertia", "rotor"),
+}
+_COUPLED = {"inertia": "rotor", "damping": "viscous", "friction": "coulomb"}
 
 
 @dataclass(frozen=True)
@@ -33,31 +40,43 @@ class Answer:
     Args:
         verdict: as in its JSON; "refused" when it gave no answer.
         named: belief by effect.
-        errors: held-out error of the nominal model, with calibration, and with the effects; empty where no signal was
-            examined.
+        errors: held-out error of the nominal model, with calibration, and with the effects; empty without an answer.
+        nrmse: of each joint's effort: nominal and augmented on all samples, held_out on those that the fit did not see.
+        parameters: value by effect and parameter.
         seconds: wall time.
-        complaint: the last line on stderr, when it gave no answer.
+        complaint: what it said of the recording itself, or the last line on stderr when it gave no answer.
     """
 
     verdict: str
     named: dict[str, float]
     errors: dict[str, float]
+    nrmse: dict[str, dict[str, float]]
+    parameters: dict[str, dict[str, float]]
     seconds: float
     complaint: str
 
 
-def ask(recording: Path) -> Answer:
-    """Run the tool in an empty folder where the recording has no name of its own."""
+def ask(folder: Path) -> Answer:
+    """Run the tool in an empty folder where the recordings have no names of their own; a validation run comes last."""
     with tempfile.TemporaryDirectory() as scratch:
         place = Path(scratch)
-        shutil.copy(recording, place / RECORDING)
-        seconds, status, complaint = run_tool(place, ["mismatch", RECORDING, "--json", "answer.json"])
-        if status != 0:
+        bags = [name for name in (RECORDING, VALIDATION) if (folder / name).exists()]
+        for name in bags:
+            shutil.copy(folder / name, place / name)
+        seconds, status, complaint = run_tool(place, ["mismatch", *bags, "--json", "answer.json"])
+        if not (place / "answer.json").exists():
             lines = complaint.strip().splitlines() or [f"exit status {status}"]
-            return Answer("refused", {}, {}, seconds, lines[-1])
+            return Answer("refused", {}, {}, {}, {}, seconds, lines[-1])
         content = json.loads((place / "answer.json").read_text())
-    named = {effect["name"]: float(effect["probability"]) for effect in content["effects"]}
-    return Answer(str(content["verdict"]), named, (content["fit"] or {}).get("holdout", {}), seconds, "")
+    fit, effects = content["fit"] or {}, content["effects"]
+    named = {effect["name"]: float(effect["probability"]) for effect in effects}
+    values = {
+        effect["name"]: {name: float(entry["value"]) for name, entry in effect["parameters"].items()}
+        for effect in effects
+    }
+    said = "; ".join(finding["sentence"] for finding in content["input_findings"])
+    errors, nrmse = fit.get("holdout", {}), fit.get("nrmse", {})
+    return Answer(str(content["verdict"]), named, errors, nrmse, values, seconds, said)
 
 
 def baseline(rig: Rig, folder: Path) -> Fit | None:
@@ -69,22 +88,39 @@ def baseline(rig: Rig, folder: Path) -> Fit | None:
     return fit(open_recording(folder / RECORDING), rig.structure, validation)
 
 
-def judged(answer: Answer, effects: list[str]) -> str:
-    """Which effects were named rightly, wrongly, or not at all."""
+def judged(answer: Answer, effects: list[str], accepts: Sequence[str] = ()) -> str:
+    """Which effects were named rightly, wrongly, or not at all; what the makers' model also contains is not wrong."""
     if answer.verdict == "refused":
         return f"refused: {answer.complaint.removeprefix('poise: ').partition(':')[0]}"
+    known = {*effects, *accepts}
     parts = [
-        f"{name} {100 * belief:.0f} %{'' if name in effects else ' (false)'}" for name, belief in answer.named.items()
+        f"{name} {100 * belief:.0f} %{'' if name in known else ' (false)'}" for name, belief in answer.named.items()
     ]
     missed = [name for name in effects if name not in answer.named]
-    return "; ".join([*(parts or ["nothing named"]), *([f"missed {', '.join(missed)}"] if missed else [])])
+    said = [answer.complaint] if answer.complaint else []
+    return "; ".join([*(parts or ["nothing named"]), *([f"missed {', '.join(missed)}"] if missed else []), *said])
 
 
-def deviations(found: Fit, values: dict[str, float]) -> str:
-    """How far the fitted values are from the published ones, %, in the middle and at worst."""
-    if not values:
+def values_of(answer: Answer) -> dict[str, float]:
+    """The values of an answer by the names of the sealed file."""
+    found = {
+        f"{known}_{parameter.rpartition('_')[2]}": value
+        for effect, (stem, known) in _PUBLISHED.items()
+        for parameter, value in answer.parameters.get(effect, {}).items()
+        if parameter.startswith(stem)
+    }
+    coupling = answer.parameters.get("joint_coupling", {})
+    if coupling:
+        pair = "_".join(f"{number:.0f}" for number in sorted((coupling["driving"], coupling["driven"])))
+        found |= {f"coupled_{known}_{pair}": coupling[name] for name, known in _COUPLED.items()}
+    return found
+
+
+def deviations(found: dict[str, float], values: dict[str, float]) -> str:
+    """How far the values found are from the published ones, %, in the middle and at worst."""
+    errors = {name: 100 * abs(found[name] / value - 1) for name, value in values.items() if name in found}
+    if not errors:
         return "-"
-    errors = {name: 100 * abs(found.values[name] / value - 1) for name, value in values.items()}
     worst = max(errors, key=lambda name: errors[name])
     return f"{np.median(list(errors.values())):.1f} %, {worst} {errors[worst]:.0f} %"
 
@@ -97,13 +133,15 @@ def main() -> None:
     rigs = [rig for rig in RIGS if (arguments.folder / rig.name / RECORDING).exists()]
     if not rigs:
         parser.error(f"{arguments.folder} has no recordings: make them first with benchmarks.real.make")
-    answers = {} if arguments.baseline else {rig.name: ask(arguments.folder / rig.name / RECORDING) for rig in rigs}
+    answers = {} if arguments.baseline else {rig.name: ask(arguments.folder / rig.name) for rig in rigs}
     published: dict[str, Any] = yaml.safe_load(SEALED.read_text())
     table = Table()
     for heading in (
         "rig",
         "held-out error: nominal, answer",
         "named (belief)",
+        "NRMSE: nominal, answer, held out",
+        "off",
         "least squares: NRMSE, moving, nominal",
         "off",
     ):
@@ -111,7 +149,7 @@ def main() -> None:
     kept = {}
     for rig in rigs:
         answer, found, sealed = answers.get(rig.name), baseline(rig, arguments.folder / rig.name), published[rig.name]
-        said = "-" if answer is None else judged(answer, sealed["effects"])
+        said = "-" if answer is None else judged(answer, sealed["effects"], sealed.get("accepts", ()))
         errors = answer.errors if answer else {}
         shown = f"{errors['nominal']:.3g}, {errors['augmented']:.3g}" if errors else "-"
         squares = (
@@ -119,11 +157,20 @@ def main() -> None:
             if found is None
             else ", ".join(f"{part.mean():.3f}" for part in (found.nrmse, found.moving, found.nominal))
         )
-        table.add_row(rig.title, shown, said, squares, "-" if found is None else deviations(found, sealed["values"]))
+        nrmse = answer.nrmse if answer else {}
+        means = [
+            float(np.mean([joint[kind] for joint in nrmse.values()])) for kind in ("nominal", "augmented") if nrmse
+        ]
+        off = deviations(values_of(answer), sealed["values"]) if answer else "-"
+        known = "-" if found is None else deviations(found.values, sealed["values"])
+        table.add_row(rig.title, shown, said, ", ".join(f"{mean:.3f}" for mean in means) or "-", off, squares, known)
         kept[rig.name] = {
             "verdict": answer.verdict if answer else None,
             "named": answer.named if answer else {},
             "errors": errors,
+            "nrmse": nrmse,
+            "parameters": answer.parameters if answer else {},
+            "seconds": answer.seconds if answer else None,
             "least_squares": None if found is None else {"nrmse": found.nrmse.tolist(), "values": found.values},
         }
     (arguments.folder / ANSWERS).write_text(json.dumps(kept, indent=1))

@@ -195,6 +195,7 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
             "noise_floor": proof.floor,
             "holdout": {"nominal": proof.as_given, "calibrated": proof.nominal, "augmented": proof.augmented},
             "whiteness": rest.whiteness,
+            "nrmse": _nrmse(found),
         },
         "calibration": [asdict(small) for each in found.examinations for small in each.calibration],
         "complete": found.complete,
@@ -202,6 +203,22 @@ def as_json(found: Diagnosis, readings: list[ReadRecording]) -> dict[str, Any]:
         "untestable": found.untestable,
         "seconds": found.seconds,
     } | _of_input(readings)
+
+
+def _nrmse(found: Diagnosis) -> dict[str, dict[str, float]]:
+    """Error of each joint's effort over the effort itself; empty without efforts.
+
+    Of the nominal model as given and of the fit with the effects, on all samples; and of a fit without the held-out
+    samples, on these.
+    """
+    errors = {}
+    for each in found.examinations:
+        effort = each.problem.recorded.effort
+        if each.problem.signal == "effort" and effort is not None:
+            nominal, augmented = each.nrmse.tolist()
+            parts = zip(effort.names, nominal, augmented, each.proof.nrmse[1].tolist(), strict=True)
+            errors = {name: {"nominal": a, "augmented": b, "held_out": c} for name, a, b, c in parts}
+    return errors
 
 
 def _of_input(readings: list[ReadRecording]) -> dict[str, Any]:

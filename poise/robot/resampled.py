@@ -4,6 +4,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import oaconvolve
 
 from poise.errors import ErrorCode, InputError
@@ -29,6 +30,10 @@ _FINER = 2.5
 """Largest ratio of the knot density at a moment to that of the whole recording."""
 _PRICE = 2.0
 """log likelihood that a coefficient must win; Akaike's 1 would fit noise where it is locally larger."""
+_NOISY = 2.2
+"""Local scatter about a spline that noise alone may cause, in units of its variance."""
+_RINGING = 2.0
+"""Knot spacings on either side of a misfit within which a spline rings."""
 _HONEST = 2.5
 """Measured rates are not used when their means over 25 samples scatter by more than this factor over white noise."""
 
@@ -125,6 +130,7 @@ class _Blend:
             plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
         )
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
+        self._misfits = [self._misfit(fit, values) for fit in self._fits]
         # Much closer knots than the whole signal needs would fit noise where it is locally larger.
         fine = np.array([grid.size for grid in grids])
         self._score -= 1e9 * (fine[:, None] > _FINER * fine[best])[:, None]
@@ -150,20 +156,35 @@ class _Blend:
     def __call__(self, wanted: Array) -> tuple[Array, Array]:
         """(3, N, J) value, rate and second rate, and their one-sigma errors.
 
-        The errors are those by the noise of the samples, and the spread of the splines that are averaged.
+        The errors are those by the noise of the samples, the spread of the splines that are averaged, and their misfit.
         """
-        count = self._score.shape[2]
-        score = np.stack(
-            [np.stack([np.interp(wanted, self._seconds, s[:, j]) for j in range(count)], axis=1) for s in self._score]
-        )
+        score = np.stack([_at(wanted, self._seconds, each) for each in self._score])
         share = np.exp(score - score.max(axis=0))
         share /= share.sum(axis=0)
         parts = [np.stack([fit(wanted, order) for order in range(3)]) for fit in self._fits]
         mean = np.asarray(sum(w * part for w, part in zip(share, parts, strict=True)))
         variance = np.zeros(mean.shape)
-        for w, part, fit in zip(share, parts, self._fits, strict=True):
+        for w, part, fit, misfit in zip(share, parts, self._fits, self._misfits, strict=True):
             variance += w * ((part - mean) ** 2 + fit.usual_gains()[:, None, None] * self.noise**2)
+            variance[2] += w * _at(wanted, self._seconds, misfit) ** 2
         return mean, np.sqrt(variance)
+
+    def _misfit(self, fit: SplineFit, values: Array) -> Array:
+        """(M, J) error of the second rate where a spline cannot follow: beside a jump it overshoots and rings.
+
+        There the samples scatter about the spline by more than their noise. A wave of two knot spacings h and
+        amplitude x has the second rate (pi / h)^2 x.
+        """
+        half = max(round(fit.grid.spacing / float(np.median(np.diff(self._seconds)))), 1)
+        local = uniform_filter1d((values - fit(self._seconds)) ** 2, 2 * half + 1, axis=0, mode="nearest")
+        excess = np.where(local > _NOISY * self.noise**2, local - self.noise**2, 0.0)
+        ringing = maximum_filter1d(np.sqrt(excess), 2 * round(_RINGING * half) + 1, axis=0, mode="nearest")
+        return np.asarray(ringing * (np.pi / fit.grid.spacing) ** 2)
+
+
+def _at(wanted: Array, seconds: Array, values: Array) -> Array:
+    """(N, J) values (M, J), interpolated linearly."""
+    return np.stack([np.interp(wanted, seconds, column) for column in values.T], axis=1)
 
 
 def _trusted(

@@ -47,7 +47,8 @@ def test_bias_and_vibration_are_named_and_nothing_else(run: str, request: pytest
     assert answer.main.residual_test.only_louder
     assert all(finding.belief.probability > 0.8 for finding in answer.findings)
     proof = answer.main.proof
-    assert proof.augmented < proof.nominal < proof.as_given
+    # A bias of 9 N is outside its tolerance: no calibration inside the tolerances follows it.
+    assert 10.0 * proof.augmented < min(proof.nominal, proof.as_given)
 
 
 @pytest.mark.parametrize("run", ["free", "shaken"])

@@ -9,7 +9,7 @@ import yaml
 
 from benchmarks.real.least_squares import fit
 from benchmarks.real.rigs import RIGS, Structure
-from benchmarks.real.score import SEALED, Answer, deviations, judged
+from benchmarks.real.score import SEALED, Answer, deviations, judged, values_of
 from poise.recording import JointStream, open_recording, write_recording
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "recordings"
@@ -61,13 +61,27 @@ def test_the_published_values_of_emps_are_reproduced():
         assert found.values[name] == pytest.approx(value, rel=0.012), name
     assert found.nrmse.mean() < published["nrmse"]
     assert found.nominal.mean() > 0.5
-    assert deviations(found, published["values"]).startswith("0.")
+    assert deviations(found.values, published["values"]).startswith("0.")
 
 
 def test_an_answer_is_held_against_the_sealed_effects():
-    refused = Answer("refused", {}, {}, 1.0, "poise: recording.mcap has no topic wrench: name another")
+    refused = Answer("refused", {}, {}, {}, {}, 1.0, "poise: recording.mcap has no topic wrench: name another")
     assert judged(refused, ["viscous_friction"]) == "refused: recording.mcap has no topic wrench"
-    answer = Answer("mixed", {"backlash": 0.39, "viscous_friction": 0.8}, {}, 1.0, "")
+    values = {
+        "viscous_friction": {"damping_2": 3.0},
+        "joint_coupling": {"driving": 6.0, "driven": 5.0, "inertia": 0.01},
+    }
+    values["joint_coupling"] |= {"damping": 0.6, "friction": 2.0}
+    answer = Answer("mixed", {"backlash": 0.39, "viscous_friction": 0.8}, {}, {}, values, 1.0, "")
     expected = "backlash 39 % (false); viscous_friction 80 %; missed coulomb_friction"
     assert judged(answer, ["viscous_friction", "coulomb_friction"]) == expected
+    assert judged(answer, ["viscous_friction"], ["backlash"]) == "backlash 39 %; viscous_friction 80 %"
+    found = values_of(answer)
+    assert found == {
+        "viscous_2": 3.0,
+        "coupled_rotor_5_6": 0.01,
+        "coupled_viscous_5_6": 0.6,
+        "coupled_coulomb_5_6": 2.0,
+    }
+    assert deviations(found, {"viscous_2": 2.0, "coulomb_2": 1.0}) == "50.0 %, viscous_2 50 %"
     assert set(PUBLISHED) == {rig.name for rig in RIGS}

@@ -88,6 +88,17 @@ class SignalDiagnosis:
     proof: HeldOutProof
     unproven: dict[str, str]
 
+    @property
+    def nrmse(self) -> Array:
+        """(2, C) error of the nominal model as given and of the best fit, relative to the measured signal."""
+        problem, rows = self.problem, self.problem.active
+        given = problem.measured - problem.predicted(problem.recorded)
+        signal, *errors = (
+            np.sqrt(np.mean(part[rows] ** 2, axis=0))
+            for part in (problem.measured, given, residual_of(problem, self.best))
+        )
+        return np.array([np.divide(error, signal, out=np.zeros_like(error), where=signal > 0) for error in errors])
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -268,7 +279,7 @@ def _proven(
         if state.problem is not seen:
             best = fit(seen, [_carried(part, seen.recorded) for part in best.parts], WARM_STEPS)
         final = seen.with_noise(seen.fitted_noise(residual_of(seen, best)))
-        best = fit(final, best.parts, WARM_STEPS)
+        best = _settled(final, best)
         proof = held_out(replace(final, judged=None), best, held)
         dropped |= model.dropped
         if not best.parts or not proof.worse:
@@ -276,6 +287,13 @@ def _proven(
         best = model.shorter()
         lost = set(names(model.fit)) - set(names(best))
         dropped |= dict.fromkeys(lost, "the error on held-out samples is larger with it")
+
+
+def _settled(final: Problem, best: HypothesisFit) -> HypothesisFit:
+    """The fit under the final noise."""
+    if final.signal == "wrench":
+        return fit(final, best.parts, WARM_STEPS)
+    return fit(final, fit(final.weighed(), best.parts, WARM_STEPS).parts, 0)
 
 
 def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:

@@ -107,7 +107,7 @@ def _missed(
     problem: Problem, along: RecordedMotion, others: tuple[FittedEffect, ...], true: FittedEffect, rival: FittedEffect
 ) -> float:
     """Residual of the rival for the response of the true part, beyond that of the true part itself."""
-    noise = replace(problem.noise, seconds=along.seconds, speed=along.speed)
+    noise = replace(problem.noise, seconds=along.seconds, speed=along.speed, motion=None)
     blank = Problem(along, problem.model, noise)
     read = blank.compose([*others, true])[1].prediction
     made = replace(blank, recorded=replace(along, wrench=read))

@@ -28,6 +28,7 @@ class HeldOutProof:
         nominal, augmented: on the others; both with calibration errors fitted elsewhere, within their tolerances.
         as_given: of the nominal model without calibration.
         by_channel: (3, C) nominal, augmented and as given, in the signal's units.
+        signal: (C,) root mean square of the measured signal on the same samples.
     """
 
     floor: float
@@ -35,6 +36,12 @@ class HeldOutProof:
     augmented: float
     as_given: float
     by_channel: Array
+    signal: Array
+
+    @property
+    def nrmse(self) -> Array:
+        """(3, C) `by_channel` relative to the measured signal; 0 for a signal of zero."""
+        return np.divide(self.by_channel, self.signal, out=np.zeros_like(self.by_channel), where=self.signal > 0)
 
     @property
     def worse(self) -> bool:
@@ -73,7 +80,7 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[
     past = problem.measured - _response(problem, over)
     measured = past - _response(problem, fixed)
     before, train = (_reading(replace(problem, judged=~last), each) for each in (past, measured))
-    plain, full = fit(thinned(before), ()), fit(thinned(train), learnt, _STEPS)
+    plain, full = fit(thinned(before.weighed()), ()), fit(thinned(train.weighed()), learnt, _STEPS)
     given = problem.measured - problem.predicted(problem.recorded)
     errors = [
         past - problem.predicted(problem.recorded) - plain.response - plain.calibrated,
@@ -87,7 +94,8 @@ def _compared(problem: Problem, best: HypothesisFit, last: Mask, over: Sequence[
     kept = ~last & settled
     floor = float(np.sqrt(np.mean((errors[1][kept] / spread[kept]) ** 2)))
     by_channel = np.array([np.sqrt(np.mean(error[rows] ** 2, axis=0)) for error in errors])
-    return HeldOutProof(floor, sizes[0], sizes[1], sizes[2], by_channel)
+    signal = np.sqrt(np.mean(problem.measured[rows] ** 2, axis=0))
+    return HeldOutProof(floor, sizes[0], sizes[1], sizes[2], by_channel, signal)
 
 
 def _response(problem: Problem, parts: Sequence[FittedEffect]) -> Array | float:

@@ -88,6 +88,14 @@ class SignalNoise:
         """(N, C) one sigma of the white and the coloured part together."""
         return np.asarray(np.sqrt(self.share + self._gain**2) * self.sigma)
 
+    def uncoloured(self) -> "SignalNoise":
+        """White noise, constant in time, of the same spectral density at low frequencies."""
+        period = float(np.median(np.diff(self.seconds)))
+        taus = np.array([colour.tau for colour in self.colours])
+        slow = np.mean(self._gain**2, axis=0) * np.maximum(2.0 * taus / period, 1.0)
+        plain = (NoiseColour(),) * len(self.colours)
+        return replace(self, sigma=self.sigma * np.sqrt(1.0 + slow), colours=plain, motion=None)
+
     @property
     def _gain(self) -> Array:
         """(N, C) size of the coloured part in units of the white level."""

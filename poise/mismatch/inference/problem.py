@@ -194,6 +194,14 @@ class Problem:
         """The problem with another noise model."""
         return replace(self, noise=noise)
 
+    def weighed(self) -> "Problem":
+        """The signal as its parameters are estimated: joint efforts by plain least squares in time.
+
+        What a model of an arm leaves are errors of the model, which no noise model describes; whitening would weigh
+        them by their spectrum, and friction is then taken from the reversals alone.
+        """
+        return self if self.signal == "wrench" else self.with_noise(self.noise.uncoloured())
+
     def fitted_noise(self, residual: Array) -> SignalNoise:
         """The most likely noise for a residual (N, C)."""
         return signal_noise(self.recorded, self.model, self.signal, residual, self.active, self.band)

@@ -15,6 +15,7 @@ from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, implausible
+from poise.mismatch.inference.unknown import Dependence
 from poise.types import Array
 
 _BLOCKS = 6
@@ -22,8 +23,11 @@ _LEAST_IMPROVED = 5
 """Blocks in which the error must fall: an effect without truth reaches as many with a probability of 11 %."""
 _LEAST_GAIN = 3.0
 """log likelihood that an effect must win in all blocks together."""
-_LEAST_OF_REST = 0.05
-"""Energy of an effect in units of the energy that remains unexplained: model errors can imitate a smaller one."""
+_LEAST_OF_REST = 0.5
+"""Energy of an effect in units of the energy that remains unexplained where it acts: what remains can imitate a smaller
+one."""
+_LEAST_SHARE = 0.01
+"""Share of the error that the whole model explains: the larger effects are not modelled more exactly."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,9 @@ class EffectProof:
         if self.improved_blocks < _LEAST_IMPROVED:
             return f"the error falls in {self.improved_blocks} of {self.blocks} parts of the recording"
         if self.rest * _LEAST_OF_REST > 1.0:
-            return f"the error that remains unexplained is {self.rest:.0f} times as large as what it explains"
+            return f"the error that remains unexplained is {self.rest:.2g} times as large as what it explains"
+        if self.share < _LEAST_SHARE:
+            return f"it explains {100 * self.share:.1f} % of what the whole model explains"
         return ""
 
 
@@ -89,7 +95,7 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         without = [state.fitted(problem, _others(whole.parts, part), WARM_STEPS) for part in whole.parts]
         proofs = _compared(problem, whole, without)
         lacking = [
-            implausible(problem.recorded, [part]) or proof.lacking
+            implausible(problem.recorded, [part]) or _within_noise(part, proof) or proof.lacking
             for part, proof in zip(whole.parts, proofs, strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -98,6 +104,12 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         weakest = max(failed, key=lambda index: without[index].log_evidence)
         dropped[whole.parts[weakest].effect.name] = lacking[weakest]
         best = without[weakest]
+
+
+def _within_noise(part: FittedEffect, proof: EffectProof) -> str:
+    """Why a free curve over a state has no proof: it fits any detail of the noise where no more than noise is left."""
+    fits_noise = isinstance(part.effect, Dependence) and proof.error_without <= 1.0
+    return "the residual is within the noise without it" if fits_noise else ""
 
 
 def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:
@@ -110,6 +122,10 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
         full = replace(problem, blocks=None)
         whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
+    elif not (settled := problem.settled(whole.parts)).all():
+        # A knock that is a fraction of a sample late would count as much as one that is not there.
+        judged = settled if problem.judged is None else settled & problem.judged
+        whole, *without = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
     return [_proof(problem.measured.shape[1], whole, shorter) for shorter in without]
 
 

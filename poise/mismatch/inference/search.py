@@ -181,9 +181,11 @@ def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> Hypothe
     """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
     if not parts:
         return state.fits[()]
-    rough = state.fitted(state.judging, parts, WARM_STEPS)
-    problem = state.under(rough)
-    best = state.fitted(problem, rough.parts, _STEPS)
+    predicted = state.problem.predicted(state.problem.compose(parts)[1])
+    rough = state.problem.with_noise(state.problem.fitted_noise(state.problem.measured - predicted))
+    settled = fit(rough.weighed(), parts, _STEPS)
+    problem = state.under(settled)
+    best = state.fitted(problem, settled.parts, 0)
     for part in best.parts:
         state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
     return best

@@ -1,0 +1,30 @@
+"""Errors of resampled accelerations: they grow where a spline rings, and stay small in smooth motion."""
+
+import numpy as np
+import pytest
+
+from poise.robot import resample
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0])
+def test_the_stated_error_covers_the_ringing_beside_a_jump_of_the_acceleration(rate: float) -> None:
+    """A trapezoid of the velocity, with encoders so fine that noise alone explains none of the error."""
+    seconds = np.arange(0.0, 12.0, 1.0 / rate)
+    corners = np.array([1.0, 1.1, 3.0, 3.1, 5.0, 5.1, 8.0, 8.1])
+    jumps = 5.0 * np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
+    position = sum(0.5 * jump * np.maximum(seconds - at, 0.0) ** 2 for jump, at in zip(jumps, corners, strict=True))
+    truth = sum(jump * (seconds >= at) for jump, at in zip(jumps, corners, strict=True))
+    noise = np.random.default_rng(4).normal(scale=1e-6, size=len(seconds))
+    found = resample(seconds, (position + noise)[:, None], seconds)
+    error, sigma = found.acceleration[:, 0] - truth, found.sigma[2, :, 0]
+    apart = np.abs(seconds[:, None] - corners).min(axis=1)
+    beside = found.known & (apart > 0.02) & (apart < 0.12) & (sigma > 0.0)
+    assert np.sqrt(np.mean((error[beside] / sigma[beside]) ** 2)) < 3.0
+
+
+def test_smooth_motion_does_not_ring() -> None:
+    seconds = np.arange(0.0, 20.0, 0.008)
+    position = 0.4 * np.sin(2.0 * np.pi * 0.5 * seconds) + 0.1 * np.sin(2.0 * np.pi * 1.3 * seconds)
+    noise = np.random.default_rng(5).normal(scale=1e-5, size=len(seconds))
+    found = resample(seconds, (position + noise)[:, None], seconds)
+    assert np.nanmax(found.sigma[2]) < 1e-3 * np.nanmax(np.abs(found.acceleration))
