@@ -27,6 +27,9 @@ _SETTLED = 0.1
 _NEARLY = 2.0
 """Decrease of the square below which the calibration is not linearised again."""
 
+_CLOCK_MARGIN = 1.1
+"""Tolerances that a clock offset must exceed: its calibration column is of first order, so that an exact shift fits
+better inside the tolerance, too."""
 _CHANCE = 0.00135
 """Probability that a normal deviate exceeds three sigma on one side."""
 
@@ -330,6 +333,9 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
     """
     if not effect.widens:
         return True
+    values = next(part.values for part in parts if part.effect is effect)
+    if effect.widens == "clock" and abs(values["offset"]) < _CLOCK_MARGIN * problem.model.tolerance.clock_offset:
+        return False
     squares, counts = [], []
     for kept in (parts, [part for part in parts if part.effect is not effect]):
         about = linearised(problem, tuple(kept), None)
