@@ -160,11 +160,11 @@ class Diagnosis:
     @property
     def untestable(self) -> dict[str, str]:
         """Effects that this recording cannot show, and why."""
-        named = {finding.effect.name for finding in self.findings}
+        examined = {*self.unproven, *(finding.effect.name for finding in self.findings)}
         tried = {name for each in self.examinations for _, name in each.search.gains}
         reasons = {name: why for name, why in self.missing.items() if name not in tried}
         reasons |= {name: why for each in self.examinations for name, why in each.search.untestable.items()}
-        return {name: why for name, why in reasons.items() if name not in named}
+        return {name: why for name, why in reasons.items() if name not in examined}
 
     @property
     def augmented(self) -> NominalModel:

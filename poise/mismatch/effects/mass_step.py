@@ -12,6 +12,8 @@ from poise.types import Array
 
 _ROWS = ("mass", "moment_x", "moment_y", "moment_z")
 
+_BESIDE = 0.5
+"""s that a recording must show before and after the change; the first 0.4 s are not compared."""
 _FARTHEST = 1.0
 """m from the sensor to a payload's centre of mass."""
 
@@ -60,7 +62,12 @@ class MassStep(Effect):
         return {axis: (values[f"moment_{axis}"] / mass, "m") for axis in "xyz"}
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        """The first moment changes by at most the reach of the payload times the mass that is there or comes."""
+        """The first moment changes by at most the reach of the payload times the mass that is there or comes.
+
+        A change at an end of a single recording is none: nothing shows the payload before it or after it.
+        """
+        if not recorded.begins and not _BESIDE < values["time"] - recorded.seconds[0] < recorded.duration - _BESIDE:
+            return "the payload would change at the end or the start of the recording"
         moment = np.linalg.norm([values[name] for name in _ROWS[1:]])
         mass = max(float(recorded.phi[0]), 0.5) + abs(values["mass"])
         return "the mass that changes would lie outside the payload" if moment > _FARTHEST * mass else ""

@@ -122,6 +122,10 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
         full = replace(problem, blocks=None)
         whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
+    elif not (settled := problem.settled(whole.parts)).all():
+        # A knock that is a fraction of a sample late would count as much as one that is not there.
+        judged = settled if problem.judged is None else settled & problem.judged
+        whole, *without = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
     return [_proof(problem.measured.shape[1], whole, shorter) for shorter in without]
 
 
