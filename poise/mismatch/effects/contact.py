@@ -6,7 +6,6 @@ import numpy as np
 
 from poise.geometry import cross
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
-from poise.mismatch.effects.part_wrench import out_of_reach
 from poise.mismatch.effects.starts import bursts
 from poise.mismatch.recorded import RecordedMotion, directed, forces_at
 from poise.types import Array
@@ -114,12 +113,15 @@ class PlateContact(Effect):
         return ((values["start"], values["start"] + values["length"]),)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        """A contact pushes: a force that swings to both sides is an error of the motion, or a vibration."""
+        """A contact pushes: a force that swings to both sides is an error of the motion, or a vibration.
+
+        The wrench shows the line of the force, not the point on it: a point at the end of its range is plausible.
+        """
         peak = self._peak(values)
         size = float(np.linalg.norm(peak))
         pull = -float((_forces(values) @ peak).min()) / max(size, 1e-9)
         both = f"what pushes with {size:.1f} N would pull with {pull:.1f} N" if pull > _PULL * size else ""
-        return super().implausible(recorded, values) or out_of_reach(values) or both
+        return super().implausible(recorded, values) or both
 
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         peak = self._peak(values)

@@ -16,6 +16,7 @@ from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, implausible
 from poise.mismatch.inference.unknown import Dependence
+from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
 _BLOCKS = 6
@@ -26,8 +27,11 @@ _LEAST_GAIN = 3.0
 _LEAST_OF_REST = 0.5
 """Energy of an effect in units of the energy that remains unexplained where it acts: what remains can imitate a smaller
 one."""
-_LEAST_SHARE = 0.01
-"""Share of the error that the whole model explains: the larger effects are not modelled more exactly."""
+_LEAST_SHARE = 0.003
+"""Least fall of the squared error that is material, of the whole recording."""
+_BRIEF, _LEAST_LOCAL = 0.3, 5.0
+"""Share of a recording within which an event is brief, and its least energy in a sample, in units of the noise of a
+channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +45,7 @@ class EffectProof:
         gain: log likelihood won over all blocks, for noise as large as the remaining residual.
         share: of the energy of the error without the effect, the part that it removes.
         rest: energy that the model leaves above the noise, in units of the energy of this effect, where it acts.
+        local: energy of the effect in a sample where it acts, over all channels, in units of their noise.
     """
 
     blocks: int
@@ -50,6 +55,7 @@ class EffectProof:
     gain: float
     share: float
     rest: float
+    local: float
 
     @property
     def lacking(self) -> str:
@@ -60,8 +66,6 @@ class EffectProof:
             return f"the error falls in {self.improved_blocks} of {self.blocks} parts of the recording"
         if self.rest * _LEAST_OF_REST > 1.0:
             return f"the error that remains unexplained is {self.rest:.2g} times as large as what it explains"
-        if self.share < _LEAST_SHARE:
-            return f"it explains {100 * self.share:.1f} % of what the whole model explains"
         return ""
 
 
@@ -95,7 +99,7 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         without = [state.fitted(problem, _others(whole.parts, part), WARM_STEPS) for part in whole.parts]
         proofs = _compared(problem, whole, without)
         lacking = [
-            implausible(problem.recorded, [part]) or _within_noise(part, proof) or proof.lacking
+            implausible(problem.recorded, [part]) or _immaterial(problem.recorded, part, proof) or proof.lacking
             for part, proof in zip(whole.parts, proofs, strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -106,10 +110,15 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         best = without[weakest]
 
 
-def _within_noise(part: FittedEffect, proof: EffectProof) -> str:
-    """Why a free curve over a state has no proof: it fits any detail of the noise where no more than noise is left."""
-    fits_noise = isinstance(part.effect, Dependence) and proof.error_without <= 1.0
-    return "the residual is within the noise without it" if fits_noise else ""
+def _immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof) -> str:
+    """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
+    if isinstance(part.effect, Dependence) and proof.error_without <= 1.0:
+        return "the residual is within the noise without it"
+    windows = part.effect.windows(recorded, part.values)
+    ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays
+    if windows and ends and sum(end - begin for begin, end in windows) < _BRIEF * recorded.duration:
+        return "it is not larger than errors of the measured motion" if proof.local < _LEAST_LOCAL else ""
+    return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
 
 def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEffect]:
@@ -118,7 +127,9 @@ def _others(parts: Sequence[FittedEffect], part: FittedEffect) -> list[FittedEff
 
 def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[HypothesisFit]) -> list[EffectProof]:
     """The proof of each part of `whole`; the fit without it is at its place in `without`."""
+    length = 1 if problem.blocks is None else problem.blocks.rows.shape[1]
     if problem.blocks is not None and any(part.effect.free_course for part in whole.parts):
+        length = 1
         # Averages of several samples are too coarse for a short event: nothing would predict the pieces left out.
         full = replace(problem, blocks=None)
         whole, *without = (fit(full, each.parts, 1) for each in (whole, *without))
@@ -126,10 +137,10 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         # A knock that is a fraction of a sample late would count as much as one that is not there.
         judged = settled if problem.judged is None else settled & problem.judged
         whole, *without = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
-    return [_proof(problem.measured.shape[1], whole, shorter) for shorter in without]
+    return [_proof(problem.measured.shape[1], length, whole, shorter) for shorter in without]
 
 
-def _proof(channels: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
+def _proof(channels: int, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
     """The proof of the effect that `whole` has and `without` lacks."""
     fitted = [_residual(each) for each in (without, whole)]
     energy = np.sum((fitted[0] - fitted[1]).reshape(channels, -1) ** 2, axis=0)
@@ -149,6 +160,7 @@ def _proof(channels: int, whole: HypothesisFit, without: HypothesisFit) -> Effec
         gain=0.5 * float(fall.sum()) / max(errors[1], 1.0),
         share=float(np.clip(1.0 - errors[1] / max(errors[0], 1e-12), 0.0, 1.0)),
         rest=max(float(share @ left) - channels, 0.0) / max(float(share @ energy), 1e-9),
+        local=float(share @ energy) / length,
     )
 
 
