@@ -181,7 +181,8 @@ def test_drag_is_against_the_motion_and_grows_with_the_square_of_its_speed() -> 
 
 def test_a_loose_part_at_rest_lies_at_one_of_its_stops() -> None:
     there = at_rest()
-    change = WRENCH_EFFECTS["loose_part"](there, 1.0, np.random.default_rng(1))
+    turning = dataclasses.replace(scene(), payload=there.payload)
+    change = WRENCH_EFFECTS["loose_part"](turning, 1.0, np.random.default_rng(1))
     log, added = gained(there, change, 0.5)
     p = change.parameters
     axis = np.array([p["axis_x"], p["axis_y"], p["axis_z"]])

@@ -28,8 +28,7 @@ _NEARLY = 2.0
 """Decrease of the square below which the calibration is not linearised again."""
 
 _CLOCK_MARGIN = 1.1
-"""Tolerances that a clock offset must exceed: its calibration column is of first order, so that an exact shift fits
-better inside the tolerance, too."""
+"""Tolerances that a clock offset must exceed: unlike an exact shift, its calibration column is of first order."""
 _CHANCE = 0.00135
 """Probability that a normal deviate exceeds three sigma on one side."""
 

@@ -36,6 +36,8 @@ _LOOK, _STEPS, WARM_STEPS = 7, 4, 2
 """Steps of the screening, of a fit from its result, and of a fit from another fit."""
 _REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
+_PIECE = 0.7
+"""Share of the gain of a simple effect below which one that contains it is not fitted."""
 _NEAR = 20.0
 """log evidence within which hypotheses are compared in full."""
 _VISIBLE = 3.0
@@ -362,10 +364,13 @@ def _beside(
         if tried:
             seen.append(max(tried, key=lambda each: each.drop))
     recorded = here.recorded
-    found, top = [], 0.0
-    # Effects whose starting points say nothing come last: the gains of the others then end their refinement early.
-    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), -each.potential)):
-        least = max(_THRESHOLD, _REACH * top)
+    found: list[EffectCandidate] = []
+    top = 0.0
+    # Effects whose starting points say nothing come last, and before them those that contain others: the gains of the
+    # others then end their refinement early.
+    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), bool(each.effect.made_of), -each.potential)):
+        pieces = [_PIECE * other.gain for other in found if other.effect.name in each.effect.made_of]
+        least = max(_THRESHOLD, _REACH * top, *pieces)
         done = each
         if not isinstance(each.effect, Dependence):
             nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
