@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import FigureBase
 
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import Diagnosis, diagnose
@@ -22,7 +23,10 @@ from poise.mismatch.recorded import RecordedMotion
 from poise.recording import open_recording
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory
+from poise.types import Array
 from poise.viewing import write_mismatch_report
+from poise.viewing.canvas import Panel, add_axes, line
+from poise.viewing.effort_figures import friction_panels
 
 NOISE = np.repeat([0.1, 0.005], 3)
 CONTACT = {"start": 12.3, "length": 1.8, "x": 0.0, "y": 0.0, "z": 0.17} | {
@@ -32,6 +36,7 @@ CONTACT = {"start": 12.3, "length": 1.8, "x": 0.0, "y": 0.0, "z": 0.17} | {
 }
 ROOT = Path(__file__).resolve().parent.parent
 SHAKEN = ROOT / "bags" / "kuka_vibration.mcap"
+EMPS = ROOT / "examples" / "recordings" / "emps"
 Effects = tuple[tuple[str, dict[str, float]], ...]
 CASES: tuple[tuple[str, str, Effects, bool], ...] = (
     ("mismatch_contact", "Something in the way", (("contact", CONTACT),), False),
@@ -66,6 +71,32 @@ def shaken() -> Diagnosis:
     model = parse_model({"payload": {"mass": 0.9323, "com": [0.0, 0.0, 0.0439]}})
     reading = read_recording(open_recording(SHAKEN), model)
     return diagnose(reading.recorded, reading.model)
+
+
+def emps_panels() -> list[Panel]:
+    """A published recording of one prismatic axis: its last 30 % without and with the effects, and its friction."""
+    found = diagnose((reading := read_recording(open_recording(EMPS), NominalModel())).recorded, reading.model)
+    examined = found.main
+    effort, rows = examined.problem.recorded.effort, np.flatnonzero(examined.held_out)
+    if effort is None:
+        raise ValueError("the recording has no efforts")
+    seconds, measured = effort.seconds[rows], effort.measured[rows, 0]
+    nominal = examined.problem.predicted(examined.problem.recorded)[rows, 0]
+    model = nominal + (examined.best.response + examined.best.calibrated)[rows, 0]
+
+    def nrmse(predicted: Array) -> float:
+        return float(np.sqrt(np.mean((measured - predicted) ** 2) / np.mean(measured**2)))
+
+    title = f"EMPS, force (N): nrmse {nrmse(nominal):.2f} (red) to {nrmse(model):.3f} (blue)"
+
+    def draw(figure: FigureBase) -> None:
+        axes = add_axes(figure, title)
+        line(axes, seconds, measured, "measured", "measured", 2.6)
+        line(axes, seconds, nominal, "rejected", "without the effects", 1.2)
+        line(axes, seconds, model, "accent", "with the effects", 1.0)
+
+    names = ", ".join(finding.effect.name for finding in found.findings)
+    return [Panel("emps", f"{title}; named: {names}", draw), *friction_panels(examined, "emps")]
 
 
 def mismatch_pictures(photograph: Callable[[str, Path], None], **made: object) -> None:
