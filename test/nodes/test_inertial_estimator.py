@@ -207,7 +207,8 @@ def test_wrenches_that_are_no_numbers_saturated_or_of_another_sensor_never_reach
     last = estimates[-1]
     assert last.inertia.m == pytest.approx(1.0, abs=0.01)
     assert last.inertia.com.z == pytest.approx(0.05, abs=0.001)
-    reasons = {span.reason: span.samples for span in last.rejected if span.reason != "moving"}
+    # On a busy machine joint states may come too late for some wrenches: these are stale.
+    reasons = {span.reason: span.samples for span in last.rejected if span.reason not in ("moving", "stale")}
     assert reasons == {"not_finite": 100, "saturated": 100}
 
 
