@@ -27,6 +27,11 @@ class MeasuredBase:
     velocity_sigma: Array
     acceleration_sigma: Array
 
+    def select(self, mask: Mask) -> "MeasuredBase":
+        """The samples that a mask (N,) picks."""
+        sigmas = self.velocity_sigma[mask], self.acceleration_sigma[mask]
+        return MeasuredBase(self.motion.select(mask), self.known[mask], *sigmas)
+
 
 def base_from_odometry(stamps: Stamps, rotation: Array, translation: Array, wanted: Stamps) -> MeasuredBase:
     """The motion of a base at the wanted stamps; a base at rest has no velocity and no acceleration.

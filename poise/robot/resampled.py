@@ -1,7 +1,7 @@
 """Sampled positions to position, velocity and acceleration at other stamps, by splines that choose their knots."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
@@ -56,6 +56,11 @@ class ResampledSignal:
     jitter: float
     noise: Array
     sigma: Array
+
+    def select(self, mask: Mask) -> "ResampledSignal":
+        """The samples that a mask (N,) picks."""
+        rows = {name: getattr(self, name)[mask] for name in ("position", "velocity", "acceleration", "known")}
+        return replace(self, **rows, sigma=self.sigma[:, mask])
 
 
 def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None = None) -> ResampledSignal:

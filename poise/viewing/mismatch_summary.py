@@ -108,9 +108,8 @@ def _label(name: str) -> str:
 
 def remaining(examination: SignalDiagnosis) -> tuple[Array, list[Whiteness]]:
     """Whitened residual (N, C) of the best model, and how white each channel is."""
-    regression = examination.best.regression
     channels = examination.problem.measured.shape[1]
-    white = np.asarray(regression.target - regression.coefficients() @ regression.columns).reshape(channels, -1)
+    white = examination.best.regression.residual.reshape(channels, -1)
     return white.T, [whiteness(channel) for channel in white]
 
 

@@ -10,7 +10,7 @@ from poise.errors import ErrorCode, InputError
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import LiveWindow, diagnose, effects_called, examine
 from poise.mismatch.reading import NominalModel, read_recording
-from poise.recording import WrenchStream, encode_stream, open_recording, write_recording
+from poise.recording import JointStream, WrenchStream, encode_stream, open_recording, write_recording
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -21,11 +21,23 @@ PHI = InertialParameters(2.0, np.array([0.0, 0.01, 0.1]), 0.01 * np.eye(3)).phi
 SECOND = 10**9
 
 
+def send_wrench(window, stamp, frame, wrench):
+    stream = WrenchStream(np.array([stamp]), np.array([wrench], dtype=float), frame)
+    window.add_wrench_message(next(encode_stream("wrench", stream))[1])
+
+
+def send_joint_state(window, stamp, names, position, velocity, effort):
+    """What was not measured is empty."""
+    parts = (np.array([part if len(part) else [np.nan] * len(names)]) for part in (position, velocity, effort))
+    stream = JointStream(np.array([stamp]), tuple(names), *parts)
+    window.add_joint_state_message(next(encode_stream("joint_states", stream))[1])
+
+
 def fed(window, seconds, start=0, rate=100, frame="ft_sensor"):
     """Wrenches and joint states of one joint."""
     for stamp in range(start, start + round(seconds * SECOND), SECOND // rate):
-        window.add_wrench(stamp, frame, (stamp * 1e-9, 0, 0, 0, 0, 0))
-        window.add_joint_state(stamp, ["a"], [0.1], [], [])
+        send_wrench(window, stamp, frame, (stamp * 1e-9, 0, 0, 0, 0, 0))
+        send_joint_state(window, stamp, ["a"], [0.1], [], [])
     return window
 
 
@@ -42,9 +54,9 @@ def test_only_the_last_seconds_are_kept():
 def test_it_says_what_it_waits_for():
     window = LiveWindow(10.0)
     assert "wrench" in window.lacks
-    window.add_wrench(0, "ft", (0,) * 6)
+    send_wrench(window, 0, "ft", (0,) * 6)
     assert "joint state" in window.lacks
-    window.add_joint_state(0, ["a"], [0.0], [], [])
+    send_joint_state(window, 0, ["a"], [0.0], [], [])
     assert "robot_description" in window.lacks
     window.description = URDF
     assert "8 s" in window.lacks
@@ -54,26 +66,26 @@ def test_it_says_what_it_waits_for():
 def test_late_messages_are_counted_and_a_clock_that_began_anew_begins_anew():
     window = fed(LiveWindow(10.0), 9.0, start=100 * SECOND)
     newest = window.newest
-    window.add_wrench(newest - SECOND, "ft_sensor", (0,) * 6)
+    send_wrench(window, newest - SECOND, "ft_sensor", (0,) * 6)
     assert (window.late, window.newest) == (1, newest)
-    window.add_wrench(SECOND, "ft_sensor", (0,) * 6)
+    send_wrench(window, SECOND, "ft_sensor", (0,) * 6)
     assert window.newest == SECOND
     assert window.seconds == 0.0
 
 
 def test_wrenches_of_another_sensor_are_left_out():
     window = fed(LiveWindow(10.0), 1.0)
-    window.add_wrench(5 * SECOND, "other", (9,) * 6)
+    send_wrench(window, 5 * SECOND, "other", (9,) * 6)
     assert window.foreign == 1
     assert window.newest < SECOND
 
 
 def test_joint_states_come_in_the_order_asked_for_from_the_messages_that_hold_them_all():
     window = LiveWindow(10.0)
-    window.add_wrench(0, "ft", (0,) * 6)
-    window.add_joint_state(0, ["b", "a", "c"], [2.0, 1.0, 3.0], [0.2, 0.1, 0.3], [])
-    window.add_joint_state(1, ["a"], [9.0], [], [])
-    window.add_joint_state(2, ["a", "b"], [1.5, 2.5], [], [5.0, 6.0])
+    send_wrench(window, 0, "ft", (0,) * 6)
+    send_joint_state(window, 0, ["b", "a", "c"], [2.0, 1.0, 3.0], [0.2, 0.1, 0.3], [])
+    send_joint_state(window, 1, ["a"], [9.0], [], [])
+    send_joint_state(window, 2, ["a", "b"], [1.5, 2.5], [], [5.0, 6.0])
     joints = window.streams().joint_states(("a", "b"))
     assert joints.names == ("a", "b")
     np.testing.assert_array_equal(joints.position, [[1.0, 2.0], [1.5, 2.5]])
@@ -102,10 +114,10 @@ def test_a_window_gets_the_answer_of_its_recording_and_is_kept_when_something_is
     window = LiveWindow(35.0)
     window.description = URDF
     for stamp, wrench in zip(made.wrench.stamps.tolist(), made.wrench.wrench_in_sensor, strict=True):
-        window.add_wrench(stamp, "ft_sensor", wrench)
+        send_wrench(window, stamp, "ft_sensor", wrench)
     for stamp, position, velocity in zip(joints.stamps.tolist(), joints.position, joints.velocity, strict=True):
-        window.add_joint_state(stamp, joints.names, position, velocity, [])
-        window.add_joint_state(stamp + 1000, ["finger"], [0.01], [], [])
+        send_joint_state(window, stamp, joints.names, position, velocity, [])
+        send_joint_state(window, stamp + 1000, ["finger"], [0.01], [], [])
     library = effects_called(["sensor_bias", "flywheel"])
     live = examine(window.streams(), model, library, tmp_path / "kept").found
     assert [finding.effect.name for finding in live.findings] == (["sensor_bias"] if bias else [])

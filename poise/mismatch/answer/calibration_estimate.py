@@ -35,12 +35,11 @@ def calibration_estimates(problem: Problem, best: HypothesisFit) -> tuple[Calibr
     """All observable calibration errors except gains across axes."""
     groups = problem.groups(problem.compose(best.parts)[1], best.parts)
     label = _labels if problem.signal == "wrench" else _effort_labels
-    shown = [np.abs(group.columns).max(axis=(0, 1)) > 0.0 for group in groups]
     value, spread = best.regression.coefficients(), np.sqrt(np.diag(best.regression.covariance()))
     found, row = [], 0
-    for group, seen in zip(groups, shown, strict=True):
+    for group in groups:
         labels = list(label(group.name, problem))
-        for column in np.flatnonzero(seen):
+        for column in np.flatnonzero(group.seen):
             if column < len(labels):
                 kind, name, size, unit = labels[column]
                 at, std = float(value[row]), float(spread[row])

@@ -32,6 +32,7 @@ from poise.mismatch.inference import (
     held_out,
     names,
     proven,
+    relative_error,
     residual_of,
     search,
     state_description,
@@ -97,7 +98,7 @@ class SignalDiagnosis:
             np.sqrt(np.mean(part[rows] ** 2, axis=0))
             for part in (problem.measured, given, residual_of(problem, self.best))
         )
-        return np.array([np.divide(error, signal, out=np.zeros_like(error), where=signal > 0) for error in errors])
+        return relative_error(np.array(errors), signal)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +238,7 @@ def _examined(
     model, final, best, proof = _proven(state, best, seen, held)
     nominal = fit(final, ()) if best.parts else best
     detected = shown_effects(final, library)
-    rest = judge_residual(final, residual_of(final, best), _whitened(best), _rounding(final, detected))
+    rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     unknown = _unknown(final, best, rest)
     doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
     channels = (
@@ -299,12 +300,6 @@ def _settled(final: Problem, best: HypothesisFit) -> HypothesisFit:
 def _carried(part: FittedEffect, recorded: RecordedMotion) -> FittedEffect:
     """A part in a longer recording, where a free curve over time has more knots."""
     return replace(part, values={p.name: part.values.get(p.name, 0.0) for p in part.effect.parameters(recorded)})
-
-
-def _whitened(found: HypothesisFit) -> Array:
-    """(R,) the whitened residual of a fit."""
-    regression = found.regression
-    return np.asarray(regression.target - regression.coefficients() @ regression.columns)
 
 
 def _rounding(problem: Problem, detected: Sequence[NamedEffect]) -> Array | float:

@@ -16,10 +16,8 @@ from poise.mismatch.answer.diagnosis import Diagnosis, diagnose
 from poise.mismatch.effects import Effect, all_effects, effect_named
 from poise.mismatch.reading import MeasuredStreams, NominalModel, ReadRecording, read_streams
 from poise.recording import (
-    JointStream,
     PoseStream,
     Stream,
-    WrenchStream,
     header_of,
     joint_states_in,
     wrenches_in,
@@ -75,14 +73,6 @@ class LiveWindow:
         self._poses: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._frames = ("odom", "base_link")
 
-    def add_wrench(self, stamp: int, frame_id: str, wrench: Sequence[float]) -> None:
-        """Take a wrench (6,), N and N m, stamped in ns."""
-        self.frame_id = self.frame_id or frame_id
-        if frame_id != self.frame_id:
-            self.foreign += 1
-            return
-        self._add(self._wrenches, stamp, wrench)
-
     def add_wrench_message(self, data: bytes) -> None:
         """Take a geometry_msgs/WrenchStamped as CDR bytes; its content is read by `streams` alone.
 
@@ -105,12 +95,6 @@ class LiveWindow:
             InputError: TYPE_MISMATCH when it has no header.
         """
         self._add(self._joints, header_of(data)[0], data)
-
-    def add_joint_state(
-        self, stamp: int, names: Sequence[str], position: Sequence[float], velocity: Sequence[float], effort: Any
-    ) -> None:
-        """Take a joint state, (K,) each; what was not measured is empty."""
-        self._add(self._joints, stamp, (tuple(names), position, velocity, effort))
 
     def add_odometry(self, stamp: int, frames: tuple[str, str], rotation: ArrayLike, translation: ArrayLike) -> None:
         """Take a pose of the base, (3, 3) and (3,) m, of frames (parent, child)."""
@@ -177,15 +161,16 @@ class LiveWindow:
         if not self._leading:
             what = "wrench" if self.expects_wrench else "joint state"
             raise InputError(ErrorCode.EMPTY, f"the window holds no {what}: wait until some have come")
-        wrenches, joints, poses = (list(kept) for kept in (self._wrenches, self._joints, self._poses))
+        wrenches, joints = ([data for _, data in kept] for kept in (self._wrenches, self._joints))
+        poses = list(self._poses)
         odometry, description = None, self.description
         if len(poses) > 1:
             rotation, translation = (np.array([value[k] for _, value in poses]) for k in (0, 1))
             odometry = PoseStream(_stamps(poses), rotation, translation, *self._frames)
         return MeasuredStreams(
             "the live window",
-            _wrench_stream(wrenches, self.frame_id),
-            lambda names: _joint_stream(joints, names),
+            wrenches_in(wrenches) if wrenches else None,
+            lambda names: joint_states_in(joints, names),
             odometry,
             lambda: description,
         )
@@ -243,39 +228,6 @@ def effects_called(names: Sequence[str]) -> list[Effect] | None:
         there = ", ".join(effect.name for effect in all_effects())
         raise InputError(ErrorCode.BAD_INPUT, f"there is no effect {', '.join(unknown)}; there are {there}")
     return [effect for effect in found if effect is not None] or None
-
-
-def _wrench_stream(kept: list[tuple[int, Any]], frame: str) -> WrenchStream | None:
-    if not kept:
-        return None
-    if isinstance(kept[0][1], bytes):
-        return wrenches_in([data for _, data in kept])
-    return WrenchStream(_stamps(kept), np.array([value for _, value in kept], dtype=np.float64), frame)
-
-
-def _joint_stream(states: list[tuple[int, Any]], names: tuple[str, ...]) -> JointStream:
-    """The states of some joints, from the messages that hold all of them; values that were not measured are NaN.
-
-    Raises:
-        InputError: JOINT_MISSING.
-    """
-    if isinstance(states[0][1], bytes):
-        return joint_states_in([data for _, data in states], names)
-    chosen = [(stamp, value) for stamp, value in states if set(names) <= set(value[0])]
-    if not chosen:
-        there = " ".join(sorted({name for _, (own, *_) in states for name in own})) or "none"
-        raise InputError(
-            ErrorCode.JOINT_MISSING,
-            f"joint_states: no message of the window holds the joints {' '.join(names)}; there are {there}",
-            there=there.split(),
-        )
-    out = np.full((3, len(chosen), len(names)), np.nan)
-    for row, (_, (own, *parts)) in enumerate(chosen):
-        columns = [own.index(name) for name in names]
-        for kind, part in enumerate(parts):
-            if len(part) == len(own):
-                out[kind, row] = np.asarray(part)[columns]
-    return JointStream(_stamps(chosen), names, *out)
 
 
 def _stamps(kept: list[tuple[int, Any]]) -> NDArray[np.int64]:

@@ -204,8 +204,8 @@ class Effect(ABC):
         """Why these values are physically impossible, as a clause; "" when they are possible.
 
         No answer contains an effect with implausible values: here a linear parameter beyond its bounds, or a peaked one
-        at an end of its range. An effect with bounds on derived quantities (a path, a
-        total mass) overrides this and asks its base class first.
+        at an end of its range. An effect with bounds on derived quantities (a path, a total mass) overrides this
+        and asks its base class, too.
         """
         for p in self.parameters(recorded):
             if not p.within(values[p.name]) or (p.peaked and p.at_end(values[p.name])):

@@ -6,6 +6,7 @@ import numpy as np
 
 from poise.inertia.model import regressor
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
+from poise.mismatch.effects.payload_parameters import FARTHEST_CENTRE
 from poise.mismatch.effects.starts import steps
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -14,8 +15,6 @@ _ROWS = ("mass", "moment_x", "moment_y", "moment_z")
 
 _BESIDE = 0.5
 """s that a recording must show before and after the change; the first 0.4 s are not compared."""
-_FARTHEST = 1.0
-"""m from the sensor to a payload's centre of mass."""
 
 
 class MassStep(Effect):
@@ -70,7 +69,7 @@ class MassStep(Effect):
             return "the payload would change at the end or the start of the recording"
         moment = np.linalg.norm([values[name] for name in _ROWS[1:]])
         mass = max(float(recorded.phi[0]), 0.5) + abs(values["mass"])
-        return "the mass that changes would lie outside the payload" if moment > _FARTHEST * mass else ""
+        return "the mass that changes would lie outside the payload" if moment > FARTHEST_CENTRE * mass else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
         change = "heavier" if values["mass"] > 0 else "lighter"

@@ -9,7 +9,7 @@ from poise.types import Array
 
 PAYLOAD_PARAMETERS = ("mass", "moment_x", "moment_y", "moment_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
-_FARTHEST = 1.0
+FARTHEST_CENTRE = 1.0
 """m from the sensor to a payload's centre of mass."""
 
 
@@ -53,7 +53,7 @@ class PayloadParameters(Effect):
         least = 0.05 * max(float(recorded.phi[0]), 0.5)
         if body[0] < -least:
             return f"the payload would weigh {body[0]:.2f} kg"
-        far = np.linalg.norm(body[1:4]) > _FARTHEST * max(float(body[0]), 0.0) + least
+        far = np.linalg.norm(body[1:4]) > FARTHEST_CENTRE * max(float(body[0]), 0.0) + least
         return "its centre of mass would lie outside the payload" if far else ""
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:

@@ -2,7 +2,7 @@
 
 from poise.mismatch.inference.calibration import effort_sizes, payload_steps
 from poise.mismatch.inference.fitting import HypothesisFit, fit, linearization_point, refine
-from poise.mismatch.inference.heldout import HeldOutProof, held_out, tail
+from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
@@ -40,6 +40,7 @@ __all__ = [
     "payload_steps",
     "proven",
     "refine",
+    "relative_error",
     "residual_of",
     "search",
     "state_description",

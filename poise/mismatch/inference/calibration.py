@@ -6,6 +6,7 @@ columns without the bounds: it wins where the data contradict the tolerance.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -14,7 +15,7 @@ from poise.inertia.model import InertialParameters, about_com_jacobian, regresso
 from poise.mismatch.effects import GAIN_LEVER, joint_columns, rotation_columns, tilt_columns
 from poise.mismatch.reading import Tolerance
 from poise.mismatch.recorded import EffortTrack, RecordedMotion, at_times, joint_torques
-from poise.types import Array
+from poise.types import Array, Mask
 
 CALIBRATION_BOUND = 1.1
 """Half-width of the uniform priors in tolerances: the columns are linear, and the products of two errors at their edges
@@ -37,6 +38,16 @@ class CalibrationGroup:
     name: str
     columns: Array
     bound: float = CALIBRATION_BOUND
+
+    @cached_property
+    def seen(self) -> Mask:
+        """(k,) which errors have a response."""
+        return np.asarray(self.columns.any(axis=(0, 1)))
+
+    @property
+    def bounds(self) -> Array:
+        """(k,) half-widths of the priors."""
+        return np.full(self.columns.shape[2], self.bound)
 
 
 _BLURS = (0.006, 0.02, 0.05, 0.12)

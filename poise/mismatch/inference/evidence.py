@@ -89,6 +89,11 @@ class WhitenedRegression:
         """(k,) the most likely c."""
         return self._solved
 
+    @property
+    def residual(self) -> Array:
+        """(R,) whitened data less the columns at the most likely coefficients."""
+        return np.asarray(self.target - self._solved @ self.columns)
+
     def covariance(self) -> Array:
         """(k, k) of c, with uniform priors as normal ones."""
         return np.asarray(cho_solve((self._factor, True), np.eye(len(self.mean))))

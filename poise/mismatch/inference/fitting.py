@@ -259,10 +259,9 @@ def linearization_point(problem: Problem, parts: Sequence[FittedEffect]) -> Line
     """The linearization about some parts at their values."""
     about = linearised(problem, tuple(parts), None)
     about = about.inside() or about
-    precision, mean = about.priors(1.0)
     calibrated = problem.calibrated(problem.groups(about.whole, parts), about.calibration.coefficients())
     return LinearizationPoint(
-        about.calibration.extended(about.columns, np.where(precision > 0, precision, 1.0), mean),
+        about.regression(1.0),
         about.whole,
         problem.measured - problem.predicted(about.whole) - calibrated,
     )
@@ -338,9 +337,7 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
     squares, counts = [], []
     for kept in (parts, [part for part in parts if part.effect is not effect]):
         about = linearised(problem, tuple(kept), None)
-        precision, mean = about.priors(PRIOR_SCALES[-1])
-        whole = about.calibration.extended(about.columns, np.where(precision > 0, precision, 1.0), mean)
-        squares.append(whole.square)
+        squares.append(about.regression(PRIOR_SCALES[-1]).square)
         counts.append(len(about.columns))
     return bool(squares[1] - squares[0] > chi2.isf(_CHANCE, (counts[0] - counts[1] + 1) / 2))
 
@@ -365,8 +362,7 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     evidence = float(np.logaddexp.reduce(scores) - np.log(len(scores))) + known - problem.log_scale
     if inside is None:
         evidence = -np.inf
-    precision, mean = at.priors(PRIOR_SCALES[best])
-    whole = at.calibration.extended(at.columns, np.where(precision > 0, precision, 1.0), mean)
+    whole = at.regression(PRIOR_SCALES[best])
     response = problem.predicted(at.whole) - problem.predicted(problem.recorded)
     groups = problem.groups(at.whole, at.parts)
     calibrated = problem.calibrated(groups, at.calibration.coefficients())

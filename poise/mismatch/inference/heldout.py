@@ -41,7 +41,7 @@ class HeldOutProof:
     @property
     def nrmse(self) -> Array:
         """(3, C) `by_channel` relative to the measured signal; 0 for a signal of zero."""
-        return np.divide(self.by_channel, self.signal, out=np.zeros_like(self.by_channel), where=self.signal > 0)
+        return relative_error(self.by_channel, self.signal)
 
     @property
     def worse(self) -> bool:
@@ -49,14 +49,18 @@ class HeldOutProof:
         return self.augmented > (1.0 + _EQUAL) * self.nominal
 
 
+def relative_error(error: Array, signal: Array) -> Array:
+    """(..., C) errors relative to a signal (C,); 0 for a signal of zero."""
+    return np.divide(error, signal, out=np.zeros_like(error), where=signal > 0)
+
+
 def held_out(problem: Problem, best: HypothesisFit, last: Mask) -> HeldOutProof:
     """Fit the model without some samples, and measure its error there.
 
     Events among the held-out samples cannot be predicted: they are taken from the fit of the whole recording. Events
     that end before these samples do not act there. If the calibration errors beside them increase the error, the events
-    are removed for both models. A free
-    curve over a state shows that the residual depends on it; where it increases the error it is left out, since it is
-    no part of the augmented model.
+    are removed for both models. A free curve over a state shows that the residual depends on it; where it increases the
+    error it is left out, since it is no part of the augmented model.
 
     Args:
         problem: with the noise that the best model leaves.
@@ -119,16 +123,18 @@ def _reading(problem: Problem, measured: Array) -> Problem:
 
 def _happens_in(problem: Problem, part: FittedEffect, held: Array) -> bool:
     """Whether an event began among the held-out samples, or takes a free course there."""
-    if part.effect.transfers or not len(held):
-        return False
-    recorded = problem.compose([part])[0][0]
-    windows = part.effect.windows(recorded, part.values)
+    windows = _windows(problem, part) if len(held) else ()
     return bool(windows) and min(window[part.effect.free_course] for window in windows) > held[0] - 0.5
 
 
 def _is_over(problem: Problem, part: FittedEffect, held: Array) -> bool:
     """Whether an event ends before the held-out samples."""
-    if part.effect.transfers or not len(held):
-        return False
-    windows = part.effect.windows(problem.compose([part])[0][0], part.values)
+    windows = _windows(problem, part) if len(held) else ()
     return bool(windows) and max(end for _, end in windows) < held[0]
+
+
+def _windows(problem: Problem, part: FittedEffect) -> tuple[tuple[float, float], ...]:
+    """When an event acts; empty for an effect that holds in other recordings."""
+    if part.effect.transfers:
+        return ()
+    return part.effect.windows(problem.compose([part])[0][0], part.values)

@@ -121,7 +121,7 @@ class _Screen:
         self._floor = _FLOOR * np.maximum(thin.measured.var(axis=0), 1e-12)
         groups = problem.groups(self._recorded)
         columns = np.concatenate([group.columns for group in groups], axis=2)
-        bound = np.concatenate([np.full(group.columns.shape[2], group.bound) for group in groups])
+        bound = np.concatenate([group.bounds for group in groups])
         precision = np.full(len(bound), _TOLERANCE_RIDGE)
         self._families = [_Family(None, {}, columns, precision, -bound, bound)]
 

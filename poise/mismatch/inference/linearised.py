@@ -54,6 +54,11 @@ class Linearised:
         mean = np.array([-self.parts[i].values[p.name] if p.linear else 0.0 for i, p in own])
         return precision, mean
 
+    def regression(self, scale: float) -> WhitenedRegression:
+        """Calibration and parts as one regression; non-linear parameters have a prior of unit width."""
+        precision, mean = self.priors(scale)
+        return self.calibration.extended(self.columns, np.where(precision > 0, precision, 1.0), mean)
+
 
 def linearised(
     problem: Problem, parts: tuple[FittedEffect, ...], calibration: WhitenedRegression | None, slopes: bool = True

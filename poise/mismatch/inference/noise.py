@@ -121,10 +121,7 @@ class _Innovation:
         decay = np.exp(-np.diff(seconds, append=seconds[-1]) / colour.tau)
         variance, kalman = _stationary(gain, decay)
         self.deviation = np.sqrt(variance)
-        # x+ = a (1 - k g) x + a k y: a lower bidiagonal system for all x at once.
-        self._band = np.ones((2, len(seconds)), order="F")
-        self._band[1] = -decay * (1.0 - kalman * gain)
-        self._drive = decay * kalman
+        self._band, self._drive = _recursion(gain, decay, kalman)
 
     def __call__(self, values: Array) -> Array:
         """(K, N) -> (K, N)."""
@@ -152,6 +149,13 @@ def _stationary(gain: Array, decay: Array) -> tuple[Array, Array]:
     p[0] = 1.0
     variance = 1.0 + square * p
     return variance, gain * p / variance
+
+
+def _recursion(gain: Array, decay: Array, kalman: Array) -> tuple[Array, Array]:
+    """x+ = a (1 - k g) x + a k y as a lower bidiagonal system for all x at once: its band (2, N), and a k (N,)."""
+    band = np.ones((2, len(gain)), order="F")
+    band[1] = -decay * (1.0 - kalman * gain)
+    return band, decay * kalman
 
 
 def kept_share(span: float, tau: Array | float) -> Array:
@@ -241,10 +245,9 @@ def _share(residual: Array, sigma: Array, least: Array, block: int) -> Array:
 
 def _squares(values: Array, gain: Array, decay: Array, kalman: Array) -> Array:
     """(K,) sums of the squared innovations of (N, K) values, divided by their variance."""
-    band = np.ones((2, len(values)), order="F")
-    band[1] = -decay * (1.0 - kalman * gain)
+    band, drive = _recursion(gain, decay, kalman)
     right = np.zeros(values.shape, order="F")
-    np.multiply((decay * kalman)[:-1, None], values[:-1], out=right[1:])
+    np.multiply(drive[:-1, None], values[:-1], out=right[1:])
     innovation = values - gain[:, None] * dtbtrs(band, right, uplo="L", overwrite_b=1)[0]
     # 1 - k g is one over the variance.
     return np.asarray((1.0 - kalman * gain) @ innovation**2)

@@ -162,8 +162,8 @@ class Problem:
         recorded = self.compose(parts)[1] if recorded is None else recorded
         groups = self.groups(recorded, parts)
         columns = np.concatenate([group.columns for group in groups], axis=2)
-        keep = _seen(columns)
-        bound = np.concatenate([np.full(group.columns.shape[2], group.bound) for group in groups])[keep]
+        keep = np.concatenate([group.seen for group in groups])
+        bound = np.concatenate([group.bounds for group in groups])[keep]
         precision = np.where(np.isfinite(bound), 3.0 / bound**2, NORMAL_PRECISION)
         white = self.whiten(columns[:, :, keep])
         target = self.whiten(self.measured - self.predicted(recorded))
@@ -183,11 +183,11 @@ class Problem:
         """(N, C) response of calibration errors, in the signal's units, for the coefficients of `regression`."""
         total, taken = np.zeros(self.measured.shape), 0
         for group in groups:
-            seen = _seen(group.columns)
-            each = np.zeros(len(seen))
-            each[seen] = coefficients[taken : taken + int(seen.sum())]
+            each = np.zeros(len(group.seen))
+            count = int(group.seen.sum())
+            each[group.seen] = coefficients[taken : taken + count]
             total += group.columns @ each
-            taken += int(seen.sum())
+            taken += count
         return total
 
     def with_noise(self, noise: SignalNoise) -> "Problem":
@@ -205,11 +205,6 @@ class Problem:
     def fitted_noise(self, residual: Array) -> SignalNoise:
         """The most likely noise for a residual (N, C)."""
         return signal_noise(self.recorded, self.model, self.signal, residual, self.active, self.band)
-
-
-def _seen(columns: Array) -> Mask:
-    """(k,) which calibration errors have a response."""
-    return np.asarray(columns.any(axis=(0, 1)))
 
 
 def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:

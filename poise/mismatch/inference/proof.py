@@ -142,7 +142,7 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
 
 def _proof(channels: int, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
     """The proof of the effect that `whole` has and `without` lacks."""
-    fitted = [_residual(each) for each in (without, whole)]
+    fitted = [each.regression.residual for each in (without, whole)]
     energy = np.sum((fitted[0] - fitted[1]).reshape(channels, -1) ** 2, axis=0)
     share = energy / max(float(energy.sum()), 1e-300)
     # The calibration is determined by the whole recording: pieces are cut where the effect does not act, too.
@@ -162,11 +162,6 @@ def _proof(channels: int, length: int, whole: HypothesisFit, without: Hypothesis
         rest=max(float(share @ left) - channels, 0.0) / max(float(share @ energy), 1e-9),
         local=float(share @ energy) / length,
     )
-
-
-def _residual(found: HypothesisFit) -> Array:
-    """(R,) whitened."""
-    return np.asarray(found.regression.target - found.regression.coefficients() @ found.regression.columns)
 
 
 def _parts(share: Array, count: int) -> NDArray[np.intp]:

@@ -172,9 +172,9 @@ def search(
             break
         best = _unfolded(state, found, effects)
     state.limit.passed(_MOST_PARTS / (_MOST_PARTS + 1))
-    tried = {name for _, name in state.gains}
-    late = [effect for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)]
     if state.limit.cut:
+        tried = {name for _, name in state.gains}
+        late = [effect for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)]
         state.untestable |= {effect.name: "the deadline came before it was tried" for effect in late}
     return state, _pruned(state, best)
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from poise.mismatch.reading.findings import InputFinding
+from poise.mismatch.reading.joint_motion import seconds_since
 from poise.mismatch.reading.joint_samples import averaged_joints
 from poise.mismatch.recorded import CommandTrack
 from poise.recording import JointStream, Recording, joint_commands
@@ -47,7 +48,7 @@ def command_track(commands: JointStream, names: Sequence[str], start: int, end: 
     columns = [commands.names.index(name) for name in there]
     rows = np.isfinite(commands.position[:, columns]).all(axis=1)
     rows &= (commands.stamps > start - _BEYOND) & (commands.stamps < end + _BEYOND)
-    seconds = np.asarray((commands.stamps[rows] - start) * 1e-9, dtype=np.float64)
+    seconds = seconds_since(commands.stamps[rows], start)
     if len(seconds) < 2:
         return None
     parts = (values[rows][:, columns] for values in (commands.position, commands.velocity))

@@ -1,6 +1,6 @@
 """From joint states, odometry and a wrench to a `RecordedMotion`."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -89,7 +89,7 @@ def recorded_from_streams(
     notes += _jitter(moved)
     found = _efforts(robot, samples, phi, gravity)
     track = None if found is None else found[0]
-    moved, base = _where(moved, known), _base_where(base, known)
+    moved, base = moved.select(known), base and base.select(known)
     motion, moving, errors = _parts(moved, base)
     measured, at = wrench.wrench_in_sensor[known], seconds[known]
     make = partial(recorded_from_motion, base=moving, gravity=gravity, start=start, effort=track, errors=errors)
@@ -111,7 +111,7 @@ def _of_efforts(
     found = _efforts(robot, samples, phi, gravity)
     if found is None:
         moved, base, known = samples.at(samples.seconds)
-        track, seconds, moved, base = None, samples.seconds[known], _where(moved, known), _base_where(base, known)
+        track, seconds, moved, base = None, samples.seconds[known], moved.select(known), base and base.select(known)
     else:
         track, moved, base = found
         seconds = track.seconds
@@ -142,7 +142,7 @@ def _efforts(
     if not len(at) or not np.isfinite(effort).any():
         return None
     moved, base, known = samples.at(at)
-    moved, base = _where(moved, known), _base_where(base, known)
+    moved, base = moved.select(known), base and base.select(known)
     joints, moving, errors = _parts(moved, base)
     track = effort_track(robot, at[known], joints, effort[known], phi, moving, gravity=gravity, errors=errors)
     return (track, moved, base) if track.names else None
@@ -155,21 +155,3 @@ def _parts(
     if base is None:
         return joints, None, AccelerationSigma(moved.sigma[2])
     return joints, base.motion, AccelerationSigma(moved.sigma[2], base.acceleration_sigma)
-
-
-def _where(moved: ResampledSignal, known: Mask) -> ResampledSignal:
-    return replace(
-        moved,
-        position=moved.position[known],
-        velocity=moved.velocity[known],
-        acceleration=moved.acceleration[known],
-        known=known[known],
-        sigma=moved.sigma[:, known],
-    )
-
-
-def _base_where(base: MeasuredBase | None, known: Mask) -> MeasuredBase | None:
-    if base is None:
-        return None
-    sigmas = base.velocity_sigma[known], base.acceleration_sigma[known]
-    return MeasuredBase(base.motion.select(known), base.known[known], *sigmas)

@@ -6,8 +6,8 @@ from poise.errors import ErrorCode, InputError
 from poise.mismatch.reading.wrench_samples import (
     MAX_WRENCH_RATE,
     MAX_WRENCH_SAMPLES,
-    MIN_WRENCH_RATE,
     averaged,
+    begun,
     mean_stamps,
 )
 from poise.recording import JointStream
@@ -35,11 +35,9 @@ def usable_joints(joints: JointStream, *, alone: bool = False) -> tuple[JointStr
     joints = joints.select(np.concatenate([[True], np.diff(joints.stamps) > 0]) if len(joints) else slice(None))
     if len(joints) < 2:
         raise InputError(ErrorCode.TOO_FEW_SAMPLES, f"{len(joints)} usable joint states are too few: record more")
-    longest = MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE
-    inside = joints.stamps - joints.stamps[0] <= longest * 1e9
-    if alone and not inside.all():
-        notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
-        joints = joints.select(inside)
+    if alone:
+        joints, said = begun(joints)
+        notes += said
     joints, said = averaged_joints(joints)
     together = _together(joints.seconds)
     if together > 1 and np.isfinite(joints.effort).any():

@@ -30,7 +30,7 @@ def with_model_effects(
         if absent(effect, recorded, events, component.values):
             continue
         values = complete_values(effect, recorded, component.values)
-        for acting in {effect, on_efforts(effect, recorded)}:
+        for acting in dict.fromkeys((effect, on_efforts(effect, recorded))):
             response = acting.simulate(recorded, values)
             if acting.signal == "wrench":
                 recorded = recorded.with_prediction(recorded.prediction + response)

@@ -11,7 +11,7 @@ from poise.mismatch.reading.commands import command_track, tracking
 from poise.mismatch.reading.effort_input import checked_efforts
 from poise.mismatch.reading.findings import InputFinding
 from poise.mismatch.reading.frame_motion import recorded_from_frames
-from poise.mismatch.reading.joint_motion import recorded_from_streams
+from poise.mismatch.reading.joint_motion import recorded_from_streams, seconds_since
 from poise.mismatch.reading.joint_samples import usable_joints
 from poise.mismatch.reading.measured_streams import MeasuredStreams, holds, recorded_streams
 from poise.mismatch.reading.nominal_model import NominalModel
@@ -139,7 +139,7 @@ def _checked(
         start, end = recorded.start, int(joints.stamps[-1])
         commands = command_track(streams.commands, robot.joint_names, start, end)
         recorded = replace(recorded, commands=commands)
-        seconds = np.asarray((joints.stamps - start) * 1e-9)
+        seconds = seconds_since(joints.stamps, start)
         followed = None if commands is None else tracking(commands, robot.joint_names, seconds, position)
         findings += [] if followed is None else [followed]
     return recorded, findings

@@ -21,7 +21,7 @@ _SHORTEST, _SLOWEST = 4.0, 15.0
 """Least duration of the wrench, s, and least rate of joint states, Hz."""
 _STILL = 2e-3
 """rad or m within which a joint stands still."""
-_NO_MOTION = "Nothing moves: most effects do not show at rest; record a motion of every joint."
+_NO_MOTION = "nothing moves: most effects do not show at rest; record a motion of every joint"
 _MAX_SPIKES = 0.03
 """Largest share of samples that may be spikes; more of them are not accidental."""
 _FEWEST_KNOCKS, _ONE_LINE, _SEVERAL = 3, 0.9, 0.95
@@ -114,15 +114,15 @@ def check_motion(names: Sequence[str], position: Array, recorded: RecordedMotion
         )
         return [InputFinding("joints_at_rest", sentence, still)] if recorded.has("effort") else []
     if not recorded.has("wrench"):
-        raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{name}: n{_NO_MOTION[1:-1]}")
-    return [InputFinding("no_motion", _NO_MOTION, still)]
+        raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{name}: {_NO_MOTION}")
+    return [InputFinding("no_motion", f"{_NO_MOTION.capitalize()}.", still)]
 
 
 def check_frame_motion(recorded: RecordedMotion) -> list[InputFinding]:
     """A finding when a sensor whose motion came from tf neither turns nor moves."""
     turned = float(np.ptp(recorded.rotation_world_sensor, axis=0).max())
     moved = float(np.ptp(recorded.position_in_world, axis=0).max())
-    return [InputFinding("no_motion", _NO_MOTION)] if max(turned, moved) < _STILL else []
+    return [InputFinding("no_motion", f"{_NO_MOTION.capitalize()}.")] if max(turned, moved) < _STILL else []
 
 
 def check_rates(joints: JointStream, measured: Stream) -> None:

@@ -1,10 +1,14 @@
 """Which wrench samples are compared: finite ones, averaged down to a rate that the motion can follow."""
 
+from typing import TypeVar
+
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import WrenchStream
+from poise.recording import Stream, WrenchStream
 from poise.types import Array, Stamps
+
+Measured = TypeVar("Measured", bound=Stream)
 
 MAX_WRENCH_RATE = 250.0
 """Hz; a faster wrench is averaged down to about this rate."""
@@ -25,11 +29,8 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
             ErrorCode.TOO_FEW_SAMPLES,
             f"{len(wrench)} usable wrench samples are too few to compare: record ten seconds or more at 50 Hz or more",
         )
-    longest = MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE
-    inside = wrench.stamps - wrench.stamps[0] <= longest * 1e9
-    if not inside.all():
-        notes.append(f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared")
-        wrench = wrench.select(inside)
+    wrench, said = begun(wrench)
+    notes += said
     period = float(np.median(np.diff(wrench.stamps))) * 1e-9
     rate = min(MAX_WRENCH_SAMPLES / (len(wrench) * period), MAX_WRENCH_RATE)
     together = int(np.ceil(1.0 / period / rate - 0.05))
@@ -38,6 +39,16 @@ def usable(wrench: WrenchStream) -> tuple[WrenchStream, list[str]]:
         wrench = WrenchStream(mean_stamps(wrench.stamps, together), values, wrench.frame_id)
         notes.append(f"the wrench came at {1 / period:.0f} Hz; {together} samples each were averaged")
     return wrench, notes
+
+
+def begun(stream: Measured) -> tuple[Measured, list[str]]:
+    """The beginning of a stream, as long as is compared, and a note when something follows."""
+    longest = MAX_WRENCH_SAMPLES / MIN_WRENCH_RATE
+    inside = stream.stamps - stream.stamps[0] <= longest * 1e9
+    if inside.all():
+        return stream, []
+    note = f"the recording is longer than {longest:.0f} s: only that much of its beginning was compared"
+    return stream.select(inside), [note]
 
 
 def averaged(values: Array, together: int) -> Array:
