@@ -56,6 +56,24 @@ class ErrorCode(IntEnum):
     NO_PLACEMENT = 60
     SOLVER_FAILED = 61
 
+    POOR_FIT = 70
+    SENSOR_ROTATED = 71
+    WRONG_FRAME = 72
+    LEFT_HANDED_AXES = 73
+    FORCE_SIGN = 74
+    TORQUE_SIGN = 75
+    FORCE_UNIT = 76
+    TORQUE_UNIT = 77
+    CLIPPED = 78
+    COMPENSATED = 79
+    PAYLOAD_CHANGED = 80
+    SENSOR_DRIFT = 81
+    CLOCK_LATE = 82
+    FILTERED = 83
+    BASE_MOVED = 84
+    IN_CONTACT = 85
+    GRAVITY_WRONG = 86
+
 
 class PoiseError(Exception):
     """Base class of all errors that Poise raises.

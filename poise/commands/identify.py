@@ -254,7 +254,8 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
         "frame_id": estimate.frame_id,
         "stamp": estimate.stamp * 1e-9,
         "findings": [
-            {"code": int(finding.code), "name": finding.code.name, "sentence": finding.message, "evidence": {}}
+            {"code": int(finding.code), "name": finding.code.name, "sentence": finding.message}
+            | {"evidence": dict(finding.evidence)}
             for finding in estimate.findings
         ],
         "source": answer.source,

@@ -1,7 +1,8 @@
 """What an estimator answers: parameters, bias, covariance, rejected samples and findings."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,10 +17,12 @@ class EstimateFinding:
     Args:
         code: what kind.
         message: one sentence: what is wrong, and how to fix it.
+        evidence: the numbers behind it by name, SI units.
     """
 
     code: ErrorCode
     message: str
+    evidence: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
