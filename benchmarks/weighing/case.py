@@ -91,7 +91,7 @@ def make_case(plan: Plan, seconds: float | None = None) -> Case:
     streams = recorder.record(track)
     if streams.wrench is None:
         raise RuntimeError("a profile of this benchmark has no wrench")
-    at = (streams.wrench.stamps - recorder.start) * 1e-9 - honest.late
+    at = np.asarray((streams.wrench.stamps - recorder.start) * 1e-9 - honest.late, dtype=np.float64)
     values = _read(kind, Moments(at, turning(track, at), load.whole, rng), streams.wrench.values)
     streams = replace(streams, wrench=bag.Wrenches(streams.wrench.stamps, values))
     label = _label(plan, load, length, recorder.start, faults) | {"robot": profile.robot}

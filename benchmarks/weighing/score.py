@@ -81,9 +81,9 @@ def judge(case: str, label: dict[str, Any], outcome: dict[str, Any]) -> Verdict:
         mass_z=mass_z,
         com_z=com_z,
         error=error,
-        silent=status == 0 and not names and max(np.nan_to_num(mass_z), np.nan_to_num(com_z)) > SIGMAS,
+        silent=bool(status == 0 and not names and max(np.nan_to_num(mass_z), np.nan_to_num(com_z)) > SIGMAS),
         named=bool(causes) and causes[0] in accept,
-        withheld=np.isnan(mass_z),
+        withheld=bool(np.isnan(mass_z)),
         repaired=repaired,
         repaired_z=repaired_z,
         cpu=float(outcome.get("cpu", 0.0)),
@@ -113,12 +113,9 @@ HEADS = ("kind", "cases", "wrong, silent", "beyond 3 σ", "finding", "cause firs
 
 def rows(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
     """The table of kinds, those with silent errors first."""
-    found = []
-    for kind in KINDS:
-        own = [v for v in verdicts if v.kind == kind.name]
-        if own:
-            found.append((-sum(v.silent for v in own), *_row(kind.name, own)))
-    return [row[1:] for row in sorted(found, key=lambda row: row[0])]
+    groups = [[v for v in verdicts if v.kind == kind.name] for kind in KINDS]
+    ranked = sorted((own for own in groups if own), key=lambda own: -sum(v.silent for v in own))
+    return [_row(own[0].kind, own) for own in ranked]
 
 
 def _row(name: str, own: Sequence[Verdict]) -> tuple[str, ...]:

@@ -134,7 +134,6 @@ def test_the_scorer_counts_what_it_says() -> None:
 SLICE = (
     Plan((77, 1), "healthy", "drill", "ordinary"),
     Plan((77, 2), "healthy", "cup", "ordinary", "tf"),
-    Plan((77, 3), "late_20", "drill", "ordinary"),
 )
 """Cases in which no answer may be wrong by over three sigma without a finding."""
 
