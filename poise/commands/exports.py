@@ -15,7 +15,7 @@ from poise.errors import ErrorCode, InputError
 from poise.exporting import (
     ExportedPayload,
     ExportSettings,
-    Gripper,
+    GripperLoad,
     all_exporters,
     exported_payload,
     exporter_of,
@@ -101,7 +101,7 @@ class ExportPlan:
     requests: tuple[ExportRequest, ...] = ()
     flange_pose: Pose | None = None
     frame: str | None = None
-    gripper: Gripper | str | None = None
+    gripper: GripperLoad | str | None = None
     transition_time: float = 0.0
     urdf: Path | None = None
 
@@ -112,7 +112,7 @@ class ExportPlan:
             InputError: FRAME_UNKNOWN, with the frames that are fixed to the sensor; ROBOT_DESCRIPTION_MISSING.
         """
         settings = ExportSettings(self.flange_pose, transition_time=self.transition_time)
-        if isinstance(self.gripper, Gripper):
+        if isinstance(self.gripper, GripperLoad):
             settings = replace(settings, gripper=self.gripper)
         in_robot = any(exporter_of(request.kind).robot for request in self.requests)
         if not (in_robot or self.frame or self.gripper == "urdf"):
@@ -122,7 +122,7 @@ class ExportPlan:
         settings = replace(settings, robot_description=description)
         if self.gripper == "urdf" and description is not None:
             phi = RobotModel.from_urdf(description, estimate.frame_id).load_in_sensor
-            settings = replace(settings, gripper=Gripper(InertialParameters.from_phi(phi)))
+            settings = replace(settings, gripper=GripperLoad(InertialParameters.from_phi(phi)))
         if self.frame is not None:
             fixed = fixed_frames(estimate.frame_id, recording, description)
             if self.frame not in fixed:
@@ -192,7 +192,7 @@ def read_pose(text: str | None, option: str) -> Pose | None:
     return Pose.from_vector(np.array(numbers))
 
 
-def read_gripper(text: str | None) -> Gripper | str | None:
+def read_gripper(text: str | None) -> GripperLoad | str | None:
     """The gripper of `--gripper`: numbers, or a file with `mass`, `com`, `inertia` and perhaps `covariance`.
 
     Raises:
@@ -216,7 +216,7 @@ def read_gripper(text: str | None) -> Gripper | str | None:
         raise InputError(ErrorCode.BAD_INPUT, f"--gripper {text!r}: {_GRIPPER_WORDS}, or a file with these") from error
 
 
-def _gripper(content: dict[str, Any]) -> Gripper:
+def _gripper(content: dict[str, Any]) -> GripperLoad:
     mass, com = float(content["mass"]), np.array(content["com"], dtype=np.float64)
     given = content.get("inertia")
     six = np.array([np.nan] * 6 if given is None else given, dtype=np.float64)
@@ -230,7 +230,7 @@ def _gripper(content: dict[str, Any]) -> Gripper:
         raise ValueError("no body has this inertia")
     stated = content.get("covariance")
     covariance = None if stated is None else np.array(stated, dtype=np.float64).reshape(10, 10)
-    return Gripper(parameters, covariance)
+    return GripperLoad(parameters, covariance)
 
 
 def _numbers(text: str) -> list[float]:

@@ -155,8 +155,7 @@ def identify(
     refuse_folder(json_target, "--json")
     plan = read_exports(exports, json_target, flange_pose, frame, gripper, transition_time, urdf)
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
-    people = console(json_target)
-    known = (sensor_frame, gravity, wrench_topic)
+    people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
         limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
         recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
@@ -170,8 +169,7 @@ def identify(
     write_json(json_target, content)
     print_answer(people, bag, answer)
     say(people, taken)
-    written += write_exports(plan, answer.estimate, bag)
-    for path in written:
+    for path in [*written, *write_exports(plan, answer.estimate, bag)]:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 

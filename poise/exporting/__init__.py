@@ -8,7 +8,7 @@ from functools import cache
 
 from poise.errors import ErrorCode, InputError
 from poise.exporting.base import EXPORTED_VALUES, ExportedPayload, Exporter
-from poise.exporting.settings import ExportSettings, Gripper
+from poise.exporting.settings import ExportSettings, GripperLoad
 from poise.inertia import InertialEstimate
 from poise.registry import entries_of
 
@@ -17,7 +17,7 @@ __all__ = [
     "ExportSettings",
     "ExportedPayload",
     "Exporter",
-    "Gripper",
+    "GripperLoad",
     "all_exporters",
     "export",
     "exported_payload",

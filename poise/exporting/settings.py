@@ -10,7 +10,7 @@ from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Gripper:
+class GripperLoad:
     """What was weighed besides the object.
 
     Args:
@@ -53,6 +53,6 @@ class ExportSettings:
     flange_from_sensor: Pose | None = None
     frame_id: str | None = None
     frame_from_sensor: Pose | None = None
-    gripper: Gripper | None = None
+    gripper: GripperLoad | None = None
     transition_time: float = 0.0
     robot_description: str | None = None

@@ -13,7 +13,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.exporting import EXPORTED_VALUES, Exporter, ExportSettings, Gripper, all_exporters, export, exporter_of
+from poise.exporting import EXPORTED_VALUES, Exporter, ExportSettings, GripperLoad, all_exporters, export, exporter_of
 from poise.geometry import Pose
 from poise.inertia import InertialEstimate, InertialParameters
 from poise.inertia.model import EstimateFinding
@@ -255,23 +255,26 @@ def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
 def test_a_named_frame_holds_for_every_format_and_the_gripper_is_taken_off(exporter: Exporter) -> None:
     held = estimate_of(PAYLOAD + GRIPPER)
     if exporter.robot:  # the frame has to be a link of the robot
-        same(READERS[exporter.kind](export(held, exporter.kind, replace(SETTINGS, gripper=Gripper(GRIPPER)))), PAYLOAD)
+        same(
+            READERS[exporter.kind](export(held, exporter.kind, replace(SETTINGS, gripper=GripperLoad(GRIPPER)))),
+            PAYLOAD,
+        )
         return
-    settings = ExportSettings(frame_id="tool0", frame_from_sensor=MOUNT, gripper=Gripper(GRIPPER))
+    settings = ExportSettings(frame_id="tool0", frame_from_sensor=MOUNT, gripper=GripperLoad(GRIPPER))
     text = export(held, exporter.kind, settings)
     same(READERS[exporter.kind](text), PAYLOAD.in_frame(MOUNT.rotation, MOUNT.translation))
 
 
 def test_the_uncertainty_of_a_weighed_gripper_adds_to_that_of_the_object() -> None:
     held = estimate_of(PAYLOAD + GRIPPER)
-    left = Gripper(GRIPPER, 3e-6 * np.eye(10)).taken_off(held)
+    left = GripperLoad(GRIPPER, 3e-6 * np.eye(10)).taken_off(held)
     assert left.mass_std == pytest.approx(2e-3)
     assert left.parameters.mass == pytest.approx(PAYLOAD.mass)
-    partly = Gripper(replace(GRIPPER, inertia=np.full((3, 3), np.nan))).taken_off(held)
+    partly = GripperLoad(replace(GRIPPER, inertia=np.full((3, 3), np.nan))).taken_off(held)
     assert np.isfinite(partly.covariance[:4, :4]).all()
     assert np.isnan(partly.covariance[4:, 4:]).all()
     with pytest.raises(NoAnswerError, match="export urdf needs inertia"):
-        export(held, "urdf", ExportSettings(gripper=Gripper(replace(GRIPPER, inertia=np.full((3, 3), np.nan)))))
+        export(held, "urdf", ExportSettings(gripper=GripperLoad(replace(GRIPPER, inertia=np.full((3, 3), np.nan)))))
 
 
 @each
@@ -306,7 +309,7 @@ def test_a_gripper_in_the_robot_description_does_not_count_twice() -> None:
     for kind in ("urdf-robot", "urdf-link"):
         with pytest.raises(InputError, match=r"0.4 kg beyond ft_sensor, .* would count twice"):
             export(held, kind, ExportSettings(robot_description=robot))
-        assert "<link" in export(held, kind, ExportSettings(robot_description=robot, gripper=Gripper(GRIPPER)))
+        assert "<link" in export(held, kind, ExportSettings(robot_description=robot, gripper=GripperLoad(GRIPPER)))
         with pytest.raises(InputError, match="--urdf") as caught:
             export(held, kind)
         assert caught.value.code is ErrorCode.ROBOT_DESCRIPTION_MISSING
