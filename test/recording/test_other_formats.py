@@ -156,6 +156,23 @@ def test_the_recordings_of_a_folder_are_found(written, tmp_path, bag):
     names = [path.name for path in find_recordings(tmp_path)]
     assert names == ["folder", "one.mcap", "three.bag", "two.db3"]
     assert find_recordings(written["db3 splits"]) == [written["db3 splits"]]
+    assert skipped_entries(tmp_path, find_recordings(tmp_path)) == ["notes.txt", "other/"]
+
+
+def test_a_folder_that_a_killed_recorder_left_is_a_recording(bag, tmp_path):
+    folder = write_splits(bag, tmp_path / "run", "mcap")
+    (folder / "metadata.yaml").unlink()
+    assert find_recordings(tmp_path) == [folder]
+    assert skipped_entries(tmp_path, [folder]) == []
+
+
+def test_recordings_that_do_not_belong_together_are_not_read_as_one(bag, tmp_path):
+    for name in ("left", "right_0"):
+        shutil.copy(bag, tmp_path / f"{name}.mcap")
+    with pytest.raises(InputError, match=r"holds 2 recordings \(left.mcap, right_0.mcap\): name one of them") as caught:
+        open_recording(tmp_path)
+    assert caught.value.code is ErrorCode.BAD_INPUT
+    assert [path.name for path in find_recordings(tmp_path)] == ["left.mcap", "right_0.mcap"]
 
 
 # -- damage ---------------------------------------------------------------------------------------------------

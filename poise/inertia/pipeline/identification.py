@@ -24,6 +24,7 @@ from poise.robot import (
     find_imu,
     find_kinematics,
     has_topic,
+    frame_names,
 )
 from poise.types import Progress
 
@@ -153,7 +154,9 @@ def _frame(recording: Recording, wrench: WrenchStream, given: str | None) -> str
     if given or wrench.frame_id:
         return given or wrench.frame_id
     raise InputError(
-        ErrorCode.FRAME_UNKNOWN, f"{recording.path}: the messages of its sensor name no frame: give the sensor frame"
+        ErrorCode.FRAME_UNKNOWN,
+        f"{recording.path}: the messages of its sensor name no frame: give the sensor frame (--sensor-frame), of"
+        f" {', '.join(frame_names(recording)) or 'those of your robot'}",
     )
 
 
