@@ -27,7 +27,10 @@ from poise.viewing import readable, rounded
 
 
 def evaluate(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of recordings: bag files, rosbag2 folders.", show_default=False)],
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER", help="Folder of recordings: bag files, rosbag2 folders.", show_default=False),
+    ],
     method: MethodOption = DEFAULT_METHOD,
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,
@@ -60,7 +63,9 @@ def evaluate(
     people = console(json_target)
     people.print(_table(results))
     if skipped:
-        people.print(f"skipped, because they are no recordings: {escape(readable(', '.join(skipped), 500))}", soft_wrap=True)
+        people.print(
+            f"skipped, because they are no recordings: {escape(readable(', '.join(skipped), 500))}", soft_wrap=True
+        )
     return status
 
 

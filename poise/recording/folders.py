@@ -120,10 +120,11 @@ def _listed_files(folder: Path, text: str) -> list[Path]:
         compression = str(information.get("compression_format") or "zstd").lower()
         names = [PurePath(str(name)).name for name in information["relative_file_paths"]]
     except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        sentence = f"{folder / 'metadata.yaml'} is damaged: remove it, and the files are read by their names, or write it again with `ros2 bag reindex`"
+        fix = "move it away to have the files read by their names, or write it again with `ros2 bag reindex`"
+        sentence = f"{folder / 'metadata.yaml'} is damaged: {fix}"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence) from error
     if storage not in _STORAGES:
-        sentence = f"{folder} is stored as {storage}, only mcap and sqlite3 are read: convert it with `ros2 bag convert`"
+        sentence = f"{folder} is stored as {storage}, not mcap or sqlite3: convert it with `ros2 bag convert`"
         raise InputError(ErrorCode.UNSUPPORTED, sentence)
     if mode not in _COMPRESSION_MODES or (mode != "none" and compression != "zstd"):
         sentence = f"{folder} is compressed by {compression} ({mode}), only zstd is read: use `ros2 bag convert`"

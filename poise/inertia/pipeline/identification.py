@@ -23,8 +23,8 @@ from poise.robot import (
     RobotModel,
     find_imu,
     find_kinematics,
-    has_topic,
     frame_names,
+    has_topic,
 )
 from poise.types import Progress
 
