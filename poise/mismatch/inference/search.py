@@ -38,8 +38,9 @@ _REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
 _PIECE = 0.7
 """Share of the gain of a simple effect below which one that contains it is not fitted."""
-_NEAR = 20.0
-"""log evidence within which hypotheses are compared in full."""
+_NEAR, _NEAR_SHARE = 20.0, 0.15
+"""log evidence within which hypotheses are compared in full, and the same as a share of the evidence won: the noise of
+the previous model contains what they explain, so that their differences are small under it."""
 _VISIBLE = 3.0
 """Least response, in sigmas, of an effect of typical size that is testable."""
 _BRIEF, _BESIDE = 0.3, 0.2
@@ -270,7 +271,8 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     # Under the noise of the best fit, fits near it and the previous model; and these under the noise of the latter:
     # evidence is compared under equal noise.
     quieter, louder = state.under(found[0]), state.judged(best)
-    top = [each for each in found if each.log_evidence > found[0].log_evidence - _NEAR]
+    won = found[0].log_evidence - state.fits[()].log_evidence
+    top = [each for each in found if each.log_evidence > found[0].log_evidence - max(_NEAR, _NEAR_SHARE * won)]
     for each in (*top, best):
         state.fitted(quieter, each.parts, WARM_STEPS)
     for each in top if louder is not problem else ():
@@ -312,7 +314,7 @@ def prescreen(
             )
     if not found or found[0].gain < 0.0:
         return []
-    least = max(0.0, found[0].gain - max(_NEAR, 0.15 * found[0].gain))
+    least = max(0.0, found[0].gain - max(_NEAR, _NEAR_SHARE * found[0].gain))
     chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
