@@ -36,6 +36,8 @@ _LOOK, _STEPS, WARM_STEPS = 7, 4, 2
 """Steps of the screening, of a fit from its result, and of a fit from another fit."""
 _REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
+_BESIDE_CURVES = 0.5
+"""Share of the gain of a free curve from which the best effect of the library is fitted as well."""
 _PIECE = 0.7
 """Share of the gain of a simple effect below which one that contains it is not fitted."""
 _NEAR, _NEAR_SHARE = 20.0, 0.15
@@ -316,6 +318,10 @@ def prescreen(
         return []
     least = max(0.0, found[0].gain - max(_NEAR, _NEAR_SHARE * found[0].gain))
     chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
+    if all(isinstance(each.effect, Dependence) for each in chosen):
+        # A free curve follows an effect of the library in part; the effect is compared in full.
+        named = [each for each in found if each.gain > _BESIDE_CURVES * found[0].gain and each not in chosen]
+        chosen += [each for each in named if not isinstance(each.effect, Dependence)][:1]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
     return [_with(best.parts, FittedEffect(each.effect, each.values)) for each in chosen]
