@@ -1,6 +1,7 @@
 """Bias drift: the sensor's zero changes linearly, as during warm-up."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,8 +14,7 @@ from poise.types import Array
 class BiasDrift(Effect):
     """w_read = w + d (t - t0) / T: d is the change over the recording; the offset at t0 belongs to `sensor_bias`.
 
-    The sensor is within the tolerance of its bias at t0: in the middle, at the start (tared before the recording), or at
-    the end.
+    At t0 the sensor is within the tolerance of its bias: in the middle of the recording, at its start or at its end.
     """
 
     name = "bias_drift"
@@ -25,7 +25,7 @@ class BiasDrift(Effect):
     separating_motion = "visit the same pose at the start, in the middle and at the end"
     confused_with = ("sensor_bias", "sensor_creep", "mass_leak", "clock_skew")
     widens = "drift"
-    defaults = {"zero": 0.5}
+    defaults: ClassVar[Values] = {"zero": 0.5}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded

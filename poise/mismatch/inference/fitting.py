@@ -28,7 +28,7 @@ _NEARLY = 2.0
 """Decrease of the square below which the calibration is not linearised again."""
 
 _CLOCK_MARGIN = 1.1
-"""Tolerances that a delay must exceed: unlike an exact shift, the calibration's column of the clock is of first order."""
+"""Tolerances that a delay must exceed: unlike an exact shift, the clock's calibration column is of first order."""
 _CHANCE = 0.00135
 """Probability that a normal deviate exceeds three sigma on one side."""
 

@@ -164,7 +164,8 @@ def search(
     best = fit(state.judging, ())
     state.offer(best)
     if problem.signal == "effort":
-        return state, _together(state, screened(problem, effects))
+        parts, others = screened(problem, effects)
+        return state, _together(state, parts, others)
     for number in range(_MOST_PARTS):
         if state.limit.over():
             break
@@ -182,8 +183,13 @@ def search(
     return state, _pruned(state, best)
 
 
-def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> HypothesisFit:
-    """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
+def _together(
+    state: HypothesisSearch, parts: Sequence[FittedEffect], others: Sequence[Sequence[FittedEffect]]
+) -> HypothesisFit:
+    """Several effects of joint efforts under the noise that they leave, and the same without each of them.
+
+    The best of other answers that do nearly as well replaces them where its evidence is larger.
+    """
     if not parts:
         return state.fits[()]
     predicted = state.problem.predicted(state.problem.compose(parts)[1])
@@ -193,7 +199,21 @@ def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> Hypothe
     best = state.fitted(problem, settled.parts, 0)
     for part in best.parts:
         state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
+    for each in others:
+        tried = state.fitted(problem, fit(rough.weighed(), each, _STEPS).parts, 0)
+        if tried.log_evidence > best.log_evidence and not _pressed(problem, tried):
+            best = tried
     return best
+
+
+def _pressed(problem: Problem, found: HypothesisFit) -> bool:
+    """Whether a parameter was stopped at an end of its range: such an effect imitates another one."""
+    inputs = problem.compose(found.parts)[0]
+    return any(
+        p.at_end(part.values[p.name]) and not p.choice
+        for part, recorded in zip(found.parts, inputs, strict=True)
+        for p in part.effect.parameters(recorded)
+    )
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
