@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible
 from poise.mismatch.inference.problem import FittedEffect, Problem
-from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, implausible
 from poise.mismatch.inference.unknown import Dependence
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
