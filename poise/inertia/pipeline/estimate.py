@@ -1,6 +1,6 @@
 """The result of an identification: the payload with its covariance, and the samples that it rests on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from poise.inertia.model import (
     RejectedInterval,
     about_com_jacobian,
 )
+from poise.inertia.verdict import FitVerdict
 from poise.robot import SensorMotion
 from poise.types import Array
 
@@ -41,6 +42,7 @@ class InertialEstimate:
         com_in_hull: the centre of mass lies in the convex hull of the object; None when its outline is not known.
         findings: what else to know.
         since: ns; no earlier sample counts, because the payload may have been another one. None: all do.
+        fit: tests of the fit. Where one failed, `findings` contain POOR_FIT, and the covariance is wider.
     """
 
     stamp: int
@@ -64,6 +66,7 @@ class InertialEstimate:
     com_in_hull: bool | None = None
     findings: tuple[EstimateFinding, ...] = ()
     since: int | None = None
+    fit: FitVerdict = field(default_factory=FitVerdict)
 
     def __repr__(self) -> str:
         com = ", ".join(f"{1e3 * value:.2f}" for value in self.parameters.com)
@@ -75,6 +78,7 @@ class InertialEstimate:
         cls,
         solution: InertialSolution,
         *,
+        fit: FitVerdict | None = None,
         stamp: int,
         frame_id: str,
         method: str,
@@ -85,6 +89,7 @@ class InertialEstimate:
 
         Args:
             solution: of any method.
+            fit: tests of its fit; None: it was not tested.
             stamp: of the newest sample used, ns.
             frame_id: the sensor frame.
             method: the estimator.
@@ -92,12 +97,13 @@ class InertialEstimate:
             since: ns, see above.
         """
         parameters = InertialParameters.from_phi(solution.phi)
+        fit = fit or FitVerdict()
         return cls(
             stamp=stamp,
             frame_id=frame_id,
             parameters=parameters,
             phi=solution.phi,
-            covariance=solution.covariance,
+            covariance=solution.covariance if fit.covariance is None else fit.covariance,
             bias=solution.bias,
             bias_covariance=solution.bias_covariance,
             delay=solution.delay,
@@ -112,8 +118,9 @@ class InertialEstimate:
             residual_torque=solution.residual_torque,
             n_effective=solution.n_effective,
             com_in_hull=solution.com_in_hull,
-            findings=solution.findings,
+            findings=(*solution.findings, *([] if fit.finding is None else [fit.finding])),
             since=since,
+            fit=fit,
         )
 
     @property
@@ -142,6 +149,28 @@ class InertialEstimate:
 
 
 @dataclass(frozen=True, eq=False)
+class PayloadSegment:
+    """A span of a recording in which the payload stayed the same.
+
+    Args:
+        start, end: stamps of the first and the last sample, ns; the transition to the next payload is left out.
+        since: ns, when the payload became this one.
+        event: how the segment began: start (of the recording), grasped, released or spilled; or leaking.
+        log_odds: of the change that began it against none; NaN at the start.
+        estimate: of the payload; of a leaking one at the end.
+        lost: kg that a leaking payload has lost since the start.
+    """
+
+    start: int
+    end: int
+    since: int
+    event: str
+    log_odds: float
+    estimate: InertialEstimate
+    lost: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Identification:
     """An estimate and what it was made of, sample by sample.
 
@@ -153,6 +182,8 @@ class Identification:
         motion: how the sensor moved at these stamps.
         history: the estimate as samples came in, the last one being the answer.
         source: where the motion came from, in words.
+        segments: between changes of the payload; one when it stayed the same. The answer is that of the last one in
+            which an object was held.
     """
 
     estimate: InertialEstimate
@@ -162,6 +193,7 @@ class Identification:
     motion: SensorMotion
     history: tuple[InertialEstimate, ...]
     source: str
+    segments: tuple[PayloadSegment, ...] = ()
 
     def __repr__(self) -> str:
         return f"Identification({self.estimate!r}, motion from {self.source})"
