@@ -49,3 +49,9 @@ def test_a_start_changes_nothing():
     np.testing.assert_allclose(
         box_minimum(normal, right, lower, upper, near), box_minimum(normal, right, lower, upper), atol=1e-6
     )
+
+
+def test_all_coefficients_may_end_at_a_bound():
+    bound = np.full(4, 1e-6)
+    found = box_minimum(np.eye(4), np.array([1.0, -1.0, 2.0, -2.0]), -bound, bound, np.zeros(4))
+    np.testing.assert_array_equal(found, [1e-6, -1e-6, 1e-6, -1e-6])

@@ -80,12 +80,10 @@ def _pivoted(normal: Array, right: Array, lower: Array, upper: Array, side: NDAr
         held = side != 0
         x = np.where(side < 0, lower, np.where(side > 0, upper, 0.0))
         free = np.flatnonzero(~held)
-        if len(free) < len(x):
-            rest = right - normal[:, held] @ x[held]
-            x[free] = _Factor(normal[free[:, None], free]).solve(rest[free])
-            slope = normal @ x - right
-        else:
-            x, slope = _Factor(normal).solve(right), np.zeros(len(x))
+        if len(free):
+            rest = right[free] - normal[free] @ x
+            x[free] = _Factor(normal[free[:, None], free]).solve(rest)
+        slope = normal @ x - right
         below, above = ~held & (x < lower), ~held & (x > upper)
         freed = held & (side * slope > scale * (1.0 + np.abs(x)))
         wrong = below | above | freed
