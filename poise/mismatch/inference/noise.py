@@ -135,7 +135,7 @@ class _Innovation:
 
     def __call__(self, values: Array) -> Array:
         """(K, N) -> (K, N)."""
-        if self.plain:
+        if self.plain or not len(values):  # without columns, dtbtrs writes beyond its arrays
             return values
         right = np.empty(values.shape)
         right[:, 0] = 0.0

@@ -171,7 +171,7 @@ class Problem:
         """Whitened residual of these parts, with the calibration columns about their prediction."""
         recorded = self.compose(parts)[1] if recorded is None else recorded
         groups = self.groups(recorded, parts)
-        white = np.concatenate([self._whitened(group) for group in groups])
+        white = np.concatenate([self._whitened(group) for group in groups if group.seen.any()])
         keep = np.concatenate([group.seen for group in groups])
         bound = np.concatenate([group.bounds for group in groups])[keep]
         precision = np.where(np.isfinite(bound), 3.0 / bound**2, NORMAL_PRECISION)
