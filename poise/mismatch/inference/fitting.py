@@ -30,7 +30,7 @@ _NEARLY = 2.0
 """Decrease of the square below which the calibration is not linearised again."""
 
 _CLOCK_MARGIN = 1.1
-"""Tolerances that a clock offset must exceed: unlike an exact shift, its calibration column is of first order."""
+"""Tolerances that a delay must exceed: unlike an exact shift, the clock's calibration column is of first order."""
 _CHANCE = 0.00135
 """Probability that a normal deviate exceeds three sigma on one side."""
 
@@ -330,6 +330,7 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
 def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: Effect) -> bool:
     """Whether an effect lies outside the tolerances that it widens by three sigma; true where it widens none.
 
+    A delay must exceed the tolerance of the clock: what else a filter does may be an error of the measured motion.
     At the edge of the tolerances, noise alone lowers the square by as many degrees of freedom as half the parameters.
 
     Args:
@@ -337,11 +338,14 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
         parts: as fitted.
         effect: of one of them.
     """
+    values = next(part.values for part in parts if part.effect is effect)
+    if effect.delay:
+        # Beside a filter the clock may be early, beside an offset of the clock it may not.
+        least = _CLOCK_MARGIN * problem.model.tolerance.clock_offset * (1.0 if effect.widens == "clock" else 2.0)
+        if abs(values[effect.delay]) < least:
+            return False
     if not effect.widens:
         return True
-    values = next(part.values for part in parts if part.effect is effect)
-    if effect.widens == "clock" and abs(values["offset"]) < _CLOCK_MARGIN * problem.model.tolerance.clock_offset:
-        return False
     squares, counts = [], []
     for kept in (parts, [part for part in parts if part.effect is not effect]):
         about = linearised(problem, tuple(kept), None)
