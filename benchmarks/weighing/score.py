@@ -230,9 +230,8 @@ def main() -> None:
     for v in verdicts if arguments.cases else ():
         shape = f"{v.kind:20} {v.item:8} {v.way:12} {v.generator:6}"
         numbers = f"exit {v.status} z {v.mass_z:8.1f} com {v.com_z:8.1f} error {100 * v.error:6.1f} %"
-        print(
-            f"{v.case} {'SILENT' if v.silent else '':6} {shape} {numbers} seen {v.visible:6.0f} {v.cpu:5.1f} s {', '.join(v.findings)}"
-        )
+        numbers += f" seen {v.visible:6.0f} {v.cpu:5.1f} s"
+        print(f"{v.case} {'SILENT' if v.silent else '':6} {shape} {numbers} {', '.join(v.findings)}")
     content = {"summary": dict(summary(verdicts)), "cases": [asdict(v) for v in verdicts]}
     (arguments.folder / "score.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
