@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from poise.types import Array, Stamps
+from poise.types import Stamps
 
 _ROOM = 256
 _COLUMNS = (slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), slice(12, 18))
@@ -45,7 +45,7 @@ class SingleSamples:
         self._count = count + 1
         return True
 
-    def taken(self) -> tuple[Array, ...]:
+    def taken(self) -> tuple[Any, ...]:
         """Stamps (N,) and the five values (N, 3) or (N, 6) of all that wait; from now on none does."""
         count, self._count = self._count, 0
         rows = self._rows[:count].copy()  # the checks keep the last wrench

@@ -62,8 +62,7 @@ def identify(
         gravity: m/s2; None: the recording's metadata record `poise`, key `gravity`, else 9.80665.
         method, saturation, settings, parts: see `OnlineEstimator`.
         wrench_topic, shape_accuracy: of the sensor; relative error of lengths in the shape, None: of a model from CAD.
-        keep_history: estimate as samples come in, too; False: at the end only, which takes a fifth less time.
-        progress: takes the share of the work that is done.
+        keep_history, progress: see `identify_wrenches`.
 
     Raises:
         InputError, NoAnswerError: what is missing or wrong, by its code; see `MethodPipeline.estimate` and `Recording`.
@@ -105,7 +104,7 @@ def identify_wrenches(
         wrench: of the sensor.
         kinematics: of the sensor, not yet fed; its source is that of the estimator.
         estimator: without samples.
-        keep_history: as `identify`.
+        keep_history: estimate as samples come in, too; False: at the end only, which takes a fifth less time.
         progress: takes the share of the work that is done.
 
     Raises:
