@@ -10,6 +10,9 @@ _LEAST_HITS, _LEAST_SHARE = 10, 0.003
 _COARSE = 0.2
 """Share of consecutive equal readings from which on a channel is quantised too coarsely to judge."""
 
+_BETWEEN = 0.1
+"""Least share of readings that are not at an end."""
+
 
 class ExtremeReadings:
     """Counts how often each channel reads exactly its extreme value; the portions do not matter."""
@@ -43,8 +46,11 @@ class ExtremeReadings:
         """Channel, value and share of the readings of the worst clipped channel; None: no channel clips."""
         if not self._n:
             return None
-        repeats = (np.tile(self._equal, 2) - self._runs) / self._n
-        clips = (self._hits >= max(_LEAST_HITS, _LEAST_SHARE * self._n)) & (repeats < _COARSE) & (self._runs > 0)
+        ends = self._hits[:6] + self._hits[6:]
+        between = self._n - ends
+        repeats = (self._equal - self._runs[:6] - self._runs[6:]) / between.clip(min=1)
+        fine = (between > _BETWEEN * self._n) & (repeats < _COARSE)
+        clips = (self._hits >= max(_LEAST_HITS, _LEAST_SHARE * self._n)) & np.tile(fine, 2) & (self._runs > 0)
         if not clips.any():
             return None
         worst = int(np.argmax(np.where(clips, self._hits, 0.0)))
