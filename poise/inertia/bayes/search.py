@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.bayes.consistent_part import MeanEquations, ConsistentPart, MeanCheck, consistent_part
+from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
 from poise.inertia.bayes.lasting import assumed_variances, lasting_covariance, lasting_variances
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
@@ -181,7 +181,7 @@ class PosteriorSearch:
         if not check.doubted(distances):
             return None
         moments = mixed_blocks(self._at_delay, self.blocks)
-        return consistent_part(MeanEquations.of(moments, check), unknowns, distances)
+        return consistent_part(MomentMeans.of(moments, check), unknowns, distances)
 
     @property
     def shown(self) -> Array:
