@@ -60,9 +60,8 @@ def identify(
         robot_model: for the joint states; None: the recording's robot_description, without which tf is used.
         sensor_frame, base_frame: of the wrench, and gravity-aligned in tf; None: its messages' frame, and the topmost.
         gravity: m/s2; None: the recording's metadata record `poise`, key `gravity`, else 9.80665.
-        method, saturation, settings, parts: see `OnlineEstimator`.
+        method, saturation, settings, parts, keep_history, progress: see `OnlineEstimator` and `identify_wrenches`.
         wrench_topic, shape_accuracy: of the sensor; relative error of lengths in the shape, None: of a model from CAD.
-        keep_history, progress: see `identify_wrenches`.
 
     Raises:
         InputError, NoAnswerError: what is missing or wrong, by its code; see `MethodPipeline.estimate` and `Recording`.
