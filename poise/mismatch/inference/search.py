@@ -20,7 +20,7 @@ from poise.mismatch.inference.fitting import (
     fit,
     linearization_point,
     refine,
-    score_start,
+    score_starts,
 )
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names
 from poise.mismatch.inference.linear_screen import screened
@@ -311,10 +311,9 @@ def _beside(
             break
         # States have many columns; the middles of the blocks suffice for them.
         recorded = few if isinstance(effect, Dependence) else here.recorded
-        starts = _starts(effect, recorded, here.residual)
-        tried = [score_start(problem, regression, recorded, effect, start) for start in starts]
-        if tried:
-            seen.append(max(tried, key=lambda each: each.drop))
+        best = score_starts(problem, regression, recorded, effect, _starts(effect, recorded, here.residual))
+        if best is not None:
+            seen.append(best)
     recorded = here.recorded
     found: list[EffectCandidate] = []
     top = 0.0
