@@ -14,7 +14,7 @@ from benchmarks.foreign.fault import Fault
 from benchmarks.foreign.load import Body
 from benchmarks.foreign.motions import STEP
 from benchmarks.foreign.outside import HangingRope
-from benchmarks.foreign.robots import Array, links
+from benchmarks.foreign.robots import links
 from benchmarks.foreign.world import SETTLING, Scene, Track, World, give, linear
 
 
@@ -96,7 +96,12 @@ class SeriesElasticity(DriveFault):
         large = np.quantile(np.abs(track.effort), 0.99, axis=0)
         joint = int(np.argmax(large)) if scene.robot.prismatic.all() else drawn["joint"]
         moved = float(World(scene).inertia()[joint])
-        return drawn | {"joint": joint, "large": float(large[joint]), "moved": moved, "ratio": float(rng.uniform(0.05, 0.15))}
+        return drawn | {
+            "joint": joint,
+            "large": float(large[joint]),
+            "moved": moved,
+            "ratio": float(rng.uniform(0.05, 0.15)),
+        }
 
     @property
     def stiffness(self) -> float:
