@@ -234,7 +234,7 @@ class PoiseEstimator:
 
     def _prior(self, blocks: MomentBlocks, mass_model: MassModel | None) -> ModelAverage:
         """What may be true of the object, and where to begin."""
-        moments = mixed(self._grid.weights(0.0), blocks.moments.sum(axis=0))
+        moments = mixed(self._grid.weights(self._grid.about), blocks.moments.sum(axis=0))
         normal = normal_equations(moments, blocks.sizes.sum(), np.diag(self.noise.wrench**2), self.noise)
         if mass_model is None:
             model, starts = blob(normal, bias_variances(self.noise))

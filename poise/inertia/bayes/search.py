@@ -75,7 +75,7 @@ class PosteriorSearch:
     def __init__(self, blocks: MomentBlocks, grid: LagGrid, noise: NoiseLevels, average: ModelAverage) -> None:
         self.blocks = blocks
         self.grid = grid
-        total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
+        total = mixed(grid.weights(grid.about), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
         self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
         self.keep: Mask = np.ones(len(blocks), dtype=bool)
@@ -85,7 +85,7 @@ class PosteriorSearch:
         n_cases = len(average.hypotheses.bias_variances)
         self._delays, self._drifts = [Delay()] * n_cases, np.zeros((n_cases, 16))
         self._shares = np.full(n_cases, 1 / n_cases)  # probability of each case of the bias
-        self._at_delay = grid.weights(0.0)  # of the lags
+        self._at_delay = grid.weights(grid.about)  # of the lags
         self._sample = np.ones(2)
         self._phi = average.first_phi
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators import (
+    AccelerometerComparison,
     EstimatorEntry,
     InformationAccumulator,
     NoiseMeter,
@@ -73,6 +74,8 @@ class MethodPipeline:
         self._checks = SampleChecks(limits)
         self._motion_noise = motion_noise
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
+        self.accelerometer = AccelerometerComparison(prior.gravity, prior.accelerometer)
+        """Its errors are in the samples, and are taken out of the answer."""
         self._waiting = StampedBuffer(6)
         self._shift, self._has_jumped = 0, False
         """ns that are added to the stamps for the estimator, so that they rise when the clock was set back."""
@@ -146,6 +149,7 @@ class MethodPipeline:
         self.n_samples += len(wrench)
         self._information.add(model_matrix(motion, self.prior.gravity), wrench)
         self._noise.add(wrench)
+        self.accelerometer.add(motion)
         self.estimator.add(motion, wrench)
 
     # -- answers ---------------------------------------------------------------------------------------------
@@ -164,8 +168,9 @@ class MethodPipeline:
             counts = ", ".join(f"{count} {reason}" for reason, count in self.rejections.counts.most_common())
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
             raise NoAnswerError(error.code, sentence, **error.data) from None
+        errors = self.accelerometer.errors()
         return InertialEstimate.from_solution(
-            solution,
+            solution if errors is None else errors.corrected(solution),
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,

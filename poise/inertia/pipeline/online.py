@@ -14,6 +14,7 @@ from poise.inertia.estimators import (
     DEFAULT_METHOD,
     WATCH,
     WATCH_NOISE,
+    Accelerometer,
     ChangeWatch,
     EstimatorEntry,
     MotionNeed,
@@ -30,10 +31,12 @@ from poise.robot import (
     IMU_LAG_STEP,
     IMU_LONGEST_DELAY,
     NO_KINEMATICS,
+    ImuSource,
     LiveImu,
     MotionBuffer,
     MotionSource,
     PairingSettings,
+    SensorMotion,
     SharedBuffers,
     went_back,
 )
@@ -110,7 +113,9 @@ class OnlineEstimator:
         self._watch: MethodPipeline | None = None
         self._coming: Parts | None = None
         self._continuous = continuous and method == DEFAULT_METHOD
-        self._prior = Prior(parts, accuracy, noise or UNKNOWN_NOISE, np.array([0.0, 0.0, -gravity]), window)
+        alone = Accelerometer.ALONE if isinstance(source, ImuSource) else Accelerometer.NONE
+        down = np.array([0.0, 0.0, -gravity])
+        self._prior = Prior(parts, accuracy, noise or UNKNOWN_NOISE, down, window, accelerometer=alone)
         self._window: EstimatorGroup | None = None
         self._begin(method, self._prior)
 
@@ -148,7 +153,12 @@ class OnlineEstimator:
     def take_imu(self, imu: LiveImu) -> None:
         """Take the linear acceleration from an IMU on the sensor; estimates that did without it are dropped."""
         self.imu = imu
-        self._prior = replace(self._prior, longest_delay=IMU_LONGEST_DELAY, lag_step=IMU_LAG_STEP)
+        self._prior = replace(
+            self._prior,
+            longest_delay=IMU_LONGEST_DELAY,
+            lag_step=IMU_LAG_STEP,
+            accelerometer=Accelerometer.ON_KINEMATICS,
+        )
         self._renew_buffers()
         self.reset(self._running.prior.parts)
 
@@ -222,6 +232,11 @@ class OnlineEstimator:
     def rejected(self) -> Mapping[str, int]:
         """Samples by reason, of the method that used most."""
         return self._running.busiest.rejections.counts
+
+    def true_motion(self, motion: SensorMotion, method: str) -> SensorMotion:
+        """The motion of samples of a method without the errors that were found in an accelerometer."""
+        errors = self._running.pipelines[method].accelerometer.errors()
+        return motion if errors is None else errors.true_motion(motion, self.gravity)
 
     @property
     def clocks_apart(self) -> float | None:
