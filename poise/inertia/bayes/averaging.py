@@ -24,6 +24,9 @@ _LARGEST_STEP = 0.5
 _SHORTENING = 0.25
 """Of a step that made things worse."""
 
+_CUBATURE = 1.7320508
+"""Standard deviations of the cubature points: those of a normal distribution's fourth moment."""
+
 _IDENTITY = np.eye(N_UNKNOWNS)
 _TINY = np.finfo(np.float64).tiny
 
@@ -136,7 +139,7 @@ class ModelAverage:
         log = self.hypotheses.balanced(self._left, log)
         keep = _normalised(log) >= effort.negligible
         self._left, case, weights = self._left[keep], case[keep], _normalised(log[keep])
-        inner = self._narrowed(mode.states[keep], reduced.information[case])
+        inner = self._spread(mode.states[keep], reduced.information[case])
         covariance = reduced.joint_covariance(case, inner)
         mean = weights @ unknowns[keep]
         scatter = unknowns[keep] - mean
@@ -279,20 +282,32 @@ class ModelAverage:
         spread = (rooted * variances[:, None]) @ rooted.swapaxes(1, 2)
         return np.asarray(spread + _ANY_MASS * mass[:, :, None] * mass[:, None, :])
 
-    def _narrowed(self, states: Array, information: Array) -> Array:
-        """(H, 10, 10) posterior covariance of phi; symmetric all the way, so that it stays positive."""
+    def _spread(self, states: Array, information: Array) -> Array:
+        """(H, 10, 10) posterior covariance of phi, from cubature points of the states (Arasaratnam and Haykin 2009).
+
+        Inertia is exponential in the deformations, and about an origin far away also hyperbolic in the mass: to first
+        order, the covariance of a body of which little is known is far too small. What a point adds to first order is
+        judged by the samples again, as the deviation of a linearisation is in `_gauss_newton`.
+        """
         n_parts, variances = self.model.n_parts, self.hypotheses.state_variances[self._left]
-        jacobian = self._linearised(states)[1]
+        phi, jacobian = self._linearised(states)
+        back_to_states = np.broadcast_to(self._root, (len(states), *self._root.shape)) * np.sqrt(variances)[:, None]
         mass = np.sqrt(_ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
-        root = np.concatenate([jacobian @ self._root * np.sqrt(variances)[:, None], mass], axis=2)
-        back = root.swapaxes(1, 2)
-        seen = back @ information @ root
-        try:
-            half = np.linalg.inv(np.linalg.cholesky(np.eye(root.shape[2]) + seen)) @ back
-        except np.linalg.LinAlgError:  # rounding has made information negative that there is none of
-            eigenvalues, vectors = np.linalg.eigh(seen)
-            half = (vectors / np.sqrt(1 + eigenvalues.clip(min=0.0))[:, None]).swapaxes(1, 2) @ back
-        return np.asarray(half.swapaxes(1, 2) @ half)
+        root = np.concatenate([jacobian @ back_to_states, mass], axis=2)  # (H, 10, n + 1)
+        eigenvalues, vectors = np.linalg.eigh(np.eye(root.shape[2]) + root.swapaxes(1, 2) @ information @ root)
+        vectors = vectors / np.sqrt(eigenvalues.clip(min=1.0))[:, None]
+        first = (root @ vectors).swapaxes(1, 2)  # (H, n + 1, 10)
+        moved = (back_to_states @ vectors[:, :-1]).swapaxes(1, 2)
+        grown = np.sqrt(_ANY_MASS) * vectors[:, -1, :, None]  # phi is linear in the mass
+        system = _IDENTITY[:10, :10] + root @ root.swapaxes(1, 2) @ information
+        total = np.zeros_like(system)
+        for sign in (_CUBATURE, -_CUBATURE):
+            points = (states[:, None] + sign * moved).reshape(-1, states.shape[1])
+            there = self._linearised(points)[0].reshape(first.shape) * (1 + sign * grown)
+            beyond = there - phi[:, None] - sign * first
+            deviation = sign * first + _solve(system, beyond.swapaxes(1, 2)).swapaxes(1, 2)
+            total += deviation.swapaxes(1, 2) @ deviation / (2 * _CUBATURE**2)
+        return (total + total.swapaxes(1, 2)) / 2
 
     def _penalty(self, states: Array, variances: Array) -> Array:
         """(H,) minus the log of the prior: densities about a common one, that about the guess, deformations."""

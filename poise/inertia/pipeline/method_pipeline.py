@@ -19,6 +19,7 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
+from poise.inertia.verdict import Fit, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
@@ -76,6 +77,7 @@ class MethodPipeline:
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
         self.accelerometer = AccelerometerComparison(prior.gravity, prior.accelerometer)
         """Its errors are in the samples, and are taken out of the answer."""
+        self._bins = SampleBins(prior.gravity)
         self._waiting = StampedBuffer(6)
         self._shift, self._has_jumped = 0, False
         """ns that are added to the stamps for the estimator, so that they rise when the clock was set back."""
@@ -150,6 +152,7 @@ class MethodPipeline:
         self._information.add(model_matrix(motion, self.prior.gravity), wrench)
         self._noise.add(wrench)
         self.accelerometer.add(motion)
+        self._bins.add(motion, wrench)
         self.estimator.add(motion, wrench)
 
     # -- answers ---------------------------------------------------------------------------------------------
@@ -168,15 +171,32 @@ class MethodPipeline:
             counts = ", ".join(f"{count} {reason}" for reason, count in self.rejections.counts.most_common())
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
             raise NoAnswerError(error.code, sentence, **error.data) from None
-        errors = self.accelerometer.errors()
+        fit, errors = self._verdict(solution), self.accelerometer.errors()
+        if errors is not None:
+            covariance = solution.covariance if fit.covariance is None else fit.covariance
+            solution = errors.corrected(replace(solution, covariance=covariance))
+            fit = replace(fit, covariance=solution.covariance)
         return InertialEstimate.from_solution(
-            solution if errors is None else errors.corrected(solution),
+            solution,
+            fit=fit,
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
             rejected=self.rejections.intervals,
             since=self.prior.since,
         )
+
+    def _verdict(self, solution: InertialSolution) -> FitVerdict:
+        fit = Fit(
+            solution.phi,
+            solution.bias,
+            solution.covariance,
+            solution.delay,
+            self.prior.longest_delay,
+            self._levels,
+            solution.rejected,
+        )
+        return judge(fit, self._bins.samples)
 
     def _solve(self) -> InertialSolution:
         plain = self._least_squares()
@@ -189,8 +209,8 @@ class MethodPipeline:
                 " turn the payload about every axis, or take poise or ols",
                 unidentified=plain.unidentified,
             )
-        noise = self.prior.noise.filled(self._noise.levels(plain, self._motion_noise()))
-        solution = self.estimator.solve(SampleEvidence(noise, plain))
+        self._levels = self.prior.noise.filled(self._noise.levels(plain, self._motion_noise()))
+        solution = self.estimator.solve(SampleEvidence(self._levels, plain))
         if not self.entry.gives_covariance and plain is not None:
             solution = replace(solution, unidentified=plain.unidentified)
         found = None if self.entry.estimates_bias or plain is None else _neglected_bias(plain, self.entry.name)
