@@ -12,7 +12,14 @@ from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
 from poise.inertia.bayes.delay import LAG_STEP, LagGrid
-from poise.inertia.bayes.findings import not_shown, nothing_held, outside, wrong_shape, zeroed_under_load
+from poise.inertia.bayes.findings import (
+    not_shown,
+    nothing_held,
+    outside,
+    with_weak_mass,
+    wrong_shape,
+    zeroed_under_load,
+)
 from poise.inertia.bayes.first_guess import blob, states_of_shape
 from poise.inertia.bayes.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
 from poise.inertia.bayes.mass_model import MassModel
@@ -246,6 +253,8 @@ class PoiseEstimator:
     def _solution(self, search: PosteriorSearch, parts: Parts | None) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
         unknowns, covariance, delay = posterior.unknowns, search.covariance, search.delay
+        if parts is None:
+            covariance = with_weak_mass(covariance, unknowns[:10], search.shown)
         n = int(blocks.sizes[keep].sum())
         squares = search.found.squares[keep].sum(axis=0)
         doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])

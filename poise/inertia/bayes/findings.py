@@ -13,6 +13,9 @@ _SURELY = 5.0
 _SHARP = 0.2
 """Relative uncertainty of a weight that two things have in common by more than chance."""
 
+_WEAK, _ROUNDING = 4.0, 1e-12
+"""Standard deviations up to which a mass is hardly shown; an eigenvalue that may be zero."""
+
 _UNSEEN = 1e-100
 """Information that is none."""
 
@@ -88,6 +91,26 @@ def nothing_held(mass: float, deviation: float) -> EstimateFinding | None:
         f"the mass, {mass:.4f} kg +- {deviation:.4f}, does not differ significantly from zero: nothing is held, or"
         " the motion and the time were too short for a sensor of this noise",
     )
+
+
+def with_weak_mass(covariance: Array, phi: Array, information: Array) -> Array:
+    """(16, 16) covariance of phi and bias for a body of unknown shape whose mass the samples hardly show.
+
+    Its mass then follows from beliefs about its size, which are too vague to count: a first moment also fits a light
+    body far away. The mass is as uncertain as the samples alone leave it.
+
+    Args:
+        covariance: (16, 16).
+        phi: (10,).
+        information: (10, 10) of the samples about phi, bias already integrated out.
+    """
+    units = np.sqrt(np.diag(information).clip(min=_UNSEEN))
+    eigenvalues, vectors = np.linalg.eigh(information / np.outer(units, units))
+    variance = float(vectors[0] ** 2 @ (1 / eigenvalues.clip(min=_ROUNDING))) / units[0] ** 2
+    if phi[0] > _WEAK * np.sqrt(variance) or variance < covariance[0, 0]:
+        return covariance
+    direction = np.append(phi / phi[0], np.zeros(6))
+    return np.asarray(covariance + (variance - covariance[0, 0]) * np.outer(direction, direction))
 
 
 def not_shown(information: Array, phi: Array) -> tuple[str, ...]:

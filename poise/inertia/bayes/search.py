@@ -101,8 +101,10 @@ class PosteriorSearch:
             self.posterior = self._solve(normals, _FINE)
             moved = self._moved(before)
             if (number >= _IMPATIENT or not moved) and not self._judge() and not moved:
-                return self
-        self._compare()
+                break
+        else:
+            self._compare()
+        self.posterior = self.average.with_curvature()
         return self
 
     @property
