@@ -246,9 +246,9 @@ class PoiseEstimator:
         if mass_model is None:
             model, starts = blob(normal, bias_variances(self.noise))
             return ModelAverage(model, hypotheses_for_blob(model, self.noise), starts)
-        hypotheses = hypotheses_for_shape(mass_model.n_parts, self.shape_accuracy, self.noise)
+        hypotheses = hypotheses_for_shape(mass_model, self.shape_accuracy, _SHAPE_RESOLUTION, self.noise)
         starts = states_of_shape(mass_model, normal, hypotheses.bias_variances)
-        return ModelAverage(mass_model, hypotheses.rougher(mass_model.roughness(_SHAPE_RESOLUTION)), starts)
+        return ModelAverage(mass_model, hypotheses, starts)
 
     def _solution(self, search: PosteriorSearch, parts: Parts | None) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
