@@ -259,9 +259,9 @@ class PoiseEstimator:
         squares = search.found.squares[keep].sum(axis=0)
         doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])
         findings = [
-            nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0]))),
+            nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0])), self.noise.force),
             wrong_shape(doubt),
-            zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity))),
+            zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity)), self.noise.wrench),
         ]
         estimated = len(self._grid) > 1
         solution = BayesSolution(
