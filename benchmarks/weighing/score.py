@@ -30,6 +30,7 @@ class Verdict:
         silent: an answer with status 0 and without a finding, beyond three sigma.
         named: the first cause is right. withheld: no number was given.
         repaired: relative error of the mass after --repair; NaN: none. repaired_z: over its one sigma.
+        weighed: payloads of the recording, and how many of them have a segment within three sigma.
         cpu: s.
     """
 
@@ -48,6 +49,7 @@ class Verdict:
     withheld: bool
     repaired: float
     repaired_z: float
+    weighed: tuple[int, int]
     cpu: float
 
     @property
@@ -86,6 +88,7 @@ def judge(case: str, label: dict[str, Any], outcome: dict[str, Any]) -> Verdict:
         withheld=bool(np.isnan(mass_z)),
         repaired=repaired,
         repaired_z=repaired_z,
+        weighed=_weighed(answer, label),
         cpu=float(outcome.get("cpu", 0.0)),
     )
 
@@ -102,10 +105,29 @@ def _errors(answer: dict[str, Any], label: dict[str, Any]) -> tuple[float, float
     mass, sigma = answer.get("mass"), answer.get("mass_std")
     if mass is None or sigma is None:
         return np.nan, np.nan, np.nan
-    off = abs(mass - label["mass"])
-    places = zip(answer["com"], label["com"], answer["com_std"], strict=True)
-    worst = [abs(c - true) / max(s, 1e-9) for c, true, s in places if c is not None and s is not None]
-    return off / max(sigma, 1e-9), max(worst, default=np.nan), off / label["mass"]
+    several = len(answer.get("segments") or []) > 1
+    bodies = label["segments"] if several else [label]  # an answer that says that there are several is for one of them
+    nearest = min(bodies, key=lambda body: abs(mass - body["mass"]))
+    off = abs(mass - nearest["mass"])
+    worst = [
+        abs(c - true) / max(s, 1e-9)
+        for c, true, s in zip(answer["com"], label["com"], answer["com_std"], strict=True)
+        if c is not None and s is not None and nearest["mass"] == label["mass"]
+    ]
+    return off / max(sigma, 1e-9), max(worst, default=np.nan), off / nearest["mass"]
+
+
+def _weighed(answer: dict[str, Any], label: dict[str, Any]) -> tuple[int, int]:
+    """Payloads of a recording, and how many have a segment in their middle whose mass is within three sigma."""
+    true = label.get("segments") or []
+    right = 0
+    for body in true:
+        middle = label["start"] * 1e-9 + (body["start"] + body["end"]) / 2
+        for found in answer.get("segments") or []:
+            if found["start"] <= middle <= found["end"] and found["mass"] is not None:
+                right += abs(found["mass"] - body["mass"]) <= SIGMAS * found["mass_std"]
+                break
+    return len(true), right
 
 
 HEADS = ("kind", "cases", "wrong, silent", "beyond 3 σ", "finding", "cause first", "withheld", "error", "repaired")
@@ -143,11 +165,14 @@ def summary(verdicts: Sequence[Verdict]) -> list[tuple[str, str]]:
     ill = [v for v in verdicts if v.kind != "healthy"]
     expected = [v for v in ill if BY_NAME[v.kind].accept and v.flagged]
     repaired = [v for v in ill if np.isfinite(v.repaired_z)]
+    several = [v.weighed for v in ill if v.weighed[0] > 1]
     found = [
         ("trouble: wrong by over 3 sigma, no finding, exit 0", _share(sum(v.silent for v in ill), len(ill))),
         ("trouble: cause named first, of those with a finding", _share(sum(v.named for v in expected), len(expected))),
         ("trouble: after --repair beyond 3 sigma", _share(sum(v.repaired_z > SIGMAS for v in repaired), len(repaired))),
     ]
+    payloads, weighed = (sum(pair[i] for pair in several) for i in range(2))
+    found.append(("several payloads: each weighed within 3 sigma", _share(weighed, payloads)))
     for generator in ("robot", "tf"):
         own = [v for v in verdicts if v.kind == "healthy" and v.generator == generator]
         found += [

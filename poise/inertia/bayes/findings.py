@@ -102,7 +102,7 @@ def nothing_held(mass: float, deviation: float, noise: float) -> EstimateFinding
     return EstimateFinding(
         ErrorCode.NOT_IDENTIFIABLE,
         f"the mass, {mass:.4f} kg +- {deviation:.4f}, does not differ significantly from zero: nothing is held, the"
-        " robot's controller subtracts the payload from the wrench (switch that compensation off), or the motion and the"
+        " robot's controller subtracts the payload from the wrench (switch that off), or the motion and the"
         " time were too short for a sensor of this noise",
     )
 
