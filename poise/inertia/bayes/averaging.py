@@ -134,13 +134,13 @@ class ModelAverage:
         log = self.hypotheses.balanced(self._left, log)
         keep = _normalised(log) >= effort.negligible
         self._left, case = self._left[keep], case[keep]
-        self._answer = _Answers(mode.states[keep], unknowns[keep], log[keep], reduced, case, back)
+        self._answer = _Answers(mode.states[keep], unknowns[keep], log[keep], reduced, self._left, case, back)
         return self._posterior(self._answer, self._narrowed(mode.states[keep], reduced.information[case]))
 
     def with_curvature(self) -> Posterior:
         """The last answer, with a covariance that holds where the model is not linear."""
         found = self._answer
-        to_states = self._root * np.sqrt(self.hypotheses.state_variances[self._left])[:, None]
+        to_states = self._root * np.sqrt(self.hypotheses.state_variances[found.left])[:, None]
         inner = curved_covariance(
             self._linearised, self.model.n_parts, found.states, to_states, found.reduced.information[found.case]
         )
@@ -154,7 +154,7 @@ class ModelAverage:
         scatter = found.unknowns - mean
         total = mixed(weights, covariance + scatter[:, :, None] * scatter[:, None, :])
         total = found.back @ (total + total.T) @ found.back.T / 2
-        return Posterior(found.back @ mean, total, found.states, self._left, found.case, found.log_weights)
+        return Posterior(found.back @ mean, total, found.states, found.left, found.case, found.log_weights)
 
     def shown(self, normal: NormalEquations, posterior: Posterior) -> Array:
         """(10, 10) information about phi that is in the samples alone, the bias as uncertain as before them."""
@@ -338,6 +338,7 @@ class _Answers:
     unknowns: Array
     log_weights: Array
     reduced: WithoutBias
+    left: Indices
     case: Indices
     back: Array
 
