@@ -14,6 +14,8 @@ from benchmarks.weighing.kinds import BY_NAME, KINDS
 from benchmarks.weighing.run import answered
 
 SIGMAS = 3.0
+HIDDEN = 6.0
+"""Sigmas of an ideal test below which no test can find the trouble in the recording."""
 NO_CAUSE = "POOR_FIT"
 """The finding that says that something is wrong, but not what."""
 
@@ -31,6 +33,7 @@ class Verdict:
         named: the first cause is right. withheld: no number was given.
         repaired: relative error of the mass after --repair; NaN: none. repaired_z: over its one sigma.
         weighed: payloads of the recording, and how many of them have a segment within three sigma.
+        visible: sigmas by which an ideal test would see that no payload explains the wrench; NaN: not computed.
         cpu: s.
     """
 
@@ -50,6 +53,7 @@ class Verdict:
     repaired: float
     repaired_z: float
     weighed: tuple[int, int]
+    visible: float
     cpu: float
 
     @property
@@ -89,6 +93,7 @@ def judge(case: str, label: dict[str, Any], outcome: dict[str, Any]) -> Verdict:
         repaired=repaired,
         repaired_z=repaired_z,
         weighed=_weighed(answer, label),
+        visible=float(np.nan if label.get("visible") is None else label["visible"]),
         cpu=float(outcome.get("cpu", 0.0)),
     )
 
@@ -166,8 +171,11 @@ def summary(verdicts: Sequence[Verdict]) -> list[tuple[str, str]]:
     expected = [v for v in ill if BY_NAME[v.kind].accept and v.flagged]
     repaired = [v for v in ill if np.isfinite(v.repaired_z)]
     several = [v.weighed for v in ill if v.weighed[0] > 1]
+    silent = [v for v in ill if v.silent]
     found = [
-        ("trouble: wrong by over 3 sigma, no finding, exit 0", _share(sum(v.silent for v in ill), len(ill))),
+        ("trouble: wrong by over 3 sigma, no finding, exit 0", _share(len(silent), len(ill))),
+        ("of these: the mass", _share(sum(v.mass_z > SIGMAS for v in silent), len(silent))),
+        ("of these: no test can see it", _share(sum(v.visible < HIDDEN for v in silent), len(silent))),
         ("trouble: cause named first, of those with a finding", _share(sum(v.named for v in expected), len(expected))),
         ("trouble: after --repair beyond 3 sigma", _share(sum(v.repaired_z > SIGMAS for v in repaired), len(repaired))),
     ]
@@ -222,7 +230,8 @@ def main() -> None:
     for v in verdicts if arguments.cases else ():
         shape = f"{v.kind:20} {v.item:8} {v.way:12} {v.generator:6}"
         numbers = f"exit {v.status} z {v.mass_z:8.1f} com {v.com_z:8.1f} error {100 * v.error:6.1f} %"
-        print(f"{v.case} {'SILENT' if v.silent else '':6} {shape} {numbers} {v.cpu:5.1f} s {', '.join(v.findings)}")
+        numbers += f" seen {v.visible:6.0f} {v.cpu:5.1f} s"
+        print(f"{v.case} {'SILENT' if v.silent else '':6} {shape} {numbers} {', '.join(v.findings)}")
     content = {"summary": dict(summary(verdicts)), "cases": [asdict(v) for v in verdicts]}
     (arguments.folder / "score.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 

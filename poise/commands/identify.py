@@ -158,7 +158,7 @@ def identify(
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
-        limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
+        limits, more = (max_force, max_torque), _told(shape, shape_accuracy) | {"keep_history": report is not None}
         recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
     content = as_json(bag, recording, answer) | {
         "object": None if shape is None else shape.words,
@@ -225,7 +225,7 @@ def weigh(
         method=method,
         wrench_topic=wrench_topic,
         saturation=saturation,
-        **known,
+        **{"keep_history": False, **known},
     )
     return recording, answer
 

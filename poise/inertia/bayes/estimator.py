@@ -26,6 +26,7 @@ from poise.inertia.bayes.hypotheses import bias_variances, hypotheses_for_blob, 
 from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.bayes.recorder import BlockRecorder
 from poise.inertia.bayes.search import Contradiction, PosteriorSearch
+from poise.inertia.bayes.single_samples import SingleSamples
 from poise.inertia.model import (
     NOT_FINITE,
     OUT_OF_ORDER,
@@ -143,6 +144,7 @@ class PoiseEstimator:
         self.shape_accuracy = shape_accuracy
         self._grid = LagGrid(longest_delay, lag_step, delay)
         self._recorder = BlockRecorder(self._grid, block)
+        self._one = SingleSamples()
         self._checks, self._log = SampleChecks(limits), RejectionLog(_MAX_INTERVALS)
         self._search: PosteriorSearch | None = None
         self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes, parts.likeness)
@@ -167,6 +169,25 @@ class PoiseEstimator:
         Raises:
             InputError: TYPE_MISMATCH when the shapes do not belong together.
         """
+        given = (gravity_in_sensor, linear_acceleration, angular_velocity, angular_acceleration, wrench)
+        if not self._one.take(stamps, given):
+            self._add_waiting()
+            self._add_many(stamps, *given)
+
+    def _add_waiting(self) -> None:
+        """Check and sum the samples that came one by one."""
+        if len(self._one):
+            self._add_many(*self._one.taken())
+
+    def _add_many(
+        self,
+        stamps: ArrayLike,
+        gravity_in_sensor: ArrayLike,
+        linear_acceleration: ArrayLike,
+        angular_velocity: ArrayLike,
+        angular_acceleration: ArrayLike,
+        wrench: ArrayLike,
+    ) -> None:
         when = np.asarray(stamps, dtype=np.int64).reshape(-1)
         specific = np.subtract(gravity_in_sensor, linear_acceleration)
         given = (specific, angular_velocity, angular_acceleration, wrench)
@@ -198,6 +219,7 @@ class PoiseEstimator:
 
     def add_rows(self, stamps: Stamps, rows: Array) -> None:
         """Add samples that have been checked already, see `sample_rows`: (N,) ns, increasing, and (N, 15)."""
+        self._add_waiting()
         self._recorder.add(stamps, rows, np.ones(len(stamps), dtype=bool))
 
     def solve(self, noise: NoiseLevels | None = None, *, use_shape: bool = True) -> BayesSolution:
@@ -211,6 +233,7 @@ class PoiseEstimator:
             NoAnswerError: TOO_FEW_SAMPLES when fewer than three samples can be used.
         """
         self.noise = noise or self.noise
+        self._add_waiting()
         blocks = self._recorder.blocks
         if blocks.sizes.sum() < 3:
             counts = ", ".join(f"{count} {reason}" for reason, count in self._log.counts.items())
@@ -239,6 +262,7 @@ class PoiseEstimator:
         Returns:
             None when they do not, or nothing was solved for.
         """
+        self._add_waiting()
         blocks = self._recorder.blocks
         late = blocks.select(blocks.start >= since)
         if self._search is None or not len(late) or late.end[-1] - late.start[0] < least:

@@ -11,7 +11,7 @@ See docs/add_an_estimator.md.
 - `noise`: the noise of the samples. `change_watch`: changes of the payload.
 """
 
-from poise.inertia.estimators.accelerometer import Accelerometer, AccelerometerComparison
+from poise.inertia.estimators.accelerometer import Accelerometer, AccelerometerComparison, AccelerometerErrors
 from poise.inertia.estimators.answer import answer
 from poise.inertia.estimators.change_watch import WATCH, WATCH_NOISE, ChangeWatch
 from poise.inertia.estimators.entry import EstimatorEntry, MotionNeed
@@ -41,6 +41,7 @@ __all__ = [
     "WATCH_NOISE",
     "Accelerometer",
     "AccelerometerComparison",
+    "AccelerometerErrors",
     "ChangeWatch",
     "EstimatorEntry",
     "InformationAccumulator",

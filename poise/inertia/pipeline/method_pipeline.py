@@ -19,7 +19,7 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.inertia.verdict import Fit, FitVerdict, SampleBins, judge
+from poise.inertia.verdict import ExtremeReadings, Fit, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
@@ -75,9 +75,9 @@ class MethodPipeline:
         self._checks = SampleChecks(limits)
         self._motion_noise = motion_noise
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
-        self.accelerometer = AccelerometerComparison(prior.gravity, prior.accelerometer)
+        self._accelerometer = AccelerometerComparison(prior.gravity, prior.accelerometer)
         """Its errors are in the samples, and are taken out of the answer."""
-        self._bins = SampleBins(prior.gravity)
+        self._bins, self._extremes = SampleBins(prior.gravity), ExtremeReadings()
         self._waiting = StampedBuffer(6)
         self._shift, self._has_jumped = 0, False
         """ns that are added to the stamps for the estimator, so that they rise when the clock was set back."""
@@ -151,8 +151,9 @@ class MethodPipeline:
         self.n_samples += len(wrench)
         self._information.add(model_matrix(motion, self.prior.gravity), wrench)
         self._noise.add(wrench)
-        self.accelerometer.add(motion)
+        self._accelerometer.add(motion)
         self._bins.add(motion, wrench)
+        self._extremes.add(wrench)
         self.estimator.add(motion, wrench)
 
     # -- answers ---------------------------------------------------------------------------------------------
@@ -171,7 +172,7 @@ class MethodPipeline:
             counts = ", ".join(f"{count} {reason}" for reason, count in self.rejections.counts.most_common())
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
             raise NoAnswerError(error.code, sentence, **error.data) from None
-        fit, errors = self._verdict(solution), self.accelerometer.errors()
+        fit, errors = self._verdict(solution), self._accelerometer.errors()
         if errors is not None:
             covariance = solution.covariance if fit.covariance is None else fit.covariance
             solution = errors.corrected(replace(solution, covariance=covariance))
@@ -179,6 +180,7 @@ class MethodPipeline:
         return InertialEstimate.from_solution(
             solution,
             fit=fit,
+            accelerometer=errors,
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
@@ -196,7 +198,7 @@ class MethodPipeline:
             self._levels,
             solution.rejected,
         )
-        return judge(fit, self._bins.samples)
+        return judge(fit, self._bins.samples, self._extremes)
 
     def _solve(self) -> InertialSolution:
         plain = self._least_squares()

@@ -36,7 +36,6 @@ from poise.robot import (
     MotionBuffer,
     MotionSource,
     PairingSettings,
-    SensorMotion,
     SharedBuffers,
     went_back,
 )
@@ -153,12 +152,8 @@ class OnlineEstimator:
     def take_imu(self, imu: LiveImu) -> None:
         """Take the linear acceleration from an IMU on the sensor; estimates that did without it are dropped."""
         self.imu = imu
-        self._prior = replace(
-            self._prior,
-            longest_delay=IMU_LONGEST_DELAY,
-            lag_step=IMU_LAG_STEP,
-            accelerometer=Accelerometer.ON_KINEMATICS,
-        )
+        kind = Accelerometer.ON_KINEMATICS
+        self._prior = replace(self._prior, longest_delay=IMU_LONGEST_DELAY, lag_step=IMU_LAG_STEP, accelerometer=kind)
         self._renew_buffers()
         self.reset(self._running.prior.parts)
 
@@ -232,11 +227,6 @@ class OnlineEstimator:
     def rejected(self) -> Mapping[str, int]:
         """Samples by reason, of the method that used most."""
         return self._running.busiest.rejections.counts
-
-    def true_motion(self, motion: SensorMotion, method: str) -> SensorMotion:
-        """The motion of samples of a method without the errors that were found in an accelerometer."""
-        errors = self._running.pipelines[method].accelerometer.errors()
-        return motion if errors is None else errors.true_motion(motion, self.gravity)
 
     @property
     def clocks_apart(self) -> float | None:
