@@ -27,6 +27,8 @@ _CHECKPOINTS = 1.05
 """The clocks are compared each time the samples have become more by this factor, at fixed numbers of samples."""
 _SHARP = 0.0015
 """s: a delay that the samples alone show this well needs no prior, and no shape."""
+_GAIN = 0.004
+"""Relative error of accelerations: splines through positions make those of fast motions too small, by 0.2 to 0.7 %."""
 _NEAR_STEP = 0.004
 """s between lags about a delay that few samples show as sharply: over tenths of a second, its likelihood is no
 polynomial."""
@@ -91,7 +93,9 @@ class PoiseStream:
         spread = min(PRIOR_SPREAD, self._prior.longest_delay / np.sqrt(3))
         if not solution.delay_std < _LEARNT * spread:
             solution = replace(solution, delay=np.nan, delay_std=np.nan)
-        return replace(solution, bias=solution.bias + self._prior.tare)
+        covariance = solution.covariance.copy()
+        covariance[4:, 4:] += _by_gain(solution.phi[4:])
+        return replace(solution, covariance=covariance, bias=solution.bias + self._prior.tare)
 
     def _current(self) -> "_FedEstimator":
         """The estimator that the comparison of the clocks asks for."""
@@ -184,6 +188,13 @@ class _FedEstimator:
         """Hand over the samples that it does not have."""
         self.estimator.add_rows(samples.stamps[self._n_fed :], samples.rows[self._n_fed :])
         self._n_fed = samples.count
+
+
+def _by_gain(inertia: Array) -> Array:
+    """(6, 6) covariance of an inertia (6,) about the sensor, by a gain of angular accelerations that is not quite 1."""
+    moments = inertia[[0, 3, 5]]
+    scale = np.outer(moments, moments)[np.triu_indices(3)]
+    return np.asarray(_GAIN**2 / 2 * (np.outer(inertia, inertia) + np.diag(scale)))
 
 
 def _last_checkpoint(count: int) -> int:

@@ -82,7 +82,6 @@ class InertialEstimate:
         solution: InertialSolution,
         *,
         fit: FitVerdict | None = None,
-        accelerometer: AccelerometerErrors | None = None,
         stamp: int,
         frame_id: str,
         method: str,
@@ -93,7 +92,6 @@ class InertialEstimate:
 
         Args:
             solution: of any method.
-            accelerometer: errors that were corrected in it.
             fit: tests of its fit; None: it was not tested.
             stamp: of the newest sample used, ns.
             frame_id: the sensor frame.
@@ -125,7 +123,6 @@ class InertialEstimate:
             com_in_hull=solution.com_in_hull,
             findings=(*solution.findings, *([] if fit.finding is None else [fit.finding])),
             since=since,
-            accelerometer=accelerometer,
             fit=fit,
         )
 

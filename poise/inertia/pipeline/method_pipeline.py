@@ -177,16 +177,16 @@ class MethodPipeline:
             covariance = solution.covariance if fit.covariance is None else fit.covariance
             solution = errors.corrected(replace(solution, covariance=covariance))
             fit = replace(fit, covariance=solution.covariance)
-        return InertialEstimate.from_solution(
+        answer = InertialEstimate.from_solution(
             solution,
             fit=fit,
-            accelerometer=errors,
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
             rejected=self.rejections.intervals,
             since=self.prior.since,
         )
+        return replace(answer, accelerometer=errors)
 
     def _verdict(self, solution: InertialSolution) -> FitVerdict:
         fit = Fit(
