@@ -99,7 +99,7 @@ def test_a_motion_through_the_graph_is_the_offline_answer_to_1e_9(start_node, gr
 
 
 def test_a_wrench_that_no_payload_explains_is_published_as_an_error_without_numbers():
-    """The message says what is wrong; nobody can take the numbers for a payload."""
+    """The message says what is wrong; no reader can take the numbers for a payload."""
     recording = open_recording(STATIC)
     wrench = recording.wrench("wrench")
     turned = replace(wrench, wrench_in_sensor=wrench.wrench_in_sensor[:, [1, 2, 0, 4, 5, 3]])

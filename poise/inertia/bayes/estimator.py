@@ -113,6 +113,8 @@ class PoiseEstimator:
         delay: s, wrench stamps minus kinematics stamps, about which the delay is looked for.
         shape_accuracy: relative error of lengths in the shape.
         block: ns of samples that are kept, or left out, together.
+        load_accuracy: share of the load by which sensor and kinematics may err for a second; 0 where the noise is all.
+        averaged: use the average motion of each block only, because an accelerometer measures it.
 
     Raises:
         InputError: BAD_INPUT for noise levels or accuracies that are not positive.
@@ -130,6 +132,8 @@ class PoiseEstimator:
         delay: float = 0.0,
         shape_accuracy: float = SHAPE_ACCURACY,
         block: int = BLOCK,
+        load_accuracy: float = 0.0,
+        averaged: bool = False,
     ) -> None:
         self.parts = parts
         self.noise = noise or NoiseLevels()
@@ -142,6 +146,7 @@ class PoiseEstimator:
                 " is without noise",
             )
         self.shape_accuracy = shape_accuracy
+        self._load_accuracy, self._averaged = load_accuracy, averaged
         self._grid = LagGrid(longest_delay, lag_step, delay)
         self._recorder = BlockRecorder(self._grid, block)
         self._one = SingleSamples()
@@ -233,8 +238,7 @@ class PoiseEstimator:
             NoAnswerError: TOO_FEW_SAMPLES when fewer than three samples can be used.
         """
         self.noise = noise or self.noise
-        self._add_waiting()
-        blocks = self._recorder.blocks
+        blocks = self._blocks
         if blocks.sizes.sum() < 3:
             counts = ", ".join(f"{count} {reason}" for reason, count in self._log.counts.items())
             raise NoAnswerError(
@@ -244,13 +248,20 @@ class PoiseEstimator:
                 n_samples=int(blocks.sizes.sum()),
             )
         model = self._model if use_shape else None
-        self._search = PosteriorSearch(blocks, self._grid, self.noise, self._prior(blocks, model)).run()
+        given = blocks, self._grid, self.noise
+        self._search = PosteriorSearch(*given, self._prior(blocks, model), self._load_accuracy).run()
         part = self._search.consistent_part()
         if part is not None and part.free is not None:
             free = away_from_contact(part.free)
             prior = self._prior(blocks.select(free), model)
-            self._search = PosteriorSearch(blocks, self._grid, self.noise, prior, free).run()
+            self._search = PosteriorSearch(*given, prior, self._load_accuracy, free).run()
         return self._solution(self._search, None if model is None else self.parts, part)
+
+    @property
+    def _blocks(self) -> MomentBlocks:
+        self._add_waiting()
+        blocks = self._recorder.blocks
+        return blocks.averaged() if self._averaged else blocks
 
     def contradiction(self, since: int, least: int) -> Contradiction | None:
         """How much better another payload than the last one solved for would explain the blocks from a stamp on.
@@ -262,8 +273,7 @@ class PoiseEstimator:
         Returns:
             None when they do not, or nothing was solved for.
         """
-        self._add_waiting()
-        blocks = self._recorder.blocks
+        blocks = self._blocks
         late = blocks.select(blocks.start >= since)
         if self._search is None or not len(late) or late.end[-1] - late.start[0] < least:
             return None

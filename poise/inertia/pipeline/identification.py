@@ -140,12 +140,21 @@ def _answered(
     method = max(paired, key=lambda name: _count(paired[name])) if answer is None else answer.method
     samples = _joined(paired[method])
     segments = weigh_segments(samples, answer, estimator, method)
-    if segments:
+    if segments and not _is_contact(answer, segments):
         return _of_segments(segments, samples, () if answer is None else answer.rejected, estimator)
     if answer is None:
         raise failure or NoAnswerError(ErrorCode.EMPTY, "there are no samples")
     before = [past for past in history if past.method == method and past.n_samples < answer.n_samples]
     return _identification(answer, tuple(before), samples, estimator)
+
+
+def _is_contact(whole: InertialEstimate | None, segments: tuple[PayloadSegment, ...]) -> bool:
+    """One payload explains the part that is free of contact, and payloads do not explain the segments."""
+    found = [] if whole is None else [each for each in whole.findings if each.code is ErrorCode.IN_CONTACT]
+    if not found or "other_mass" in found[0].evidence:
+        return False
+    doubts = ErrorCode.IN_CONTACT, ErrorCode.POOR_FIT
+    return any(each.code in doubts for segment in segments for each in segment.estimate.findings)
 
 
 def _count(parts: list[PairedSamples]) -> int:
