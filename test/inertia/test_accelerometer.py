@@ -28,7 +28,7 @@ def turning(rng: np.random.Generator, seconds: float) -> tuple[SensorMotion, np.
     in_world = -places * frequency[1] ** 2 * np.sin(frequency[1] * time + phase[1])
     true = np.einsum("nji,nj->ni", rotation, in_world)
     down = np.einsum("nji,j->ni", rotation, GRAVITY)
-    scale, offset = rng.normal(0.0, 0.02) + rng.normal(0.0, 0.01, 3), rng.normal(0.0, 0.5, 3)
+    scale, offset = rng.normal(0.0, 0.01) + rng.normal(0.0, 0.01, 3), rng.normal(0.0, 0.5, 3)
     reading = (1 + scale) * (down - true) + offset
     still = np.zeros_like(true)
     return SensorMotion(stamps, rotation, still, still, down - reading), scale, offset

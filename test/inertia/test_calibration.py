@@ -1,4 +1,4 @@
-"""Intervals hold the truth: light objects without a shape, bodies of two materials, and tares, tiny masses, delays."""
+"""Intervals hold the truth: light objects, two materials in one body, tares of any length, tiny masses, delays."""
 
 from dataclasses import replace
 

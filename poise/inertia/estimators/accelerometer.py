@@ -10,7 +10,7 @@ from poise.inertia.model import InertialSolution
 from poise.robot import SensorMotion
 from poise.types import Array, Stamps
 
-_SCALE_SPREAD, _AXIS_SPREAD = 0.02, 0.01
+_SCALE_SPREAD, _AXIS_SPREAD = 0.01, 0.01
 """Relative error of the scale before a comparison, and what each axis has of its own."""
 
 OFFSET_SPREAD = 0.5
