@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from poise.inertia.bayes import ContinuousEstimator, PayloadChange, sample_rows
+from poise.inertia.bayes import LOAD_ACCURACY, ContinuousEstimator, PayloadChange, sample_rows
 from poise.inertia.estimators.accelerometer import OFFSET_SPREAD, Accelerometer
 from poise.inertia.estimators.entry import EstimatorEntry
 from poise.inertia.estimators.streaming import Prior, SampleEvidence
@@ -32,7 +32,8 @@ class ChangeWatch:
     def __init__(self, prior: Prior) -> None:
         self._given = prior
         limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
-        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **prior.options, **limits)
+        options = prior.options | {"load_accuracy": LOAD_ACCURACY} | limits
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **options)
         self._parts = prior.parts
         self._n_changes = 0
 
