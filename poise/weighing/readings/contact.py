@@ -1,0 +1,97 @@
+"""Contact: a part of the recording is explained by a payload to the noise, and the rest has forces of its own."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from poise.errors import ErrorCode
+from poise.inertia.verdict import FitSamples
+from poise.types import Array, Mask
+from poise.weighing.fitting import Explanation, block_levels, explain, plain_design
+from poise.weighing.reading import Reading
+from poise.weighing.readings.moving_base import base_sentence, without_base
+
+_STARTS = 6
+_ROUNDS = 4
+_KEPT = 0.35
+"""Share of blocks that the first rounds keep."""
+_LOUDER = 2 * np.log(3.0)
+"""A block is in contact when the logs of its force and torque residual together are this much above the free ones."""
+_LEAST_FREE = 0.2
+
+
+def in_contact(samples: FitSamples, plain: Explanation) -> list[Reading]:
+    """The consistent part of a recording: least trimmed squares over blocks, from several starts (Rousseeuw 1984).
+
+    The other part is explained by forces of its own, or by an acceleration of the base.
+    """
+    n_blocks = len(plain.levels)
+    if n_blocks < 12:
+        return []
+    block = np.repeat(np.arange(n_blocks), [len(part) for part in np.array_split(np.arange(len(samples)), n_blocks)])
+    parts = [_trimmed(samples, block, plain.levels, start) for start in range(_STARTS + 1)]
+    free, found = min(parts, key=lambda part: _cost(*part))
+    if free.all() or free.mean() < _LEAST_FREE:
+        return []
+    usable = np.repeat(free[block][:, None], 6, axis=1)
+    spans = _spans(samples.seconds, free[block])
+    pushed = ~free[block]
+
+    def says(fit: Explanation) -> tuple[str, Mapping[str, float]]:
+        size = float(np.sqrt(np.mean(fit.residual[pushed, :3] ** 2)))
+        times = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in spans[:4]) + (", ..." if spans[4:] else "")
+        return (
+            f"something touches the payload in {100 * pushed.mean():.0f} % of the recording ({times}), with"
+            f" {size:.2g} N rms: record without contact",
+            {"share": float(pushed.mean()), "force": size},
+        )
+
+    def accelerates(fit: Explanation) -> tuple[str, Mapping[str, float]]:
+        _, course = without_base(samples, fit)
+        largest = float(np.percentile(np.linalg.norm(course[pushed], axis=1), 90))
+        return base_sentence(largest)
+
+    return [
+        Reading(ErrorCode.IN_CONTACT, plain_design, says, prior=-4.0, usable=usable, excluded=~free),
+        Reading(
+            ErrorCode.BASE_MOVED,
+            plain_design,
+            accelerates,
+            prior=-4.0,
+            usable=usable,
+            excluded=~free,
+            reduced=lambda fit: np.where(pushed[:, None], without_base(samples, fit)[0], fit.residual),
+        ),
+    ]
+
+
+def _cost(free: Mask, found: Explanation) -> float:
+    """Nats of a split: the level of its free blocks, and two parameters for each of the others."""
+    if free.mean() < _LEAST_FREE:
+        return np.inf
+    return 3 * float(np.median(found.levels[free].sum(axis=1))) * len(free) + 6 * float((~free).sum())
+
+
+def _trimmed(samples: FitSamples, block: Array, levels: Array, start: int) -> tuple[Mask, Explanation]:
+    """(B,) the free blocks, from one stretch of the recording or (0) from the blocks that the plain fit explains best."""
+    n_blocks = len(levels)
+    keep = max(int(_KEPT * n_blocks), 6)
+    kept = np.zeros(n_blocks, dtype=bool)
+    if start == 0:
+        kept[np.argsort(levels.sum(axis=1))[:keep]] = True
+    else:
+        first = round((start - 1) * (n_blocks - keep) / (_STARTS - 1))
+        kept[first : first + keep] = True
+    for _ in range(_ROUNDS):
+        found = explain(samples, plain_design, (), np.repeat(kept[block][:, None], 6, axis=1), quick=True)
+        levels = block_levels(found.residual)
+        size = levels.sum(axis=1)
+        reference = float(np.median(size[kept]))
+        kept = size < max(reference + _LOUDER, float(np.sort(size)[keep - 1]))
+    return np.asarray(size < reference + _LOUDER), replace(found, levels=levels)
+
+
+def _spans(seconds: Array, free: Mask) -> list[tuple[float, float]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], free, [True]]).astype(int)))
+    return [(float(seconds[a]), float(seconds[min(b, len(seconds)) - 1])) for a, b in zip(edges[::2], edges[1::2])]
