@@ -141,7 +141,7 @@ def check_python(where: str, program: str, words: list[str]) -> None:
     path = ROOT / (f"{target.replace('.', '/').removeprefix('poise/')}.py" if "-m" in words else target)
     path = path if path.is_file() else ROOT / f"{target.replace('.', '/')}.py"
     assert path.is_file(), where
-    for option in (word.partition("=")[0] for word in words if word.startswith("--")):
+    for option in (word.partition("=")[0] for word in words if word.startswith("--") and word != "--ros-args"):
         assert f'"{option}"' in path.read_text(), f"{where}: {path.name} has no {option}"
 
 

@@ -14,6 +14,8 @@ from rosbags.typesys import Stores, get_typestore
 
 from benchmarks.foreign.robots import Array
 
+Entry = tuple[int, str, str, Any]
+"""Stamp in ns, topic, type and message."""
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -60,68 +62,82 @@ class Streams:
 
 def write(streams: Streams, path: Path) -> None:
     """Write NAME.mcap; the bytes depend on the content alone."""
-    messages = sorted(_messages(streams), key=lambda entry: (entry[0], entry[1]))
+    save(messages(streams), path)
+
+
+def save(entries: Sequence[Entry], path: Path) -> None:
+    """Write messages in the order of time, then of topics."""
+    ordered = sorted(entries, key=lambda entry: (entry[0], entry[1]))
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "bag"
         with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-            kinds = {topic: kind for _, topic, kind, _ in messages}
+            kinds = {topic: kind for _, topic, kind, _ in ordered}
             channels = {
                 topic: writer.add_connection(f"/{topic}", kinds[topic], typestore=_TYPES) for topic in sorted(kinds)
             }
-            for stamp, topic, kind, message in messages:
+            for stamp, topic, kind, message in ordered:
                 writer.write(channels[topic], stamp, bytes(_TYPES.serialize_cdr(message, kind)))
         shutil.move(next(folder.glob("*.mcap")), path)
 
 
-def _messages(streams: Streams) -> list[tuple[int, str, str, Any]]:
+def messages(streams: Streams) -> list[Entry]:
+    """All messages of a rig."""
     first = int(streams.joints.stamps[0])
-    text = _make("std_msgs/msg/String", data=streams.robot_description)
-    found = [(first, "robot_description", "std_msgs/msg/String", text)]
+    text = make("std_msgs/msg/String", data=streams.robot_description)
+    found: list[Entry] = [(first, "robot_description", "std_msgs/msg/String", text)]
     for topic, joints in (("joint_states", streams.joints), ("joint_commands", streams.commands)):
         if joints is not None:
             kind = "sensor_msgs/msg/JointState"
             for i, stamp in enumerate(joints.stamps):
                 values = (joints.position, joints.velocity, joints.effort)
                 rows = dict(zip(("position", "velocity", "effort"), (np.array(v[i]) for v in values), strict=True))
-                message = _make(kind, header=_header(stamp, ""), name=list(streams.names), **rows)
+                message = make(kind, header=header(stamp, ""), name=list(streams.names), **rows)
                 found.append((int(stamp), topic, kind, message))
     if streams.wrench is not None:
-        kind = "geometry_msgs/msg/WrenchStamped"
-        for stamp, value in zip(streams.wrench.stamps, streams.wrench.values, strict=True):
-            wrench = _make("geometry_msgs/msg/Wrench", force=_vector(value[:3]), torque=_vector(value[3:]))
-            message = _make(kind, header=_header(stamp, streams.frame), wrench=wrench)
-            found.append((int(stamp), "wrench", kind, message))
+        found += wrench_messages(streams.wrench, streams.frame)
     return found + (_odometry(streams.odom) if streams.odom is not None else [])
 
 
-def _odometry(odom: Odometry) -> list[tuple[int, str, str, Any]]:
+def wrench_messages(wrenches: Wrenches, frame: str) -> list[Entry]:
+    """One message for each wrench."""
+    kind, found = "geometry_msgs/msg/WrenchStamped", []
+    for stamp, value in zip(wrenches.stamps, wrenches.values, strict=True):
+        wrench = make("geometry_msgs/msg/Wrench", force=vector(value[:3]), torque=vector(value[3:]))
+        found.append((int(stamp), "wrench", kind, make(kind, header=header(stamp, frame), wrench=wrench)))
+    return found
+
+
+def _odometry(odom: Odometry) -> list[Entry]:
     kind, found = "nav_msgs/msg/Odometry", []
     place, speed = (np.diag([d**2, d**2, 1e-9, 1e-9, 1e-9, d**2]).ravel() for d in odom.deviation)
     for stamp, (x, y, yaw), (vx, vy, turn) in zip(odom.stamps, odom.pose, odom.twist, strict=True):
         half = yaw / 2
-        quaternion = _make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half)))
-        position = _make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0)
-        pose = _make("geometry_msgs/msg/Pose", position=position, orientation=quaternion)
-        twist = _make("geometry_msgs/msg/Twist", linear=_vector([vx, vy, 0.0]), angular=_vector([0.0, 0.0, turn]))
-        message = _make(
+        quaternion = make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=float(np.sin(half)), w=float(np.cos(half)))
+        position = make("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0)
+        pose = make("geometry_msgs/msg/Pose", position=position, orientation=quaternion)
+        twist = make("geometry_msgs/msg/Twist", linear=vector([vx, vy, 0.0]), angular=vector([0.0, 0.0, turn]))
+        message = make(
             kind,
-            header=_header(stamp, "odom"),
+            header=header(stamp, "odom"),
             child_frame_id="base_link",
-            pose=_make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=place),
-            twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=speed),
+            pose=make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=place),
+            twist=make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=speed),
         )
         found.append((int(stamp), "odom", kind, message))
     return found
 
 
-def _header(stamp: int, frame: str) -> Any:
-    time = _make("builtin_interfaces/msg/Time", sec=int(stamp // 10**9), nanosec=int(stamp % 10**9))
-    return _make("std_msgs/msg/Header", stamp=time, frame_id=frame)
+def header(stamp: int, frame: str) -> Any:
+    """A stamp in ns and a frame."""
+    time = make("builtin_interfaces/msg/Time", sec=int(stamp // 10**9), nanosec=int(stamp % 10**9))
+    return make("std_msgs/msg/Header", stamp=time, frame_id=frame)
 
 
-def _vector(values: Any) -> Any:
-    return _make("geometry_msgs/msg/Vector3", **{axis: float(v) for axis, v in zip("xyz", values, strict=True)})
+def vector(values: Any) -> Any:
+    """geometry_msgs/Vector3 of three numbers."""
+    return make("geometry_msgs/msg/Vector3", **{axis: float(v) for axis, v in zip("xyz", values, strict=True)})
 
 
-def _make(kind: str, **fields: Any) -> Any:
+def make(kind: str, **fields: Any) -> Any:
+    """A message of a type."""
     return _TYPES.types[kind](**fields)

@@ -2,18 +2,33 @@
 
 import sys
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
+import yaml
 
 from poise.commands.output import STDOUT, refuse_folder, warn
 from poise.errors import ErrorCode, InputError
-from poise.exporting import all_exporters, export, exporter_of
+from poise.exporting import (
+    ExportedPayload,
+    ExportSettings,
+    GripperLoad,
+    all_exporters,
+    exported_payload,
+    exporter_of,
+)
 from poise.files import write_whole
 from poise.geometry import Pose
-from poise.inertia import InertialEstimate
+from poise.inertia import InertialEstimate, InertialParameters
+from poise.inertia.model import symmetric
+from poise.recording import Recording, open_recording
+from poise.robot import RobotModel, find_urdf, fixed_frames, read_urdf
+
+_FLANGE_KINDS = ", ".join(each.kind for each in all_exporters() if each.flange)
+_GRIPPER_WORDS = "give MASS,X,Y,Z or MASS,X,Y,Z,IXX,IXY,IXZ,IYY,IYZ,IZZ (kg, m, kg m2 about the centre of mass)"
 
 ExportOption = Annotated[
     list[str] | None,
@@ -26,15 +41,40 @@ ExportOption = Annotated[
         show_default=False,
     ),
 ]
+FrameOption = Annotated[
+    str | None,
+    typer.Option(
+        "--frame",
+        metavar="NAME",
+        help="Frame of the exported values, such as tool0 or flange. It must be fixed to the sensor in the robot"
+        " description or in tf.",
+        show_default=False,
+    ),
+]
 FlangePoseOption = Annotated[
     str | None,
     typer.Option(
         "--flange-pose",
         metavar="'X Y Z QX QY QZ QW'",
-        help="Pose of the sensor frame in the robot's flange frame, m and a quaternion, for the formats that take"
-        f" values there ({', '.join(each.kind for each in all_exporters() if each.flange)}). Default: both coincide.",
+        help="Instead of --frame: pose of the sensor frame in the robot's flange frame, m and a quaternion, for the"
+        f" formats that take values there ({_FLANGE_KINDS}). Default: both coincide.",
         show_default=False,
     ),
+]
+GripperOption = Annotated[
+    str | None,
+    typer.Option(
+        "--gripper",
+        metavar="VALUES|FILE|urdf",
+        help="Gripper to take off the exported payload, in the sensor frame: MASS,X,Y,Z[,IXX,IXY,IXZ,IYY,IYZ,IZZ]; or a"
+        " JSON or YAML file with mass, com, inertia, as poise identify --json writes it for the empty gripper; or urdf:"
+        " what the robot description has beyond the sensor.",
+        show_default=False,
+    ),
+]
+TransitionTimeOption = Annotated[
+    float,
+    typer.Option("--transition-time", help="s in which a UR changes its payload (ur, ur-driver).", min=0.0, max=60.0),
 ]
 
 
@@ -45,11 +85,80 @@ class ExportRequest(NamedTuple):
     target: Path | None
 
 
-def read_exports(texts: Sequence[str] | None, json_target: str | None) -> tuple[ExportRequest, ...]:
-    """The requests of the command line, checked before anything is computed.
+@dataclass(frozen=True)
+class ExportPlan:
+    """What the command line asks for, checked as far as it can be without the recording.
+
+    Args:
+        requests: one for each `--export`.
+        flange_pose: of the sensor frame in the flange frame.
+        frame: of the values.
+        gripper: its values, or `urdf`.
+        transition_time: s.
+        urdf: the robot description; None: the recording's.
+    """
+
+    requests: tuple[ExportRequest, ...] = ()
+    flange_pose: Pose | None = None
+    frame: str | None = None
+    gripper: GripperLoad | str | None = None
+    transition_time: float = 0.0
+    urdf: Path | None = None
+
+    def settings(self, estimate: InertialEstimate, bag: Path) -> ExportSettings:
+        """With the frames and the robot of the recording, which is opened only if it is needed.
+
+        Raises:
+            InputError: FRAME_UNKNOWN, with the frames that are fixed to the sensor; ROBOT_DESCRIPTION_MISSING.
+        """
+        settings = ExportSettings(self.flange_pose, transition_time=self.transition_time)
+        if isinstance(self.gripper, GripperLoad):
+            settings = replace(settings, gripper=self.gripper)
+        in_robot = any(exporter_of(request.kind).robot for request in self.requests)
+        if not (in_robot or self.frame or self.gripper == "urdf"):
+            return settings
+        recording = open_recording(bag)
+        description = self._robot_description(recording, required=in_robot or self.gripper == "urdf")
+        settings = replace(settings, robot_description=description)
+        if self.gripper == "urdf" and description is not None:
+            phi = RobotModel.from_urdf(description, estimate.frame_id).load_in_sensor
+            settings = replace(settings, gripper=GripperLoad(InertialParameters.from_phi(phi)))
+        if self.frame is not None:
+            fixed = fixed_frames(estimate.frame_id, recording, description)
+            if self.frame not in fixed:
+                raise InputError(
+                    ErrorCode.FRAME_UNKNOWN,
+                    f"--frame {self.frame}: no frame of this name is fixed to {estimate.frame_id}; these are:"
+                    f" {', '.join(fixed)}; or give --flange-pose",
+                )
+            settings = replace(settings, frame_id=self.frame, frame_from_sensor=fixed[self.frame])
+        return settings
+
+    def _robot_description(self, recording: Recording, required: bool) -> str | None:
+        if self.urdf is not None:
+            return read_urdf(find_urdf(self.urdf))
+        try:
+            return recording.robot_description()
+        except InputError as error:
+            if required or error.code is not ErrorCode.ROBOT_DESCRIPTION_MISSING:
+                raise
+            return None
+
+
+def read_exports(
+    texts: Sequence[str] | None,
+    json_target: str | None,
+    flange_pose: str | None = None,
+    frame: str | None = None,
+    gripper: str | None = None,
+    transition_time: float = 0.0,
+    urdf: Path | None = None,
+) -> ExportPlan:
+    """The plan of the command line, checked before anything is computed.
 
     Raises:
-        InputError: BAD_INPUT for an unknown kind, for a folder as file, or when stdout carries the JSON already.
+        InputError: BAD_INPUT for an unknown kind, for a folder as file, for options that contradict each other or have
+            no export, or when stdout carries the JSON already; as `read_gripper`.
     """
     requests = []
     for text in texts or ():
@@ -59,7 +168,14 @@ def read_exports(texts: Sequence[str] | None, json_target: str | None) -> tuple[
         requests.append(ExportRequest(kind, Path(name) if name else None))
     if json_target == STDOUT and any(request.target is None for request in requests):
         raise InputError(ErrorCode.BAD_INPUT, "--json - and --export without a file both write to stdout: name a file")
-    return tuple(requests)
+    named = {"--flange-pose": flange_pose, "--frame": frame, "--gripper": gripper}
+    unused = [option for option, value in named.items() if value is not None]
+    if unused and not requests:
+        raise InputError(ErrorCode.BAD_INPUT, f"{unused[0]} is for --export: give --export KIND[:FILE] too")
+    if flange_pose is not None and frame is not None:
+        raise InputError(ErrorCode.BAD_INPUT, "--frame and --flange-pose both say where the values belong: give one")
+    pose = read_pose(flange_pose, "--flange-pose")
+    return ExportPlan(tuple(requests), pose, frame, read_gripper(gripper), transition_time, urdf)
 
 
 def read_pose(text: str | None, option: str) -> Pose | None:
@@ -70,31 +186,95 @@ def read_pose(text: str | None, option: str) -> Pose | None:
     """
     if text is None:
         return None
-    try:
-        numbers = np.array([float(word) for word in text.replace(",", " ").split()])
-    except ValueError:
-        numbers = np.empty(0)
-    if numbers.shape != (7,) or not np.isfinite(numbers).all() or not numbers[3:].any():
+    numbers = _numbers(text)
+    if len(numbers) != 7 or not any(numbers[3:]):
         raise InputError(ErrorCode.BAD_INPUT, f"{option} {text!r}: give seven numbers, x y z qx qy qz qw")
-    return Pose.from_vector(numbers)
+    return Pose.from_vector(np.array(numbers))
 
 
-def write_exports(
-    requests: Sequence[ExportRequest], estimate: InertialEstimate, flange_from_sensor: Pose | None
-) -> list[Path]:
+def read_gripper(text: str | None) -> GripperLoad | str | None:
+    """The gripper of `--gripper`: numbers, or a file with `mass`, `com`, `inertia` and perhaps `covariance`.
+
+    Raises:
+        InputError: BAD_INPUT, FILE_UNREADABLE.
+    """
+    if text is None or text == "urdf":
+        return text
+    numbers = _numbers(text)
+    content: Any = {"mass": numbers[0], "com": numbers[1:4], "inertia": numbers[4:] or None} if numbers else None
+    if not numbers:
+        try:
+            content = yaml.safe_load(Path(text).read_text(encoding="utf-8"))
+        except OSError as error:
+            sentence = f"--gripper {text}: no such file ({error.strerror}), and no numbers: {_GRIPPER_WORDS}"
+            raise InputError(ErrorCode.FILE_UNREADABLE, sentence) from error
+        except (UnicodeDecodeError, yaml.YAMLError) as error:
+            raise InputError(ErrorCode.BAD_INPUT, f"--gripper {text} is neither JSON nor YAML") from error
+    try:
+        return _gripper(content)
+    except (TypeError, ValueError, KeyError, IndexError) as error:
+        raise InputError(ErrorCode.BAD_INPUT, f"--gripper {text!r}: {_GRIPPER_WORDS}, or a file with these") from error
+
+
+def _gripper(content: dict[str, Any]) -> GripperLoad:
+    mass, com = float(content["mass"]), np.array(content["com"], dtype=np.float64)
+    given = content.get("inertia")
+    six = np.array([np.nan] * 6 if given is None else given, dtype=np.float64)
+    known = np.isfinite(mass) and mass >= 0 and np.isfinite(com).all()
+    if six.shape != (6,) or com.shape != (3,) or not known:
+        raise ValueError("not a gripper")
+    if mass == 0:
+        six = np.zeros(6)
+    parameters = InertialParameters(mass, com, symmetric(six))
+    if given is not None and mass > 0 and np.isfinite(six).all() and not parameters.is_consistent:
+        raise ValueError("no body has this inertia")
+    stated = content.get("covariance")
+    covariance = None if stated is None else np.array(stated, dtype=np.float64).reshape(10, 10)
+    return GripperLoad(parameters, covariance)
+
+
+def _numbers(text: str) -> list[float]:
+    """Finite numbers with spaces or commas between; empty when one of them is none."""
+    try:
+        numbers = [float(word) for word in text.replace(",", " ").split()]
+    except ValueError:
+        return []
+    return numbers if np.isfinite(numbers).all() else []
+
+
+def write_exports(plan: ExportPlan, estimate: InertialEstimate, bag: Path) -> list[Path]:
     """Write every request, or nothing when one of them cannot be expressed; return the files.
 
     Raises:
-        NoAnswerError: NOT_IDENTIFIABLE, NOT_CONSISTENT. InputError: FILE_UNWRITABLE.
+        NoAnswerError: as `Exporter.check`. InputError: FILE_UNWRITABLE; as `ExportPlan.settings`.
     """
-    texts = [export(estimate, request.kind, flange_from_sensor) for request in requests]
+    if not plan.requests:
+        return []
+    settings = plan.settings(estimate, bag)
+    payloads = [exported_payload(estimate, request.kind, settings) for request in plan.requests]
+    texts = [exporter_of(request.kind).text(each) for request, each in zip(plan.requests, payloads, strict=True)]
     written = []
-    for request, text in zip(requests, texts, strict=True):
-        omitted = exporter_of(request.kind).omits
-        if omitted:
-            warn(f"{request.kind} cannot express {', '.join(omitted)}")
+    for request, payload, text in zip(plan.requests, payloads, texts, strict=True):
+        for remark in _remarks(request.kind, payload):
+            warn(remark)
         if request.target is None:
             sys.stdout.write(text)
         else:
             written.append(write_whole(request.target, text.encode()))
     return written
+
+
+def _remarks(kind: str, payload: ExportedPayload) -> list[str]:
+    """What the format leaves out, and what it assumes."""
+    exporter, sensor = exporter_of(kind), payload.estimate.frame_id
+    remarks = [f"{kind} cannot express {', '.join(exporter.omits)}"] if exporter.omits else []
+    placed = payload.settings.frame_id or payload.settings.flange_from_sensor
+    if exporter.flange and placed is None:
+        remarks.append(
+            f"{kind} expects values in the flange frame; {sensor} is taken as the flange: give --frame or --flange-pose"
+        )
+    if payload.assumed and "inertia" not in exporter.omits and not exporter.doubtful:
+        remarks.append(f"{kind}: the motion does not show {', '.join(payload.assumed)}; expected values were written")
+    elif not payload.has_inertia and not {"inertia"} & {*exporter.omits, *exporter.needs} and not exporter.doubtful:
+        remarks.append(f"{kind}: the inertia is not known and was left out; the robot then takes zero")
+    return remarks

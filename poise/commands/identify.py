@@ -9,7 +9,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from poise.commands.exports import ExportOption, FlangePoseOption, read_exports, read_pose, write_exports
+from poise.commands.exports import (
+    ExportOption,
+    FlangePoseOption,
+    FrameOption,
+    GripperOption,
+    TransitionTimeOption,
+    read_exports,
+    write_exports,
+)
 from poise.commands.identify_model import compensation_fields, say, without_effects
 from poise.commands.output import (
     BAG_HELP,
@@ -129,7 +137,10 @@ def identify(
     model: ModelOption = None,
     report: ReportOption = None,
     exports: ExportOption = None,
+    frame: FrameOption = None,
     flange_pose: FlangePoseOption = None,
+    gripper: GripperOption = None,
+    transition_time: TransitionTimeOption = 0.0,
     json_target: JsonOption = None,
 ) -> None:
     """Estimate mass, centre of mass and inertia of the payload on a force-torque sensor.
@@ -142,10 +153,9 @@ def identify(
     Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
     """
     refuse_folder(json_target, "--json")
-    requests, flange_from_sensor = read_exports(exports, json_target), read_pose(flange_pose, "--flange-pose")
+    plan = read_exports(exports, json_target, flange_pose, frame, gripper, transition_time, urdf)
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
-    people = console(json_target)
-    known = (sensor_frame, gravity, wrench_topic)
+    people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
         limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
         recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
@@ -159,8 +169,7 @@ def identify(
     write_json(json_target, content)
     print_answer(people, bag, answer)
     say(people, taken)
-    written += write_exports(requests, answer.estimate, flange_from_sensor)
-    for path in written:
+    for path in [*written, *write_exports(plan, answer.estimate, bag)]:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 

@@ -1,17 +1,28 @@
 """An identified payload in the formats of simulators, planners and robot controllers.
 
-- `base`: `Exporter`, the base class of an entry. Every other file: one format. See docs/add_an_exporter.md.
+- `base`: `Exporter`, the base class of an entry; `settings`: the frame, the gripper, the robot.
+- Every other file: formats of one product. See docs/export.md and docs/add_an_exporter.md.
 """
 
 from functools import cache
 
 from poise.errors import ErrorCode, InputError
 from poise.exporting.base import EXPORTED_VALUES, ExportedPayload, Exporter
-from poise.geometry import Pose
+from poise.exporting.settings import ExportSettings, GripperLoad
 from poise.inertia import InertialEstimate
 from poise.registry import entries_of
 
-__all__ = ["EXPORTED_VALUES", "ExportedPayload", "Exporter", "all_exporters", "export", "exporter_of"]
+__all__ = [
+    "EXPORTED_VALUES",
+    "ExportSettings",
+    "ExportedPayload",
+    "Exporter",
+    "GripperLoad",
+    "all_exporters",
+    "export",
+    "exported_payload",
+    "exporter_of",
+]
 
 
 @cache
@@ -34,20 +45,29 @@ def exporter_of(kind: str) -> Exporter:
     raise InputError(ErrorCode.BAD_INPUT, f"no exporter writes {kind!r}; use one of {kinds}")
 
 
-def export(estimate: InertialEstimate, kind: str, flange_from_sensor: Pose | None = None) -> str:
-    """An estimate as text of a kind.
-
-    Args:
-        estimate: the payload, in the sensor frame.
-        kind: of `all_exporters`.
-        flange_from_sensor: pose of the sensor frame in the flange frame, for formats that take values in the flange
-            frame; None: both coincide, or the caller moves the values. Other formats stay in the sensor frame.
+def exported_payload(estimate: InertialEstimate, kind: str, settings: ExportSettings) -> ExportedPayload:
+    """The payload as a kind writes it: in its frame, without the gripper.
 
     Raises:
         InputError: BAD_INPUT for an unknown kind.
         NoAnswerError: as `Exporter.check`.
     """
     exporter = exporter_of(kind)
-    payload = ExportedPayload.of(estimate, flange_from_sensor if exporter.flange else None)
+    payload = ExportedPayload.of(estimate, settings, exporter.flange)
     exporter.check(payload)
-    return exporter.text(payload)
+    return payload
+
+
+def export(estimate: InertialEstimate, kind: str, settings: ExportSettings | None = None) -> str:
+    """An estimate as text of a kind.
+
+    Args:
+        estimate: the payload, in the sensor frame.
+        kind: of `all_exporters`.
+        settings: the frame, the gripper and the robot; None: the sensor frame, which is taken as the flange.
+
+    Raises:
+        InputError: BAD_INPUT for an unknown kind, or as `ExportSettings.robot_description` demands.
+        NoAnswerError: as `Exporter.check`.
+    """
+    return exporter_of(kind).text(exported_payload(estimate, kind, settings or ExportSettings()))

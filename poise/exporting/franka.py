@@ -1,4 +1,4 @@
-"""Franka: the arguments of `setLoad` (libfranka `Robot::setLoad`, franka_msgs/srv/SetLoad)."""
+"""Franka: `setLoad` (libfranka `Robot::setLoad`, franka_msgs/srv/SetLoad), and Desk's end effector configuration."""
 
 import json
 
@@ -6,7 +6,10 @@ from poise.exporting.base import ExportedPayload, Exporter
 
 
 class FrankaExporter(Exporter):
-    """Mass in kg, centre of mass in m in the flange frame, inertia in kg m2 about it, column-major."""
+    """Mass in kg, centre of mass in m in the flange frame, inertia in kg m2 about it, column-major.
+
+    The load is what the robot carries besides the end effector that is configured in Desk.
+    """
 
     kind = "franka"
     summary = "Franka: request of franka_msgs/srv/SetLoad, arguments of libfranka's setLoad"
@@ -21,3 +24,27 @@ class FrankaExporter(Exporter):
             "load_inertia": parameters.inertia.ravel(order="F").tolist(),
         }
         return json.dumps(request, indent=2) + "\n"
+
+
+class FrankaDeskExporter(Exporter):
+    """`endeffector-config.json` of an end effector archive (Franka RIDE CLI, "End effector commissioning").
+
+    The transformation of the end effector frame is not a matter of weighing: it is the identity, to be replaced.
+    """
+
+    kind = "franka-desk"
+    summary = "Franka: endeffector-config.json for Desk, for a gripper or tool that is always mounted"
+    flange = True
+
+    def text(self, payload: ExportedPayload) -> str:
+        """JSON; matrices are column-major."""
+        parameters = payload.parameters
+        config = {
+            "id": "poise-payload",
+            "name": "Payload identified by poise",
+            "mass": parameters.mass,
+            "centerOfMass": parameters.com.tolist(),
+            "inertia": parameters.inertia.ravel(order="F").tolist(),
+            "transformation": [float(row == column) for column in range(4) for row in range(4)],
+        }
+        return json.dumps(config, indent=2) + "\n"

@@ -12,9 +12,10 @@ class JsonExporter(Exporter):
     """Everything the estimate says of the payload; null is what is not known."""
 
     kind = "json"
-    summary = "JSON: mass, com, inertia, covariance, bias, in the sensor frame"
+    summary = "JSON: mass, com, inertia, findings; covariance and bias, which are in the sensor frame"
     needs = ()
     physical = False
+    doubtful = True
 
     def text(self, payload: ExportedPayload) -> str:
         """One object."""
@@ -24,12 +25,18 @@ class JsonExporter(Exporter):
             "mass": payload.parameters.mass,
             "com": payload.parameters.com,
             "inertia": payload.six,
+            "sensor_frame": estimate.frame_id,
             "covariance": estimate.covariance,
             "bias": estimate.bias,
             "method": estimate.method,
             "consistent": estimate.consistent,
+            "unidentified": list(estimate.unidentified),
         }
-        return json.dumps({name: _plain(value) for name, value in content.items()}, indent=2) + "\n"
+        found = [
+            {"code": int(each.code), "name": each.code.name, "sentence": each.message} for each in estimate.findings
+        ]
+        plain = {name: _plain(value) for name, value in content.items()} | {"findings": found}
+        return json.dumps(plain, indent=2) + "\n"
 
 
 def _plain(value: Any) -> Any:

@@ -2,6 +2,7 @@
 
 - `model`: inertial parameters, the regressor, parts of a shape, the problem and the solution of an estimator.
 - `bayes`: the `poise` estimator. `estimators`: the registry of all estimators.
+- `verdict`: whether a payload explains its samples.
 - `pipeline`: samples are paired, checked and estimated, live and from a recording.
 """
 

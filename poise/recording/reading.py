@@ -236,19 +236,26 @@ class Recording:
         Raises:
             InputError: as `wrench`; FRAME_UNKNOWN when the bag does not hold this frame under this parent.
         """
-        known: set[tuple[str, str]] = set()
-        for name in ("tf", "tf_static"):
-            if not any(topic.strip("/").rpartition("/")[2] == name for topic in self.topics):
-                continue
-            found, batches = self._decode(name, "tf2_msgs/msg/TFMessage")
-            decoded = list(batches)
-            frames = {(part["frame_id"], part["child_frame_id"]) for batch in decoded for part in batch.elements}
-            if any(pair[1] == child and parent in (None, pair[0]) for pair in frames):
+        for found, decoded in self._transforms():
+            if any(pair[0] == child and parent in (None, pair[1]) for pair in _child_and_parent(decoded)):
                 return decoding.pose_stream(found, decoded, self._note_late, child, parent)
-            known |= frames
-        there = ", ".join(f"{above} -> {below}" for above, below in sorted(known)) or "no frames"
+        there = ", ".join(f"{above} -> {below}" for below, above in self.frame_parents()) or "no frames"
         wanted = child if parent is None else f"{parent} -> {child}"
         raise InputError(ErrorCode.FRAME_UNKNOWN, f"{self.path}: no pose of {wanted}; the bag holds {there}")
+
+    def frame_parents(self) -> list[tuple[str, str]]:
+        """Every child frame of tf and tf_static with its parent, sorted.
+
+        Raises:
+            InputError: TYPE_MISMATCH when a message does not decode.
+        """
+        return sorted({pair for _, decoded in self._transforms() for pair in _child_and_parent(decoded)})
+
+    def _transforms(self) -> Iterator[tuple[str, list[Batch]]]:
+        for name in ("tf", "tf_static"):
+            if any(topic.strip("/").rpartition("/")[2] == name for topic in self.topics):
+                found, batches = self._decode(name, "tf2_msgs/msg/TFMessage")
+                yield found, list(batches)
 
     def robot_description(self, topic: str = "robot_description") -> str:
         """Return the last URDF in the bag.
@@ -297,3 +304,7 @@ class Recording:
 
     def _note_late(self, topic: str, count: int) -> None:
         self.reordered[topic] = count
+
+
+def _child_and_parent(decoded: list[Batch]) -> set[tuple[str, str]]:
+    return {(part["child_frame_id"], part["frame_id"]) for batch in decoded for part in batch.elements}

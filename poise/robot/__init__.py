@@ -7,7 +7,8 @@
   covariance.
 - `resampled`, `regular_clock`: positions and their derivatives at other times, by splines of adaptive smoothness, with
   the jitter of a regular clock removed; `odometry`: the motion of a base.
-- `frame_tree`, `recorded_frames`: the tree of frames of tf, and the transforms of a recording.
+- `frame_tree`, `recorded_frames`, `fixed_frames`: the tree of frames of tf, the transforms of a recording, and which
+  frames are fixed to the sensor's.
 - `measured`: a recording's joint states or poses -> `SensorMotion` with its noise.
 - `sources`: joint states or tf in memory, as they arrive (`stamped_buffer`); `recorded_kinematics` finds them in a
   recording; `imu`, `live_imu` take accelerations from an IMU.
@@ -17,12 +18,13 @@
 """
 
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
+from poise.robot.fixed_frames import fixed_frames
 from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
 from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
 from poise.robot.live_imu import IMU_LAG_STEP, IMU_LONGEST_DELAY, LiveImu
 from poise.robot.measured import MeasuredMotion, motion_from_derivatives, motion_from_joints, motion_from_poses
-from poise.robot.model import RobotModel, chains, find_urdf, inertia_of, phi_of
+from poise.robot.model import RobotModel, chains, find_urdf, inertia_of, phi_in_link, phi_of
 from poise.robot.motion import SensorMotion
 from poise.robot.motion_buffers import (
     NO_KINEMATICS,
@@ -89,6 +91,7 @@ __all__ = [
     "find_imu",
     "find_kinematics",
     "find_urdf",
+    "fixed_frames",
     "frame_poses",
     "has_topic",
     "inertia_of",
@@ -97,6 +100,7 @@ __all__ = [
     "motion_from_poses",
     "motion_sigma",
     "parse_urdf",
+    "phi_in_link",
     "phi_of",
     "pinocchio_state",
     "read_urdf",

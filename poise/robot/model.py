@@ -308,6 +308,11 @@ def _load_beyond(tree: UrdfTree, model: pin.Model, sensor_frame: str, reference:
     return total
 
 
+def phi_in_link(inertial: Inertial) -> Array:
+    """(10,) parameters of a URDF <inertial> about its link's origin, in the link's axes, in Poise's order."""
+    return phi_of(_inertia(inertial))
+
+
 def _inertia(inertial: Inertial) -> pin.Inertia:
     """The inertia of a URDF <inertial>, in its link's axes."""
     xx, xy, xz, yy, yz, zz = inertial.moments

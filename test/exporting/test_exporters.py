@@ -13,13 +13,33 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.exporting import EXPORTED_VALUES, Exporter, all_exporters, export, exporter_of
+from poise.exporting import EXPORTED_VALUES, Exporter, ExportSettings, GripperLoad, all_exporters, export, exporter_of
 from poise.geometry import Pose
 from poise.inertia import InertialEstimate, InertialParameters
+from poise.inertia.model import EstimateFinding
 
 TURN = Rotation.from_euler("xyz", [0.3, -0.5, 0.7]).as_matrix()
 PAYLOAD = InertialParameters(1.6, np.array([0.01, -0.02, 0.19]), TURN @ np.diag([0.009, 0.006, 0.004]) @ TURN.T)
+GRIPPER = InertialParameters(0.4, np.array([0.0, 0.01, 0.05]), np.diag([4e-4, 5e-4, 3e-4]))
 MOUNT = Pose(Rotation.from_euler("xyz", [0.1, 0.2, -0.4]).as_matrix(), np.array([0.001, 0.002, 0.04]))
+
+HAND = """
+  <link name="hand"><inertial><origin xyz="0 0.01 0.05" rpy="0.2 0 0"/><mass value="0.4"/>
+    <inertia ixx="4e-4" ixy="0" ixz="0" iyy="5e-4" iyz="0" izz="3e-4"/></inertial></link>
+  <joint name="grasp" type="fixed"><parent link="ft_sensor"/><child link="hand"/></joint>"""
+ROBOT = """<?xml version="1.0"?>
+<robot name="arm">
+  <!-- a comment that stays -->
+  <link name="base"/>
+  <link name="ft_sensor"><inertial><origin xyz="0.01 0 0.02" rpy="0.3 0.1 0"/><mass value="0.3"/>
+    <inertia ixx="3e-4" ixy="1e-5" ixz="0" iyy="2e-4" iyz="0" izz="1.5e-4"/></inertial></link>
+  <link name="payload"/>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="ft_sensor"/><axis xyz="0 0 1"/>
+    <origin xyz="0 0 0.5"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="mount" type="fixed"><parent link="base"/><child link="payload"/></joint>%s
+</robot>
+"""
+SETTINGS = ExportSettings(robot_description=ROBOT % "")
 
 Values = tuple[float, np.ndarray, np.ndarray | None]
 """Mass, centre of mass and the inertia about it, where the format has one."""
@@ -57,6 +77,15 @@ def by_pinocchio(text: str) -> Values:
     return inertia.mass, inertia.lever, inertia.inertia
 
 
+def by_robot(text: str) -> Values:
+    """What the joint moves now, less what it moved before."""
+    after, before = (pin.buildModelFromXML(each).inertias[1] for each in (text, ROBOT % ""))
+    added = after.toDynamicParameters() - before.toDynamicParameters()
+    inertia = pin.Inertia.FromDynamicParameters(added)
+    assert "a comment that stays" in text
+    return inertia.mass, inertia.lever, inertia.inertia
+
+
 def by_mujoco(text: str) -> Values:
     mujoco = pytest.importorskip("mujoco")
     model = mujoco.MjModel.from_xml_string(text)
@@ -77,7 +106,9 @@ def by_sdf(text: str) -> Values:
 
 def by_urscript(text: str) -> Values:
     line = text.splitlines()[-1]
-    mass, com, (xx, yy, zz, xy, xz, yz) = json.loads(f"[{line.removeprefix('set_target_payload(').removesuffix(')')}]")
+    mass, com, (xx, yy, zz, xy, xz, yz), *_ = json.loads(
+        f"[{line.removeprefix('set_target_payload(').removesuffix(')')}]"
+    )
     return mass, np.array(com), symmetric(xx, xy, xz, yy, yz, zz)
 
 
@@ -85,6 +116,18 @@ def by_set_load(text: str) -> Values:
     request = json.loads(text)
     inertia = np.array(request["load_inertia"]).reshape(3, 3).T
     return request["mass"], np.array(request["center_of_mass"]), inertia
+
+
+def by_driver_request(text: str) -> Values:
+    request = json.loads(text)
+    com = np.array([request["center_of_gravity"][name] for name in "xyz"])
+    return request["mass"], com, symmetric(*(request[name] for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")))
+
+
+def by_desk(text: str) -> Values:
+    config = json.loads(text)
+    assert config["transformation"] == np.eye(4).ravel().tolist()
+    return config["mass"], np.array(config["centerOfMass"]), np.array(config["inertia"]).reshape(3, 3).T
 
 
 def by_xarm_call(text: str) -> Values:
@@ -121,10 +164,14 @@ def by_json(text: str) -> Values:
 
 READERS: dict[str, Callable[[str], Values]] = {
     "urdf": by_pinocchio,
+    "urdf-robot": by_robot,
+    "urdf-link": by_robot,
     "mjcf": by_mujoco,
     "sdf": by_sdf,
     "ur": by_urscript,
+    "ur-driver": by_driver_request,
     "franka": by_set_load,
+    "franka-desk": by_desk,
     "xarm": by_xarm_call,
     "kuka": by_krl,
     "moveit": by_attached_object,
@@ -146,7 +193,7 @@ def same(found: Values, truth: InertialParameters) -> None:
 def test_what_is_written_is_read_back_as_the_estimate(exporter: Exporter) -> None:
     assert exporter_of(exporter.kind) is exporter
     assert exporter.summary
-    found = READERS[exporter.kind](export(estimate_of(PAYLOAD), exporter.kind))
+    found = READERS[exporter.kind](export(estimate_of(PAYLOAD), exporter.kind, SETTINGS))
     same(found, PAYLOAD)
     assert (found[2] is None) <= ("inertia" in exporter.omits)
     assert set(exporter.needs) | set(exporter.omits) <= set(EXPORTED_VALUES)
@@ -154,7 +201,7 @@ def test_what_is_written_is_read_back_as_the_estimate(exporter: Exporter) -> Non
 
 @each
 def test_controllers_take_the_values_in_the_flange_frame_and_others_in_the_sensor_frame(exporter: Exporter) -> None:
-    text = export(estimate_of(PAYLOAD), exporter.kind, MOUNT)
+    text = export(estimate_of(PAYLOAD), exporter.kind, replace(SETTINGS, flange_from_sensor=MOUNT))
     truth = PAYLOAD
     if exporter.flange:
         inertia = MOUNT.rotation @ PAYLOAD.inertia @ MOUNT.rotation.T
@@ -167,7 +214,7 @@ def test_a_body_that_cannot_exist_is_refused_where_the_target_would_fail(exporte
     for impossible in (replace(PAYLOAD, inertia=np.diag([0.1, 0.01, 0.01])), replace(PAYLOAD, mass=-0.1)):
         if exporter.physical:
             with pytest.raises(NoAnswerError) as caught:
-                export(estimate_of(impossible), exporter.kind)
+                export(estimate_of(impossible), exporter.kind, SETTINGS)
             assert caught.value.code == ErrorCode.NOT_CONSISTENT
             assert exporter.kind in caught.value.message
         else:
@@ -190,11 +237,79 @@ def test_an_inertia_that_is_not_known_is_refused_or_left_out(exporter: Exporter)
 @each
 def test_a_hostile_frame_name_stays_a_name(exporter: Exporter) -> None:
     hostile = "--><evil a='1'/>\"\n$X=1"
+    if exporter.robot:
+        with pytest.raises(InputError, match="no link"):
+            export(estimate_of(PAYLOAD, hostile), exporter.kind, SETTINGS)
+        return
     text = export(estimate_of(PAYLOAD, hostile), exporter.kind)
     same(READERS[exporter.kind](text), PAYLOAD)
     assert "\n$X" not in text
 
 
 def test_an_unknown_kind_is_refused_with_those_there_are() -> None:
-    with pytest.raises(InputError, match="use one of franka, json, kuka"):
+    with pytest.raises(InputError, match="use one of franka, franka-desk, json, kuka"):
         export(estimate_of(PAYLOAD), "abb")
+
+
+@each
+def test_a_named_frame_holds_for_every_format_and_the_gripper_is_taken_off(exporter: Exporter) -> None:
+    held = estimate_of(PAYLOAD + GRIPPER)
+    if exporter.robot:  # the frame has to be a link of the robot
+        same(
+            READERS[exporter.kind](export(held, exporter.kind, replace(SETTINGS, gripper=GripperLoad(GRIPPER)))),
+            PAYLOAD,
+        )
+        return
+    settings = ExportSettings(frame_id="tool0", frame_from_sensor=MOUNT, gripper=GripperLoad(GRIPPER))
+    text = export(held, exporter.kind, settings)
+    same(READERS[exporter.kind](text), PAYLOAD.in_frame(MOUNT.rotation, MOUNT.translation))
+
+
+def test_the_uncertainty_of_a_weighed_gripper_adds_to_that_of_the_object() -> None:
+    held = estimate_of(PAYLOAD + GRIPPER)
+    left = GripperLoad(GRIPPER, 3e-6 * np.eye(10)).taken_off(held)
+    assert left.mass_std == pytest.approx(2e-3)
+    assert left.parameters.mass == pytest.approx(PAYLOAD.mass)
+    partly = GripperLoad(replace(GRIPPER, inertia=np.full((3, 3), np.nan))).taken_off(held)
+    assert np.isfinite(partly.covariance[:4, :4]).all()
+    assert np.isnan(partly.covariance[4:, 4:]).all()
+    with pytest.raises(NoAnswerError, match="export urdf needs inertia"):
+        export(held, "urdf", ExportSettings(gripper=GripperLoad(replace(GRIPPER, inertia=np.full((3, 3), np.nan)))))
+
+
+@each
+def test_an_estimate_that_may_be_wrong_is_refused_or_written_with_its_findings(exporter: Exporter) -> None:
+    finding = EstimateFinding(ErrorCode.TORQUE_SIGN, "the torque has the wrong sign")
+    doubtful = replace(estimate_of(PAYLOAD), findings=(finding,))
+    if exporter.doubtful:
+        assert json.loads(export(doubtful, exporter.kind))["findings"][0]["name"] == "TORQUE_SIGN"
+        return
+    with pytest.raises(NoAnswerError, match="wrong sign") as caught:
+        export(doubtful, exporter.kind, SETTINGS)
+    assert caught.value.code is ErrorCode.TORQUE_SIGN
+
+
+def test_an_inertia_that_was_expected_and_not_measured_is_marked() -> None:
+    assumed = replace(estimate_of(PAYLOAD), unidentified=("ixx", "izz"))
+    assert "ixx, izz expected, not measured" in export(assumed, "ur")
+
+
+def test_the_time_of_the_change_is_an_argument_of_the_robots_that_have_it() -> None:
+    settings = ExportSettings(transition_time=0.25)
+    assert export(estimate_of(PAYLOAD), "ur", settings).endswith("], 0.250)\n")
+    request = json.loads(export(estimate_of(PAYLOAD), "ur-driver", settings))
+    assert request["transition_time"] == {"sec": 0, "nanosec": 250_000_000}
+    unknown = estimate_of(replace(PAYLOAD, inertia=np.full((3, 3), np.nan)))
+    same((*by_urscript(export(unknown, "ur", settings))[:2], None), PAYLOAD)
+    assert "ixx" not in json.loads(export(unknown, "ur-driver", settings))
+
+
+def test_a_gripper_in_the_robot_description_does_not_count_twice() -> None:
+    held, robot = estimate_of(PAYLOAD + GRIPPER), ROBOT % HAND
+    for kind in ("urdf-robot", "urdf-link"):
+        with pytest.raises(InputError, match=r"0.4 kg beyond ft_sensor, .* would count twice"):
+            export(held, kind, ExportSettings(robot_description=robot))
+        assert "<link" in export(held, kind, ExportSettings(robot_description=robot, gripper=GripperLoad(GRIPPER)))
+        with pytest.raises(InputError, match="--urdf") as caught:
+            export(held, kind)
+        assert caught.value.code is ErrorCode.ROBOT_DESCRIPTION_MISSING

@@ -83,6 +83,10 @@ class Graph:
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self.node)
 
+    def add(self, node: Node) -> None:
+        """Run the callbacks of another node in the waits too; its context is that of `self.node`."""
+        self._executor.add_node(node)
+
     def wait_for(self, condition: Callable[[], Any], timeout: float = TIMEOUT, what: str = "") -> Any:
         """Spin until the condition holds and return its value; fail, naming `what`, at the deadline."""
         deadline = time.monotonic() + timeout

@@ -1,6 +1,6 @@
 """The result of an identification: the payload with its covariance, and the samples that it rests on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from poise.inertia.model import (
     RejectedInterval,
     about_com_jacobian,
 )
+from poise.inertia.verdict import FitVerdict
 from poise.robot import SensorMotion
 from poise.types import Array
 
@@ -41,6 +42,7 @@ class InertialEstimate:
         com_in_hull: the centre of mass lies in the convex hull of the object; None when its outline is not known.
         findings: what else to know.
         since: ns; no earlier sample counts, because the payload may have been another one. None: all do.
+        fit: tests of the fit. Where one failed, `findings` contain POOR_FIT, and the covariance is wider.
     """
 
     stamp: int
@@ -64,6 +66,7 @@ class InertialEstimate:
     com_in_hull: bool | None = None
     findings: tuple[EstimateFinding, ...] = ()
     since: int | None = None
+    fit: FitVerdict = field(default_factory=FitVerdict)
 
     def __repr__(self) -> str:
         com = ", ".join(f"{1e3 * value:.2f}" for value in self.parameters.com)
@@ -75,6 +78,7 @@ class InertialEstimate:
         cls,
         solution: InertialSolution,
         *,
+        fit: FitVerdict | None = None,
         stamp: int,
         frame_id: str,
         method: str,
@@ -85,6 +89,7 @@ class InertialEstimate:
 
         Args:
             solution: of any method.
+            fit: tests of its fit; None: it was not tested.
             stamp: of the newest sample used, ns.
             frame_id: the sensor frame.
             method: the estimator.
@@ -92,12 +97,13 @@ class InertialEstimate:
             since: ns, see above.
         """
         parameters = InertialParameters.from_phi(solution.phi)
+        fit = fit or FitVerdict()
         return cls(
             stamp=stamp,
             frame_id=frame_id,
             parameters=parameters,
             phi=solution.phi,
-            covariance=solution.covariance,
+            covariance=solution.covariance if fit.covariance is None else fit.covariance,
             bias=solution.bias,
             bias_covariance=solution.bias_covariance,
             delay=solution.delay,
@@ -112,8 +118,9 @@ class InertialEstimate:
             residual_torque=solution.residual_torque,
             n_effective=solution.n_effective,
             com_in_hull=solution.com_in_hull,
-            findings=solution.findings,
+            findings=(*solution.findings, *([] if fit.finding is None else [fit.finding])),
             since=since,
+            fit=fit,
         )
 
     @property

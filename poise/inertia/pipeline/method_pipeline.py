@@ -18,6 +18,7 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
+from poise.inertia.verdict import Fit, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
@@ -73,6 +74,7 @@ class MethodPipeline:
         self._checks = SampleChecks(limits)
         self._motion_noise = motion_noise
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
+        self._bins = SampleBins(prior.gravity)
         self._waiting = StampedBuffer(6)
         self._shift, self._has_jumped = 0, False
         """ns that are added to the stamps for the estimator, so that they rise when the clock was set back."""
@@ -146,6 +148,7 @@ class MethodPipeline:
         self.n_samples += len(wrench)
         self._information.add(model_matrix(motion, self.prior.gravity), wrench)
         self._noise.add(wrench)
+        self._bins.add(motion, wrench)
         self.estimator.add(motion, wrench)
 
     # -- answers ---------------------------------------------------------------------------------------------
@@ -166,12 +169,25 @@ class MethodPipeline:
             raise NoAnswerError(error.code, sentence, **error.data) from None
         return InertialEstimate.from_solution(
             solution,
+            fit=self._verdict(solution),
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
             rejected=self.rejections.intervals,
             since=self.prior.since,
         )
+
+    def _verdict(self, solution: InertialSolution) -> FitVerdict:
+        fit = Fit(
+            solution.phi,
+            solution.bias,
+            solution.covariance,
+            solution.delay,
+            self.prior.longest_delay,
+            self._levels,
+            solution.rejected,
+        )
+        return judge(fit, self._bins.samples)
 
     def _solve(self) -> InertialSolution:
         plain = self._least_squares()
@@ -184,8 +200,8 @@ class MethodPipeline:
                 " turn the payload about every axis, or take poise or ols",
                 unidentified=plain.unidentified,
             )
-        noise = self.prior.noise.filled(self._noise.levels(plain, self._motion_noise()))
-        solution = self.estimator.solve(SampleEvidence(noise, plain))
+        self._levels = self.prior.noise.filled(self._noise.levels(plain, self._motion_noise()))
+        solution = self.estimator.solve(SampleEvidence(self._levels, plain))
         if not self.entry.gives_covariance and plain is not None:
             solution = replace(solution, unidentified=plain.unidentified)
         found = None if self.entry.estimates_bias or plain is None else _neglected_bias(plain, self.entry.name)

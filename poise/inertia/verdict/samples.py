@@ -63,8 +63,14 @@ class FitSamples:
 
     def select(self, which: Mask | NDArray[np.int64]) -> "FitSamples":
         """Some of the bins."""
-        rows = (self.stamps, self.counts, self.rotation_world_sensor, self.signals, self.wrench)
-        return FitSamples(*(row[which] for row in rows), self.gravity)
+        return FitSamples(
+            self.stamps[which],
+            self.counts[which],
+            self.rotation_world_sensor[which],
+            self.signals[which],
+            self.wrench[which],
+            self.gravity,
+        )
 
 
 class SampleBins:

@@ -1,0 +1,131 @@
+"""The verdict on a fit: correct models pass, false assumptions do not, and lasting errors widen the uncertainty."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from poise.inertia import InertialParameters, identify
+from poise.inertia.estimators import solve
+from poise.inertia.estimators.information import InformationAccumulator
+from poise.inertia.model import NoiseLevels, regressor
+from poise.inertia.verdict import Fit, FitSamples, FitVerdict, SampleBins, judge
+from poise.recording import open_recording
+from poise.robot import SensorMotion
+from poise.types import Array
+
+GRAVITY = np.array([0.0, 0.0, -9.80665])
+BODY = InertialParameters(1.6, np.array([0.01, -0.02, 0.07]), np.diag([6e-3, 6e-3, 2e-3]))
+NOISE = NoiseLevels(force=0.1, torque=0.005, linear_acceleration=0.01, angular_acceleration=0.01)
+RATE, SECONDS = 100, 12
+
+
+def motion() -> SensorMotion:
+    """A wrist that turns about all axes, with the rates that belong to its attitudes."""
+    seconds = np.arange(RATE * SECONDS) / RATE
+    angles = np.column_stack(
+        [1.2 * np.sin(1.1 * seconds), 0.9 * np.sin(0.7 * seconds + 1.0), 0.8 * np.sin(1.7 * seconds)]
+    )
+    rotation = Rotation.from_euler("xyz", angles)
+    omega = (rotation[:-1].inv() * rotation[1:]).as_rotvec() * RATE
+    omega = np.vstack([omega, omega[-1:]])
+    alpha = np.gradient(omega, 1 / RATE, axis=0)
+    stamps = (seconds * 1e9).astype(np.int64)
+    return SensorMotion(stamps, rotation.as_matrix(), omega, alpha, np.zeros((len(seconds), 3)))
+
+
+def wrenches(moved: SensorMotion, seed: int) -> Array:
+    """(N, 6) of the body, with white noise."""
+    rng = np.random.default_rng(seed)
+    clean = (
+        regressor(moved.gravity_in_sensor(), moved.angular_velocity_in_sensor, moved.angular_acceleration_in_sensor)
+        @ BODY.phi
+    )
+    return np.asarray(clean + rng.normal(size=clean.shape) * NOISE.wrench + [9.0, -1.0, 10.0, 0.4, -0.7, -0.1])
+
+
+def verdict(wrench: Array, moved: SensorMotion) -> tuple[FitVerdict, Fit]:
+    """Of least squares."""
+    sums = InformationAccumulator()
+    sums.add(
+        regressor(moved.gravity_in_sensor(), moved.angular_velocity_in_sensor, moved.angular_acceleration_in_sensor),
+        wrench,
+    )
+    found = solve(sums)
+    bins = SampleBins(GRAVITY)
+    bins.add(moved, wrench)
+    fit = Fit(found.phi, found.bias, found.covariance, np.nan, 0.0, NOISE)
+    return judge(fit, bins.samples), fit
+
+
+def widening(found: FitVerdict, fit: Fit) -> float:
+    """Ratio of the standard deviations of the mass."""
+    assert found.covariance is not None
+    return float(np.sqrt(found.covariance[0, 0] / fit.covariance[0, 0]))
+
+
+def test_a_correct_model_passes_and_its_uncertainty_stays() -> None:
+    moved = motion()
+    answers = [verdict(wrenches(moved, seed), moved) for seed in range(20)]
+    assert all(found.passed for found, _ in answers)
+    assert sum(widening(*answer) > 1.3 for answer in answers) <= 1
+
+
+def drifting(wrench: Array) -> Array:
+    return np.asarray(wrench + np.outer(np.linspace(0, 2.0, len(wrench)), [1, 0, 0, 0, 0, 0]))
+
+
+def turned(wrench: Array) -> Array:
+    rotation = Rotation.from_rotvec([0.0, np.radians(35), 0.0])
+    return np.hstack([rotation.apply(wrench[:, :3]), rotation.apply(wrench[:, 3:])])
+
+
+def clipped(wrench: Array) -> Array:
+    return np.clip(wrench, -12.0, 12.0)
+
+
+def grasped(wrench: Array) -> Array:
+    return np.asarray(wrench + np.outer(np.arange(len(wrench)) < len(wrench) // 2, [0, 0, 8.0, 0.3, 0, 0]))
+
+
+@pytest.mark.parametrize("change", [drifting, turned, clipped, grasped])
+def test_a_false_assumption_fails_or_the_answer_is_as_wide_as_it_is_wrong(change) -> None:
+    moved = motion()
+    found, fit = verdict(change(wrenches(moved, 1)), moved)
+    assert not found.passed
+    assert found.finding is not None
+    assert found.finding.evidence
+    assert found.covariance is not None
+    assert abs(fit.phi[0] - BODY.mass) < 3 * np.sqrt(found.covariance[0, 0])
+
+
+def test_half_a_newton_of_drift_passes_with_a_wider_answer() -> None:
+    moved = motion()
+    found, fit = verdict(wrenches(moved, 1) + np.outer(np.linspace(0, 0.5, RATE * SECONDS), [1, 1, 1, 0, 0, 0]), moved)
+    assert found.passed
+    assert found.covariance is not None
+    assert abs(fit.phi[0] - BODY.mass) < 3 * np.sqrt(found.covariance[0, 0])
+
+
+@pytest.mark.parametrize("portion", [1, 7, 1000])
+def test_bins_do_not_depend_on_the_portions(portion: int) -> None:
+    moved = motion()
+    wrench = wrenches(moved, 0)
+    whole, pieces = SampleBins(GRAVITY), SampleBins(GRAVITY)
+    whole.add(moved, wrench)
+    for begin in range(0, len(wrench), portion):
+        which = slice(begin, begin + portion)
+        pieces.add(moved.select(np.arange(len(wrench))[which]), wrench[which])
+    one, other = whole.samples, pieces.samples
+    assert len(one) == len(other) <= 1000
+    np.testing.assert_allclose(one.wrench, other.wrench, atol=1e-12)
+    np.testing.assert_array_equal(one.stamps, other.stamps)
+    assert isinstance(one, FitSamples)
+    np.testing.assert_allclose(one.signals[:, :3], one.gravity_in_sensor, atol=1e-9)
+
+
+def test_recordings_of_a_real_arm_pass_and_agree_within_their_uncertainty() -> None:
+    answers = [identify(open_recording(f"bags/kuka_{name}.mcap")).estimate for name in ("static_poses", "free_motion")]
+    assert all(answer.fit.passed for answer in answers)
+    one, other = answers
+    apart = abs(one.parameters.mass - other.parameters.mass)
+    assert apart < 3 * np.hypot(one.mass_std, other.mass_std)
