@@ -1,0 +1,29 @@
+"""What is wrong with a wrench that no payload explains: the likely causes, tried one by one, and their repair.
+
+- `readings`: one file per kind of cause; each is another design of the same samples.
+- `fitting`: robust least squares of a design. `causes`: the search and its ranking.
+- `verdicts`: findings, numbers that are withheld, repaired wrenches.
+"""
+
+from poise.weighing.causes import Cause, find_causes
+from poise.weighing.reading import Repair
+from poise.weighing.verdicts import (
+    after_repair,
+    causes_of,
+    findings_of,
+    is_withheld,
+    repaired_wrench,
+    with_causes,
+)
+
+__all__ = [
+    "Cause",
+    "Repair",
+    "after_repair",
+    "causes_of",
+    "find_causes",
+    "findings_of",
+    "is_withheld",
+    "repaired_wrench",
+    "with_causes",
+]

@@ -18,7 +18,7 @@ from poise.weighing.fitting import (
     plausibility,
 )
 from poise.weighing.reading import Reading, Repair
-from poise.weighing.readings import FAMILIES
+from poise.weighing.readings import FAMILIES, late_or_filtered
 
 _WIDTH, _BINS = 0.04, (150.0, 600.0)
 """s over which samples are averaged, and limits of the number of averages."""
@@ -26,10 +26,9 @@ _PER_PARAMETER = 3.0
 """Nats that a further parameter has to gain."""
 _LEAST_GAIN = 8.0
 """Nats that a cause has to gain."""
-_SURELY, _LIGHTEST = 3.0, 0.005
-"""Standard deviations, and kg: an explanation shows a payload of more than this."""
-_AS_WELL = 2 * np.log(3.0)
-"""A cause that leaves no more than this above what contact leaves (sum of the logs of force and torque) precedes it."""
+_AS_WELL = 0.7
+"""A cause precedes contact, which explains any residual, when it reduces the log of the residual by this share of what
+contact does."""
 _CLEAR = 10.0
 """Nats by which the best cause is ahead of others that is certain."""
 _IMPROVED = 0.8
@@ -75,26 +74,33 @@ def find_causes(samples: FitSamples, delay: float = 0.0) -> tuple[Cause, ...]:
     if len(samples) < 8:
         return ()
     plain = explain(samples, plain_design)
+    families = (*FAMILIES, late_or_filtered(delay))
     found = [
         cause
-        for family in FAMILIES
+        for family in families
         for reading in family(samples, plain)
         if (cause := _tried(reading, samples, plain)) is not None
     ]
     found.sort(key=lambda cause: -cause.gain)
-    free = next((_level(cause) for cause in found if cause.code is ErrorCode.IN_CONTACT), np.inf)
-    # Contact explains any residual: causes that leave as little precede it, and it precedes the others.
-    found.sort(key=lambda cause: 1 if cause.code is ErrorCode.IN_CONTACT else 2 * (_level(cause) > free + _AS_WELL))
+    free = next((_level(cause) for cause in found if cause.code is ErrorCode.IN_CONTACT), np.nan)
+    if not np.isfinite(free):
+        return _distinct(found)
+    begin = float(plain.levels.mean(axis=0).sum())
+    most = begin - _AS_WELL * (begin - free)
+    found.sort(key=lambda cause: 1 if cause.code is ErrorCode.IN_CONTACT else 2 * (_level(cause) > most))
     return _distinct(found)
 
 
 def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause | None:
     """A reading fitted from the best of its starts, where it explains more than it costs."""
-    first = [explain(samples, reading.design, start, reading.usable, quick=len(reading.starts) > 1) for start in reading.starts]
+    first = [
+        explain(samples, reading.design, start, reading.usable, quick=len(reading.starts) > 1)
+        for start in reading.starts
+    ]
     best = min(first, key=lambda fit: _levels(reading, samples, fit).sum())
     if len(first) > 1:
-        best = explain(samples, reading.design, best.values, reading.usable)
-    if impossible(best) or best.phi[0] < max(_SURELY * best.mass_std, _LIGHTEST) or not reading.holds(best):
+        best = explain(samples, reading.design, best.values.tolist(), reading.usable)
+    if impossible(best) or not reading.holds(best):
         return None
     levels = _levels(reading, samples, best)
     improvement = (plain.levels - levels).sum(axis=1)
@@ -156,7 +162,7 @@ def _distinct(found: list[Cause]) -> tuple[Cause, ...]:
 
 
 def _averaged(samples: FitSamples) -> FitSamples:
-    """Averages over a few hundredths of a second: the wrench stays linear in the signals, and noise and vibration go."""
+    """Averages over a few hundredths of a second: they are linear as samples are, with less noise and vibration."""
     if len(samples) < 2:
         return samples
     seconds = samples.seconds

@@ -1,4 +1,4 @@
-"""Robust least squares of one explanation of the samples: its design, its parameters, and what it leaves unexplained."""
+"""Robust least squares of one explanation of the samples: its design, its parameters, and what it leaves."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -57,7 +57,7 @@ class Explanation:
     @property
     def value_stds(self) -> Array:
         """(k,) one sigma of the values."""
-        return np.sqrt(np.diag(self.covariance)[len(self.unknowns) :])
+        return np.asarray(np.sqrt(np.diag(self.covariance)[len(self.unknowns) :]))
 
     @property
     def rms(self) -> Array:
@@ -167,7 +167,7 @@ def _slopes(samples: FitSamples, design: Design, found: Explanation) -> Array:
 def _newton_step(samples: FitSamples, design: Design, found: Explanation, usable: Mask | None) -> Array:
     matrix = np.concatenate([design(samples, found.values), _slopes(samples, design, found)], axis=2)
     unknowns, _, _ = _weighted(matrix, samples.wrench, usable)
-    return unknowns[len(found.unknowns) :]
+    return np.asarray(unknowns[len(found.unknowns) :])
 
 
 def _with_covariance(samples: FitSamples, design: Design, found: Explanation, usable: Mask | None) -> Explanation:
@@ -194,7 +194,8 @@ _WORST = -30.0
 """Nats: an implausible payload is worth this much evidence."""
 FARTHEST = 0.5
 """m from the sensor; a centre of mass beyond it is implausible."""
-_SURELY = 3.0
+_SURELY, _NOTHING = 3.0, 0.01
+"""Standard deviations, and kg, below which a mass says nothing."""
 
 
 def plausibility(found: Explanation) -> float:
@@ -209,17 +210,22 @@ def plausibility(found: Explanation) -> float:
 
 
 def impossible(found: Explanation) -> str:
-    """Why no payload has these parameters, as a clause; "" when one may."""
-    mass, deviation = float(found.phi[0]), found.mass_std
-    if mass < -_SURELY * deviation and mass < -0.01:
+    """Why no payload has the parameters of an explanation, as a clause; "" when one may."""
+    return impossible_payload(found.phi, found.covariance[:10, :10])
+
+
+def impossible_payload(phi: Array, covariance: Array) -> str:
+    """Why no payload has phi (10,) with this covariance (10, 10), as a clause; "" when one may. Infinite: not seen."""
+    mass, deviation = float(phi[0]), float(np.sqrt(covariance[0, 0]))
+    if mass < -_SURELY * deviation and mass < -_NOTHING:
         return f"the mass would be {mass:.3g} kg"
-    if mass > _SURELY * deviation and mass > 0.01:
-        reach = float(np.linalg.norm(found.phi[1:4])) / mass
-        spread = float(np.sqrt(np.trace(found.covariance[1:4, 1:4]))) / mass  # inf: not seen
-        if reach - _SURELY * spread > FARTHEST:
-            return f"the centre of mass would be {reach:.2g} m from the sensor"
-        about = InertialParameters.from_phi(found.phi).inertia
-        uncertain = np.sqrt(np.diag(found.covariance)[[4, 7, 9]]).sum()
-        if np.isfinite(uncertain) and np.trace(about) < -_SURELY * uncertain:
-            return "the inertia would be negative"
+    if mass < _SURELY * deviation or mass < _NOTHING:
+        return ""
+    reach = float(np.linalg.norm(phi[1:4])) / mass
+    spread = float(np.sqrt(np.trace(covariance[1:4, 1:4]))) / mass
+    if reach - _SURELY * spread > FARTHEST:
+        return f"the centre of mass would be {reach:.2g} m from the sensor"
+    uncertain = float(np.sqrt(np.diag(covariance)[[4, 7, 9]]).sum())
+    if np.isfinite(uncertain) and np.trace(InertialParameters.from_phi(phi).inertia) < -_SURELY * uncertain:
+        return "the inertia would be negative"
     return ""

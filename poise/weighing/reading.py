@@ -32,6 +32,15 @@ class Repair:
     compensated: Array | None = None
 
 
+def shows_payload(found: Explanation) -> bool:
+    """Its mass is above zero by more than chance."""
+    return bool(found.phi[0] > max(_SURELY * found.mass_std, _LIGHTEST))
+
+
+_SURELY, _LIGHTEST = 3.0, 0.005
+"""Standard deviations, and kg."""
+
+
 @dataclass(frozen=True, eq=False)
 class Reading:
     """One candidate for what is wrong.
@@ -46,7 +55,7 @@ class Reading:
         censored: (2, 6) limits at which the prediction is cut before it is compared; None: none.
         excluded: (B,) blocks that its design does not explain, each at the cost of two parameters; None: none.
         reduced: the residual (N, 6) that two parameters for each excluded block leave of a fit; None: nothing of it.
-        holds: whether a fit is what the reading says.
+        holds: whether a fit is what the reading says; by default, that it shows a payload.
         repair: of a fit; None: the wrench cannot be repaired.
     """
 
@@ -59,7 +68,7 @@ class Reading:
     censored: Array | None = None
     excluded: Mask | None = None
     reduced: Callable[[Explanation], Array] | None = None
-    holds: Callable[[Explanation], bool] = lambda found: True
+    holds: Callable[[Explanation], bool] = shows_payload
     repair: Callable[[Explanation], Repair] | None = None
 
 

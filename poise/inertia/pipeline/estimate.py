@@ -12,7 +12,7 @@ from poise.inertia.model import (
     RejectedInterval,
     about_com_jacobian,
 )
-from poise.inertia.verdict import FitVerdict
+from poise.inertia.verdict import FitSamples, FitVerdict
 from poise.robot import SensorMotion
 from poise.types import Array
 
@@ -43,6 +43,7 @@ class InertialEstimate:
         findings: what else to know.
         since: ns; no earlier sample counts, because the payload may have been another one. None: all do.
         fit: tests of the fit. Where one failed, `findings` contain POOR_FIT, and the covariance is wider.
+        samples: that the fit was tested on; None: it was not tested.
     """
 
     stamp: int
@@ -67,6 +68,7 @@ class InertialEstimate:
     findings: tuple[EstimateFinding, ...] = ()
     since: int | None = None
     fit: FitVerdict = field(default_factory=FitVerdict)
+    samples: FitSamples | None = None
 
     def __repr__(self) -> str:
         com = ", ".join(f"{1e3 * value:.2f}" for value in self.parameters.com)
@@ -79,6 +81,7 @@ class InertialEstimate:
         solution: InertialSolution,
         *,
         fit: FitVerdict | None = None,
+        samples: FitSamples | None = None,
         stamp: int,
         frame_id: str,
         method: str,
@@ -89,7 +92,7 @@ class InertialEstimate:
 
         Args:
             solution: of any method.
-            fit: tests of its fit; None: it was not tested.
+            fit, samples: tests of its fit, and what they used; None: it was not tested.
             stamp: of the newest sample used, ns.
             frame_id: the sensor frame.
             method: the estimator.
@@ -121,6 +124,7 @@ class InertialEstimate:
             findings=(*solution.findings, *([] if fit.finding is None else [fit.finding])),
             since=since,
             fit=fit,
+            samples=samples,
         )
 
     @property

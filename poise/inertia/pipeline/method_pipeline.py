@@ -18,7 +18,7 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.inertia.verdict import Fit, FitVerdict, SampleBins, judge
+from poise.inertia.verdict import Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
@@ -159,17 +159,19 @@ class MethodPipeline:
         Raises:
             InputError: UNSUPPORTED when the method needs a shape and there is none.
             NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, NOT_CONSISTENT when the wrench has the opposite sign,
-                SOLVER_FAILED.
+                SOLVER_FAILED. Their data contain the `samples`.
         """
         try:
             solution = self._solve()
         except NoAnswerError as error:
             counts = ", ".join(f"{count} {reason}" for reason, count in self.rejections.counts.most_common())
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
-            raise NoAnswerError(error.code, sentence, **error.data) from None
+            raise NoAnswerError(error.code, sentence, **{"samples": self._bins.samples, **error.data}) from None
+        samples = self._bins.samples
         return InertialEstimate.from_solution(
             solution,
-            fit=self._verdict(solution),
+            fit=self._verdict(solution, samples),
+            samples=samples,
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
@@ -177,7 +179,7 @@ class MethodPipeline:
             since=self.prior.since,
         )
 
-    def _verdict(self, solution: InertialSolution) -> FitVerdict:
+    def _verdict(self, solution: InertialSolution, samples: FitSamples) -> FitVerdict:
         fit = Fit(
             solution.phi,
             solution.bias,
@@ -187,7 +189,7 @@ class MethodPipeline:
             self._levels,
             solution.rejected,
         )
-        return judge(fit, self._bins.samples)
+        return judge(fit, samples)
 
     def _solve(self) -> InertialSolution:
         plain = self._least_squares()

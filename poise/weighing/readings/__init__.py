@@ -16,9 +16,8 @@ FAMILIES: tuple[Family, ...] = (
     wrong_gravity,
     clipped,
     varied,
-    late_or_filtered,
     moving_base,
     in_contact,
 )
 
-__all__ = ["FAMILIES"]
+__all__ = ["FAMILIES", "late_or_filtered"]

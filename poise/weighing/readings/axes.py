@@ -9,7 +9,7 @@ from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Design, Explanation, payload_columns
-from poise.weighing.reading import Reading, Repair
+from poise.weighing.reading import Reading, Repair, shows_payload
 
 _NEAR = np.radians(12.0)
 """A rotation this small beside a mirrored axis is not reported."""
@@ -108,7 +108,7 @@ def _turned(samples: FitSamples) -> list[Reading]:
                 _rotation_sentence(force, torque),
                 starts=starts,
                 prior=prior,
-                holds=lambda fit, both=(force, torque): both == (1, 1) or np.linalg.norm(fit.values) > _NEAR,
+                holds=shows_payload if force == torque == 1 else _turned_far,
                 repair=_unrotated(signs),
             )
         )
@@ -139,7 +139,11 @@ def _rotation_sentence(force: int, torque: int) -> Callable[[Explanation], tuple
         axis = found.values / max(angle, 1e-9)
         deviation = float(np.sqrt(axis @ found.covariance[-3:, -3:] @ axis))
         about = ", ".join(f"{value:.2f}" for value in axis)
-        evidence = {"angle": angle, "angle_std": deviation, **dict(zip(("axis_x", "axis_y", "axis_z"), axis.tolist()))}
+        evidence = {
+            "angle": angle,
+            "angle_std": deviation,
+            **dict(zip(("axis_x", "axis_y", "axis_z"), axis.tolist(), strict=True)),
+        }
         signs = {
             (1, 1): "",
             (-1, -1): " and force and torque have the opposite sign",
@@ -176,6 +180,14 @@ def _kabsch(samples: FitSamples, sign: int) -> tuple[tuple[float, ...], ...]:
     return tuple(starts)
 
 
+def _turned_far(found: Explanation) -> bool:
+    return shows_payload(found) and float(np.linalg.norm(found.values)) > _NEAR
+
+
+def _from_base(sign: float) -> Callable[[Explanation], Repair]:
+    return lambda found: Repair(wrench=sign * np.eye(6), base_axes=True)
+
+
 def _base_axes() -> list[Reading]:
     def design(bias_turns: bool, sign: float) -> Design:
         def columns_of(samples: FitSamples, values: Array) -> Array:
@@ -198,7 +210,7 @@ def _base_axes() -> list[Reading]:
             design(bias_turns, sign),
             _said(text if sign > 0 else f"{text}; its sign is opposite as well"),
             prior=0.0 if sign > 0 else _RARE,
-            repair=lambda found, sign=sign: Repair(wrench=sign * np.eye(6), base_axes=True),
+            repair=_from_base(sign),
         )
         for bias_turns in (True, False)
         for sign in (1.0, -1.0)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
@@ -18,7 +19,7 @@ _KEPT = 0.35
 """Share of blocks that the first rounds keep."""
 _LOUDER = 2 * np.log(3.0)
 """A block is in contact when the logs of its force and torque residual together are this much above the free ones."""
-_LEAST_FREE = 0.2
+_LEAST_FREE, _LEAST_TURN = 0.2, 0.5
 
 
 def in_contact(samples: FitSamples, plain: Explanation) -> list[Reading]:
@@ -29,10 +30,12 @@ def in_contact(samples: FitSamples, plain: Explanation) -> list[Reading]:
     n_blocks = len(plain.levels)
     if n_blocks < 12:
         return []
-    block = np.repeat(np.arange(n_blocks), [len(part) for part in np.array_split(np.arange(len(samples)), n_blocks)])
+    block: NDArray[np.int64] = np.repeat(
+        np.arange(n_blocks), [len(part) for part in np.array_split(np.arange(len(samples)), n_blocks)]
+    )
     parts = [_trimmed(samples, block, plain.levels, start) for start in range(_STARTS + 1)]
-    free, found = min(parts, key=lambda part: _cost(*part))
-    if free.all() or free.mean() < _LEAST_FREE:
+    free, _ = min(parts, key=lambda part: _cost(*part))
+    if free.all() or free.mean() < _LEAST_FREE or not _informative(samples, free[block]):
         return []
     usable = np.repeat(free[block][:, None], 6, axis=1)
     spans = _spans(samples.seconds, free[block])
@@ -66,6 +69,12 @@ def in_contact(samples: FitSamples, plain: Explanation) -> list[Reading]:
     ]
 
 
+def _informative(samples: FitSamples, free: Mask) -> bool:
+    """The free part turns the sensor about as far as the recording does: a part at rest is always explained."""
+    down = samples.gravity_in_sensor
+    return bool(np.std(down[free], axis=0).sum() > _LEAST_TURN * np.std(down, axis=0).sum())
+
+
 def _cost(free: Mask, found: Explanation) -> float:
     """Nats of a split: the level of its free blocks, and two parameters for each of the others."""
     if free.mean() < _LEAST_FREE:
@@ -73,8 +82,8 @@ def _cost(free: Mask, found: Explanation) -> float:
     return 3 * float(np.median(found.levels[free].sum(axis=1))) * len(free) + 6 * float((~free).sum())
 
 
-def _trimmed(samples: FitSamples, block: Array, levels: Array, start: int) -> tuple[Mask, Explanation]:
-    """(B,) the free blocks, from one stretch of the recording or (0) from the blocks that the plain fit explains best."""
+def _trimmed(samples: FitSamples, block: NDArray[np.int64], levels: Array, start: int) -> tuple[Mask, Explanation]:
+    """The free blocks (B,), from one stretch of the recording or (0) from those that the plain fit explains best."""
     n_blocks = len(levels)
     keep = max(int(_KEPT * n_blocks), 6)
     kept = np.zeros(n_blocks, dtype=bool)
@@ -94,4 +103,7 @@ def _trimmed(samples: FitSamples, block: Array, levels: Array, start: int) -> tu
 
 def _spans(seconds: Array, free: Mask) -> list[tuple[float, float]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[True], free, [True]]).astype(int)))
-    return [(float(seconds[a]), float(seconds[min(b, len(seconds)) - 1])) for a, b in zip(edges[::2], edges[1::2])]
+    return [
+        (float(seconds[a]), float(seconds[min(b, len(seconds)) - 1]))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]

@@ -10,7 +10,7 @@ from poise.inertia.model import ENTRIES
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Explanation, explain, payload_columns
-from poise.weighing.reading import Reading, Repair
+from poise.weighing.reading import Reading, Repair, shows_payload
 
 _STANDARD_WITHIN = 0.03
 """Relative; a corrected gravity this close to the standard one means that gravity was given wrongly."""
@@ -25,8 +25,12 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
     size = float(np.linalg.norm(samples.gravity))
     found = [
         Reading(ErrorCode.COMPENSATED, _without_weight, _all_compensated, repair=_weight_back),
-        Reading(ErrorCode.COMPENSATED, _with_offset_mass(1), _compensated(1), holds=_takes_weight, repair=_compensation_back),
-        Reading(ErrorCode.COMPENSATED, _with_offset_mass(4), _compensated(4), holds=_takes_weight, repair=_compensation_back),
+        Reading(
+            ErrorCode.COMPENSATED, _with_offset_mass(1), _compensated(1), holds=_takes_weight, repair=_compensation_back
+        ),
+        Reading(
+            ErrorCode.COMPENSATED, _with_offset_mass(4), _compensated(4), holds=_takes_weight, repair=_compensation_back
+        ),
     ]
     starts = [(np.log(STANDARD_GRAVITY / size),)]
     if abs(starts[0][0]) > _STANDARD_WITHIN:
@@ -89,8 +93,8 @@ def _compensated(count: int) -> Callable[[Explanation], tuple[str, Mapping[str, 
         deviation = float(np.sqrt(found.covariance[16, 16]))
         mass = float(found.phi[0])
         return (
-            f"accelerations show {mass:.3f} +- {found.mass_std:.3f} kg, but the weight is that of {mass - taken:.3f} kg:"
-            f" the robot's controller or the driver compensates {taken:.3f} +- {deviation:.3f} kg: switch its payload"
+            f"accelerations show {mass:.3f} +- {found.mass_std:.3f} kg, but the weight is that of {mass - taken:.3f}"
+            f" kg: the robot's controller or the driver compensates {taken:.3f} +- {deviation:.3f} kg: switch its payload"
             " compensation off, or set its payload to zero",
             {"compensated_mass": taken, "compensated_mass_std": deviation, "n_parameters": float(count)},
         )
@@ -100,7 +104,9 @@ def _compensated(count: int) -> Callable[[Explanation], tuple[str, Mapping[str, 
 
 def _takes_weight(found: Explanation) -> bool:
     """Errors of the accelerations make the inertial mass too small: only a weight that is too small is compensated."""
-    return bool(-found.unknowns[16] > _SURELY * np.sqrt(found.covariance[16, 16]) + _LEAST * abs(found.phi[0]))
+    return shows_payload(found) and bool(
+        -found.unknowns[16] > _SURELY * np.sqrt(found.covariance[16, 16]) + _LEAST * abs(found.phi[0])
+    )
 
 
 def _compensation_back(found: Explanation) -> Repair:

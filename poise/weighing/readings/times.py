@@ -9,38 +9,42 @@ from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Design, Explanation, payload_columns
-from poise.weighing.reading import Reading, Repair
+from poise.weighing.reading import Family, Reading, Repair
 
 _DELAYS = (-0.1, 0.03, 0.1, 0.2, 0.35, 0.55, 0.8)
 _FILTERS = (0.03, 0.1, 0.3)
-_GRID = 0.005
-"""s."""
-_SPARSE = 0.1
-"""s between samples beyond which their motion is not interpolated."""
+_GRID, _LOG_TIMES = 0.005, (-6.0, 1.5)
+"""s; limits of the log of a filter's time in s."""
+_FEWEST, _SPARSE = 50, 0.1
+"""Samples from which on clocks are compared; s between them beyond which their motion is not interpolated."""
 _RARE = -6.0
 
 
-def late_or_filtered(samples: FitSamples, plain: Explanation) -> list[Reading]:
-    """Delays up to a second; filters of first and second order and a moving mean."""
-    del plain
-    if len(samples) < 50 or float(np.median(np.diff(samples.seconds))) > _SPARSE:
-        return []
-    late = Reading(
-        ErrorCode.CLOCK_LATE,
-        _late,
-        _late_sentence,
-        starts=tuple((delay,) for delay in _DELAYS),
-        repair=lambda found: Repair(delay=float(found.values[0])),
-    )
-    starts = tuple((float(np.log(time)),) for time in _FILTERS)
-    kinds: tuple[Kind, ...] = ("first", "second", "mean")
-    return [
-        late,
-        *(
-            Reading(ErrorCode.FILTERED, _filtered(kind), _filter_sentence(kind), starts=starts, prior=_RARE)
-            for kind in kinds
-        ),
-    ]
+def late_or_filtered(known: float) -> Family:
+    """Delays up to a second beyond a known one, s; filters of first and second order and a moving mean."""
+
+    def family(samples: FitSamples, plain: Explanation) -> list[Reading]:
+        del plain
+        if len(samples) < _FEWEST or float(np.median(np.diff(samples.seconds))) > _SPARSE:
+            return []
+        starts = tuple((float(np.log(time)),) for time in _FILTERS)
+        late = Reading(
+            ErrorCode.CLOCK_LATE,
+            _late,
+            _late_sentence(known),
+            starts=tuple((delay,) for delay in _DELAYS),
+            repair=lambda found: Repair(delay=known + float(found.values[0])),
+        )
+        kinds: tuple[Kind, ...] = ("first", "second", "mean")
+        return [
+            late,
+            *(
+                Reading(ErrorCode.FILTERED, _filtered(kind), _filter_sentence(kind), starts=starts, prior=_RARE)
+                for kind in kinds
+            ),
+        ]
+
+    return family
 
 
 Kind = Literal["first", "second", "mean"]
@@ -55,14 +59,17 @@ def _at(seconds: Array, signals: Array, wanted: Array) -> Array:
     return np.stack([np.interp(wanted, seconds, column) for column in signals.T], axis=1)
 
 
-def _late_sentence(found: Explanation) -> tuple[str, Mapping[str, float]]:
-    delay, deviation = float(found.values[0]), float(found.value_stds[0])
-    word = "late" if delay > 0 else "early"
-    return (
-        f"the wrench is {1e3 * abs(delay):.0f} +- {1e3 * deviation:.1g} ms {word} against the motion: stamp it when it is"
-        " measured, and synchronise the clocks",
-        {"delay": delay, "delay_std": deviation},
-    )
+def _late_sentence(known: float) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
+    def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
+        delay, deviation = known + float(found.values[0]), float(found.value_stds[0])
+        word = "late" if delay > 0 else "early"
+        return (
+            f"the wrench is {1e3 * abs(delay):.0f} +- {1e3 * deviation:.1g} ms {word} against the motion: stamp it when"
+            " it is measured, and synchronise the clocks",
+            {"delay": delay, "delay_std": deviation},
+        )
+
+    return says
 
 
 def _filtered(kind: Kind) -> Design:
@@ -70,7 +77,7 @@ def _filtered(kind: Kind) -> Design:
         seconds = samples.seconds
         grid = np.arange(seconds[0], seconds[-1] + _GRID, _GRID)
         even = _at(seconds, samples.signals, grid)
-        smooth = _low_pass(kind, even, float(np.exp(np.clip(values[0], -6.0, 1.5))) / _GRID)
+        smooth = _low_pass(kind, even, float(np.exp(np.clip(values[0], *_LOG_TIMES))) / _GRID)
         return payload_columns(_at(grid, smooth, seconds))
 
     return design
@@ -94,10 +101,12 @@ def _low_pass(kind: Kind, even: Array, time: float) -> Array:
 
 
 def _filter_sentence(kind: Kind) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
-    words = {"first": "a low-pass of first order", "second": "a low-pass of second order", "mean": "a moving mean"}[kind]
+    words = {"first": "a low-pass of first order", "second": "a low-pass of second order", "mean": "a moving mean"}[
+        kind
+    ]
 
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
-        time = float(np.exp(found.values[0]))
+        time = float(np.exp(np.clip(found.values[0], *_LOG_TIMES)))
         deviation = time * float(found.value_stds[0])
         return (
             f"the wrench is filtered: {words} with a mean age of {1e3 * time:.0f} +- {1e3 * deviation:.1g} ms explains"

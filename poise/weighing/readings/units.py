@@ -26,9 +26,9 @@ def wrong_units(samples: FitSamples, plain: Explanation) -> list[Reading]:
     """Every unit of force, and of torque, alone."""
     del plain
     ratio = _free_ratio(samples)
-    return [
-        _reading(ErrorCode.FORCE_UNIT, name, factor, slice(0, 3), ratio) for name, factor in _FORCES.items()
-    ] + [_reading(ErrorCode.TORQUE_UNIT, name, factor, slice(3, 6), ratio) for name, factor in _TORQUES.items()]
+    return [_reading(ErrorCode.FORCE_UNIT, name, factor, slice(0, 3), ratio) for name, factor in _FORCES.items()] + [
+        _reading(ErrorCode.TORQUE_UNIT, name, factor, slice(3, 6), ratio) for name, factor in _TORQUES.items()
+    ]
 
 
 def _free_ratio(samples: FitSamples) -> tuple[float, float]:
@@ -71,7 +71,9 @@ def _reading(code: ErrorCode, unit: str, factor: float, rows: slice, ratio: tupl
     wrench = np.eye(6)
     wrench[rows, rows] /= factor
     measured = (
-        f"; m c in the torque is {ratio[0]:.3g} +- {ratio[1]:.1g} times that in the force" if np.isfinite(ratio[0]) else ""
+        f"; m c in the torque is {ratio[0]:.3g} +- {ratio[1]:.1g} times that in the force"
+        if np.isfinite(ratio[0])
+        else ""
     )
     sentence = (
         f"the driver's {what} is in {unit}, not in {good}{measured}: set the driver to {good}, or divide its {what} by"

@@ -1,18 +1,21 @@
 """Readings that vary over time: a bias that drifts or steps, a payload that is grasped or released."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Design, Explanation, explain, payload_columns, plain_design
+from poise.weighing.fitting import Design, Explanation, explain, plain_design
 from poise.weighing.reading import Reading
 
 _CANDIDATES = 24
 """Moments at which a step is tried, evenly over the samples."""
-_MOST_STEPS = 3
+_MOST_STEPS, _LEAST_MASS = 3, 0.02
+"""kg: a mass below it is none."""
+
+Says = Callable[[Explanation], tuple[str, Mapping[str, float]]]
 
 
 def varied(samples: FitSamples, plain: Explanation) -> list[Reading]:
@@ -24,8 +27,14 @@ def varied(samples: FitSamples, plain: Explanation) -> list[Reading]:
     bias = _steps(samples, slice(10, 16), 1)
     found.append(Reading(ErrorCode.SENSOR_DRIFT, _stepped(bias[0], slice(10, 16)), _step_sentence(bias[0]), prior=-4.0))
     found += [
-        Reading(ErrorCode.PAYLOAD_CHANGED, _stepped(times, slice(0, 10)), _change_sentence(times))
+        Reading(
+            ErrorCode.PAYLOAD_CHANGED,
+            _stepped(times, slice(0, count)),
+            _change_sentence(times),
+            holds=_one_or_more(len(times)),
+        )
         for times in _steps(samples, slice(0, 4), _MOST_STEPS)
+        for count in (4, 10)
     ]
     return found
 
@@ -42,7 +51,7 @@ def _drifting(power: int) -> Design:
     return design
 
 
-def _drift_sentence(samples: FitSamples, power: int):  # type: ignore[no-untyped-def]
+def _drift_sentence(samples: FitSamples, power: int) -> Says:
     duration = float(samples.seconds[-1])
 
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
@@ -50,8 +59,8 @@ def _drift_sentence(samples: FitSamples, power: int):  # type: ignore[no-untyped
         course = np.polynomial.legendre.legvander(np.linspace(-1, 1, 50), power)[:, 1:] @ drift
         force, torque = (float(np.linalg.norm(np.ptp(course[:, part], axis=0))) for part in (slice(0, 3), slice(3, 6)))
         return (
-            f"the reading without a load drifts by {force:.2g} N and {torque:.2g} N m in {duration:.0f} s: let the sensor"
-            " warm up, zero it, and record again",
+            f"the reading without a load drifts by {force:.2g} N and {torque:.2g} N m in {duration:.0f} s: let the"
+            " sensor warm up, zero it, and record again",
             {"drift_force": force, "drift_torque": torque, "duration": duration},
         )
 
@@ -93,7 +102,7 @@ def _best_time(samples: FitSamples, known: tuple[float, ...], times: Array, colu
     return float(times[int(np.argmin(levels))])
 
 
-def _step_sentence(times: tuple[float, ...]):  # type: ignore[no-untyped-def]
+def _step_sentence(times: tuple[float, ...]) -> Says:
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
         force = float(np.linalg.norm(found.unknowns[16:19]))
         return (
@@ -105,17 +114,27 @@ def _step_sentence(times: tuple[float, ...]):  # type: ignore[no-untyped-def]
     return says
 
 
-def _change_sentence(times: tuple[float, ...]):  # type: ignore[no-untyped-def]
+def _masses(found: Explanation, count: int) -> Array:
+    """(count + 1,) kg before and after each step."""
+    steps = found.unknowns[16:].reshape(count, -1)[:, 0]
+    return np.cumsum(np.concatenate([found.phi[:1], steps]))
+
+
+def _one_or_more(count: int) -> Callable[[Explanation], bool]:
+    """All masses are possible, and one of them is that of an object."""
+    return lambda found: bool(_masses(found, count).max() > _LEAST_MASS and _masses(found, count).min() > -_LEAST_MASS)
+
+
+def _change_sentence(times: tuple[float, ...]) -> Says:
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
-        steps = found.unknowns[16:].reshape(len(times), 10)[:, 0]
-        masses = np.concatenate([[found.phi[0]], found.phi[0] + np.cumsum(steps)])
+        masses = _masses(found, len(times))
         events = ", ".join(
             f"from {before:.2f} to {after:.2f} kg at {time:.1f} s"
             for before, after, time in zip(masses[:-1], masses[1:], times, strict=True)
         )
         return (
-            f"the payload changes in the recording, {events}: something was grasped, released or spilled; weigh each part"
-            " separately",
+            f"the payload changes in the recording, {events}: something was grasped, released or spilled; weigh each"
+            " part separately",
             {f"time_{k}": time for k, time in enumerate(times)} | {f"mass_{k}": float(m) for k, m in enumerate(masses)},
         )
 
