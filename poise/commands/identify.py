@@ -19,6 +19,7 @@ from poise.commands.exports import (
     write_exports,
 )
 from poise.commands.identify_model import compensation_fields, say, without_effects
+from poise.commands.identify_segments import segment_table, segments_json
 from poise.commands.output import (
     BAG_HELP,
     JsonOption,
@@ -267,6 +268,7 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
             | {"evidence": dict(finding.evidence)}
             for finding in estimate.findings
         ],
+        "segments": segments_json(answer),
         "source": answer.source,
         "bag": str(bag),
         "losses": losses,
@@ -306,6 +308,8 @@ def print_answer(people: Console, bag: Path, answer: Identification) -> None:
         unit = "N" if index < 3 else "N m"
         table.add_row(group, "xyz"[index % 3], shown if np.isfinite(value) else "not seen", spread, unit)
     people.print(table)
+    if (segments := segment_table(answer)) is not None:
+        people.print(segments)
     for name, text in _facts(answer):
         people.print(f"{name:11}{escape(readable(text, 500))}", soft_wrap=True)
 

@@ -15,7 +15,9 @@ EXPORTED_VALUES = {"mass": "kg", "com": "m", "inertia": "kg m2"}
 """What can be exported, and its unit."""
 
 
-_DOUBTFUL = frozenset({ErrorCode.NOT_IDENTIFIABLE, *(code for code in ErrorCode if 70 <= code < 90)})
+_DOUBTFUL = frozenset({ErrorCode.NOT_IDENTIFIABLE, *(code for code in ErrorCode if 70 <= code < 90)}) - {
+    ErrorCode.PAYLOAD_CHANGED  # the payloads were weighed separately; where that failed, the fit is poor as well
+}
 """Findings that say that the number itself may be wrong: nothing weighs significantly, or the fit failed."""
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 

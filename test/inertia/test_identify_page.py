@@ -11,6 +11,7 @@ import yaml
 from poise.cli import run
 from poise.inertia.bayes import estimator
 from poise.inertia.model import sample_checks
+from poise.inertia.pipeline import segments
 from poise.robot import motion_buffers as tracks
 from poise.robot.motion_buffers import PairingSettings
 
@@ -44,6 +45,7 @@ def test_every_reason_is_on_the_page():
         tracks.NO_KINEMATICS,
         tracks.STALE,
         estimator.EXTERNAL_CONTACT,
+        segments.PAYLOAD_CHANGE,
     }
 
 

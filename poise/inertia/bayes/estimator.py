@@ -11,6 +11,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
+from poise.inertia.bayes.consistent_part import ConsistentPart, away_from_contact, in_contact
 from poise.inertia.bayes.delay import LAG_STEP, LagGrid
 from poise.inertia.bayes.findings import not_shown, nothing_held, outside, wrong_shape, zeroed_under_load
 from poise.inertia.bayes.first_guess import blob, states_of_shape
@@ -214,7 +215,12 @@ class PoiseEstimator:
             )
         model = self._model if use_shape else None
         self._search = PosteriorSearch(blocks, self._grid, self.noise, self._prior(blocks, model)).run()
-        return self._solution(self._search, None if model is None else self.parts)
+        part = self._search.consistent_part()
+        if part is not None and part.free is not None:
+            free = away_from_contact(part.free)
+            prior = self._prior(blocks.select(free), model)
+            self._search = PosteriorSearch(blocks, self._grid, self.noise, prior, free).run()
+        return self._solution(self._search, None if model is None else self.parts, part)
 
     def contradiction(self, since: int, least: int) -> Contradiction | None:
         """How much better another payload than the last one solved for would explain the blocks from a stamp on.
@@ -243,9 +249,11 @@ class PoiseEstimator:
         starts = states_of_shape(mass_model, normal, hypotheses.bias_variances)
         return ModelAverage(mass_model, hypotheses.rougher(mass_model.roughness(_SHAPE_RESOLUTION)), starts)
 
-    def _solution(self, search: PosteriorSearch, parts: Parts | None) -> BayesSolution:
+    def _solution(self, search: PosteriorSearch, parts: Parts | None, part: ConsistentPart | None) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
         unknowns, covariance, delay = posterior.unknowns, search.covariance, search.delay
+        if part is not None:
+            covariance = covariance + part.spread
         n = int(blocks.sizes[keep].sum())
         squares = search.found.squares[keep].sum(axis=0)
         doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])
@@ -253,6 +261,7 @@ class PoiseEstimator:
             nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0]))),
             wrong_shape(doubt),
             zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity))),
+            in_contact(search.judged, ~keep, unknowns, None if part is None else part.rival),
         ]
         estimated = len(self._grid) > 1
         solution = BayesSolution(

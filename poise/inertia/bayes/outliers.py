@@ -30,12 +30,14 @@ class Residuals:
         variance_ratio: (B, 2) mean square of force and torque.
         mean_ratio: (B, 2) the same of block means, times the samples in a block: 1 for white noise.
         squares: (B, 2) sum of squares of force and torque, N^2 and (N m)^2.
+        means: (B, 6) N and N m.
     """
 
     surprise: Array
     variance_ratio: Array
     mean_ratio: Array
     squares: Array
+    means: Array
 
 
 def residuals(moments: Array, sizes: NDArray[np.int64], unknowns: Array, covariance: Array) -> Residuals:
@@ -59,17 +61,17 @@ def residuals(moments: Array, sizes: NDArray[np.int64], unknowns: Array, covaria
         variance[:, group] = np.einsum("bij,ij->b", second[:, rows, rows], inverse) / (3 * sizes)
         mean[:, group] = np.einsum("bi,ij,bj->b", first[:, rows], inverse, first[:, rows]) / (3 * sizes)
         squares[:, group] = np.trace(second[:, rows, rows], axis1=1, axis2=2).clip(min=0.0)
-    return Residuals(surprise, variance, mean, squares)
+    return Residuals(surprise, variance, mean, squares, first / sizes[:, None])
 
 
-def sample_excess(found: Residuals, sizes: NDArray[np.int64]) -> Array:
+def sample_excess(found: Residuals, sizes: NDArray[np.int64], free: Mask) -> Array:
     """(2,) by how much more force and torque vary from sample to sample than expected; 1 where chance explains it.
 
-    The median over blocks, which a push does not move.
+    The median over the blocks that are `free` (B,) of contact, which a short push does not move.
     """
-    freedom = 3 * sizes.mean()
-    median = np.median(found.variance_ratio, axis=0) / (1 - 2 / (9 * freedom)) ** 3
-    by_chance = 1.25 * np.sqrt(2 / (freedom * len(sizes)))
+    freedom = 3 * sizes[free].mean()
+    median = np.median(found.variance_ratio[free], axis=0) / (1 - 2 / (9 * freedom)) ** 3
+    by_chance = 1.25 * np.sqrt(2 / (freedom * free.sum()))
     return np.where(np.abs(median - 1) > _NOTABLE * by_chance, median, 1.0)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
+from poise.inertia.bayes.consistent_part import BlockMeans, ConsistentPart, MeanCheck, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
@@ -70,15 +71,25 @@ class PosteriorSearch:
         grid: their lags.
         noise: as given.
         average: the hypotheses.
+        free: (B,) the only blocks that may be used, because something else touched the payload in the others; None:
+            all may.
     """
 
-    def __init__(self, blocks: MomentBlocks, grid: LagGrid, noise: NoiseLevels, average: ModelAverage) -> None:
+    def __init__(
+        self,
+        blocks: MomentBlocks,
+        grid: LagGrid,
+        noise: NoiseLevels,
+        average: ModelAverage,
+        free: Mask | None = None,
+    ) -> None:
         self.blocks = blocks
         self.grid = grid
         total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
         self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
-        self.keep: Mask = np.ones(len(blocks), dtype=bool)
+        self._free: Mask = np.ones(len(blocks), dtype=bool) if free is None else free
+        self.keep: Mask = self._free
         """(B,) blocks that a payload explains."""
         self.slow = np.ones(2)
         """(2,) how many samples of force and of torque weigh as much as one, see `slow_excess`."""
@@ -143,6 +154,20 @@ class PosteriorSearch:
         unknowns = self.posterior.unknowns + step
         left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
         return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()))
+
+    @property
+    def judged(self) -> MeanCheck:
+        """The means of all blocks against the answer."""
+        return MeanCheck(self.found.means, self.blocks.sizes, self.noise)
+
+    def consistent_part(self) -> ConsistentPart | None:
+        """The blocks that one payload explains, if the answer does not explain nearly all; see there."""
+        check, unknowns = self.judged, self.posterior.unknowns
+        distances = check.distances(unknowns)
+        if not check.doubted(distances):
+            return None
+        moments = mixed_blocks(self._at_delay, self.blocks)
+        return consistent_part(BlockMeans.of(moments, check), unknowns, distances)
 
     @property
     def shown(self) -> Array:
@@ -218,12 +243,12 @@ class PosteriorSearch:
     def _judge(self) -> bool:
         """Judge blocks and noise by the answer; whether that changes anything."""
         self._compare()
-        keep = self.found.surprise < UNLIKELY
+        keep = self._free & (self.found.surprise < UNLIKELY)
         if not keep.any():
             keep = self.keep
         other_blocks = bool(np.any(keep != self.keep))
         before = self._sample, self.slow
-        self._sample = np.maximum(self._sample * sample_excess(self.found, self.blocks.sizes), 1.0)
+        self._sample = np.maximum(self._sample * sample_excess(self.found, self.blocks.sizes, self._free), 1.0)
         other_noise = _differ(self._sample, before[0])
         if not other_blocks and not other_noise:
             self.slow = self.slow * slow_excess(self.found, keep)

@@ -32,8 +32,8 @@ class RejectedInterval:
     Args:
         start, end: stamps of its first and last sample, int ns.
         n_samples: how many.
-        reason: not_finite, saturated, out_of_order, stale, no_kinematics, moving or external_contact; as in
-            poise_msgs/RejectedInterval.
+        reason: not_finite, saturated, out_of_order, stale, no_kinematics, moving or external_contact, as in
+            poise_msgs/RejectedInterval; of a recording also payload_change.
     """
 
     start: int

@@ -4,9 +4,10 @@
 - `online`: `OnlineEstimator`, which takes streams of wrenches and motion.
 - `live`: `LiveEstimator`, which takes messages as they arrive; `status`: its diagnostics.
 - `identification`: `identify`, which feeds a recording to the pipeline. `estimate`: the answer.
+- `segments`: payloads of a recording, each weighed; `payload_changes`, `block_means`: the search for their changes.
 """
 
-from poise.inertia.pipeline.estimate import Identification, InertialEstimate
+from poise.inertia.pipeline.estimate import Identification, InertialEstimate, PayloadSegment
 from poise.inertia.pipeline.identification import identify, identify_wrenches, recorded_gravity
 from poise.inertia.pipeline.live import FLUSH_AFTER, IMUS, SOURCES, LiveEstimator, LiveOptions
 from poise.inertia.pipeline.online import OnlineEstimator
@@ -21,6 +22,7 @@ __all__ = [
     "LiveEstimator",
     "LiveOptions",
     "OnlineEstimator",
+    "PayloadSegment",
     "identify",
     "identify_wrenches",
     "recorded_gravity",

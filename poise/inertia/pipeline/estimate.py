@@ -153,6 +153,28 @@ class InertialEstimate:
 
 
 @dataclass(frozen=True, eq=False)
+class PayloadSegment:
+    """A span of a recording in which the payload stayed the same.
+
+    Args:
+        start, end: stamps of the first and the last sample, ns; the transition to the next payload is left out.
+        since: ns, when the payload became this one.
+        event: how the segment began: start (of the recording), grasped, released or spilled; or leaking.
+        log_odds: of the change that began it against none; NaN at the start.
+        estimate: of the payload; of a leaking one at the end.
+        lost: kg that a leaking payload has lost since the start.
+    """
+
+    start: int
+    end: int
+    since: int
+    event: str
+    log_odds: float
+    estimate: InertialEstimate
+    lost: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
 class Identification:
     """An estimate and what it was made of, sample by sample.
 
@@ -164,6 +186,8 @@ class Identification:
         motion: how the sensor moved at these stamps.
         history: the estimate as samples came in, the last one being the answer.
         source: where the motion came from, in words.
+        segments: between changes of the payload; one when it stayed the same. The answer is that of the last one in
+            which an object was held.
     """
 
     estimate: InertialEstimate
@@ -173,6 +197,7 @@ class Identification:
     motion: SensorMotion
     history: tuple[InertialEstimate, ...]
     source: str
+    segments: tuple[PayloadSegment, ...] = ()
 
     def __repr__(self) -> str:
         return f"Identification({self.estimate!r}, motion from {self.source})"

@@ -6,14 +6,16 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.bayes import SHAPE_ACCURACY
+from poise.inertia.bayes import EXTERNAL_CONTACT, SHAPE_ACCURACY
 from poise.inertia.estimators import DEFAULT_METHOD, estimator_named, joined, model_matrix
-from poise.inertia.model import NOT_FINITE, OUT_OF_ORDER, Parts
-from poise.inertia.pipeline.estimate import Identification, InertialEstimate
+from poise.inertia.model import NOT_FINITE, OUT_OF_ORDER, Parts, RejectedInterval
+from poise.inertia.pipeline.estimate import Identification, InertialEstimate, PayloadSegment
 from poise.inertia.pipeline.method_pipeline import PairedSamples
 from poise.inertia.pipeline.online import OnlineEstimator, check_options
+from poise.inertia.pipeline.segments import answer_of, predicted_wrench, weigh_segments
 from poise.recording import Recording, WrenchStream, interpolate
 from poise.robot import (
+    USED,
     FrameTree,
     Imu,
     ImuSource,
@@ -120,9 +122,31 @@ def identify_wrenches(
         if not is_last:
             _note(history, estimator)
         progress((number + 1) / len(pieces))
-    answer = estimator.estimate()
-    before = [past for past in history if past.method == answer.method and past.n_samples < answer.n_samples]
-    return _identification(answer, tuple(before), _joined(paired[answer.method]), estimator)
+    return _answered(paired, tuple(history), estimator)
+
+
+def _answered(
+    paired: dict[str, list[PairedSamples]], history: tuple[InertialEstimate, ...], estimator: OnlineEstimator
+) -> Identification:
+    """The answer for one payload; or, where the payload changed, that of the last object that was held."""
+    failure: NoAnswerError | None = None
+    try:
+        answer: InertialEstimate | None = estimator.estimate()
+    except NoAnswerError as error:
+        answer, failure = None, error
+    method = max(paired, key=lambda name: _count(paired[name])) if answer is None else answer.method
+    samples = _joined(paired[method])
+    segments = weigh_segments(samples, answer, estimator, method)
+    if segments:
+        return _of_segments(segments, samples, () if answer is None else answer.rejected, estimator)
+    if answer is None:
+        raise failure or NoAnswerError(ErrorCode.EMPTY, "there are no samples")
+    before = [past for past in history if past.method == method and past.n_samples < answer.n_samples]
+    return _identification(answer, tuple(before), samples, estimator)
+
+
+def _count(parts: list[PairedSamples]) -> int:
+    return sum(int(np.sum(part.reasons == USED)) for part in parts)
 
 
 def _note(history: list[InertialEstimate], estimator: OnlineEstimator) -> None:
@@ -222,4 +246,30 @@ def _identification(
         motion=samples.motion,
         history=(*before, answer),
         source=estimator.motion_words,
+        segments=(PayloadSegment(_first(samples), answer.stamp, _first(samples), "start", np.nan, answer),),
     )
+
+
+def _of_segments(
+    segments: tuple[PayloadSegment, ...],
+    samples: PairedSamples,
+    rejected: tuple[RejectedInterval, ...],
+    estimator: OnlineEstimator,
+) -> Identification:
+    """The answer where the payload changed, with samples and predictions of all segments."""
+    answer = answer_of(segments, tuple(span for span in rejected if span.reason != EXTERNAL_CONTACT))
+    return Identification(
+        estimate=answer,
+        stamps=samples.stamps,
+        wrench_measured=samples.wrench,
+        wrench_predicted=predicted_wrench(segments, samples.motion, estimator.gravity),
+        motion=samples.motion,
+        history=(answer,),
+        source=estimator.motion_words,
+        segments=segments,
+    )
+
+
+def _first(samples: PairedSamples) -> int:
+    """Stamp of the first sample, ns."""
+    return int(samples.stamps[0]) if len(samples.stamps) else 0

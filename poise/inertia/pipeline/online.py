@@ -298,6 +298,24 @@ class OnlineEstimator:
             entry, self._buffer(entry), prior, self._limits, lambda: self._motion_noise, self._max_intervals
         )
 
+    def pipeline_of(
+        self, entry: EstimatorEntry, buffer: MotionBuffer, bias: Array, spread: tuple[float, float], is_empty: bool
+    ) -> MethodPipeline:
+        """A pipeline that is separate from the running one, for samples of one payload among several.
+
+        Args:
+            entry: of its estimator.
+            buffer: of its motion.
+            bias: (6,) what the sensor reads with nothing on it, N and N m.
+            spread: standard deviations of that, N and N m; they count where no bias was given.
+            is_empty: nothing is held, so that the shape does not count.
+        """
+        given = self._prior.noise
+        noise = replace(given, force_bias=spread[0], torque_bias=spread[1])
+        prior = replace(self._prior, noise=noise, tare=bias) if np.isnan(given.force_bias) else self._prior
+        prior = replace(prior, parts=None) if is_empty else prior
+        return MethodPipeline(entry, buffer, prior, self._limits, lambda: self._motion_noise, self._max_intervals)
+
     def _buffer(self, entry: EstimatorEntry) -> MotionBuffer:
         """The motion that an estimator needs."""
         if entry is WATCH:

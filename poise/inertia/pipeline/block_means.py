@@ -1,0 +1,375 @@
+"""Means of the wrench and of its regressor over blocks of time, and robust fits of payloads to them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from poise.inertia.estimators import LEAST_NOISE
+from poise.inertia.model import ENTRIES, motion_signals
+from poise.recording import interpolate
+from poise.robot import SensorMotion
+from poise.types import Array, Indices, Mask, Stamps
+
+_BLOCK, _MOST = 100_000_000, 1200
+"""ns of a block; of a long recording they are longer, so that there are no more than so many."""
+
+_TURNING = 0.02
+"""rad/s, root mean square, from which on a block counts as motion; its errors are larger than those at rest."""
+
+_ENOUGH = 12
+"""Blocks of a kind from which on their own scatter is the scale of their errors."""
+
+CAP = 50.0
+"""Squared error of a block, of six channels, in units of its scale, from which on its size does not matter."""
+
+_WINDOW = 20
+"""Blocks whose scatter about a payload of their own is an error."""
+
+_ROUNDS = 8
+_MOST_LAGS, _MOST_CORRELATED = 10, 20.0
+_MEDIAN_OF_SQUARE, _MEDIAN_OF_SIX = 0.4549, 5.348
+"""Medians of chi-square with one and with six degrees of freedom."""
+
+_ROUGH = 5.0
+"""Times the usual scale that errors may have in two seconds; a heavier load has larger ones."""
+
+PHI_SPREAD = np.array([10.0] + [2.0] * 3 + [0.5] * 6)
+BIAS_SPREAD = np.repeat([100.0, 5.0], 3)
+"""Prior standard deviations, wide, of phi (kg, kg m, kg m2) and of the bias (N, N m)."""
+
+_LARGEST_GAP = 0.1
+"""s across which the motion at a delayed stamp is interpolated."""
+
+
+@dataclass(frozen=True, eq=False)
+class BlockMeans:
+    """B blocks in the order of time.
+
+    Args:
+        start, end: (B,) stamps of the first and the last sample, ns.
+        matrix: (B, 6, 10) mean regressor of phi.
+        wrench: (B, 6) mean wrench, N and N m.
+        moving: (B,) the sensor turned.
+        floor: (2,) standard deviation that the white noise of samples alone gives a mean, N and N m.
+    """
+
+    start: Stamps
+    end: Stamps
+    matrix: Array
+    wrench: Array
+    moving: Mask
+    floor: Array
+
+    def __len__(self) -> int:
+        return len(self.wrench)
+
+    @cached_property
+    def time(self) -> Array:
+        """(B,) from -1 at the first block to 1 at the last."""
+        middle = (self.start / 2 + self.end / 2) - self.start[0]
+        half = max(float(middle[-1]) / 2, 1.0)
+        return np.asarray(middle / half - 1)
+
+    @cached_property
+    def bias_matrix(self) -> Array:
+        """(B, 6, 6) of the bias: the identity."""
+        return np.broadcast_to(np.eye(6), (len(self), 6, 6))
+
+
+def block_means(motion: SensorMotion, wrench: Array, gravity: Array, delay: float) -> BlockMeans:
+    """Means over blocks of samples that may be used.
+
+    Args:
+        motion: N samples.
+        wrench: (N, 6) at their stamps, N and N m.
+        gravity: (3,) m/s2 in the world.
+        delay: s by which the wrench is stamped later than the motion.
+    """
+    stamps = motion.stamps
+    signals = motion_signals(
+        motion.gravity_in_sensor(gravity) - motion.linear_acceleration_in_sensor,
+        motion.angular_velocity_in_sensor,
+        motion.angular_acceleration_in_sensor,
+    )
+    if delay:
+        earlier = interpolate(stamps, signals, stamps - round(delay * 1e9), max_gap=_LARGEST_GAP)
+        signals = np.where(earlier.found[:, None], earlier.values, signals)
+    length = max(_BLOCK, int(stamps[-1] - stamps[0]) // _MOST)
+    number = (stamps - stamps[0]) // length
+    first = np.flatnonzero(np.diff(number, prepend=-1))
+    sizes = np.diff(np.append(first, len(stamps)))
+    mean = np.add.reduceat(signals, first) / sizes[:, None]
+    turning = np.add.reduceat(np.sum(motion.angular_velocity_in_sensor**2, axis=1), first) / sizes
+    jumps = np.diff(wrench, axis=0)
+    white = np.median(np.abs(jumps), axis=0).reshape(2, 3).mean(axis=1) / (0.6745 * np.sqrt(2)) if len(jumps) else 0.0
+    least = np.array([LEAST_NOISE.force, LEAST_NOISE.torque])
+    return BlockMeans(
+        stamps[first],
+        stamps[np.append(first[1:], len(stamps)) - 1],
+        np.einsum("ipc,bc->bip", ENTRIES[:, :10], mean),
+        np.add.reduceat(wrench, first) / sizes[:, None],
+        turning > _TURNING**2,
+        np.maximum(white / np.sqrt(np.median(sizes)), least),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """Unknowns that blocks share: (B, 6, c) their regressor, (c,) prior deviations, (B,) which set of them applies."""
+
+    matrix: Array
+    spread: Array
+    labels: Indices
+
+
+def payload_terms(
+    blocks: BlockMeans,
+    payloads: Indices,
+    biases: Indices | None = None,
+    *,
+    drift: bool = False,
+    leak: bool = False,
+) -> list[Term]:
+    """A payload for each label (B,), a bias for each label (B,); both may also change steadily."""
+    one = np.zeros(len(blocks), dtype=np.int64)
+    terms = [
+        Term(blocks.matrix, PHI_SPREAD, payloads),
+        Term(blocks.bias_matrix, BIAS_SPREAD, one if biases is None else biases),
+    ]
+    steadily = blocks.time[:, None, None]
+    if drift:
+        terms.append(Term(blocks.bias_matrix * steadily, BIAS_SPREAD, one))
+    if leak:
+        terms.append(Term(blocks.matrix[:, :, :4] * steadily, PHI_SPREAD[:4], one))
+    return terms
+
+
+@dataclass(frozen=True, eq=False)
+class BlockFit:
+    """A robust fit.
+
+    Args:
+        unknowns: (P,) of all terms, set by set.
+        covariance: (P, P), for errors without correlation in time.
+        residual: (B, 6) N and N m.
+        scale: (B, 6) standard deviations of the residual.
+        keep: (B,) blocks that the fit explains.
+        cost: sum over blocks of squared errors in units of the scale, each no more than `CAP`.
+        information: (P, P) without the prior, and
+        spread: (P,) prior deviations.
+    """
+
+    unknowns: Array
+    covariance: Array
+    residual: Array
+    scale: Array
+    keep: Mask
+    cost: float
+    information: Array
+    spread: Array
+
+    def log_evidence(self, correlated: float) -> float:
+        """Of the model, when so many neighbouring blocks err together."""
+        scaled = self.information * np.outer(self.spread, self.spread) / correlated
+        volume = float(np.linalg.slogdet(np.eye(len(scaled)) + scaled)[1])
+        prior = float(np.sum((self.unknowns / self.spread) ** 2))
+        return -(self.cost / correlated + volume + prior) / 2
+
+    @property
+    def correlated(self) -> float:
+        """How many neighbouring blocks err together, at least one."""
+        return _correlated((self.residual / self.scale) * self.keep[:, None])
+
+
+def fit(
+    blocks: BlockMeans, terms: Sequence[Term], scale: Array, *, widen: bool = False, start: Mask | None = None
+) -> BlockFit:
+    """Least squares of the blocks that agree with it.
+
+    Args:
+        blocks: the samples.
+        terms: the unknowns.
+        scale: (B, 6) of residuals, N and N m.
+        widen: scale up the force and the torque where the residuals are larger.
+        start: (B,) blocks to begin with; None: all.
+    """
+    design, spread = _design(terms)
+    keep = np.ones(len(blocks), dtype=bool) if start is None else start
+    ridge = np.diag(spread**-2.0)
+    for _ in range(_ROUNDS):
+        weight = keep[:, None] / scale
+        rows = (design * weight[:, :, None]).reshape(-1, design.shape[2])
+        information = rows.T @ rows
+        covariance = np.linalg.inv(information + ridge)
+        unknowns = covariance @ (rows.T @ (blocks.wrench * weight).ravel())
+        residual = blocks.wrench - design @ unknowns
+        before, agree = keep, agreeing(np.sum((residual / scale) ** 2, axis=1))
+        keep = agree if agree.any() else keep
+        if np.array_equal(keep, before):
+            if not widen:
+                break
+            usual = np.median((residual / scale)[keep].reshape(-1, 2, 3) ** 2, axis=(0, 2)) / _MEDIAN_OF_SQUARE
+            scale, widen = scale * np.repeat(np.sqrt(np.maximum(usual, 1.0)), 3), False
+    cost = float(np.minimum(np.sum((residual / scale) ** 2, axis=1), CAP).sum())
+    return BlockFit(
+        unknowns, np.asarray(covariance, dtype=np.float64), residual, scale, keep, cost, information, spread
+    )
+
+
+def agreeing(squares: Array) -> Mask:
+    """(B,) blocks whose squared errors (B,) are below `CAP`; where most are far above, the smaller half and more."""
+    return np.asarray(squares < CAP * max(1.0, float(np.median(squares)) / _MEDIAN_OF_SIX))
+
+
+def local_errors(blocks: BlockMeans) -> tuple[Array, float]:
+    """(B, 6) scale of what a payload and a bias leave of two seconds each, and how many of these errors hang together.
+
+    A change of the payload spoils the two seconds in which it happens, and no others.
+    """
+    residual = np.empty_like(blocks.wrench)
+    design = np.concatenate([blocks.matrix, blocks.bias_matrix], axis=2)
+    spread = np.concatenate([PHI_SPREAD, BIAS_SPREAD])
+    weight = 1 / np.repeat(blocks.floor, 3)
+    for some in np.array_split(np.arange(len(blocks)), max(len(blocks) // _WINDOW, 1)):
+        rows = (design[some] * weight[:, None]).reshape(-1, 16)
+        information = rows.T @ rows + np.diag(spread**-2.0)
+        unknowns = np.linalg.solve(information, rows.T @ (blocks.wrench[some] * weight).ravel())
+        freedom = max(1 - 16 / (6 * len(some)), 0.1)
+        residual[some] = (blocks.wrench[some] - design[some] @ unknowns) / np.sqrt(freedom)
+    scale = _scatter(blocks, residual)
+    for some in np.array_split(np.arange(len(blocks)), max(len(blocks) // _WINDOW, 1)):
+        own = np.median(residual[some].reshape(-1, 2, 3) ** 2, axis=(0, 2)) / _MEDIAN_OF_SQUARE
+        scale[some] = np.clip(np.repeat(np.sqrt(own), 3), scale[some], _ROUGH * scale[some])
+    errors = residual / scale
+    return scale, _correlated(errors * (np.sum(errors**2, axis=1) < CAP)[:, None])
+
+
+def _correlated(errors: Array) -> float:
+    """How many neighbours of errors (B, 6) hang together, at least one."""
+    power = float(np.sum(errors**2))
+    if not power or len(errors) < 4 * _MOST_LAGS:
+        return 1.0
+    lags = [float(np.sum(errors[lag:] * errors[:-lag])) / power for lag in range(1, _MOST_LAGS)]
+    falling = np.cumprod(np.array(lags) > 0) * lags  # up to the first that is not positive
+    return float(min(1 + 2 * falling.sum(), _MOST_CORRELATED))
+
+
+def _design(terms: Sequence[Term]) -> tuple[Array, Array]:
+    """(B, 6, P) and (P,) of all sets of all terms."""
+    matrices, spreads = [], []
+    for term in terms:
+        for label in range(int(term.labels.max()) + 1):
+            matrices.append(term.matrix * (term.labels == label)[:, None, None])
+            spreads.append(term.spread)
+    return np.concatenate(matrices, axis=2), np.concatenate(spreads)
+
+
+def _scatter(blocks: BlockMeans, residual: Array) -> Array:
+    """(B, 6) scale of residuals: the median of their squares, at rest and in motion, force and torque."""
+    scale = np.empty_like(residual)
+    kinds = [blocks.moving, ~blocks.moving]
+    if min(int(kind.sum()) for kind in kinds) < _ENOUGH:
+        kinds = [np.ones(len(blocks), dtype=bool)]
+    for kind in kinds:
+        for group, rows in enumerate((slice(0, 3), slice(3, 6))):
+            usual = float(np.median(residual[kind, rows] ** 2)) / _MEDIAN_OF_SQUARE
+            scale[kind, rows] = max(np.sqrt(usual), blocks.floor[group])
+    return scale
+
+
+@dataclass(frozen=True, eq=False)
+class Normals:
+    """Normal equations of phi and bias, of every block, weighted by the scale of its errors.
+
+    Args:
+        information: (B, 16, 16).
+        vector: (B, 16).
+    """
+
+    information: Array
+    vector: Array
+
+    @classmethod
+    def of(cls, blocks: BlockMeans, scale: Array) -> "Normals":
+        """For errors of a scale (B, 6), N and N m."""
+        rows = np.concatenate([blocks.matrix, blocks.bias_matrix], axis=2) / scale[:, :, None]
+        back = rows.swapaxes(1, 2)
+        return cls(back @ rows, (back @ (blocks.wrench / scale)[:, :, None])[:, :, 0])
+
+    def sums(self, keep: Mask) -> "NormalSums":
+        """Over the blocks `keep` (B,)."""
+        information, vector = self.information * keep[:, None, None], self.vector * keep[:, None]
+        return NormalSums(
+            np.concatenate([np.zeros((1, 16, 16)), np.cumsum(information, axis=0)]),
+            np.concatenate([np.zeros((1, 16)), np.cumsum(vector, axis=0)]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class NormalSums:
+    """Normal equations summed from the first block to each.
+
+    Args:
+        information: (B + 1, 16, 16).
+        vector: (B + 1, 16).
+    """
+
+    information: Array
+    vector: Array
+
+    def solved(self, bounds: Sequence[int]) -> tuple[Array, Array]:
+        """(K, 10) phi between every two of K + 1 bounds, and (6,) the bias that they have in common."""
+        edges = np.asarray(bounds)
+        solved, information, vector, _ = self._reduced(edges[:-1], edges[1:])
+        bias = np.linalg.solve(information.sum(axis=0) + np.diag(BIAS_SPREAD**-2.0), vector.sum(axis=0))
+        return solved[:, :, 6] - solved[:, :, :6] @ bias, bias
+
+    def bias(self, spans: Sequence[tuple[int, int]], correlated: float) -> tuple[Array, Array]:
+        """The bias (6,) that the payloads of some spans leave, N and N m, and its largest deviations (2,)."""
+        begin, end = np.array(spans).T
+        _, information, vector, _ = self._reduced(begin, end)
+        covariance = np.linalg.inv(information.sum(axis=0) / correlated + np.diag(BIAS_SPREAD**-2.0))
+        mean = covariance @ vector.sum(axis=0) / correlated
+        return mean, np.sqrt(np.diag(covariance)).reshape(2, 3).max(axis=1)
+
+    def gains(self, begin: int, where: Indices, end: int, others: Sequence[tuple[int, int]]) -> Array:
+        """(C,) by how much squared errors fall, when the span from begin to end is cut at each of `where` (C,).
+
+        Args:
+            begin, where, end: blocks.
+            others: all other spans, which share the bias.
+        """
+        rest = [self._reduced(np.array([one]), np.array([other])) for one, other in others]
+        left, right = self._reduced(np.full_like(where, begin), where), self._reduced(where, np.full_like(where, end))
+        whole = self._reduced(np.array([begin]), np.array([end]))
+        return _explained([left, right, *rest]) - _explained([whole, *rest])
+
+    def gain(self, begin: int, edge: int, end: int, others: Sequence[tuple[int, int]]) -> float:
+        """The same for one cut."""
+        return float(self.gains(begin, np.array([edge]), end, others)[0])
+
+    def _reduced(self, begin: Indices, end: Indices) -> tuple[Array, Array, Array, Array]:
+        """The payload of spans integrated out.
+
+        Returns:
+            (C, 10, 7) slopes of phi along the bias, and phi without one; (C, 6, 6) and (C, 6) about the bias; (C,) the
+            squares that the payload explains.
+        """
+        information = self.information[end] - self.information[begin]
+        vector = self.vector[end] - self.vector[begin]
+        own = information[:, :10, :10] + np.diag(PHI_SPREAD**-2.0)
+        cross = information[:, :10, 10:]
+        solved = np.linalg.solve(own, np.concatenate([cross, vector[:, :10, None]], axis=2))
+        back = cross.swapaxes(1, 2) @ solved
+        squares = np.sum(vector[:, :10] * solved[:, :, 6], axis=1)
+        return solved, information[:, 10:, 10:] - back[:, :, :6], vector[:, 10:] - back[:, :, 6], squares
+
+
+def _explained(parts: Sequence[tuple[Array, Array, Array, Array]]) -> Array:
+    """(C,) squares explained by payloads and one bias."""
+    information = sum((part[1] for part in parts), np.diag(BIAS_SPREAD**-2.0))
+    vector = sum((part[2] for part in parts), np.zeros(6))
+    bias = np.linalg.solve(information, vector[:, :, None])[:, :, 0]
+    return np.asarray(sum((part[3] for part in parts), np.sum(vector * bias, axis=1)))

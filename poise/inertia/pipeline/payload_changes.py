@@ -1,0 +1,341 @@
+"""When the payload of a recording changed: splits of its blocks, judged by the evidence for another payload."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from poise.inertia.pipeline.block_means import (
+    CAP,
+    BlockFit,
+    BlockMeans,
+    Normals,
+    agreeing,
+    fit,
+    local_errors,
+    payload_terms,
+)
+from poise.types import Array, Indices, Mask
+
+_CERTAIN = 14.0
+"""Log of the odds of a change against none: a million to one, as in the live change watch."""
+
+_BETTER = 3.0
+"""Log of the odds by which a change of the payload has to exceed another explanation."""
+
+_LEAST_BLOCKS, _LEAST_SPAN = 5, 400_000_000
+"""Blocks, and ns, that a segment has at least."""
+
+_LEAST_CHANGE, _LEAST_SHARE, _SURELY = 0.03, 0.03, 5.0
+"""kg, share of the mass, and standard deviations by which payloads differ that count as two."""
+
+_EXPLAINED = 0.7
+"""Share of the blocks of a segment that one payload has to explain."""
+
+_LEFT = 0.25
+"""Share of the change of the wrench that a payload may leave unexplained in the segments beside it."""
+
+_TRANSITION = 1_500_000_000
+"""ns beside a change in which blocks that neither payload explains belong to the grasp or the release."""
+
+_EVENLY = 0.1
+"""Share of the whole loss that a payload that leaks loses from each quarter of the time to the next."""
+
+_MOST_CUTS, _ROUNDS = 40, 8
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadChanges:
+    """What the blocks show.
+
+    Args:
+        labels: (B,) number of the segment; -1 in transitions, and where no payload explains the wrench.
+        edges: (K - 1,) first block of every segment but the first.
+        fit: one payload for each segment, one bias.
+        log_odds: of each change (the number of segments less one) against none there.
+        biases: for every segment the bias (6,) that the other ones show, N and N m, and its deviations (2,).
+        leaking: the payload became lighter steadily from the first block to the last.
+    """
+
+    labels: Indices
+    edges: tuple[int, ...]
+    fit: BlockFit
+    log_odds: tuple[float, ...]
+    biases: tuple[tuple[Array, Array], ...]
+    leaking: bool = False
+
+    @property
+    def count(self) -> int:
+        """Of segments."""
+        return len(self.edges) + 1
+
+    @property
+    def masses(self) -> Array:
+        """(K,) kg of the segments; where the payload leaks, at the beginning and at the end."""
+        if self.leaking:
+            return np.array(
+                [self.fit.unknowns[0] - self.fit.unknowns[16], self.fit.unknowns[0] + self.fit.unknowns[16]]
+            )
+        return np.asarray(self.fit.unknowns[: 10 * self.count : 10])
+
+    @property
+    def slope(self) -> tuple[Array, Array]:
+        """(4,) half the change of mass and first moment of a payload that leaks, kg and kg m, and (4, 4) covariance."""
+        return self.fit.unknowns[16:20], self.fit.covariance[16:20, 16:20] * self.fit.correlated
+
+
+def find_changes(blocks: BlockMeans) -> PayloadChanges | None:
+    """Changes of the payload, of which each is certain and of which each segment is explained by one payload.
+
+    The payload is compared with other explanations of the same blocks: one payload and a bias that steps at the same
+    instants or changes steadily, and a payload that leaks.
+
+    Args:
+        blocks: of a whole recording.
+
+    Returns:
+        None where one payload explains the blocks, or none does.
+    """
+    if len(blocks) < 2 * _LEAST_BLOCKS:
+        return None
+    search = _Search(blocks)
+    search.split()
+    search.merge()
+    search.prune()
+    return search.answer() or search.leak()
+
+
+class _Search:
+    """The state of one search: first blocks of the segments after the first one, and the fit of that.
+
+    Args:
+        blocks: of a whole recording.
+    """
+
+    def __init__(self, blocks: BlockMeans) -> None:
+        self.blocks = blocks
+        self.edges: list[int] = []
+        self._scale, self._correlated = local_errors(blocks)
+        self._normal = Normals.of(blocks, self._scale)
+        self._all = np.ones(len(blocks), dtype=bool)
+
+    # -- splitting and merging -------------------------------------------------------------------------------
+
+    def split(self) -> None:
+        """Cut where least squares gain most as long as that is much."""
+        while len(self.edges) < _MOST_CUTS:
+            counted = self._counted()
+            edge = self._best_cut(counted)
+            if edge is None:
+                return
+            edges = self._moved(sorted([*self.edges, edge]), counted)
+            if len(edges) <= len(self.edges):
+                return
+            self.edges = edges
+
+    def merge(self) -> None:
+        """Join neighbours, first those that differ least, where the blocks that are explained need no change."""
+        keep = self._explained_blocks()
+        while self.edges:
+            bounds = [0, *self.edges, len(self.blocks)]
+            sums = self._normal.sums(keep)
+            losses = [
+                sums.gain(bounds[number], edge, bounds[number + 2], _without(bounds, number))
+                for number, edge in enumerate(self.edges)
+            ]
+            least = int(np.argmin(losses))
+            if losses[least] / self._correlated > 2 * _CERTAIN:
+                return
+            self.edges = self._moved(_without_edge(self.edges, least))
+            keep = self._explained_blocks()
+
+    def _counted(self) -> Mask:
+        """(B,) all blocks but those that no payload explains in so short a row that it may be a push."""
+        counted = self._explained_blocks()
+        edges = np.flatnonzero(np.diff(counted, prepend=True, append=True))
+        for begin, end in edges.reshape(-1, 2):
+            counted[begin:end] = end - begin >= _LEAST_BLOCKS
+        return counted
+
+    def _best_cut(self, counted: Mask) -> int | None:
+        """The block before which a cut lets the squared errors fall most; None where that is not much."""
+        sums = self._normal.sums(counted)
+        bounds = [0, *self.edges, len(self.blocks)]
+        best, found = 2 * _CERTAIN * self._correlated, None
+        for number, (begin, end) in enumerate(pairwise(bounds)):
+            where = np.arange(begin + _LEAST_BLOCKS, end - _LEAST_BLOCKS + 1)
+            others = [span for other, span in enumerate(pairwise(bounds)) if other != number]
+            gains = sums.gains(begin, where, end, others) if len(where) else np.zeros(1)
+            if gains.max() > best:
+                best, found = float(gains.max()), int(where[gains.argmax()])
+        return found
+
+    def _moved(self, edges: list[int], counted: Mask | None = None) -> list[int]:
+        """The same edges where each separates the blocks of its two payloads best; none where there is no room.
+
+        With the blocks that are counted (B,) errors may be of any size; without, those of pushes are limited.
+        """
+        for _ in range(4 if edges else 0):
+            if counted is None:
+                errors = np.minimum(self._errors(edges, self._explained_blocks(edges)), CAP)
+            else:
+                errors = self._errors(edges, counted) * counted
+            moved: list[int] = []
+            for number, (begin, end) in enumerate(zip([0, *edges[:-1]], [*edges[1:], len(self.blocks)], strict=True)):
+                begin = max(begin, moved[-1] if moved else 0)
+                left = np.concatenate([[0.0], np.cumsum(errors[number, begin:end])])
+                right = np.concatenate([[0.0], np.cumsum(errors[number + 1, begin:end][::-1])])[::-1]
+                cost = (left + right)[_LEAST_BLOCKS : len(left) - _LEAST_BLOCKS]
+                if not len(cost):
+                    return []
+                moved.append(begin + _LEAST_BLOCKS + int(cost.argmin()))
+            if moved == edges:
+                break
+            edges = moved
+        return edges
+
+    def _errors(self, edges: list[int], keep: Mask) -> Array:
+        """(K, B) squared errors of every block with every payload, in units of their scale."""
+        phi, bias = self._normal.sums(keep).solved([0, *edges, len(self.blocks)])
+        left = self.blocks.wrench - bias - np.einsum("bip,kp->kbi", self.blocks.matrix, phi)
+        return np.asarray(np.sum((left / self._scale) ** 2, axis=2))
+
+    def _explained_blocks(self, edges: list[int] | None = None) -> Mask:
+        """(B,) blocks that agree with the payload of their segment when those that do not are left out."""
+        edges = self.edges if edges is None else edges
+        labels, keep = self._labels(edges), self._all
+        for _ in range(_ROUNDS):
+            before, agree = keep, agreeing(self._errors(edges, keep)[labels, np.arange(len(labels))])
+            keep = agree if agree.any() else keep
+            if np.array_equal(before, keep):
+                break
+        return keep.copy()
+
+    # -- judging ---------------------------------------------------------------------------------------------
+
+    def _fitted(self, edges: list[int], leak: bool = False) -> BlockFit:
+        """One payload between two edges, one bias."""
+        return fit(self.blocks, payload_terms(self.blocks, self._labels(edges), leak=leak), self._scale, widen=True)
+
+    def _labels(self, edges: list[int]) -> Indices:
+        return np.searchsorted(np.array(edges, dtype=np.int64), np.arange(len(self.blocks)), "right")
+
+    def _gain(self, edges: list[int]) -> float:
+        """Log odds of the present fit against the best one with fewer edges, where the bias may drift."""
+        scale, correlated = self.fit.scale, self.fit.correlated
+        labels = self._labels(edges)
+        coarse = [fit(self.blocks, payload_terms(self.blocks, labels), scale, start=start) for start in self._starts()]
+        coarse.append(fit(self.blocks, payload_terms(self.blocks, labels, drift=True), scale))
+        return self.fit.log_evidence(correlated) - max(each.log_evidence(correlated) for each in coarse)
+
+    def _starts(self) -> list[Mask]:
+        """All blocks; and those that one of the payloads explains, where these are many."""
+        count = len(self.edges) + 1
+        phi, bias = self.fit.unknowns[: 10 * count].reshape(count, 10), self.fit.unknowns[10 * count :]
+        left = self.blocks.wrench - bias - np.einsum("bip,kp->kbi", self.blocks.matrix, phi)
+        agree = np.sum((left / self.fit.scale) ** 2, axis=2) < CAP
+        return [self._all, max(agree, key=np.sum)]
+
+    def prune(self) -> None:
+        """Drop changes that are not certain, that hardly change the mass, or whose segments no payload explains."""
+        self.fit = self._fitted(self.edges)
+        self.odds: list[float] = []
+        while self.edges:
+            change = [self._change(number) for number in range(len(self.edges))]
+            worst = int(np.argmin(change))
+            if change[worst] >= 1.0:
+                self.odds = [self._gain(_without_edge(self.edges, number)) for number in range(len(self.edges))]
+                worst = int(np.argmin(self.odds))
+                if self.odds[worst] >= _CERTAIN:
+                    return
+            self.edges = self._moved(_without_edge(self.edges, worst))
+            self.fit = self._fitted(self.edges)
+
+    def _change(self, number: int) -> float:
+        """How much the mass changes, in units of what counts; 0 where no payload explains one of the segments."""
+        masses = self.fit.unknowns[: 10 * len(self.edges) + 10 : 10]
+        contrast = np.zeros(len(self.fit.unknowns))
+        contrast[[10 * number, 10 * number + 10]] = -1.0, 1.0
+        deviation = np.sqrt(float(contrast @ self.fit.covariance @ contrast) * self.fit.correlated)
+        least = max(_LEAST_CHANGE, _LEAST_SHARE * float(np.abs(masses[number : number + 2]).max()), _SURELY * deviation)
+        return float(abs(contrast @ self.fit.unknowns) / least * self._is_explained(number))
+
+    def _is_explained(self, number: int) -> bool:
+        """A payload each explains most blocks of the two segments beside a change, but for those of the transition."""
+        labels, inside = self._labels(self.edges), ~self._transitions()
+        step = (
+            self.fit.unknowns[10 * number + 10 : 10 * number + 20] - self.fit.unknowns[10 * number : 10 * number + 10]
+        )
+        for label in (number, number + 1):
+            own = (labels == label) & inside
+            kept = own & self.fit.keep
+            if kept.sum() < max(_LEAST_BLOCKS, _EXPLAINED * own.sum()):
+                return False
+            if self.blocks.end[kept][-1] - self.blocks.start[kept][0] < _LEAST_SPAN:
+                return False
+            effect = self.blocks.matrix[own] @ step / self.fit.scale[own]
+            left = self.fit.residual[own] / self.fit.scale[own]
+            if np.median(np.sum(left**2, axis=1)) > _LEFT**2 * np.median(np.sum(effect**2, axis=1)):
+                return False
+        return True
+
+    def _transitions(self) -> Mask:
+        """(B,) the block before and the one after each edge, and unexplained ones in a row with them."""
+        found = np.zeros(len(self.blocks), dtype=bool)
+        for edge in self.edges:
+            middle = int(self.blocks.start[edge])
+            for step, block in ((-1, edge - 1), (1, edge)):
+                first = block
+                while 0 <= block < len(self.blocks) and abs(int(self.blocks.start[block]) - middle) < _TRANSITION:
+                    if block != first and self.fit.keep[block]:
+                        break
+                    found[block] = True
+                    block += step
+        return found
+
+    # -- answers ---------------------------------------------------------------------------------------------
+
+    def answer(self) -> PayloadChanges | None:
+        """The changes, unless a bias that steps or a payload that leaks explains the blocks as well."""
+        if not self.edges:
+            return None
+        scale, correlated = self.fit.scale, self.fit.correlated
+        labels = self._labels(self.edges)
+        one = np.zeros_like(labels)
+        evidence = self.fit.log_evidence(correlated)
+        others = [payload_terms(self.blocks, one, labels), payload_terms(self.blocks, one, leak=True)]
+        for terms in others:
+            if fit(self.blocks, terms, scale).log_evidence(correlated) > evidence - _BETTER:
+                return None
+        transitions = self._transitions()
+        sums = Normals.of(self.blocks, scale).sums(self.fit.keep & ~transitions)
+        spans = list(pairwise([0, *self.edges, len(self.blocks)]))
+        biases = tuple(sums.bias([span for span in spans if span != own], correlated) for own in spans)
+        labels = np.where(transitions, -1, labels)
+        return PayloadChanges(labels, tuple(self.edges), self.fit, tuple(self.odds), biases)
+
+    def leak(self) -> PayloadChanges | None:
+        """A payload that becomes lighter steadily, where that is certain."""
+        one = np.zeros(len(self.blocks), dtype=np.int64)
+        leaking = self._fitted([], leak=True)
+        scale, correlated = leaking.scale, leaking.correlated
+        plain = [fit(self.blocks, payload_terms(self.blocks, one, drift=drift), scale) for drift in (False, True)]
+        odds = leaking.log_evidence(correlated) - max(each.log_evidence(correlated) for each in plain)
+        lost, mass = -2 * float(leaking.unknowns[16]), abs(float(leaking.unknowns[0]))
+        deviation = 2 * np.sqrt(float(leaking.covariance[16, 16]) * correlated)
+        if odds < _CERTAIN or lost < max(_LEAST_CHANGE, _LEAST_SHARE * mass, _SURELY * deviation):
+            return None
+        quarters = self._fitted([len(one) * quarter // 4 for quarter in (1, 2, 3)]).unknowns[:40:10]
+        if np.diff(quarters).max() > -_EVENLY * lost:
+            return None
+        unknown = np.zeros(6), np.full(2, np.inf)
+        return PayloadChanges(one, (), leaking, (odds,), (unknown,), leaking=True)
+
+
+def _without_edge(edges: list[int], number: int) -> list[int]:
+    return edges[:number] + edges[number + 1 :]
+
+
+def _without(bounds: list[int], number: int) -> list[tuple[int, int]]:
+    """Spans between bounds, but for the two about an edge."""
+    return [span for other, span in enumerate(pairwise(bounds)) if other not in (number, number + 1)]

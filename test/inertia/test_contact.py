@@ -1,0 +1,150 @@
+"""A payload is weighed from the part of a recording that is free of contact, however long the contact is."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from composites import composite, measured, without_shape
+from scipy.spatial.transform import Rotation, Slerp
+
+from poise.errors import ErrorCode
+from poise.inertia import identify
+from poise.inertia.bayes.consistent_part import away_from_contact
+from poise.inertia.bayes.estimator import poise
+from poise.inertia.model.problem import NoiseLevels
+from poise.recording import ImuStream, PoseStream, Recording, WrenchStream, open_recording, write_recording
+from poise.types import Array
+
+ROOT = Path(__file__).resolve().parents[2]
+WEIGHED = 0.9343
+"""kg, of the KUKA's payload: between the held poses (0.9323) and the free motion (0.9365)."""
+TIP = np.array([0.02, -0.01, 0.12])
+
+
+def spans(seconds: Array, share: float, pieces: int) -> Array:
+    """(N,) 1 during a contact and 0 elsewhere, with edges of 50 ms; `pieces` contacts take up a share of the time."""
+    period, length = seconds[-1] / pieces, share * seconds[-1] / pieces
+    phase = seconds % period - 0.3 * (period - length)
+    return np.clip(np.minimum(phase, length - phase) / 0.05, 0, 1)
+
+
+def contact_force(kind: str, seconds: Array, tip: Array, rng: np.random.Generator) -> Array:
+    """(N, 3) N in the base, at the tip (N, 3) m."""
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    if kind == "constant":
+        return np.tile(12 * normal, (len(tip), 1))
+    along = (tip - tip.mean(axis=0)) @ normal
+    if kind == "spring":
+        return 12 * np.clip(1 + 0.6 * along / along.std(), 0.1, None)[:, None] * normal
+    velocity = np.gradient(tip, seconds, axis=0)
+    sliding = velocity - (velocity @ normal)[:, None] * normal
+    return 12 * (normal - 0.4 * sliding / (np.linalg.norm(sliding, axis=1, keepdims=True) + 0.01))
+
+
+def in_contact(name: str, kind: str, share: float, pieces: int, path: Path, seed: int = 1) -> Recording:
+    """A KUKA bag whose arm rests against something for a share of the time."""
+    recording = open_recording(ROOT / "bags" / f"kuka_{name}.mcap")
+    wrench, poses = recording.wrench(), recording.poses("ft_sensor")
+    seconds = (wrench.stamps - wrench.stamps[0]) * 1e-9
+    at = (poses.stamps - poses.stamps[0]) * 1e-9
+    turns = Slerp(at, Rotation.from_matrix(poses.rotation_parent_child))
+    attitude = turns(np.clip((wrench.stamps - poses.stamps[0]) * 1e-9, 0, at[-1]))
+    force = contact_force(kind, seconds, attitude.apply(TIP), np.random.default_rng([seed, 77]))
+    force = attitude.inv().apply(force) * spans(seconds, share, pieces)[:, None]
+    touched = wrench.wrench_in_sensor + np.hstack([force, np.cross(TIP, force)])
+    imu: ImuStream = recording.imu()
+    mounting = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
+    streams = {
+        "wrench": WrenchStream(wrench.stamps, touched, wrench.frame_id),
+        "imu": imu,
+        "tf": poses,
+        "tf_static": PoseStream(poses.stamps[:1], mounting[None], np.zeros((1, 3)), "ft_sensor", "imu"),
+    }
+    write_recording(path / "touched.mcap", streams, metadata={"poise": {"gravity": "9.82085"}})
+    return open_recording(path / "touched.mcap")
+
+
+def codes(findings) -> set[ErrorCode]:
+    return {finding.code for finding in findings}
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "share", "pieces"),
+    [
+        ("free_motion", "constant", 0.5, 1),
+        ("free_motion", "friction", 0.7, 3),
+        ("vibration", "spring", 0.5, 3),
+        ("vibration", "friction", 0.5, 1),
+    ],
+)
+def test_a_real_arm_that_rests_against_something_for_most_of_the_time(name, kind, share, pieces, tmp_path):
+    estimate = identify(in_contact(name, kind, share, pieces, tmp_path)).estimate
+    assert estimate.parameters.mass == pytest.approx(WEIGHED, rel=0.03)
+    (finding,) = [each for each in estimate.findings if each.code is ErrorCode.IN_CONTACT]
+    assert finding.evidence["share"] == pytest.approx(share, abs=0.15)
+    assert finding.evidence["spans"] >= 1
+
+
+@pytest.mark.parametrize("name", ["free_motion", "vibration", "static_poses"])
+def test_recordings_without_contact_have_no_such_finding(name):
+    estimate = identify(open_recording(ROOT / "bags" / f"kuka_{name}.mcap")).estimate
+    assert ErrorCode.IN_CONTACT not in codes(estimate.findings)
+
+
+def touched_problem(seed: int, share: float, kind: str = "constant"):
+    """Six seconds of motion, the middle of which is in contact."""
+    rng = np.random.default_rng([8, seed])
+    phi = composite(rng).phi
+    phi = 0.8 * phi / phi[0]
+    problem = without_shape(measured(rng, phi, samples=600, noise=NoiseLevels(force_bias=np.inf, torque_bias=np.inf)))
+    force = rng.normal(size=3)
+    force *= 8 / np.linalg.norm(force)
+    up = -problem.gravity_in_sensor / 9.80665
+    pushed = np.tile(force, (600, 1)) if kind == "constant" else 4 * np.sin(problem.seconds)[:, None] * up + force
+    pushed = pushed * spans(problem.seconds, share, 1)[:, None]
+    return phi, replace(problem, wrench=problem.wrench + np.hstack([pushed, np.cross([0, 0, 0.1], pushed)]))
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.65])
+def test_the_free_part_of_a_simulated_motion_is_found(share):
+    errors = []
+    for seed in range(4):
+        phi, problem = touched_problem(seed, share, "turning")
+        solution = poise(problem)
+        assert ErrorCode.IN_CONTACT in codes(solution.findings)
+        errors.append(abs(solution.phi[0] - phi[0]) / np.sqrt(solution.covariance[0, 0]))
+        assert solution.phi[0] == pytest.approx(phi[0], rel=0.03)
+    assert max(errors) < 3.5
+
+
+def test_two_payloads_that_explain_one_half_each_are_both_reported():
+    rng = np.random.default_rng(12)
+    phi = composite(rng).phi
+    phi = 0.8 * phi / phi[0]
+    problem = without_shape(measured(rng, phi, samples=800, noise=NoiseLevels(force_bias=np.inf, torque_bias=np.inf)))
+    late = problem.seconds > problem.seconds[-1] / 2
+    wrench = problem.wrench.copy()
+    wrench[late] += problem.regressor[late] @ (0.6 * phi)
+    solution = poise(replace(problem, wrench=wrench))
+    (finding,) = [each for each in solution.findings if each.code is ErrorCode.IN_CONTACT]
+    masses = sorted([finding.evidence["mass"], finding.evidence["other_mass"]])
+    assert masses == pytest.approx([0.8, 1.28], rel=0.05)
+    deviation = np.sqrt(solution.covariance[0, 0])
+    assert all(abs(solution.phi[0] - mass) < 1.5 * deviation for mass in (0.8, 1.28))
+
+
+def test_a_heavy_and_a_light_payload_without_contact_are_not_doubted():
+    for mass in (0.03, 5.0):
+        rng = np.random.default_rng(3)
+        phi = composite(rng).phi
+        solution = poise(measured(rng, mass * phi / phi[0], samples=300))
+        assert ErrorCode.IN_CONTACT not in codes(solution.findings)
+
+
+def test_the_neighbours_of_a_contact_are_not_used_as_long_as_enough_is_left():
+    free = np.array([1, 1, 1, 0, 0, 1, 1, 1, 1, 1], dtype=bool)
+    assert np.flatnonzero(away_from_contact(free)).tolist() == [0, 1, 6, 7, 8, 9]
+    short = np.array([1, 1, 0, 1, 1, 0, 1, 1], dtype=bool)
+    assert away_from_contact(short).tolist() == short.tolist()

@@ -1,0 +1,63 @@
+"""Several payloads in one recording: each is found and weighed, and what is no payload changes nothing."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ordinary_work import START, Nuisance, Work, work
+
+from poise.errors import ErrorCode
+from poise.inertia import Identification, identify
+from poise.inertia.pipeline import OnlineEstimator, identify_wrenches
+from poise.recording import open_recording
+from poise.robot import JointSource, Kinematics
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def weighed(measured: Work, bias: float = 3.0) -> Identification:
+    """The whole recording at once, of a sensor with a bias, N and N m / 20."""
+    wrench = measured.wrench
+    shifted = wrench.wrench_in_sensor + np.repeat([bias, bias / 20], 3)
+    source = JointSource(measured.model)
+    joints = measured.joints
+    feed = (joints.stamps, lambda some: source.extend(joints.stamps[some], joints.names, joints.position[some]))
+    estimator = OnlineEstimator(source, frame_id=wrench.frame_id, patience=math.inf, max_intervals=None)
+    return identify_wrenches(replace(wrench, wrench_in_sensor=shifted), Kinematics(source, [feed]), estimator)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_every_grasp_and_release_is_found_and_each_payload_is_weighed(seed):
+    measured = work(np.random.default_rng([seed, 7]), 17.0, every=2)
+    answer = weighed(measured)
+    assert len(answer.segments) == len(measured.payloads) >= 3
+    for segment, phi in zip(answer.segments, measured.payloads, strict=True):
+        estimate = segment.estimate
+        assert estimate.parameters.mass == pytest.approx(phi[0], abs=max(4 * estimate.mass_std, 0.002))
+    times = [(segment.since - START) * 1e-9 for segment in answer.segments[1:]]
+    np.testing.assert_allclose(times, measured.changes, atol=0.15)
+    events = ["start", *("grasped" if after else "released" for after in measured.payloads[1:, 0])]
+    assert [segment.event for segment in answer.segments] == events
+    held = [segment for segment, phi in zip(answer.segments, measured.payloads, strict=True) if phi[0]]
+    assert answer.estimate.parameters.mass == held[-1].estimate.parameters.mass
+    finding = next(each for each in answer.estimate.findings if each.code is ErrorCode.PAYLOAD_CHANGED)
+    assert finding.evidence["changes"] == len(measured.changes)
+    assert finding.evidence["time_1"] == pytest.approx(measured.changes[0], abs=0.2)
+
+
+@pytest.mark.parametrize("seed", [40, 41])
+def test_pushes_and_a_drifting_bias_make_no_segments(seed):
+    measured = work(np.random.default_rng(seed), 20.0, every=0, nuisance=Nuisance(pushes=12, drift=0.3))
+    answer = weighed(measured)
+    assert len(answer.segments) == 1
+    assert not any(each.code is ErrorCode.PAYLOAD_CHANGED for each in answer.estimate.findings)
+
+
+@pytest.mark.parametrize("name", ["static_poses", "free_motion", "vibration"])
+def test_the_kuka_recordings_have_one_payload(name):
+    answer = identify(open_recording(ROOT / "bags" / f"kuka_{name}.mcap"))
+    (segment,) = answer.segments
+    assert segment.event == "start"
+    assert segment.estimate is answer.estimate
