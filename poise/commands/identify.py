@@ -18,6 +18,7 @@ from poise.commands.exports import (
     read_exports,
     write_exports,
 )
+from poise.commands.identify_causes import RepairOption, findings_json, no_answer_json, weighed_with_causes
 from poise.commands.identify_model import compensation_fields, say, without_effects
 from poise.commands.identify_segments import segment_table, segments_json
 from poise.commands.output import (
@@ -30,7 +31,7 @@ from poise.commands.output import (
     warn,
     write_json,
 )
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators import AUTO, DEFAULT_METHOD, all_estimators
 from poise.inertia.model import ObjectShape, load_object
 from poise.inertia.pipeline import Identification
@@ -136,6 +137,7 @@ def identify(
     max_force: MaxForceOption = np.inf,
     max_torque: MaxTorqueOption = np.inf,
     model: ModelOption = None,
+    repair: RepairOption = False,
     report: ReportOption = None,
     exports: ExportOption = None,
     frame: FrameOption = None,
@@ -159,8 +161,16 @@ def identify(
     people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
         limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
-        recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
-    content = as_json(bag, recording, answer) | {
+
+        def weigh_again(path: Path, down: float | None) -> tuple[Recording, Identification]:
+            return weigh(path, urdf, method, sensor_frame, down, wrench_topic, limits, progress=progress, **more)
+
+        weighed = weighed_with_causes(weigh_again, source, wrench_topic, gravity, repair)
+    answer = weighed.answer
+    if answer is None:
+        write_json(json_target, no_answer_json(bag, weighed))
+        raise weighed.failure or NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{bag}: there is no estimate")
+    content = as_json(bag, weighed.recording, answer) | {
         "object": None if shape is None else shape.words,
         **compensation_fields(taken),
     }
@@ -170,8 +180,12 @@ def identify(
     write_json(json_target, content)
     print_answer(people, bag, answer)
     say(people, taken)
-    for path in [*written, *write_exports(plan, answer.estimate, bag)]:
+    if weighed.failure is None:
+        written += write_exports(plan, answer.estimate, bag)
+    for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
+    if weighed.failure is not None:
+        raise weighed.failure
 
 
 def _told(shape: ObjectShape | None, accuracy: float | None) -> dict[str, Any]:
@@ -263,11 +277,7 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
         "residual_torque": estimate.residual_torque,
         "frame_id": estimate.frame_id,
         "stamp": estimate.stamp * 1e-9,
-        "findings": [
-            {"code": int(finding.code), "name": finding.code.name, "sentence": finding.message}
-            | {"evidence": dict(finding.evidence)}
-            for finding in estimate.findings
-        ],
+        "findings": findings_json(estimate.findings),
         "segments": segments_json(answer),
         "source": answer.source,
         "bag": str(bag),

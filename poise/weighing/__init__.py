@@ -14,6 +14,7 @@ from poise.weighing.verdicts import (
     is_withheld,
     repaired_wrench,
     with_causes,
+    without_numbers,
 )
 
 __all__ = [
@@ -26,4 +27,5 @@ __all__ = [
     "is_withheld",
     "repaired_wrench",
     "with_causes",
+    "without_numbers",
 ]

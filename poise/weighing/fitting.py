@@ -62,7 +62,7 @@ class Explanation:
     @property
     def rms(self) -> Array:
         """(2,) of force and torque per axis, N and N m."""
-        return np.sqrt(np.mean(self.residual.reshape(-1, 2, 3) ** 2, axis=(0, 2)))
+        return np.asarray(np.sqrt(np.mean(self.residual.reshape(-1, 2, 3) ** 2, axis=(0, 2))))
 
 
 def payload_columns(signals: Array) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.inertia import InertialEstimate
+from poise.inertia import PARAMETER_NAMES, InertialEstimate, InertialParameters
 from poise.inertia.model import EstimateFinding
 from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
@@ -77,6 +77,13 @@ def _maybe_compensated(estimate: InertialEstimate) -> EstimateFinding | None:
         " compensation off, or move faster",
         {"mass": mass, "mass_std": estimate.mass_std, "largest_acceleration": largest},
     )
+
+
+def without_numbers(estimate: InertialEstimate) -> InertialEstimate:
+    """The estimate with NaN for the payload: its numbers would be wrong."""
+    unknown, spread = np.full(10, np.nan), np.full((10, 10), np.nan)
+    parameters = InertialParameters(np.nan, np.full(3, np.nan), np.full((3, 3), np.nan))
+    return replace(estimate, parameters=parameters, phi=unknown, covariance=spread, unidentified=PARAMETER_NAMES)
 
 
 # -- repair ----------------------------------------------------------------------------------------------------------

@@ -94,8 +94,8 @@ def _compensated(count: int) -> Callable[[Explanation], tuple[str, Mapping[str, 
         mass = float(found.phi[0])
         return (
             f"accelerations show {mass:.3f} +- {found.mass_std:.3f} kg, but the weight is that of {mass - taken:.3f}"
-            f" kg: the robot's controller or the driver compensates {taken:.3f} +- {deviation:.3f} kg: switch its payload"
-            " compensation off, or set its payload to zero",
+            f" kg: the robot's controller or the driver compensates {taken:.3f} +- {deviation:.3f} kg: switch its"
+            " payload compensation off, or set its payload to zero",
             {"compensated_mass": taken, "compensated_mass_std": deviation, "n_parameters": float(count)},
         )
 
