@@ -18,7 +18,14 @@ from poise.commands.exports import (
     read_exports,
     write_exports,
 )
-from poise.commands.identify_causes import RepairOption, findings_json, no_answer_json, weighed_with_causes
+from poise.commands.identify_causes import (
+    Known,
+    RepairOption,
+    Weigh,
+    findings_json,
+    no_answer_json,
+    weighed_with_causes,
+)
 from poise.commands.identify_model import compensation_fields, say, without_effects
 from poise.commands.identify_segments import segment_table, segments_json
 from poise.commands.output import (
@@ -160,32 +167,49 @@ def identify(
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
-        limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
-
-        def weigh_again(path: Path, down: float | None) -> tuple[Recording, Identification]:
-            return weigh(path, urdf, method, sensor_frame, down, wrench_topic, limits, progress=progress, **more)
-
-        weighed = weighed_with_causes(weigh_again, source, wrench_topic, gravity, repair)
-    answer = weighed.answer
-    if answer is None:
+        settings = ((max_force, max_torque), {"progress": progress, **_told(shape, shape_accuracy)})
+        weighed = weighed_with_causes(_weigher(urdf, method, known, *settings), source, known, repair)
+    if weighed.answer is None:
         write_json(json_target, no_answer_json(bag, weighed))
+    else:
+        content = as_json(bag, weighed.recording, weighed.answer) | compensation_fields(taken)
+        content["object"] = None if shape is None else shape.words
+        _show(people, bag, weighed.answer, report, content, json_target)
+        say(people, taken)
+    if weighed.failure is not None or weighed.answer is None:
         raise weighed.failure or NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{bag}: there is no estimate")
-    content = as_json(bag, weighed.recording, answer) | {
-        "object": None if shape is None else shape.words,
-        **compensation_fields(taken),
-    }
+    for path in write_exports(plan, weighed.answer.estimate, bag):
+        people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def _show(
+    people: Console,
+    bag: Path,
+    answer: Identification,
+    report: Path | None,
+    content: dict[str, Any],
+    json_target: str | None,
+) -> None:
+    """Warnings, the report, the JSON and the table."""
     for warning in content["warnings"]:
         warn(warning)
     written = [] if report is None else write_report(report, bag, answer)
     write_json(json_target, content)
     print_answer(people, bag, answer)
-    say(people, taken)
-    if weighed.failure is None:
-        written += write_exports(plan, answer.estimate, bag)
     for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
-    if weighed.failure is not None:
-        raise weighed.failure
+
+
+def _weigher(
+    urdf: Path | None,
+    method: str,
+    known: Known,
+    limits: tuple[float, float],
+    more: dict[str, Any],
+) -> Weigh:
+    """Weighs a recording by the options of the command, `known` being sensor frame, gravity and topic."""
+    frame, _, topic = known
+    return lambda path, gravity: weigh(path, urdf, method, frame, gravity, topic, limits, **more)
 
 
 def _told(shape: ObjectShape | None, accuracy: float | None) -> dict[str, Any]:

@@ -34,6 +34,9 @@ RepairOption = Annotated[
     ),
 ]
 
+Known = tuple[str | None, float | None, str]
+"""Sensor frame, gravity in m/s2 and topic of the wrench, as given."""
+
 Weigh = Callable[[Path, float | None], tuple[Recording, Identification]]
 """Weighs a recording with gravity in m/s2; None: that of the recording."""
 
@@ -55,12 +58,13 @@ class Weighed:
     failure: NoAnswerError | None = None
 
 
-def weighed_with_causes(weigh: Weigh, bag: Path, wrench_topic: str, gravity: float | None, repair: bool) -> Weighed:
-    """Weigh, and where no payload explains the wrench, find the cause.
+def weighed_with_causes(weigh: Weigh, bag: Path, known: Known, repair: bool) -> Weighed:
+    """Weigh, and where no payload explains the wrench, find the cause; with `repair`, correct one that is certain.
 
     Raises:
         InputError, NoAnswerError: as `weigh`; without an answer only where no cause is found.
     """
+    _, gravity, wrench_topic = known
     try:
         recording, answer = weigh(bag, gravity)
     except NoAnswerError as error:
