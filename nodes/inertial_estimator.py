@@ -21,7 +21,7 @@ from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
-from poise.nodes.runtime import guarded, run
+from poise.nodes.runtime import guarded, run, subscribe
 from poise.recording import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
@@ -47,14 +47,19 @@ class InertialEstimator(Node):
         self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         best_effort = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
-        wrench_qos = best_effort if values["best_effort"] else QoSProfile(depth=2000)
+        for message_type, topic, callback in (
+            (WrenchStamped, "wrench", self._on_wrench),
+            (JointState, "joint_states", self._on_joint_state),
+            (TFMessage, "tf", self._on_tf),
+        ):
+            if topic == "wrench" and values["best_effort"]:
+                self.create_subscription(message_type, topic, guarded(self, callback), best_effort)
+            else:
+                subscribe(self, message_type, topic, callback, 2000)
         for message_type, topic, callback, qos in (
-            (WrenchStamped, "wrench", self._on_wrench, wrench_qos),
-            (JointState, "joint_states", self._on_joint_state, QoSProfile(depth=2000)),
-            (Odometry, "odom", self._on_odometry, QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)),
+            (Odometry, "odom", self._on_odometry, best_effort),
             (String, "robot_description", self._on_description, _LATCHED),
-            (Imu, "imu", self._on_imu, QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)),
-            (TFMessage, "tf", self._on_tf, QoSProfile(depth=2000)),
+            (Imu, "imu", self._on_imu, best_effort),
             (TFMessage, "tf_static", self._on_tf_static, _LATCHED),
             (SegmentedObject, "segmented_object", self._on_shape, _LATCHED),
         ):

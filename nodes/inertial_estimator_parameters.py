@@ -78,7 +78,7 @@ PARAMETERS = (
         "s of motion on either side of a block that its spline includes; block and margin delay the estimate",
         (0.1, 10.0),
     ),
-    Parameter("best_effort", False, "also accept wrenches from a best-effort publisher (some may be lost)"),
+    Parameter("best_effort", False, "take wrenches by best effort, even from a reliable publisher (some may be lost)"),
 )
 
 

@@ -11,7 +11,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -24,11 +23,11 @@ from poise.mismatch.reading import NominalModel, dump_model, joined, load_model,
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.runtime import LATCHED, coded, guarded
+from poise.nodes.runtime import LATCHED, coded, guarded, subscribe
 from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
 
-_DEEP = QoSProfile(depth=2000)
+_DEPTH = 2000
 _LOOK_PERIOD = 0.25
 """s between checks whether the next window is due."""
 _FULL = 0.95
@@ -111,14 +110,14 @@ class MismatchDiagnoser(Node):
 
     def _listen(self) -> None:
         # At 1 kHz, messages that are decoded one by one take more than the examinations: bytes are kept.
-        for kind, topic, callback, qos, raw in (
-            (WrenchStamped, "wrench", self._window.add_wrench_message, _DEEP, True),
-            (JointState, "joint_states", self._window.add_joint_state_message, _DEEP, True),
-            (Odometry, "odom", self._on_odometry, _DEEP, False),
-            (String, "robot_description", self._on_description, LATCHED, False),
+        for kind, topic, callback, raw in (
+            (WrenchStamped, "wrench", self._window.add_wrench_message, True),
+            (JointState, "joint_states", self._window.add_joint_state_message, True),
+            (Odometry, "odom", self._on_odometry, False),
         ):
             if topic != "wrench" or self._wrench != "none":
-                self.create_subscription(kind, topic, guarded(self, callback), qos, raw=raw)
+                subscribe(self, kind, topic, callback, _DEPTH, raw=raw)
+        self.create_subscription(String, "robot_description", guarded(self, self._on_description), LATCHED)
         self.create_service(Trigger, "reset_window", self._on_reset)
         self.create_timer(_LOOK_PERIOD, guarded(self, self._look))
 

@@ -8,9 +8,10 @@ from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
 from poise.errors import ErrorCode, PoiseError
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
@@ -76,6 +77,33 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
         return None
 
     return call
+
+
+def subscribe(
+    node: Node, kind: type, topic: str, callback: Callable[..., Any], depth: int, *, raw: bool = False
+) -> None:
+    """Subscribe reliably; from a publisher that offers only best effort, by best effort, and report that once.
+
+    Sensor drivers often publish by best effort, and DDS gives none of these messages to a reliable subscription.
+    """
+    relaxed: list[Any] = []
+    take = guarded(node, callback)
+
+    def take_reliable(message: Any) -> None:
+        if not relaxed:  # else a reliable publisher is heard by the other subscription too
+            take(message)
+
+    def relax(event: Any) -> None:
+        if relaxed or event.last_policy_kind != QoSPolicyKind.RELIABILITY:
+            return
+        qos = QoSProfile(depth=depth, reliability=ReliabilityPolicy.BEST_EFFORT)
+        relaxed.append(node.create_subscription(kind, topic, take, qos, raw=raw))
+        node.get_logger().warning(
+            f"{topic} is published by best effort: messages may be lost; publish it reliably to avoid that"
+        )
+
+    events = SubscriptionEventCallbacks(incompatible_qos=relax)
+    node.create_subscription(kind, topic, take_reliable, QoSProfile(depth=depth), raw=raw, event_callbacks=events)
 
 
 def coded(failure: Exception) -> PoiseError:

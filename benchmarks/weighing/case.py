@@ -1,5 +1,6 @@
 """One case: an object on a robot in motion, what is wrong, the recording, and the truth."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,14 +15,16 @@ from benchmarks.foreign.honest import Honest
 from benchmarks.foreign.load import Body, Load
 from benchmarks.foreign.motions import MOTIONS
 from benchmarks.foreign.profiles import Profile
-from benchmarks.foreign.recorder import Recorder
+from benchmarks.foreign.recorder import Recorder, sensed
 from benchmarks.foreign.robots import ROBOTS, Array
-from benchmarks.foreign.world import Scene, World
+from benchmarks.foreign.sensors import LEVER
+from benchmarks.foreign.world import GRAVITY, Scene, Track, World
 from benchmarks.weighing.effects import Grasped, Resting, turning
 from benchmarks.weighing.kinds import BY_NAME, Kind
 from benchmarks.weighing.objects import draw_object
 from benchmarks.weighing.readings import Moments
 from benchmarks.weighing.still_air import fly
+from benchmarks.weighing.visible import visibility
 
 SECONDS = (13.0, 19.0)
 GENTLE = 0.35
@@ -92,14 +95,36 @@ def make_case(plan: Plan, seconds: float | None = None) -> Case:
     if streams.wrench is None:
         raise RuntimeError("a profile of this benchmark has no wrench")
     at = np.asarray((streams.wrench.stamps - recorder.start) * 1e-9 - honest.late, dtype=np.float64)
+    before = copy.deepcopy(rng)
     values = _read(kind, Moments(at, turning(track, at), load.whole, rng), streams.wrench.values)
     streams = replace(streams, wrench=bag.Wrenches(streams.wrench.stamps, values))
-    label = _label(plan, load, length, recorder.start, faults) | {"robot": profile.robot}
+    seen = _visible(kind, track, load.whole, recorder, before)
+    label = _label(plan, load, length, recorder.start, faults) | {"robot": profile.robot, "visible": seen}
     return Case(bag.messages(_with_gaps(streams, rng) if kind.lost else streams), kind.arguments, label)
 
 
 def _read(kind: Kind, when: Moments, wrench: Array) -> Array:
     return wrench if kind.reading is None else kind.reading(when, wrench)
+
+
+def _visible(kind: Kind, track: Track, load: Body, recorder: Recorder, rng: np.random.Generator) -> float | None:
+    """Sigmas by which an ideal test would see the trouble; None where encoders are wrong or samples are missing.
+
+    Args:
+        rng: as it was when the trouble was drawn.
+    """
+    if kind.lost or kind.name in ("joint_offset", "spikes", "healthy"):
+        return None
+    honest = replace(recorder.honest, rotation=np.zeros(3), late=0.0)
+    clean = sensed(track, honest, recorder.faults)
+    when = Moments(track.seconds, track.turn, load, rng)
+    level = recorder.profile.force * np.repeat([1.0, LEVER], 3)
+    jolt = level * np.random.default_rng(0).normal(size=clean.shape)
+    wrench = _read(kind, replace(when, rng=copy.deepcopy(rng)), clean)
+    noise = (_read(kind, replace(when, rng=copy.deepcopy(rng)), clean + jolt) - wrench).std(axis=0)
+    gravity = float(kind.arguments[1]) if kind.arguments else GRAVITY
+    noise = np.maximum(noise, 0.1 * level)
+    return visibility(track.place, track.turn, wrench, noise, recorder.profile.wrench_rate, gravity)
 
 
 def draw_profile(rng: np.random.Generator) -> Profile:

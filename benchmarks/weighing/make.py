@@ -19,19 +19,23 @@ def plans(seeds: str, kinds: tuple[str, ...], count: int, healthy: int) -> Itera
 
     Args:
         seeds: name in SEEDS. kinds: names. count: cases of each, in turn over motions and objects; 15 are all pairs.
-        healthy: recordings without trouble, every second one of the other generator.
+        healthy: recordings without trouble, every second one of the other generator; spread evenly, so that the first
+            cases of a set are a fair part of it.
     """
     every = [kind.name for kind in KINDS]
     items, ways = list(OBJECTS), list(WAYS)
-    for name in kinds:
-        row = every.index(name)
-        for number in range(count):
+    for number in range(count):
+        for name in kinds:
+            row = every.index(name)
             item, way = items[(row + number + number // 15) % len(items)], ways[(row + number) % len(ways)]
             yield Plan((SEEDS[seeds], row + 1, number), name, item, way)
-    for number in range(healthy):
-        generator = ("robot", "tf")[number % 2]
-        item, way = items[number // 2 % len(items)], ways[number // 2 % len(ways)]
-        yield Plan((SEEDS[seeds], 0, number), "healthy", item, way, generator)
+        yield from (_healthy(seeds, i) for i in range(number * healthy // count, (number + 1) * healthy // count))
+
+
+def _healthy(seeds: str, number: int) -> Plan:
+    items, ways = list(OBJECTS), list(WAYS)
+    item, way = items[number // 2 % len(items)], ways[number // 2 % len(ways)]
+    return Plan((SEEDS[seeds], 0, number), "healthy", item, way, ("robot", "tf")[number % 2])
 
 
 def main() -> None:

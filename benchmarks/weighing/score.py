@@ -14,6 +14,8 @@ from benchmarks.weighing.kinds import BY_NAME, KINDS
 from benchmarks.weighing.run import answered
 
 SIGMAS = 3.0
+HIDDEN = 6.0
+"""Sigmas of an ideal test below which no test can find the trouble in the recording."""
 NO_CAUSE = "POOR_FIT"
 """The finding that says that something is wrong, but not what."""
 
@@ -30,6 +32,8 @@ class Verdict:
         silent: an answer with status 0 and without a finding, beyond three sigma.
         named: the first cause is right. withheld: no number was given.
         repaired: relative error of the mass after --repair; NaN: none. repaired_z: over its one sigma.
+        weighed: payloads of the recording, and how many of them have a segment within three sigma.
+        visible: sigmas by which an ideal test would see that no payload explains the wrench; NaN: not computed.
         cpu: s.
     """
 
@@ -48,6 +52,8 @@ class Verdict:
     withheld: bool
     repaired: float
     repaired_z: float
+    weighed: tuple[int, int]
+    visible: float
     cpu: float
 
     @property
@@ -86,6 +92,8 @@ def judge(case: str, label: dict[str, Any], outcome: dict[str, Any]) -> Verdict:
         withheld=bool(np.isnan(mass_z)),
         repaired=repaired,
         repaired_z=repaired_z,
+        weighed=_weighed(answer, label),
+        visible=float(np.nan if label.get("visible") is None else label["visible"]),
         cpu=float(outcome.get("cpu", 0.0)),
     )
 
@@ -102,10 +110,29 @@ def _errors(answer: dict[str, Any], label: dict[str, Any]) -> tuple[float, float
     mass, sigma = answer.get("mass"), answer.get("mass_std")
     if mass is None or sigma is None:
         return np.nan, np.nan, np.nan
-    off = abs(mass - label["mass"])
-    places = zip(answer["com"], label["com"], answer["com_std"], strict=True)
-    worst = [abs(c - true) / max(s, 1e-9) for c, true, s in places if c is not None and s is not None]
-    return off / max(sigma, 1e-9), max(worst, default=np.nan), off / label["mass"]
+    several = len(answer.get("segments") or []) > 1
+    bodies = label["segments"] if several else [label]  # an answer that says that there are several is for one of them
+    nearest = min(bodies, key=lambda body: abs(mass - body["mass"]))
+    off = abs(mass - nearest["mass"])
+    worst = [
+        abs(c - true) / max(s, 1e-9)
+        for c, true, s in zip(answer["com"], label["com"], answer["com_std"], strict=True)
+        if c is not None and s is not None and nearest["mass"] == label["mass"]
+    ]
+    return off / max(sigma, 1e-9), max(worst, default=np.nan), off / nearest["mass"]
+
+
+def _weighed(answer: dict[str, Any], label: dict[str, Any]) -> tuple[int, int]:
+    """Payloads of a recording, and how many have a segment in their middle whose mass is within three sigma."""
+    true = label.get("segments") or []
+    right = 0
+    for body in true:
+        middle = label["start"] * 1e-9 + (body["start"] + body["end"]) / 2
+        for found in answer.get("segments") or []:
+            if found["start"] <= middle <= found["end"] and found["mass"] is not None:
+                right += abs(found["mass"] - body["mass"]) <= SIGMAS * found["mass_std"]
+                break
+    return len(true), right
 
 
 HEADS = ("kind", "cases", "wrong, silent", "beyond 3 σ", "finding", "cause first", "withheld", "error", "repaired")
@@ -143,11 +170,17 @@ def summary(verdicts: Sequence[Verdict]) -> list[tuple[str, str]]:
     ill = [v for v in verdicts if v.kind != "healthy"]
     expected = [v for v in ill if BY_NAME[v.kind].accept and v.flagged]
     repaired = [v for v in ill if np.isfinite(v.repaired_z)]
+    several = [v.weighed for v in ill if v.weighed[0] > 1]
+    silent = [v for v in ill if v.silent]
     found = [
-        ("trouble: wrong by over 3 sigma, no finding, exit 0", _share(sum(v.silent for v in ill), len(ill))),
+        ("trouble: wrong by over 3 sigma, no finding, exit 0", _share(len(silent), len(ill))),
+        ("of these: the mass", _share(sum(v.mass_z > SIGMAS for v in silent), len(silent))),
+        ("of these: no test can see it", _share(sum(v.visible < HIDDEN for v in silent), len(silent))),
         ("trouble: cause named first, of those with a finding", _share(sum(v.named for v in expected), len(expected))),
         ("trouble: after --repair beyond 3 sigma", _share(sum(v.repaired_z > SIGMAS for v in repaired), len(repaired))),
     ]
+    payloads, weighed = (sum(pair[i] for pair in several) for i in range(2))
+    found.append(("several payloads: each weighed within 3 sigma", _share(weighed, payloads)))
     for generator in ("robot", "tf"):
         own = [v for v in verdicts if v.kind == "healthy" and v.generator == generator]
         found += [
@@ -197,7 +230,8 @@ def main() -> None:
     for v in verdicts if arguments.cases else ():
         shape = f"{v.kind:20} {v.item:8} {v.way:12} {v.generator:6}"
         numbers = f"exit {v.status} z {v.mass_z:8.1f} com {v.com_z:8.1f} error {100 * v.error:6.1f} %"
-        print(f"{v.case} {'SILENT' if v.silent else '':6} {shape} {numbers} {v.cpu:5.1f} s {', '.join(v.findings)}")
+        numbers += f" seen {v.visible:6.0f} {v.cpu:5.1f} s"
+        print(f"{v.case} {'SILENT' if v.silent else '':6} {shape} {numbers} {', '.join(v.findings)}")
     content = {"summary": dict(summary(verdicts)), "cases": [asdict(v) for v in verdicts]}
     (arguments.folder / "score.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 

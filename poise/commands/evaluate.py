@@ -22,12 +22,15 @@ from poise.commands.identify import (
 from poise.commands.output import JsonOption, console, refuse_folder, write_json
 from poise.errors import PoiseError
 from poise.inertia.estimators import DEFAULT_METHOD
-from poise.recording import find_recordings
+from poise.recording import find_recordings, skipped_entries
 from poise.viewing import readable, rounded
 
 
 def evaluate(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of recordings.", show_default=False)],
+    folder: Annotated[
+        Path,
+        typer.Argument(metavar="FOLDER", help="Folder of recordings: bag files, rosbag2 folders.", show_default=False),
+    ],
     method: MethodOption = DEFAULT_METHOD,
     sensor_frame: SensorFrameOption = None,
     urdf: UrdfOption = None,
@@ -55,8 +58,14 @@ def evaluate(
             status = max(status, error.exit_status)
             problem = {"code": int(error.code), "name": error.code.name, "message": error.message}
             results.append({"bag": str(bag), "error": problem})
-    write_json(json_target, {"recordings": results})
-    console(json_target).print(_table(results))
+    skipped = skipped_entries(folder, bags)
+    write_json(json_target, {"recordings": results, "skipped": skipped})
+    people = console(json_target)
+    people.print(_table(results))
+    if skipped:
+        people.print(
+            f"skipped, because they are no recordings: {escape(readable(', '.join(skipped), 500))}", soft_wrap=True
+        )
     return status
 
 

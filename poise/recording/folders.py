@@ -1,5 +1,6 @@
 """Which files a path stands for: one file, the files of a rosbag2 folder in their order, or a mapping of tables."""
 
+import re
 from pathlib import Path, PurePath
 
 import yaml
@@ -12,6 +13,9 @@ _COMPRESSION_MODES = ("none", "file", "message")
 _SPLIT_ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 _RECORDING_ENDINGS = (*_SPLIT_ENDINGS, ".bag")
 _MAPPING = "columns.yaml"
+_TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".mat", ".npz")
+_SPLIT_NUMBER = re.compile(r"_\d+(?=\.)")
+"""Of a file of rosbag2."""
 
 
 def find_files(path: Path) -> tuple[list[Path], list[Loss]]:
@@ -22,7 +26,8 @@ def find_files(path: Path) -> tuple[list[Path], list[Loss]]:
 
     Raises:
         InputError: FILE_UNREADABLE (nothing there, no permission, no bag in the folder, a file of the bag missing),
-            UNSUPPORTED (another storage or compression), FILE_CORRUPT (metadata.yaml).
+            BAD_INPUT (several recordings that do not belong together), UNSUPPORTED (another storage or compression),
+            FILE_CORRUPT (metadata.yaml).
     """
     try:
         if not path.exists():
@@ -40,9 +45,19 @@ def find_files(path: Path) -> tuple[list[Path], list[Loss]]:
     if not found:
         sentence = f"{path} is a folder without a bag: give a recording, or a folder with metadata.yaml or {_MAPPING}"
         raise InputError(ErrorCode.FILE_UNREADABLE, sentence)
+    if not _belong_together(found):
+        names = ", ".join(file.name for file in found[:5]) + (", ..." if len(found) > 5 else "")
+        sentence = f"{path} holds {len(found)} recordings ({names}): name one of them, or use `poise evaluate {path}`"
+        raise InputError(ErrorCode.BAD_INPUT, sentence)
     kinds = ", ".join(sorted({file.suffix for file in found}))
     sentence = f"{path.name}: metadata.yaml is missing; the {kinds} files were taken by their names"
     return found, [Loss(LossKind.INDEX, 0, None, None, sentence, 0, metadata)]
+
+
+def _belong_together(files: list[Path]) -> bool:
+    """The files are the splits of one bag, NAME_0, NAME_1 and so on, or a single file."""
+    stems = {_SPLIT_NUMBER.sub("", file.name) for file in files}
+    return len(files) == 1 or (len(stems) == 1 and all(_SPLIT_NUMBER.search(file.name) for file in files))
 
 
 def find_recordings(folder: str | Path) -> list[Path]:
@@ -70,8 +85,26 @@ def find_recordings(folder: str | Path) -> list[Path]:
     return found
 
 
+def skipped_entries(folder: str | Path, found: list[Path]) -> list[str]:
+    """The names in a folder that `find_recordings` left out, folders with a slash; tables belong to their mapping.
+
+    Args:
+        folder: where.
+        found: its recordings.
+    """
+    folder = Path(folder)
+    if folder in found:
+        return []
+    tables = _TABLE_ENDINGS if any(path.name.endswith(_MAPPING) for path in found) else ()
+    left = (path for path in folder.iterdir() if path not in found and not path.name.startswith("."))
+    return sorted(path.name + "/" * path.is_dir() for path in left if path.suffix.lower() not in tables)
+
+
 def _is_recording(folder: Path) -> bool:
-    return any((folder / name).exists() for name in ("metadata.yaml", _MAPPING))
+    if any((folder / name).exists() for name in ("metadata.yaml", _MAPPING)):
+        return True
+    files = _ending_in(folder, _SPLIT_ENDINGS)  # a killed recorder leaves them without metadata.yaml
+    return bool(files) and _belong_together(files) and all(_SPLIT_NUMBER.search(file.name) for file in files)
 
 
 def _ending_in(folder: Path, endings: tuple[str, ...]) -> list[Path]:
@@ -87,10 +120,11 @@ def _listed_files(folder: Path, text: str) -> list[Path]:
         compression = str(information.get("compression_format") or "zstd").lower()
         names = [PurePath(str(name)).name for name in information["relative_file_paths"]]
     except (yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        sentence = f"{folder / 'metadata.yaml'} is damaged: write it again with `ros2 bag reindex`"
+        fix = "move it away to have the files read by their names, or write it again with `ros2 bag reindex`"
+        sentence = f"{folder / 'metadata.yaml'} is damaged: {fix}"
         raise InputError(ErrorCode.FILE_CORRUPT, sentence) from error
     if storage not in _STORAGES:
-        sentence = f"{folder} is stored as {storage}, which is not read: convert it to mcap with `ros2 bag convert`"
+        sentence = f"{folder} is stored as {storage}, not mcap or sqlite3: convert it with `ros2 bag convert`"
         raise InputError(ErrorCode.UNSUPPORTED, sentence)
     if mode not in _COMPRESSION_MODES or (mode != "none" and compression != "zstd"):
         sentence = f"{folder} is compressed by {compression} ({mode}), only zstd is read: use `ros2 bag convert`"

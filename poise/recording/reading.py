@@ -73,7 +73,11 @@ def open_recording(path: str | Path, *, strict: bool = False) -> "Recording":
 def _unreadable(recording: "Recording", what: str, alternative: str) -> InputError:
     """UNSUPPORTED when all that is wrong is a compression that is not read, else FILE_CORRUPT."""
     unsupported = all(loss.kind is LossKind.UNSUPPORTED for loss in recording.losses)
-    how_to_fix = "convert it with `mcap compress`" if unsupported else "copy it again from its source"
+    how_to_fix = (
+        "convert it with `mcap compress` (of the mcap command-line tool)"
+        if unsupported
+        else "copy it again from its source"
+    )
     return InputError(
         ErrorCode.UNSUPPORTED if unsupported else ErrorCode.FILE_CORRUPT,
         f"{recording.path} {what}: {recording.losses[0].sentence}; {how_to_fix}, or {alternative}",

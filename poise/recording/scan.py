@@ -102,7 +102,9 @@ class _Scan:
         if self.file.read() == MCAP_MAGIC:
             raise InputError(ErrorCode.FILE_CORRUPT, f"{self.path} is damaged in its first bytes: copy it again")
         raise InputError(
-            ErrorCode.FILE_CORRUPT, f"{self.path} is not an mcap, db3 or ROS 1 bag: convert it with `ros2 bag convert`"
+            ErrorCode.FILE_CORRUPT,
+            f"{self.path} is not a recording: give an .mcap, .db3 or ROS 1 .bag file, a rosbag2 folder, or a table with"
+            " columns.yaml",
         )
 
     # -- the walk ---------------------------------------------------------------------------------------------

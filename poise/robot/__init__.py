@@ -18,7 +18,7 @@
 """
 
 from poise.robot.differentiation import Derivatives, RotationDerivatives, differentiate, differentiate_rotations
-from poise.robot.fixed_frames import fixed_frames
+from poise.robot.fixed_frames import fixed_frames, frame_names
 from poise.robot.frame_tree import FrameTree, Mounting
 from poise.robot.imu import Imu, ImuSource, find_imu
 from poise.robot.kinematics import BaseMotion, frame_poses, motion_sigma, pinocchio_state, sensor_motion
@@ -92,6 +92,7 @@ __all__ = [
     "find_kinematics",
     "find_urdf",
     "fixed_frames",
+    "frame_names",
     "frame_poses",
     "has_topic",
     "inertia_of",

@@ -41,6 +41,18 @@ def fixed_frames(sensor_frame: str, recording: Recording | None, robot_descripti
     return {name: pose for name, pose in poses.items() if pose is not None}
 
 
+def frame_names(recording: Recording) -> list[str]:
+    """The frames that a recording names: the links of its robot description, and those of tf; the outermost first.
+
+    Raises:
+        InputError: ROBOT_DESCRIPTION_INVALID; TYPE_MISMATCH when a message does not decode.
+    """
+    names = [name for pair in recording.frame_parents() for name in pair]
+    if any(topic.strip("/").rpartition("/")[2] == "robot_description" for topic in recording.topics):
+        names = [*reversed(parse_urdf(recording.robot_description()).links), *names]
+    return list(dict.fromkeys(names))
+
+
 def _add_fixed_joints(tree: FrameTree, text: str) -> None:
     parse_urdf(text)  # checks the names and numbers that are read below
     for joint in ElementTree.fromstring(text.strip()).iter("joint"):

@@ -272,9 +272,10 @@ def _require_frame(model: pin.Model, name: str) -> None:
     if model.existFrame(name, pin.FrameType.BODY):
         return
     names = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
-    near = difflib.get_close_matches(name, names, n=5, cutoff=0.5) or names[-8:]
+    near = difflib.get_close_matches(name, names, n=5, cutoff=0.5)
+    there = ", ".join([*near, *(other for other in names if other not in near)])
     raise InputError(
-        ErrorCode.FRAME_UNKNOWN, f"the robot description has no frame '{name}'; it has {', '.join(near)}", near=near
+        ErrorCode.FRAME_UNKNOWN, f"the robot description has no frame '{name}'; it has {there}", near=near or names[-8:]
     )
 
 

@@ -4,8 +4,8 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.signal import oaconvolve
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.regular_clock import regular_clock
@@ -150,8 +150,10 @@ class _Blend:
         """(M, J) sums over `_LOCAL` seconds, smoothly weighted."""
         window = self._window(len(values))
         half = len(window) // 2
-        padded = np.pad(values, ((half, half), (0, 0)), mode="reflect")
-        return np.asarray(oaconvolve(padded, window[:, None], mode="valid", axes=0))
+        padded = np.pad(values, ((half, half), (0, 0)), mode="reflect").T
+        size = next_fast_len(padded.shape[1], real=True)
+        summed = irfft(rfft(padded, size) * rfft(window, size), size)
+        return np.asarray(summed[:, len(window) - 1 : padded.shape[1]].T)
 
     def _window(self, count: int) -> Array:
         period = float(np.median(np.diff(self._seconds)))

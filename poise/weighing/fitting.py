@@ -183,7 +183,8 @@ def _with_covariance(samples: FitSamples, design: Design, found: Explanation, us
     n_blocks = len(found.levels)
     starts = [6 * block[0] for block in np.array_split(np.arange(len(samples)), n_blocks)]
     clusters = np.add.reduceat(scores, starts, axis=0)
-    covariance = inverse @ (clusters.T @ clusters) @ inverse * n_blocks / max(n_blocks - 1, 1)
+    pulls = clusters @ inverse
+    covariance = pulls.T @ pulls * n_blocks / max(n_blocks - 1, 1)
     covariance[np.diag(normal) == 0, np.diag(normal) == 0] = np.inf
     return replace(found, covariance=covariance)
 

@@ -15,6 +15,7 @@ from poise.inertia.estimators.hps import hps
 from poise.inertia.estimators.registry import method
 from poise.inertia.model.parts import Parts, box_moments
 from poise.inertia.model.problem import IdentificationProblem, NoiseLevels
+from poise.inertia.model.signals import without_noise
 from poise.inertia.model.wrench_regressor import regressor
 
 
@@ -381,3 +382,9 @@ def test_rows_that_do_not_belong_together_are_refused():
 def test_the_registry_knows_it(rng):
     problem = measured(rng, composite(rng).phi)
     np.testing.assert_allclose(method("poise")(problem).phi, poise(problem).phi)
+
+
+def test_a_motion_without_noise_has_finite_weights():
+    moments = np.eye(19)[None] * 1e3
+    found = without_noise(moments[..., :13, :13], np.array([100.0]), NoiseLevels(angular_acceleration=0.0))
+    np.testing.assert_array_equal(found, moments[..., :13, :13])

@@ -61,3 +61,35 @@ def test_the_kuka_recordings_have_one_payload(name):
     (segment,) = answer.segments
     assert segment.event == "start"
     assert segment.estimate is answer.estimate
+
+
+def spilling(seconds: tuple[float, float], share: float) -> Work:
+    """Something is held, and loses a share of its mass between two instants, s."""
+    measured = work(np.random.default_rng([5, 7]), 12.0, every=0, wrench_rate=250.0)
+    wrench = measured.wrench
+    at = (wrench.stamps - START) * 1e-9
+    left = 1 - share * np.clip((at - seconds[0]) / (seconds[1] - seconds[0]), 0, 1)
+    noise = np.random.default_rng(6).normal(size=wrench.wrench_in_sensor.shape) * np.repeat([0.1, 0.005], 3)
+    return replace(measured, wrench=replace(wrench, wrench_in_sensor=wrench.wrench_in_sensor * left[:, None] + noise))
+
+
+def test_a_spill_that_takes_a_second_and_a_half_is_one_change_and_its_samples_are_left_out():
+    measured = spilling((5.0, 6.5), 0.3)
+    answer = weighed(measured)
+    mass = measured.payloads[0, 0]
+    assert [segment.event for segment in answer.segments] == ["start", "spilled"]
+    before, after = (segment.estimate for segment in answer.segments)
+    assert abs(before.parameters.mass - mass) < 3 * before.mass_std + 0.001 * mass
+    assert abs(after.parameters.mass - 0.7 * mass) < 3 * after.mass_std + 0.001 * mass
+    assert answer.estimate.parameters.mass == after.parameters.mass
+
+
+def test_a_leak_over_the_whole_recording_is_one_segment_whose_answer_is_for_the_end():
+    measured = spilling((0.0, 12.0), 0.4)
+    answer = weighed(measured)
+    (segment,) = answer.segments
+    mass = measured.payloads[0, 0]
+    assert segment.event == "leaking"
+    assert segment.lost == pytest.approx(0.4 * mass, rel=0.05)
+    assert abs(answer.estimate.parameters.mass - 0.6 * mass) < 3 * answer.estimate.mass_std
+    assert answer.estimate.findings[0].code is ErrorCode.PAYLOAD_CHANGED

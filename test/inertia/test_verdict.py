@@ -8,7 +8,7 @@ from poise.inertia import InertialParameters, identify
 from poise.inertia.estimators import solve
 from poise.inertia.estimators.information import InformationAccumulator
 from poise.inertia.model import NoiseLevels, regressor
-from poise.inertia.verdict import Fit, FitSamples, FitVerdict, SampleBins, judge
+from poise.inertia.verdict import ExtremeReadings, Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import open_recording
 from poise.robot import SensorMotion
 from poise.types import Array
@@ -96,6 +96,34 @@ def test_a_false_assumption_fails_or_the_answer_is_as_wide_as_it_is_wrong(change
     assert found.finding.evidence
     assert found.covariance is not None
     assert abs(fit.phi[0] - BODY.mass) < 3 * np.sqrt(found.covariance[0, 0])
+
+
+def mirrored_torque(wrench: Array) -> Array:
+    return np.asarray(wrench * [1, 1, 1, -1, -1, -1])
+
+
+def on_a_slope(wrench: Array) -> Array:
+    """The base leans by 3 degrees; its model does not."""
+    rotation = motion().rotation_world_sensor
+    sideways = np.einsum("nji,j->ni", rotation, GRAVITY[2] * np.array([np.sin(np.radians(3.0)), 0.0, 0.0]))
+    return np.asarray(wrench + np.hstack([BODY.mass * sideways, np.cross(BODY.mass * BODY.com, sideways)]))
+
+
+@pytest.mark.parametrize(("change", "test"), [(mirrored_torque, "lever"), (on_a_slope, "tilt")])
+def test_force_torque_and_gravity_must_agree(change, test: str) -> None:
+    moved = motion()
+    found, _ = verdict(change(wrenches(moved, 1)), moved)
+    assert test in [failed.name for failed in found.failed]
+
+
+@pytest.mark.parametrize("portion", [3, 500, 1200])
+def test_clipped_readings_are_seen_and_coarse_ones_are_not_taken_for_them(portion: int) -> None:
+    wrench = wrenches(motion(), 2)
+    for change, clips in ((np.clip(wrench, -12, 12), True), (wrench, False), (np.round(wrench), False)):
+        extremes = ExtremeReadings()
+        for begin in range(0, len(wrench), portion):
+            extremes.add(change[begin : begin + portion])
+        assert (extremes.clipped is not None) == clips
 
 
 def test_half_a_newton_of_drift_passes_with_a_wider_answer() -> None:

@@ -7,7 +7,7 @@ from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 from poise.inertia import InertialParameters
 from poise.mismatch.answer.residual_test import judge_residual
 from poise.mismatch.inference import Problem
-from poise.mismatch.inference.noise import SignalNoise, fit_noise
+from poise.mismatch.inference.noise import NoiseColour, SignalNoise, fit_noise
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.reading.motion_variance import wrench_variance
 from poise.mismatch.recorded import RecordedMotion, load_wrench, noise_level, white_level
@@ -144,3 +144,9 @@ def test_the_variance_of_a_wrench_is_that_of_its_samples() -> None:
     spread = load_wrench(phi, still - errors[:, :3], still + omega, errors[:, 3:]).std(axis=0)
     found = wrench_variance(phi, omega[None], np.eye(6)[None], sigma[None])[0]
     assert np.sqrt(found) == pytest.approx(spread, rel=0.03)
+
+
+def test_no_columns_are_whitened_to_none():
+    motion = {"seconds": np.arange(500) * 0.01, "speed": np.ones(500), "share": np.ones(6), "band": np.ones(6)}
+    coloured = SignalNoise(np.ones(6), (NoiseColour(0.2, 0.3, 0.1),) * 6, **motion)
+    assert coloured.whiten(np.zeros((500, 6, 0))).shape == (0, 6, 500)

@@ -66,7 +66,7 @@ def test_no_permission_is_said(bag, tmp_path, what):
     ("content", "code", "word"),
     [
         (b"", ErrorCode.EMPTY, "empty file"),
-        (b"fx,fy,fz\n1,2,3\n", ErrorCode.FILE_CORRUPT, "not an mcap, db3 or ROS 1 bag"),
+        (b"fx,fy,fz\n1,2,3\n", ErrorCode.FILE_CORRUPT, "is not a recording: give an .mcap"),
         (b"SQLite format 3\0" + bytes(4096), ErrorCode.FILE_CORRUPT, "without rosbag2's table"),
         (b"\x89MCAP0\r\n", ErrorCode.FILE_CORRUPT, "gives no message"),
     ],

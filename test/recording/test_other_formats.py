@@ -1,6 +1,7 @@
 """Recordings of every format give the same streams: rosbag2 with both storages and compressions, ROS 1 bags."""
 
 import re
+import shutil
 import sqlite3
 import struct
 
@@ -11,7 +12,7 @@ from other_formats import JAZZY, NOETIC, write_ros1, write_rosbag2, write_splits
 from rosbags.rosbag1 import Writer as Writer1
 from test_bag_bad_input import refused
 
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, InputError
 from poise.recording import (
     JointStream,
     LossKind,
@@ -19,6 +20,7 @@ from poise.recording import (
     find_recordings,
     open_recording,
     rewrite_recording,
+    skipped_entries,
     write_recording,
 )
 from poise.recording.images import image_of, messages_of
@@ -156,6 +158,24 @@ def test_the_recordings_of_a_folder_are_found(written, tmp_path, bag):
     names = [path.name for path in find_recordings(tmp_path)]
     assert names == ["folder", "one.mcap", "three.bag", "two.db3"]
     assert find_recordings(written["db3 splits"]) == [written["db3 splits"]]
+    assert skipped_entries(tmp_path, find_recordings(tmp_path)) == ["notes.txt", "other/"]
+
+
+def test_a_folder_that_a_killed_recorder_left_is_a_recording(bag, tmp_path):
+    (tmp_path / "runs").mkdir()
+    folder = write_splits(bag, tmp_path / "runs" / "one", "mcap")
+    (folder / "metadata.yaml").unlink()
+    assert folder in find_recordings(folder.parent)
+    assert skipped_entries(folder, [folder]) == []
+
+
+def test_recordings_that_do_not_belong_together_are_not_read_as_one(bag, tmp_path):
+    for name in ("left", "right_0"):
+        shutil.copy(bag, tmp_path / f"{name}.mcap")
+    with pytest.raises(InputError, match=r"2 recordings \(left.mcap, right_0.mcap\): name one of them") as caught:
+        open_recording(tmp_path)
+    assert caught.value.code is ErrorCode.BAD_INPUT
+    assert [path.name for path in find_recordings(tmp_path)] == ["left.mcap", "right_0.mcap"]
 
 
 # -- damage ---------------------------------------------------------------------------------------------------

@@ -135,7 +135,7 @@ class MeanCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class BlockMeans:
+class MomentMeans:
     """Means over blocks: (B, 6) wrench = (B, 6, 16) regressor times (phi, bias).
 
     Args:
@@ -150,7 +150,7 @@ class BlockMeans:
     check: MeanCheck
 
     @classmethod
-    def of(cls, moments: Array, check: MeanCheck) -> "BlockMeans":
+    def of(cls, moments: Array, check: MeanCheck) -> "MomentMeans":
         """From sums of blocks (B, 19, 19), see `signals`."""
         sizes = check.sizes
         means = moments[:, N_MOTION - 1] / sizes[:, None]
@@ -170,7 +170,7 @@ class BlockMeans:
         return np.asarray((1 - np.log1p(np.minimum(distances, LIMIT) / _CLOSE) / _FAR) @ self.weights)
 
 
-def consistent_part(means: BlockMeans, unknowns: Array, distances_before: Array) -> ConsistentPart:
+def consistent_part(means: MomentMeans, unknowns: Array, distances_before: Array) -> ConsistentPart:
     """The payload that explains most attitudes at the accuracy of a sensor, found from many subsets of the blocks.
 
     Fast least trimmed squares (Rousseeuw and Van Driessen 2006): each subset of runs of blocks gives a payload, and
@@ -213,7 +213,7 @@ def _by_group(vectors: Array) -> Array:
     return np.stack([squares[..., :3].sum(axis=-1), squares[..., 3:].sum(axis=-1)], axis=-1)
 
 
-def _settled(means: BlockMeans, unknowns: Array) -> tuple[Array, Array]:
+def _settled(means: MomentMeans, unknowns: Array) -> tuple[Array, Array]:
     """(H, 16) payloads from many starting subsets, and (H,) one sigma of their masses."""
     count = len(means.weights)
     scale = np.repeat(means.check.tolerance(unknowns), 3, axis=1)  # (B, 6)

@@ -6,7 +6,7 @@ import numpy as np
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.bayes.consistent_part import BlockMeans, ConsistentPart, MeanCheck, consistent_part
+from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
@@ -167,7 +167,7 @@ class PosteriorSearch:
         if not check.doubted(distances):
             return None
         moments = mixed_blocks(self._at_delay, self.blocks)
-        return consistent_part(BlockMeans.of(moments, check), unknowns, distances)
+        return consistent_part(MomentMeans.of(moments, check), unknowns, distances)
 
     @property
     def shown(self) -> Array:

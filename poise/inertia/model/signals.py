@@ -28,6 +28,8 @@ N_UNKNOWNS = 16
 """phi (10), then the bias of force (3) and torque (3)."""
 
 _ONE = N_MOTION - 1
+_LEAST_VARIANCE = 1e-30
+"""(rad/s2)^2, of no effect; the energy of a motion in units of it is finite."""
 # All signals but alpha.
 _OTHERS = np.array([0, 1, 2, *range(6, N_MOTION)])
 # Where the nine entries of an inertia matrix are among the six of phi.
@@ -136,7 +138,7 @@ def without_noise(motion: Array, counts: ArrayLike, noise: NoiseLevels) -> Array
     average is off by its own scatter; so of the energy that no other signal explains, in each direction, that scatter
     is left, and an information matrix stays one. Beside gravity, the noise of linear accelerations does not matter.
     """
-    variance = max(noise.angular_acceleration**2, np.finfo(np.float64).tiny)
+    variance = max(noise.angular_acceleration**2, _LEAST_VARIANCE)
     count = np.asarray(counts, dtype=np.float64)[..., None]
     energy, axes = np.linalg.eigh(_unexplained(motion) / variance)
     taken = np.minimum(count, energy - np.sqrt(2 * count)).clip(min=0.0)

@@ -29,7 +29,7 @@ _WINDOW = 20
 
 _ROUNDS = 8
 _MOST_LAGS, _MOST_CORRELATED = 10, 20.0
-_MEDIAN_OF_SQUARE, _MEDIAN_OF_SIX = 0.4549, 5.348
+_MEDIAN_OF_SQUARE, MEDIAN_OF_SIX = 0.4549, 5.348
 """Medians of chi-square with one and with six degrees of freedom."""
 
 _ROUGH = 5.0
@@ -220,7 +220,7 @@ def fit(
 
 def agreeing(squares: Array) -> Mask:
     """(B,) blocks whose squared errors (B,) are below `CAP`; where most are far above, the smaller half and more."""
-    return np.asarray(squares < CAP * max(1.0, float(np.median(squares)) / _MEDIAN_OF_SIX))
+    return np.asarray(squares < CAP * max(1.0, float(np.median(squares)) / MEDIAN_OF_SIX))
 
 
 def local_errors(blocks: BlockMeans) -> tuple[Array, float]:

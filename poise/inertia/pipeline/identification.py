@@ -25,6 +25,7 @@ from poise.robot import (
     RobotModel,
     find_imu,
     find_kinematics,
+    frame_names,
     has_topic,
 )
 from poise.types import Progress
@@ -177,7 +178,9 @@ def _frame(recording: Recording, wrench: WrenchStream, given: str | None) -> str
     if given or wrench.frame_id:
         return given or wrench.frame_id
     raise InputError(
-        ErrorCode.FRAME_UNKNOWN, f"{recording.path}: the messages of its sensor name no frame: give the sensor frame"
+        ErrorCode.FRAME_UNKNOWN,
+        f"{recording.path}: the messages of its sensor name no frame: give the sensor frame (--sensor-frame), of"
+        f" {', '.join(frame_names(recording)) or 'those of your robot'}",
     )
 
 

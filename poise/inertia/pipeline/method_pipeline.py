@@ -18,7 +18,7 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.inertia.verdict import Fit, FitSamples, FitVerdict, SampleBins, judge
+from poise.inertia.verdict import ExtremeReadings, Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
@@ -74,7 +74,7 @@ class MethodPipeline:
         self._checks = SampleChecks(limits)
         self._motion_noise = motion_noise
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
-        self._bins = SampleBins(prior.gravity)
+        self._bins, self._extremes = SampleBins(prior.gravity), ExtremeReadings()
         self._waiting = StampedBuffer(6)
         self._shift, self._has_jumped = 0, False
         """ns that are added to the stamps for the estimator, so that they rise when the clock was set back."""
@@ -149,6 +149,7 @@ class MethodPipeline:
         self._information.add(model_matrix(motion, self.prior.gravity), wrench)
         self._noise.add(wrench)
         self._bins.add(motion, wrench)
+        self._extremes.add(wrench)
         self.estimator.add(motion, wrench)
 
     # -- answers ---------------------------------------------------------------------------------------------
@@ -189,7 +190,7 @@ class MethodPipeline:
             self._levels,
             solution.rejected,
         )
-        return judge(fit, samples)
+        return judge(fit, samples, self._extremes)
 
     def _solve(self) -> InertialSolution:
         plain = self._least_squares()

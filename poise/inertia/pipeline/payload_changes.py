@@ -7,6 +7,7 @@ import numpy as np
 
 from poise.inertia.pipeline.block_means import (
     CAP,
+    MEDIAN_OF_SIX,
     BlockFit,
     BlockMeans,
     Normals,
@@ -23,17 +24,18 @@ _CERTAIN = 14.0
 _BETTER = 3.0
 """Log of the odds by which a change of the payload has to exceed another explanation."""
 
-_LEAST_BLOCKS, _LEAST_SPAN = 5, 400_000_000
-"""Blocks, and ns, that a segment has at least."""
+_LEAST_BLOCKS, _LEAST_SPAN, _LEAST_BETWEEN = 5, 400_000_000, 1_200_000_000
+"""Blocks, and ns, that a segment has at least; between two changes it would otherwise be part of a spill."""
 
-_LEAST_CHANGE, _LEAST_SHARE, _SURELY = 0.03, 0.03, 5.0
+_LEAST_CHANGE, _LEAST_SHARE, _SURELY = 0.01, 0.03, 5.0
 """kg, share of the mass, and standard deviations by which payloads differ that count as two."""
 
 _EXPLAINED = 0.7
 """Share of the blocks of a segment that one payload has to explain."""
 
-_LEFT = 0.25
-"""Share of the change of the wrench that a payload may leave unexplained in the segments beside it."""
+_LEFT, _ROUGHER = 0.25, 2.5
+"""Share of the change of the wrench that a payload may leave unexplained in the segments beside it; and what it may
+leave in any case, in units of what payloads of their own leave of two seconds each."""
 
 _TRANSITION = 1_500_000_000
 """ns beside a change in which blocks that neither payload explains belong to the grasp or the release."""
@@ -241,9 +243,12 @@ class _Search:
         self.fit = self._fitted(self.edges)
         self.odds: list[float] = []
         while self.edges:
-            change = [self._change(number) for number in range(len(self.edges))]
-            worst = int(np.argmin(change))
-            if change[worst] >= 1.0:
+            change = np.array([self._change(number) for number in range(len(self.edges))])
+            explained = np.array([self._is_explained(number) for number in range(len(self.edges))])
+            weak = (change < 1.0) | ~explained
+            if weak.any():
+                worst = int(np.where(weak, change, np.inf).argmin())
+            else:
                 self.odds = [self._gain(_without_edge(self.edges, number)) for number in range(len(self.edges))]
                 worst = int(np.argmin(self.odds))
                 if self.odds[worst] >= _CERTAIN:
@@ -252,13 +257,13 @@ class _Search:
             self.fit = self._fitted(self.edges)
 
     def _change(self, number: int) -> float:
-        """How much the mass changes, in units of what counts; 0 where no payload explains one of the segments."""
+        """How much the mass changes, in units of what counts."""
         masses = self.fit.unknowns[: 10 * len(self.edges) + 10 : 10]
         contrast = np.zeros(len(self.fit.unknowns))
         contrast[[10 * number, 10 * number + 10]] = -1.0, 1.0
         deviation = np.sqrt(float(contrast @ self.fit.covariance @ contrast) * self.fit.correlated)
         least = max(_LEAST_CHANGE, _LEAST_SHARE * float(np.abs(masses[number : number + 2]).max()), _SURELY * deviation)
-        return float(abs(contrast @ self.fit.unknowns) / least * self._is_explained(number))
+        return abs(float(contrast @ self.fit.unknowns)) / float(least)
 
     def _is_explained(self, number: int) -> bool:
         """A payload each explains most blocks of the two segments beside a change, but for those of the transition."""
@@ -271,11 +276,12 @@ class _Search:
             kept = own & self.fit.keep
             if kept.sum() < max(_LEAST_BLOCKS, _EXPLAINED * own.sum()):
                 return False
-            if self.blocks.end[kept][-1] - self.blocks.start[kept][0] < _LEAST_SPAN:
+            least = _LEAST_BETWEEN if 0 < label < len(self.edges) else _LEAST_SPAN
+            if self.blocks.end[kept][-1] - self.blocks.start[kept][0] < least:
                 return False
-            effect = self.blocks.matrix[own] @ step / self.fit.scale[own]
-            left = self.fit.residual[own] / self.fit.scale[own]
-            if np.median(np.sum(left**2, axis=1)) > _LEFT**2 * np.median(np.sum(effect**2, axis=1)):
+            effect = np.sum((self.blocks.matrix[own] @ step / self._scale[own]) ** 2, axis=1)
+            left = np.sum((self.fit.residual[own] / self._scale[own]) ** 2, axis=1)
+            if np.median(left) > max(_LEFT**2 * float(np.median(effect)), _ROUGHER**2 * MEDIAN_OF_SIX):
                 return False
         return True
 

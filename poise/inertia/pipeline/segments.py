@@ -19,8 +19,8 @@ from poise.types import Array, Mask, Stamps
 PAYLOAD_CHANGE = "payload_change"
 """Reason of samples that were not used because the payload changed."""
 
-_EMPTY_HAND, _SURELY = 0.02, 3.0
-"""kg, and standard deviations, below which nothing is held, and by which masses differ that are not the same."""
+_EMPTY_HAND, _EMPTY_SHARE, _SURELY = 0.02, 0.1, 3.0
+"""kg, share of the heaviest payload, and standard deviations below which nothing is held."""
 
 _SAME_SHARE = 0.02
 """Share of a mass by which an object that is weighed twice may differ."""
@@ -28,8 +28,8 @@ _SAME_SHARE = 0.02
 _SHARP_DELAY = 0.005
 """s: a delay that is known better is taken out before changes are looked for."""
 
-_SPREAD, _LEAST_SPREAD = 3.0, np.array([0.01, 0.0005])
-"""Of the bias that the other segments show: in units of its standard deviation, and at least, N and N m."""
+_SPREAD, _LEAST_SPREAD = 1.5, np.array([0.03, 0.002])
+"""Of the bias that the other segments show: in units of its standard deviation, and what a sensor creeps, N and N m."""
 
 _SHOWN = 4
 """Changes that a finding names."""
@@ -134,23 +134,50 @@ def _between(samples: PairedSamples, start: int, end: int) -> PairedSamples:
 def _weighed(
     samples: PairedSamples, estimator: OnlineEstimator, method: str, bias: tuple[Array, Array], is_empty: bool
 ) -> InertialEstimate:
-    """One segment, with the bias (6,) and its deviations (2,) as the other segments show them."""
-    force, torque = np.maximum(_SPREAD * bias[1], _LEAST_SPREAD)
+    """One segment, with the bias that it shows itself or with that of the others, whichever is more precise.
+
+    Args:
+        samples: of the segment.
+        estimator: of the recording.
+        method: of estimation.
+        bias: (6,) that the other segments show, N and N m, and its deviations (2,).
+        is_empty: nothing is held.
+    """
+    spread = np.hypot(_SPREAD * bias[1], _LEAST_SPREAD)
+    found: list[InertialEstimate] = []
     for name in dict.fromkeys((method, DEFAULT_METHOD)):
-        entry = estimator_named(name)
-        spread = float(force), float(torque)
-        pipeline = estimator.pipeline_of(entry, _KnownMotion(samples), bias[0], spread, is_empty)
-        pipeline.add(samples.stamps, samples.wrench)
-        pipeline.update(0, flush=True)
-        try:
-            found = pipeline.estimate(estimator.frame_id)
-        except NoAnswerError:
-            if name == DEFAULT_METHOD:
-                raise
-            continue
-        if np.isfinite(found.mass_std) or name == DEFAULT_METHOD:
+        found += _tried(samples, estimator, name, (np.zeros(6), np.full(2, np.nan)), is_empty)
+        if found and np.isfinite(found[0].mass_std):
             break
-    return found
+    if np.isfinite(spread).all():
+        for estimate in _tried(samples, estimator, DEFAULT_METHOD, (bias[0], spread), is_empty):
+            widened = estimate.covariance + _of_bias(spread, float(np.linalg.norm(estimator.gravity)))
+            found.append(replace(estimate, covariance=widened))
+    if not found:
+        raise NoAnswerError(
+            ErrorCode.TOO_FEW_SAMPLES, f"{len(samples.stamps)} samples of a payload are too few: record it for longer"
+        )
+    return min(found, key=lambda each: float(np.nan_to_num(each.mass_std, nan=np.inf)))
+
+
+def _tried(
+    samples: PairedSamples, estimator: OnlineEstimator, method: str, bias: tuple[Array, Array], is_empty: bool
+) -> list[InertialEstimate]:
+    """The estimate with one method and a bias (6,) with a spread (2,), NaN where it is not known; none if it fails."""
+    spread = float(bias[1][0]), float(bias[1][1])
+    pipeline = estimator.pipeline_of(estimator_named(method), _KnownMotion(samples), bias[0], spread, is_empty)
+    pipeline.add(samples.stamps, samples.wrench)
+    pipeline.update(0, flush=True)
+    try:
+        return [pipeline.estimate(estimator.frame_id)]
+    except NoAnswerError:
+        return []
+
+
+def _of_bias(spread: Array, gravity: float) -> Array:
+    """(10, 10) of phi at rest in one attitude, when the bias is known with deviations (2,), N and N m."""
+    deviation = np.repeat([spread[0], spread[1], 0.0], [1, 3, 6]) / gravity
+    return np.diag(deviation**2)
 
 
 def _leaking(
@@ -174,13 +201,16 @@ def _event(before: list[InertialEstimate], after: InertialEstimate) -> str:
     if after.parameters.mass > before[-1].parameters.mass:
         return "grasped"
     lighter = [each for each in before if each.parameters.mass < before[-1].parameters.mass]
-    if _is_empty(after) or any(_same_mass(each, after) for each in lighter):
+    if _is_empty(after, before) or any(_same_mass(each, after) for each in lighter):
         return "released"
     return "spilled"
 
 
-def _is_empty(estimate: InertialEstimate) -> bool:
-    return bool(estimate.parameters.mass < max(_EMPTY_HAND, _SURELY * estimate.mass_std))
+def _is_empty(estimate: InertialEstimate, others: list[InertialEstimate]) -> bool:
+    """Nothing is held, in comparison with other segments."""
+    heaviest = max(each.parameters.mass for each in others)
+    least = max(min(_EMPTY_HAND, _EMPTY_SHARE * heaviest), _SURELY * estimate.mass_std)
+    return bool(estimate.parameters.mass < least)
 
 
 def _same_mass(one: InertialEstimate, other: InertialEstimate) -> bool:
@@ -192,10 +222,11 @@ def _same_mass(one: InertialEstimate, other: InertialEstimate) -> bool:
 def _last_held(segments: tuple[PayloadSegment, ...]) -> PayloadSegment:
     """The last segment that neither a release began nor a grasp ended; the last of all when there is none."""
     events = [*(each.event for each in segments[1:]), ""]
+    all_of_them = [each.estimate for each in segments]
     held = [
         each
         for each, then in zip(segments, events, strict=True)
-        if each.event != "released" and then != "grasped" and not _is_empty(each.estimate)
+        if each.event != "released" and then != "grasped" and not _is_empty(each.estimate, all_of_them)
     ]
     return held[-1] if held else segments[-1]
 

@@ -8,41 +8,34 @@ leaves little of them. On recordings of a real arm (KUKA with an ATI Gamma) that
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from poise.errors import ErrorCode
 from poise.inertia.model import (
-    ENTRIES,
-    N_MOTION,
     EstimateFinding,
-    NoiseLevels,
     RejectedInterval,
 )
+from poise.inertia.verdict.clipping import ExtremeReadings
 from poise.inertia.verdict.samples import FitSamples
+from poise.inertia.verdict.slow_residual import LEVER, PARTS, Fit, SlowResidual, sizes
 from poise.types import Array, Mask
-
-_SLOW = 0.1
-"""s over which the residual is averaged."""
-
-_LEVER = 0.05
-"""m: torques are compared with those of the weight, at this lever at least."""
 
 _LEAST_BINS = 20
 """Slow averages from which on a fit is judged."""
 
-_MATERIAL, _SLACK = 0.04, np.array([0.1, 0.005])
+_MATERIAL, _SLACK = 0.04, np.array([0.06, 0.003])
 """Limit of the slow residual: this share of the load, and what sensors drift and creep by, N and N m."""
 
 _TREND, _TREND_SLACK = 0.03, np.array([0.1, 0.005])
 """Limit of a linear drift over half of the recording: share of the load, and N and N m."""
 
-_SHIFTED = 25.0
-"""Squared Mahalanobis distance by which a drift moves the answer, above which the answer depends on it."""
+_TILT, _WEIGHT, _LEVER_SHARE, _CERTAIN = 0.01, 0.05, 0.5, 5.0
+"""Limits of the error of gravity relative to it, sideways and upwards, and of the first moment; a finding exceeds them
+by this many standard deviations."""
 
-_POSES = 0.3
-"""s between samples from which on they are single poses; their differences say nothing about the noise."""
+_SHIFTED = 25.0
+"""Squared standard deviations by which a drift or a tilt is seen and moves the answer, which then depends on it."""
 
 _HOPELESS = 0.2
 """Share of the load from which on the numbers mean nothing."""
@@ -53,9 +46,6 @@ _REJECTED, _MOSTLY_REJECTED = 0.25, 0.6
 _AT_LIMIT = 0.95
 """Share of the longest delay."""
 
-_PARTS = 8
-"""Blocks of the recording whose scores show slow errors."""
-
 _BEYOND_CHANCE = 8.0
 """Variance, in units of the stated one, that the scores of few blocks do not have by chance."""
 
@@ -65,7 +55,7 @@ class FitTest:
     """One test of a fit.
 
     Args:
-        name: residual, halves or drift with _force or _torque; rejected; delay.
+        name: residual, halves or drift with _force or _torque; lever; tilt; weight; rejected; delay; clipped.
         value, limit, hopeless: it passes up to the limit; from `hopeless` on the estimate means nothing.
         sentence: what was measured, with its numbers.
     """
@@ -99,7 +89,9 @@ class FitVerdict:
     def failed(self) -> tuple[FitTest, ...]:
         """The tests that did not pass, the worst first."""
         return tuple(
-            sorted((test for test in self.tests if not test.passed), key=lambda test: -test.value / test.limit)
+            sorted(
+                (test for test in self.tests if not test.passed), key=lambda test: -test.value / max(test.limit, 1e-9)
+            )
         )
 
     @property
@@ -127,50 +119,32 @@ class FitVerdict:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """What is judged.
-
-    Args:
-        phi, bias: (10,) and (6,); NaN where the samples do not show them.
-        covariance: (10, 10) of phi.
-        delay, longest_delay: s; NaN where it was not estimated.
-        noise: of one sample.
-        rejected: spans of samples that the estimator found inexplicable.
-    """
-
-    phi: Array
-    bias: Array
-    covariance: Array
-    delay: float
-    longest_delay: float
-    noise: NoiseLevels
-    rejected: Sequence[RejectedInterval] = ()
-
-
-def judge(fit: Fit, samples: FitSamples) -> FitVerdict:
-    """Test a fit on its samples."""
+def judge(fit: Fit, samples: FitSamples, extremes: ExtremeReadings | None = None) -> FitVerdict:
+    """Test a fit on its samples, and on the extreme readings."""
     used = _used(samples, fit.rejected)
-    slow = _SlowResidual(fit, samples, used)
+    slow = SlowResidual(fit, samples, used)
     if len(slow.counts) < _LEAST_BINS:
         return FitVerdict()
     share = 1.0 - float(samples.counts[used].sum() / samples.counts.sum())
-    tests = [*slow.tests(), _rejected_test(share)]
+    tests = [*_load_tests(slow), *_gravity_tests(slow, samples.gravity), _rejected_test(share)]
     if np.isfinite(fit.delay) and fit.longest_delay > 0:
         tests.append(_delay_test(fit))
+    if extremes is not None:
+        tests.append(_clipped_test(extremes))
     verdict = FitVerdict(tuple(tests), _widened(fit, slow))
     if verdict.passed or verdict.covariance is None:
         return verdict
     return replace(verdict, covariance=verdict.covariance + _unexplained(fit, slow, verdict.failed))
 
 
-def _unexplained(fit: Fit, slow: "_SlowResidual", failed: Sequence[FitTest]) -> Array:
+def _unexplained(fit: Fit, slow: SlowResidual, failed: Sequence[FitTest]) -> Array:
     """(10, 10) covariance: the parameters may be off by the share of the load that stays unexplained."""
     scale = dict(zip(("force", "torque"), slow.scale, strict=True))
     shares = [test.value / scale[kind] for test in failed if (kind := test.name.rpartition("_")[2]) in scale]
+    shares += [test.value for test in failed if test.name in ("tilt", "weight", "lever", "clipped")]
     phi = np.nan_to_num(fit.phi)
     mass = abs(phi[0])
-    reach = max(float(np.linalg.norm(phi[1:4])) / mass, _LEVER) if mass else _LEVER
+    reach = max(float(np.linalg.norm(phi[1:4])) / mass, LEVER) if mass else LEVER
     units = mass * np.array([1.0] + [reach] * 3 + [reach**2] * 6)
     inertia = float(np.abs(phi[[4, 7, 9]]).sum())
     units[4:] = np.maximum(units[4:], inertia)
@@ -192,116 +166,43 @@ _HALVES = "the payloads of the two halves of the samples differ by {:.3g} {} rms
 _DRIFT = "the residual drifts by {:.3g} {} in half of the time"
 
 
-@dataclass(frozen=True, eq=False)
-class _Trend:
-    """Drift (6,) of the bias in half of the time, N and N m, and by how much phi (10,) moves when it is allowed."""
-
-    drift: Array
-    shift: Array
-
-
-class _SlowResidual:
-    """Averages over a tenth of a second of signals, wrench and residual, in blocks of the recording."""
-
-    def __init__(self, fit: Fit, samples: FitSamples, used: Mask) -> None:
-        self.fit = fit
-        self.unknowns = np.nan_to_num(np.concatenate([fit.phi, fit.bias]))
-        signals = _delayed(samples, np.nan_to_num(fit.delay))
-        rows = np.concatenate([signals, samples.wrench], axis=1)[used] * samples.counts[used, None]
-        keys = np.floor(samples.seconds[used] / _SLOW)
-        begins = np.flatnonzero(np.diff(keys, prepend=-1.0))
-        self.seconds = samples.seconds[used][begins]
-        self.counts = np.add.reduceat(samples.counts[used], begins) if len(begins) else np.zeros(0)
-        self.rows = np.add.reduceat(rows, begins, axis=0) / self.counts[:, None] if len(begins) else rows
-        model = _by_signal(self.unknowns)
-        self.residual = self.rows[:, N_MOTION:] - self.rows[:, :N_MOTION] @ model.T
-        self.load = self.rows[:, :N_MOTION] @ _by_signal(np.append(self.unknowns[:10], np.zeros(6))).T
-
-    @property
-    def scale(self) -> Array:
-        """(2,) N and N m: the size of the load."""
-        force, torque = _sizes(self.load)
-        return np.array([force, np.hypot(torque, _LEVER * force)])
-
-    def tests(self) -> list[FitTest]:
-        """Of the residual, of its two halves against each other, and of a drift."""
-        scale, noise = self.scale, self._noise
-        limits, hopeless = _MATERIAL * scale + _SLACK, _HOPELESS * scale + 2 * _SLACK
-        drift = _sizes(self.trend.drift[None])
-        few = np.sqrt(16.0 / len(self.counts)) * noise  # noise of an answer in the prediction
-        checks = (
-            ("residual", _sizes(self.residual), limits + 3 * noise, hopeless + 6 * noise, _RESIDUAL),
-            ("halves", self._halves(), limits + 6 * few, hopeless + 12 * few, _HALVES),
-            ("drift", drift, _TREND * scale + _TREND_SLACK + 6 * few, np.full(2, np.inf), _DRIFT),
-        )
-        found = []
-        for name, values, limit, most, words in checks:
-            for which, (kind, unit) in enumerate((("force", "N"), ("torque", "N m"))):
-                value, size = float(values[which]), float(scale[which])
-                sentence = f"{words.format(value, unit)}, {value / max(size, 1e-9):.0%} of the load's {size:.3g} {unit}"
-                found.append(FitTest(f"{name}_{kind}", value, float(limit[which]), float(most[which]), sentence))
-        return found
-
-    @cached_property
-    def trend(self) -> "_Trend":
-        """A bias that drifts at a constant rate, fitted together with all unknowns."""
-        columns, residual = self._weighted
-        weight = np.diag(1.0 / np.repeat(self.noise_levels, 3))
-        time = np.linspace(-1.0, 1.0, len(columns))[:, None, None] * weight
-        left, right = np.concatenate([columns, time], axis=2).reshape(-1, 22), residual.reshape(-1)
-        known = np.zeros((22, 22))  # what the samples do not show stays as it is
-        known[:10, :10] = np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-2
-        constant, drifting = (
-            np.linalg.lstsq(
-                (system := left[:, :count]).T @ system + known[:count, :count], system.T @ right, rcond=1e-14
-            )[0]
-            for count in (16, 22)
-        )
-        return _Trend(np.asarray(drifting[16:]), np.asarray(drifting[:10] - constant[:10]))
-
-    @property
-    def noise_levels(self) -> Array:
-        """(2,) standard deviation of one axis of the averages, not less than that of a sample's white noise."""
-        least = np.array([self.fit.noise.force, self.fit.noise.torque]) / np.sqrt(self.counts.max())
-        return np.asarray(np.maximum(_sizes(self.residual) / np.sqrt(3.0), least))
-
-    @property
-    def _noise(self) -> Array:
-        """(2,) rms of the averages that white noise of the sensor makes."""
-        if np.median(np.diff(self.seconds)) > _POSES:
-            return np.zeros(2)
-        per_sample = np.array([self.fit.noise.force, self.fit.noise.torque]) * np.sqrt(3.0)
-        return np.asarray(per_sample * np.sqrt(np.mean(1.0 / self.counts)))
-
-    def _halves(self) -> Array:
-        """(2,) by how much the loads that the halves of the samples show differ, rms over all samples."""
-        information, scores = self.blocks(2)
-        # Directions that a half does not show stay as in the fit of all samples.
-        ridge = 1e-3 * np.diag(np.diag(information.sum(axis=0)))
-        steps = [
-            np.linalg.lstsq(block + ridge, score, rcond=1e-12)[0]
-            for block, score in zip(information, scores, strict=True)
-        ]
-        return _sizes(self.rows[:, :N_MOTION] @ _by_signal(steps[1] - steps[0]).T)
-
-    def blocks(self, number: int) -> tuple[Array, Array]:
-        """(K, 16, 16) information and (K, 16) score, the gradient at the fit, of blocks of the recording in time."""
-        columns, residual = self._weighted
-        parts = [
-            (left.reshape(-1, 16), right.reshape(-1))
-            for left, right in zip(np.array_split(columns, number), np.array_split(residual, number), strict=True)
-        ]
-        return np.array([left.T @ left for left, _ in parts]), np.array([left.T @ right for left, right in parts])
-
-    @cached_property
-    def _weighted(self) -> tuple[Array, Array]:
-        """(B, 6, 16) columns of the unknowns and (B, 6) residuals, in units of the noise levels."""
-        weight = 1.0 / np.repeat(self.noise_levels, 3)
-        columns = np.einsum("bc,ipc->bip", self.rows[:, :N_MOTION], ENTRIES)
-        return columns * weight[:, None], self.residual * weight
+def _load_tests(slow: SlowResidual) -> list[FitTest]:
+    """Of the residual, of its two halves against each other, and of a drift."""
+    scale, white = slow.scale, slow.white
+    limits, hopeless = _MATERIAL * scale + _SLACK, _HOPELESS * scale + 2 * _SLACK
+    drift = sizes(slow.drift.values[None])
+    few = np.sqrt(16.0 / len(slow.counts)) * white  # noise of an answer in the prediction
+    checks = (
+        ("residual", sizes(slow.residual), limits + 3 * white, hopeless + 6 * white, _RESIDUAL),
+        ("halves", slow.halves(), limits + 6 * few, hopeless + 12 * few, _HALVES),
+        ("drift", drift, _TREND * scale + _TREND_SLACK + 6 * few, np.full(2, np.inf), _DRIFT),
+    )
+    found = []
+    for name, values, limit, most, words in checks:
+        for which, (kind, unit) in enumerate((("force", "N"), ("torque", "N m"))):
+            value, size = float(values[which]), float(scale[which])
+            sentence = f"{words.format(value, unit)}, {value / max(size, 1e-9):.0%} of the load's {size:.3g} {unit}"
+            found.append(FitTest(f"{name}_{kind}", value, float(limit[which]), float(most[which]), sentence))
+    return found
 
 
-def _widened(fit: Fit, slow: _SlowResidual) -> Array | None:
+def _gravity_tests(slow: SlowResidual, gravity: Array) -> list[FitTest]:
+    """Of the direction of gravity, and of the weight against the inertial forces."""
+    size = float(np.linalg.norm(gravity))
+    tilts, doubts = np.abs(slow.tilt.values) / size, _CERTAIN * slow.tilt.deviations / size
+    clearest = int(np.argmax(tilts - doubts))
+    tilt, least_tilt = float(tilts[clearest]), _TILT + float(doubts[clearest])
+    weight = float(abs(slow.weight.values[0])) / size
+    least_weight = _WEIGHT + _CERTAIN * float(slow.weight.deviations[0]) / size
+    words = f"the weight points {np.degrees(np.arctan(tilt)):.1f} degrees off gravity"
+    return [
+        _lever_test(slow),
+        FitTest("tilt", tilt, least_tilt, np.inf, words),
+        FitTest("weight", weight, least_weight, np.inf, f"weight and inertial forces differ by {weight:.0%}"),
+    ]
+
+
+def _widened(fit: Fit, slow: SlowResidual) -> Array | None:
     """(10, 10) covariance of phi, not less than the scatter of the scores of the blocks shows (sandwich estimator).
 
     Errors that last (drift, a payload that changes, contact) do not average out as noise does. They show in how the
@@ -311,7 +212,7 @@ def _widened(fit: Fit, slow: _SlowResidual) -> Array | None:
     bias = np.isfinite(fit.bias)
     if not seen.any():
         return None
-    information, scores = slow.blocks(_PARTS)
+    information, scores = slow.blocks(PARTS)
     rest = np.flatnonzero(np.append(np.zeros(10, dtype=bool), bias))
     total = information.sum(axis=0)
     on_bias = np.linalg.lstsq(total[np.ix_(rest, rest)], total[rest][:, :10], rcond=1e-12)[0]
@@ -322,14 +223,18 @@ def _widened(fit: Fit, slow: _SlowResidual) -> Array | None:
     values, axes = np.linalg.eigh(root.T @ shown @ root)
     # In units of the stated covariance: how far each block alone pulls the answer.
     steps = (pulls @ root @ axes) / np.maximum(values, 1.0)
-    scatter = axes @ (steps.T @ steps) @ axes.T * _PARTS / (_PARTS - 1)
+    scatter = axes @ (steps.T @ steps) @ axes.T * PARTS / (PARTS - 1)
     variances, directions = np.linalg.eigh(scatter)
     factors = np.where(variances > _BEYOND_CHANCE, variances, 1.0)
     inside = root @ directions
-    shift = slow.trend.shift[seen]
-    depends = np.sum(np.linalg.solve(root, shift) ** 2) > _SHIFTED
+    widened = (inside * factors) @ inside.T
+    for extension in (slow.drift, slow.tilt):
+        shift = extension.shift[seen]
+        is_seen = np.sum((extension.values / extension.deviations) ** 2) > _SHIFTED
+        if is_seen and np.sum(np.linalg.solve(root, shift) ** 2) > _SHIFTED:
+            widened += np.outer(shift, shift)
     result = fit.covariance.copy()
-    result[np.ix_(seen, seen)] = (inside * factors) @ inside.T + depends * np.outer(shift, shift)
+    result[np.ix_(seen, seen)] = widened
     return result
 
 
@@ -339,23 +244,26 @@ def _regular(covariance: Array) -> Array:
     return np.asarray(covariance + np.diag(1e-10 * scale**2))
 
 
-def _by_signal(unknowns: Array) -> Array:
-    """(6, 13) the wrench that each signal makes."""
-    return np.asarray(np.einsum("p,ipc->ic", unknowns, ENTRIES))
+def _lever_test(slow: SlowResidual) -> FitTest:
+    """Of the first moment in the force (by rotation) against that in the torque (by weight)."""
+    moment = slow.unknowns[1:4]
+    size = max(float(np.linalg.norm(moment)), 1e-6)
+    along = moment / size
+    error = float(abs(slow.lever.values @ along)) / size
+    doubt = float(np.sqrt(np.square(slow.lever.deviations) @ np.square(along))) / size
+    words = f"force and torque show centres of mass that differ by {error:.0%}"
+    return FitTest("lever", error, _LEVER_SHARE + _CERTAIN * doubt, np.inf, words)
 
 
-def _sizes(wrench: Array) -> Array:
-    """(2,) root mean square of the length of force and of torque."""
-    squares = np.mean(np.square(wrench), axis=0)
-    return np.sqrt([squares[:3].sum(), squares[3:].sum()])
-
-
-def _delayed(samples: FitSamples, delay: float) -> Array:
-    """(B, 13) signals at the time at which the wrenches were measured."""
-    if not delay:
-        return samples.signals
-    then = samples.seconds - delay
-    return np.column_stack([np.interp(then, samples.seconds, column) for column in samples.signals.T])
+def _clipped_test(extremes: ExtremeReadings) -> FitTest:
+    found = extremes.clipped
+    if found is None:
+        return FitTest("clipped", 0.0, 0.0, np.inf, "no reading stops at one value")
+    channel, value, share = found
+    name, unit = ("fx", "fy", "fz", "tx", "ty", "tz")[channel], "N" if channel < 3 else "N m"
+    return FitTest(
+        "clipped", share, 0.0, np.inf, f"{share:.1%} of the readings of {name} are exactly {value:.6g} {unit}"
+    )
 
 
 def _rejected_test(share: float) -> FitTest:

@@ -201,16 +201,18 @@ def diagnose(
     if not (recorded.has("wrench") or recorded.has("effort")):
         raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, "there is no wrench and no usable joint effort to examine")
     recorded = with_model_effects(recorded, model.effects)
-    problems = [wrench_problem(recorded, model)] if recorded.has("wrench") else []
+    signals = ["wrench"] if recorded.has("wrench") else []
     if recorded.effort is not None and recorded.effort.names:
-        problems.append(effort_problem(recorded, model))
+        signals.append("effort")
     examined: list[SignalDiagnosis] = []
-    for number, problem in enumerate(problems):
+    for number, signal in enumerate(signals):
         left = deadline - (time.perf_counter() - begin)
-        share = 1.0 / len(problems)
-        limit = TimeLimit(_FOR_SEARCH * left / (len(problems) - number), progress, (number * share, share))
-        examined.append(_examined(problem, last, library, limit))
-    signals = {problem.signal for problem in problems}
+        share = 1.0 / len(signals)
+        limit = TimeLimit(_FOR_SEARCH * left / (len(signals) - number), progress, (number * share, share))
+        make = wrench_problem if signal == "wrench" else effort_problem
+        # The joints carry what the wrench showed of load, base and encoders.
+        known = [each.component for one in examined for each in one.findings if each.effect.layer != "sensor"]
+        examined.append(_examined(make(with_model_effects(recorded, known, events=True), model), last, library, limit))
     missing = {
         effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
         for effect in (all_effects() if library is None else library)

@@ -120,6 +120,7 @@ class Effect(ABC):
         most: how many of its kind a model may have.
         direct: the readings alone show it (`detected`), for any model: it does not compete with others.
         defaults: parameters that models saved by an earlier version lack, with the values that they then had.
+        delay: name of the parameter, s, by which slow wrenches are late; "" for an effect that does not delay them.
         widens: name of the calibration group (poise.mismatch.inference.calibration) whose tolerance it exceeds, or "".
     """
 
@@ -139,6 +140,7 @@ class Effect(ABC):
     made_of: ClassVar[tuple[str, ...]] = ()
     most: ClassVar[int] = 1
     direct: ClassVar[bool] = False
+    delay: ClassVar[str] = ""
     widens: ClassVar[str] = ""
     defaults: ClassVar[Values] = {}
 

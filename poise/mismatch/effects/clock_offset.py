@@ -25,6 +25,7 @@ class ClockOffset(Effect):
     separating_motion = "quick turns both ways: a delay shifts the wrench, a filter also rounds it"
     confused_with = ("low_pass", "joint_offset", "clock_skew")
     needs = ("load",)
+    delay = "offset"
     widens = "clock"
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:

@@ -1,6 +1,7 @@
 """Grasp compliance: the whole payload rotates slightly in the grip, about a point on the sensor's z axis."""
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from poise.geometry import cross
 from poise.inertia.model import symmetric
 from poise.mismatch.effects.base import Effect, EffectParameter, Values
 from poise.mismatch.effects.part_motion import Oscillator
-from poise.mismatch.effects.part_wrench import specific_at
+from poise.mismatch.effects.part_wrench import coarsely, specific_at
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
@@ -17,6 +18,8 @@ _SETTLED = 2e-5
 """rad, the change of the payload's rotation at which the iteration ends."""
 _LARGEST = 0.5
 """rad, the largest rotation that is simulated."""
+_STARTING = 0.02
+"""s between the samples from which a search begins."""
 
 
 class GraspCompliance(Effect):
@@ -46,13 +49,17 @@ class GraspCompliance(Effect):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """The best of several stiffnesses and heights."""
+        recorded, residual = coarsely(recorded, residual, _STARTING)
         weight = np.repeat([1.0, 20.0], 3)
         wanted = (residual - residual.mean(axis=0)) * weight
         scores = []
         for height in (0.0, 0.05):
             for stiffness in np.geomspace(25.0, 1000.0, 6):
                 values = {"stiffness": float(stiffness), "damping_ratio": 0.2, "height": height}
-                response = self._simulated(recorded, values, rounds=1) * weight
+                response = recorded.once(
+                    ("grasp", height, stiffness), partial(self._simulated, recorded, values, rounds=1)
+                )
+                response = response * weight
                 scores.append((float(np.sum((wanted - response + response.mean(axis=0)) ** 2)), values))
         yield min(scores, key=lambda item: item[0])[1]
 

@@ -22,6 +22,7 @@ class LowPass(Effect):
     separating_motion = "quick turns both ways, and steps: a filter rounds corners, a delay keeps them"
     confused_with = ("clock_offset", "joint_offset", "sensor_creep")
     needs = ("load",)
+    delay = "time_constant"
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         del recorded

@@ -1,6 +1,7 @@
 """The wrench on the sensor from parts that move within the payload, and from unreported motion of the robot."""
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,8 @@ from poise.types import Array
 POINT_PARAMETERS = ("x", "y", "z")
 PAYLOAD_REACH = 0.5
 """m from the sensor within which parts of a payload are searched."""
+_SWING_SAMPLES, _ENOUGH = 0.03, 500
+"""s between the samples from which a search for pendulums begins, and how many there are at the least."""
 _END = 0.98
 """Share of the reach from which a place is at the end of its range."""
 _SHARE = 1.05
@@ -89,19 +92,38 @@ def likely_swings(
     recorded: RecordedMotion, residual: Array, lengths: Array, damping_ratio: float, count: int
 ) -> list[dict[str, float]]:
     """Lengths (best first) and pivots, with a damping ratio, of pendulums whose swing fits a residual (N, 6)."""
+    recorded, residual = coarsely(recorded, residual, _SWING_SAMPLES)
     wanted = residual - residual.mean(axis=0)
     weight = 1.0 / np.maximum(white_level(residual), 1e-9)
     place = payload_centre(recorded)
     found = []
     for length in lengths.tolist():
-        swing = swinging_wrench(recorded, place, length, damping_ratio)
-        swing -= swing.mean(axis=0)
+        swing = recorded.once(
+            ("swing", length, damping_ratio), partial(_centred_swing, recorded, place, length, damping_ratio)
+        )
         along, size = (float(np.sum(swing * other * weight**2)) for other in (wanted, swing))
         mass = along / max(size, 1e-12)
         pivot = likely_place(mass * swing[:, :3], wanted[:, 3:]) if mass > 0.0 else place
         values = {"length": length, "damping_ratio": damping_ratio}
         found.append((along * mass, values | dict(zip(POINT_PARAMETERS, pivot.tolist(), strict=True))))
     return [values for _, values in sorted(found, key=lambda item: -item[0])[:count]]
+
+
+def _centred_swing(recorded: RecordedMotion, place: Array, length: float, damping_ratio: float) -> Array:
+    swing = swinging_wrench(recorded, place, length, damping_ratio)
+    return np.asarray(swing - swing.mean(axis=0))
+
+
+def coarsely(recorded: RecordedMotion, residual: Array, span: float) -> tuple[RecordedMotion, Array]:
+    """The recording at the middles of groups of samples that span `span` s, and the means of a residual (N, C)."""
+    length = 2 * int(0.5 * span / recorded.period) + 1
+    count = len(recorded) // length
+    if length == 1 or count < _ENOUGH:
+        return recorded, residual
+    rows = np.zeros(len(recorded), dtype=bool)
+    rows[length // 2 : count * length : length] = True
+    thin = recorded.once(("coarse", length), lambda: recorded.select(rows))
+    return thin, residual[: count * length].reshape(count, length, -1).mean(axis=1)
 
 
 def no_part(recorded: RecordedMotion, values: Mapping[str, float], mass: float) -> str:

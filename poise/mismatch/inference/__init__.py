@@ -1,12 +1,13 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
 from poise.mismatch.inference.calibration import effort_sizes, payload_steps
-from poise.mismatch.inference.fitting import HypothesisFit, fit, linearization_point, refine
+from poise.mismatch.inference.fitting import HypothesisFit, exceeds_tolerance, fit, linearization_point, refine
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names, residual_of
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
-from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, names, residual_of, search
+from poise.mismatch.inference.search import search
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
     Dependence,
@@ -32,6 +33,7 @@ __all__ = [
     "dependence_curve",
     "effort_problem",
     "effort_sizes",
+    "exceeds_tolerance",
     "fit",
     "held_out",
     "linear_bspline_basis",

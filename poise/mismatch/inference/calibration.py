@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from poise.inertia.model import InertialParameters, about_com_jacobian, regressor
@@ -31,23 +32,42 @@ class CalibrationGroup:
     Args:
         name: payload, bias, drift, gain, rotation, tilt, joints, clock, offset, links, or blur (no tolerance: see
             `_BLURS`).
-        columns: (N, C, k) response to one tolerance of each.
+        values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
         bound: half-width of the uniform prior in tolerances; infinite: a normal prior of `NORMAL_PRECISION`.
+        channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
+        channels: C.
+        lasting: the group is the same for all predictions.
     """
 
     name: str
-    columns: Array
+    values: Array
     bound: float = CALIBRATION_BOUND
+    channel: NDArray[np.intp] | None = None
+    channels: int = 0
+    lasting: bool = False
+
+    @property
+    def columns(self) -> Array:
+        """(N, C, k) response to one tolerance of each."""
+        if self.channel is None:
+            return self.values
+        return np.asarray(self.values[:, None, :] * (np.arange(self.channels)[:, None] == self.channel))
 
     @cached_property
     def seen(self) -> Mask:
         """(k,) which errors have a response."""
-        return np.asarray(self.columns.any(axis=(0, 1)))
+        return np.asarray(self.values.any(axis=tuple(range(self.values.ndim - 1))))
 
     @property
     def bounds(self) -> Array:
         """(k,) half-widths of the priors."""
-        return np.full(self.columns.shape[2], self.bound)
+        return np.full(self.values.shape[-1], self.bound)
+
+    def response(self, coefficients: Array) -> Array:
+        """(N, C) for coefficients (k,) in tolerances."""
+        if self.channel is None:
+            return np.asarray(self.values @ coefficients)
+        return np.asarray(self.values @ (coefficients[:, None] * (self.channel[:, None] == np.arange(self.channels))))
 
 
 _BLURS = (0.006, 0.02, 0.05, 0.12)
@@ -59,23 +79,40 @@ second-order part of a clock offset, which the clock's column lacks."""
 def calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
     """All groups for a recording; the wrench that gain, rotation and clock act on is `recorded.prediction`."""
     wrench = recorded.prediction
+    payload, bias, drift, tilt, joints, blur = recorded.once(
+        ("calibration", tolerance), lambda: _of_motion(recorded, tolerance)
+    )
+    later, sooner = (at_times(recorded.seconds, wrench, recorded.seconds + t * tolerance.clock_offset) for t in (1, -1))
+    return (
+        payload,
+        bias,
+        drift,
+        _gain(wrench, tolerance.sensor_gain),
+        CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
+        tilt,
+        joints,
+        CalibrationGroup("clock", (sooner - later)[:, :, None] / 2),
+        blur,
+    )
+
+
+def _of_motion(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[CalibrationGroup, ...]:
+    """The groups that do not depend on what is predicted: payload, bias, drift, tilt, joints, blur."""
     middle = (recorded.seconds[0] + recorded.seconds[-1]) / 2
     ramp = (recorded.seconds - middle) / max(recorded.duration, 1e-9)
     bias = np.repeat([tolerance.bias_force, tolerance.bias_torque], 3)
     drift = np.repeat([tolerance.drift_force, tolerance.drift_torque], 3)
-    later, sooner = (at_times(recorded.seconds, wrench, recorded.seconds + t * tolerance.clock_offset) for t in (1, -1))
     widths = [width / recorded.period for width in _BLURS]
     calm = [gaussian_filter1d(recorded.nominal, width, axis=0, mode="nearest") - recorded.nominal for width in widths]
+    steady = np.broadcast_to(bias, (len(recorded), 6))
+    each = np.arange(6)
     return (
-        CalibrationGroup("payload", payload_columns(recorded, tolerance)),
-        CalibrationGroup("bias", np.broadcast_to(np.diag(bias), (len(recorded), 6, 6))),
-        CalibrationGroup("drift", ramp[:, None, None] * np.diag(drift)),
-        CalibrationGroup("gain", gain_columns(wrench) * tolerance.sensor_gain),
-        CalibrationGroup("rotation", rotation_columns(wrench) * tolerance.sensor_rotation),
-        CalibrationGroup("tilt", tilt_columns(recorded) * tolerance.base_tilt),
-        CalibrationGroup("joints", joint_columns(recorded) * tolerance.joint_offset),
-        CalibrationGroup("clock", (sooner - later)[:, :, None] / 2),
-        CalibrationGroup("blur", np.stack(calm, axis=2), np.inf),
+        CalibrationGroup("payload", payload_columns(recorded, tolerance), lasting=True),
+        CalibrationGroup("bias", steady, channel=each, channels=6, lasting=True),
+        CalibrationGroup("drift", ramp[:, None] * drift, channel=each, channels=6, lasting=True),
+        CalibrationGroup("tilt", tilt_columns(recorded) * tolerance.base_tilt, lasting=True),
+        CalibrationGroup("joints", joint_columns(recorded) * tolerance.joint_offset, lasting=True),
+        CalibrationGroup("blur", np.stack(calm, axis=2), np.inf, lasting=True),
     )
 
 
@@ -84,18 +121,21 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     track, joints = recorded.effort, recorded.joints
     if track is None or joints is None:
         return ()
-    payload = joint_torques(recorded, payload_columns(recorded, tolerance))
+    payload = recorded.once(
+        ("effort payload", tolerance), lambda: joint_torques(recorded, payload_columns(recorded, tolerance))
+    )
+    gain = track.prediction * tolerance.motor_gain
+    offset = np.broadcast_to(effort_sizes(track) * tolerance.effort_offset, gain.shape)
     count = len(track.names)
-    gain = track.prediction[:, :, None] * np.eye(count) * tolerance.motor_gain
-    offset = np.diag(effort_sizes(track) * tolerance.effort_offset)
+    each = np.arange(count)
     none = np.zeros((*track.measured.shape, 0))
     links = none if track.links is None else track.links.efforts
     tilt = none if track.by_tilt is None else track.by_tilt
     return (
         CalibrationGroup("payload", payload),
         CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
-        CalibrationGroup("gain", gain),
-        CalibrationGroup("offset", np.broadcast_to(offset, gain.shape)),
+        CalibrationGroup("gain", gain, channel=each, channels=count),
+        CalibrationGroup("offset", offset, channel=each, channels=count),
         CalibrationGroup("links", links * tolerance.link_mass),
         CalibrationGroup("tilt", tilt * tolerance.base_tilt),
     )
@@ -106,17 +146,14 @@ def effort_sizes(track: EffortTrack) -> Array:
     return np.asarray(np.quantile(np.abs(track.measured), 0.99, axis=0))
 
 
-def gain_columns(wrench: Array) -> Array:
-    """(N, 6, 36) response to the gains of the six axes, then to the thirty across axes.
+def _gain(wrench: Array, size: float) -> CalibrationGroup:
+    """Response to the gains of the six axes, then to the thirty across axes, of this size each.
 
     Gains from force to torque and back are scaled by `GAIN_LEVER`.
     """
     scale = np.repeat([1.0, GAIN_LEVER], 3)
-    pairs = sorted(np.ndindex(6, 6), key=lambda pair: pair[0] != pair[1])
-    out = np.zeros((len(wrench), 6, 36))
-    for column, (i, j) in enumerate(pairs):
-        out[:, i, column] = scale[i] / scale[j] * wrench[:, j]
-    return out
+    to, of = np.array(sorted(np.ndindex(6, 6), key=lambda pair: pair[0] != pair[1])).T
+    return CalibrationGroup("gain", wrench[:, of] * (size * scale[to] / scale[of]), channel=to, channels=6)
 
 
 def payload_columns(recorded: RecordedMotion, tolerance: Tolerance) -> Array:

@@ -5,7 +5,7 @@ with `precision`, or uniform between plus and minus its `bound`. The square of a
 bounds. For the volume of the posterior a uniform prior counts as the normal one of its variance, bound^2 / 3.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +32,7 @@ class WhitenedRegression:
         mean: (k,) of normal priors; 0 for bounded coefficients.
         target: (R,) whitened residual.
         bound: (k,) half-width of uniform priors about zero; infinite for normal ones.
+        near: (k,) the most likely coefficients of a similar regression.
     """
 
     columns: Array
@@ -39,6 +40,7 @@ class WhitenedRegression:
     mean: Array
     target: Array
     bound: Array | float = np.inf
+    near: Array | None = None
 
     @cached_property
     def bounds(self) -> Array:
@@ -70,7 +72,7 @@ class WhitenedRegression:
 
     @cached_property
     def _solved(self) -> Array:
-        return box_minimum(self.curvature, self.right, -self.bounds, self.bounds)
+        return box_minimum(self.curvature, self.right, -self.bounds, self.bounds, self.near)
 
     @cached_property
     def square(self) -> float:
@@ -121,7 +123,7 @@ class WhitenedRegression:
 
     def with_target(self, target: Array) -> "WhitenedRegression":
         """These columns with another residual (R,); their products are reused."""
-        made = WhitenedRegression(self.columns, self.precision, self.mean, target, self.bounds)
+        made = WhitenedRegression(self.columns, self.precision, self.mean, target, self.bounds, self._solved)
         made.__dict__.update(_normal=self._normal, _factor=self._factor, curvature=self.curvature)
         return made
 
@@ -134,6 +136,7 @@ class ProjectedColumns:
         beside: the regression.
         information: (m, m) of X with C projected out: XX' - XC' A^-1 CX', A = CC' + diag(precision).
         products, across, vector: XX' (m, m), CX' (k, m) and Xt (m,).
+        _last: the last solution, from which the next one starts.
     """
 
     beside: WhitenedRegression
@@ -141,6 +144,7 @@ class ProjectedColumns:
     products: Array
     across: Array
     vector: Array
+    _last: list[Array] = field(default_factory=list, init=False, repr=False)
 
     def fitted(self, precision: Array, mean: Array | None = None, lower: Array | None = None) -> tuple[Array, float]:
         """(m,) most likely coefficients, and the decrease of the square with its penalties from zero coefficients.
@@ -156,7 +160,9 @@ class ProjectedColumns:
         free = np.full(count, np.inf)
         low = np.concatenate([-known.bounds, -free if lower is None else lower])
         first = np.concatenate([known.coefficients(), np.zeros(count)])
-        both = box_minimum(curvature, right, low, np.concatenate([known.bounds, free]))
+        near = self._last[0] if self._last else first
+        both = box_minimum(curvature, right, low, np.concatenate([known.bounds, free]), near)
+        self._last[:] = [both]
         before = first @ (0.5 * curvature @ first - right)
         return both[len(known.mean) :], float(2.0 * (before - both @ (0.5 * curvature @ both - right)))
 
@@ -164,7 +170,7 @@ class ProjectedColumns:
         """Decrease of the square for these coefficients, without their prior."""
         known = self.beside
         right, before = known.right - self.across @ coefficients, known.coefficients()
-        after = box_minimum(known.curvature, right, -known.bounds, known.bounds)
+        after = box_minimum(known.curvature, right, -known.bounds, known.bounds, before)
         gone = 2.0 * self.vector @ coefficients - coefficients @ self.products @ coefficients
         gone += before @ (known.curvature @ before - 2.0 * known.right)
         return float(gone - after @ (known.curvature @ after - 2.0 * right))
@@ -180,6 +186,8 @@ class ProjectedColumns:
 
     def pick(self, index: NDArray[np.intp] | slice) -> "ProjectedColumns":
         """Some of the columns."""
+        if len(self.vector[index]) == len(self.vector):
+            return self
         return ProjectedColumns(
             self.beside,
             self.information[index][:, index],

@@ -5,16 +5,16 @@ parameters move in the unit interval of their priors. The evidence is exact in t
 errors, and by Laplace's method in the non-linear ones (MacKay 1992, "Bayesian interpolation").
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammainccinv
 
 from poise.mismatch.effects import Effect, EffectParameter, Values
 from poise.mismatch.inference.damping import Damping
 from poise.mismatch.inference.evidence import ProjectedColumns, WhitenedRegression, flat_width, laplace_evidence
-from poise.mismatch.inference.linearised import PRIOR_SCALES, SLOPE_STEP, Linearised, columns_of, linearised, slope_of
+from poise.mismatch.inference.linearised import PRIOR_SCALES, Linearised, columns_of, linearised, slope_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
@@ -22,13 +22,15 @@ from poise.types import Array, Mask
 _MOST_STEPS = 12
 _HOPE = 5.0
 """Largest ratio of the gain of a step to the prediction of the linear model."""
+_HOPELESS = -15.0
+"""log evidence of an effect below which a bound suffices."""
 _SETTLED = 0.1
 """Decrease of the square at which a fit has converged."""
 _NEARLY = 2.0
 """Decrease of the square below which the calibration is not linearised again."""
 
 _CLOCK_MARGIN = 1.1
-"""Tolerances that a clock offset must exceed: unlike an exact shift, its calibration column is of first order."""
+"""Tolerances that a delay must exceed: unlike an exact shift, the clock's calibration column is of first order."""
 _CHANCE = 0.00135
 """Probability that a normal deviate exceeds three sigma on one side."""
 
@@ -115,13 +117,16 @@ def refine(
     return EffectCandidate(effect, at.values, gain, at.drop, gain)
 
 
-def score_start(
-    problem: Problem, regression: WhitenedRegression, recorded: RecordedMotion, effect: Effect, start: Values
-) -> EffectCandidate:
-    """One effect beside a regression at a starting point; its potential is the gain there beyond chance."""
+def score_starts(
+    problem: Problem, regression: WhitenedRegression, recorded: RecordedMotion, effect: Effect, starts: Iterable[Values]
+) -> EffectCandidate | None:
+    """One effect beside a regression at the best of some starting points; its potential is the gain beyond chance."""
     parameters = effect.parameters(recorded)
     weak = np.array([(PRIOR_SCALES[-1] * p.scale) ** -2.0 for p in parameters if p.linear])
-    at = _linear(problem, regression, recorded, effect, dict(start), weak)
+    tried = (_linear(problem, regression, recorded, effect, dict(start), weak) for start in starts)
+    at = max(tried, key=lambda each: each.drop, default=None)
+    if at is None:
+        return None
     free = sum(not p.choice for p in parameters)
     slopes = np.zeros((0, len(at.response)))
     gain = _evidence_gain(regression, at, parameters, slopes)
@@ -227,9 +232,12 @@ def _evidence_gain(
         projected = regression.project(np.vstack([at.columns[inside], slopes]))
     inner = projected.pick(slice(0, count))
     scores = []
-    for scale in PRIOR_SCALES if count else (1.0,):
+    for scale in PRIOR_SCALES[::-1] if count else (1.0,):
         precision = np.array([(scale * p.scale) ** -2.0 for p in linear])
-        won = inner.gain(precision) if count else 0.5 * at.drop
+        # With the weakest priors the square falls most; far from a gain that says enough.
+        narrowing = inner.narrowing(precision) if count else 0.0
+        hopeful = count and 0.5 * at.drop - narrowing > _HOPELESS
+        won = inner.gain(precision) if hopeful else 0.5 * at.drop - narrowing
         across = projected.information[:count, count:]
         held = inner.information + np.diag(precision)
         own = projected.information[count:, count:] - (across.T @ np.linalg.solve(held, across) if count else 0.0)
@@ -322,6 +330,7 @@ def _all_stepped(problem: Problem, at: Linearised, damping: Damping) -> Linearis
 def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: Effect) -> bool:
     """Whether an effect lies outside the tolerances that it widens by three sigma; true where it widens none.
 
+    A delay must exceed the tolerance of the clock: what else a filter does may be an error of the measured motion.
     At the edge of the tolerances, noise alone lowers the square by as many degrees of freedom as half the parameters.
 
     Args:
@@ -329,17 +338,21 @@ def exceeds_tolerance(problem: Problem, parts: Sequence[FittedEffect], effect: E
         parts: as fitted.
         effect: of one of them.
     """
+    values = next(part.values for part in parts if part.effect is effect)
+    if effect.delay:
+        # Beside a filter the clock may be early, beside an offset of the clock it may not.
+        least = _CLOCK_MARGIN * problem.model.tolerance.clock_offset * (1.0 if effect.widens == "clock" else 2.0)
+        if abs(values[effect.delay]) < least:
+            return False
     if not effect.widens:
         return True
-    values = next(part.values for part in parts if part.effect is effect)
-    if effect.widens == "clock" and abs(values["offset"]) < _CLOCK_MARGIN * problem.model.tolerance.clock_offset:
-        return False
     squares, counts = [], []
     for kept in (parts, [part for part in parts if part.effect is not effect]):
         about = linearised(problem, tuple(kept), None)
         squares.append(about.regression(PRIOR_SCALES[-1]).square)
         counts.append(len(about.columns))
-    return bool(squares[1] - squares[0] > chi2.isf(_CHANCE, (counts[0] - counts[1] + 1) / 2))
+    # Of chi square with half as many degrees of freedom.
+    return bool(squares[1] - squares[0] > 2.0 * gammainccinv((counts[0] - counts[1] + 1) / 4, _CHANCE))
 
 
 def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
@@ -367,30 +380,4 @@ def _finished(problem: Problem, at: Linearised) -> HypothesisFit:
     groups = problem.groups(at.whole, at.parts)
     calibrated = problem.calibrated(groups, at.calibration.coefficients())
     straight = np.concatenate([np.ones(len(whole.columns) - len(linear), dtype=bool), linear])
-    return HypothesisFit(at.parts, evidence, at.square, whole, response, calibrated, _covariances(at, whole), straight)
-
-
-def _covariances(at: Linearised, whole: WhitenedRegression) -> tuple[Array, ...]:
-    """Of each part's parameters; parameters that were not fitted have their resolution."""
-    size = len(at.calibration.columns)
-    covariance = whole.covariance()[size:, size:]
-    own = at.parameters()
-    found = []
-    for i, (part, recorded) in enumerate(zip(at.parts, at.inputs, strict=True)):
-        parameters = part.effect.parameters(recorded)
-        matrix = np.diag([p.resolution**2 / 12.0 for p in parameters])
-        rows = [k for k, (j, _) in enumerate(own) if j == i]
-        places = [parameters.index(own[k][1]) for k in rows]
-        # From places in the prior to values: dv/du by differences.
-        rates = np.array([_rate(p, part.values[p.name]) for p in (parameters[place] for place in places)])
-        matrix[np.ix_(places, places)] = covariance[np.ix_(rows, rows)] * np.outer(rates, rates)
-        found.append(matrix)
-    return tuple(found)
-
-
-def _rate(p: EffectParameter, value: float) -> float:
-    if p.linear:
-        return 1.0
-    place = p.to_unit(value)
-    low, high = max(place - SLOPE_STEP, 0.0), min(place + SLOPE_STEP, 1.0)
-    return (p.from_unit(high) - p.from_unit(low)) / (high - low)
+    return HypothesisFit(at.parts, evidence, at.square, whole, response, calibrated, at.covariances(whole), straight)

@@ -31,6 +31,8 @@ _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
 _GENERAL = ("link_parameters",)
 """Effects that are tried after all others, since they can imitate several of them."""
+_ALTERNATIVES = 4
+"""Other effects in the place of a single one that are compared in full."""
 _MOST = 10
 _TOLERANCE_RIDGE = 0.01
 """Precision of a calibration error in tolerances: inside the bounds the smallest is taken."""
@@ -74,16 +76,21 @@ class _Sums:
         return _begun(self, [])[1]
 
 
-def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect, ...]:
+def screened(
+    problem: Problem, effects: Sequence[Effect]
+) -> tuple[tuple[FittedEffect, ...], tuple[tuple[FittedEffect, ...], ...]]:
     """The effects that lower the error on held-out blocks, with values; none when no effect does.
 
     Args:
         problem: joint efforts.
         effects: with linear parameters.
+
+    Returns:
+        The effects; where there is one alone, also the other ones that do nearly as well in its place.
     """
     effort, rows = problem.recorded.effort, np.flatnonzero(problem.active)
     if effort is None or len(rows) < 20 * _BLOCKS:
-        return ()
+        return (), ()
     screen = _Screen(problem, effort, rows)
     linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
     choosing = [each for each in linear if _follows(each, problem)]
@@ -98,7 +105,26 @@ def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect,
     chosen = _varied(sums, chosen)
     for effect in combined:
         chosen = _replaced(problem, sums, chosen, effect)
-    return _fitted(problem, sums, chosen)
+    others: list[int] = []
+    if len(chosen) == 1:
+        sums = screen.extended(choosing, ())
+        others = _instead(sums, chosen[0])
+    return _fitted(problem, sums, chosen), tuple(_fitted(problem, sums, [other]) for other in others)
+
+
+def _instead(sums: _Sums, chosen: int) -> list[int]:
+    """Families of other effects that lower the error nearly as much as the chosen one, the best of each effect."""
+    variance = _begun(sums, [chosen])[1]
+    without = _relative(_error(sums, [], variance), variance)
+    least = without - _SIMPLER * (without - _relative(_error(sums, [chosen], variance), variance))
+    left: dict[str, tuple[float, int]] = {}
+    for i, family in enumerate(sums.families):
+        if family.effect is None or family.effect.made_of or family.name in (*_GENERAL, sums.families[chosen].name):
+            continue
+        error = _relative(_error(sums, [i], variance), variance)
+        if error < min(least, left.get(family.name, (np.inf, 0))[0]):
+            left[family.name] = error, i
+    return [i for _, i in sorted(left.values())[:_ALTERNATIVES]]
 
 
 def _follows(effect: Effect, problem: Problem) -> bool:

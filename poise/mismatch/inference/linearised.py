@@ -59,6 +59,23 @@ class Linearised:
         precision, mean = self.priors(scale)
         return self.calibration.extended(self.columns, np.where(precision > 0, precision, 1.0), mean)
 
+    def covariances(self, whole: WhitenedRegression) -> tuple[Array, ...]:
+        """Of each part's parameters, from `regression`; parameters that were not fitted have their resolution."""
+        size = len(self.calibration.columns)
+        covariance = whole.covariance()[size:, size:]
+        own = self.parameters()
+        found = []
+        for i, (part, recorded) in enumerate(zip(self.parts, self.inputs, strict=True)):
+            parameters = part.effect.parameters(recorded)
+            matrix = np.diag([p.resolution**2 / 12.0 for p in parameters])
+            rows = [k for k, (j, _) in enumerate(own) if j == i]
+            places = [parameters.index(own[k][1]) for k in rows]
+            # From places in the prior to values: dv/du by differences.
+            rates = np.array([_rate(p, part.values[p.name]) for p in (parameters[place] for place in places)])
+            matrix[np.ix_(places, places)] = covariance[np.ix_(rows, rows)] * np.outer(rates, rates)
+            found.append(matrix)
+        return tuple(found)
+
 
 def linearised(
     problem: Problem, parts: tuple[FittedEffect, ...], calibration: WhitenedRegression | None, slopes: bool = True
@@ -100,3 +117,11 @@ def slope_of(effect: Effect, recorded: RecordedMotion, values: Values, p: Effect
     ahead = place + SLOPE_STEP if place + SLOPE_STEP <= 1.0 else place - SLOPE_STEP
     there = effect.simulate(recorded, {**values, p.name: p.from_unit(ahead)})
     return np.asarray((there - here) / (ahead - place))
+
+
+def _rate(p: EffectParameter, value: float) -> float:
+    if p.linear:
+        return 1.0
+    place = p.to_unit(value)
+    low, high = max(place - SLOPE_STEP, 0.0), min(place + SLOPE_STEP, 1.0)
+    return (p.from_unit(high) - p.from_unit(low)) / (high - low)

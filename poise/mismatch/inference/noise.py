@@ -67,14 +67,24 @@ class SignalNoise:
     block: int = 1
     motion: Array | None = None
 
-    def whiten(self, values: Array) -> Array:
-        """(N, C, k) -> (k, C, N): unit white noise, when `values` are noise of this kind."""
-        out = np.zeros(values.shape[::-1])
-        for channel, filtered in enumerate(self._filters):
-            # Many columns act in one channel only.
-            used = values[:, channel].any(axis=0)
-            if used.any():
-                out[used, channel] = filtered(values[:, channel, used].T / self.sigma[channel])
+    def whiten(self, values: Array, channel: NDArray[np.intp] | None = None) -> Array:
+        """Unit white noise (k, C, N), when the columns of `values` (N, C, k) are noise of this kind.
+
+        Args:
+            values: (N, C, k); or (N, k), columns that act in one channel each.
+            channel: (k,) the channels of such columns.
+        """
+        across = np.array(values.T, order="C")
+        if channel is None:
+            out = across
+            for number, filtered in enumerate(self._filters):
+                out[:, number] = filtered(out[:, number] / self.sigma[number])
+            return out
+        out = np.zeros((len(channel), len(self.colours), len(values)))
+        for number, filtered in enumerate(self._filters):
+            rows = channel == number
+            if rows.any():
+                out[rows, number] = filtered(across[rows] / self.sigma[number])
         return out
 
     @cached_property
@@ -125,9 +135,10 @@ class _Innovation:
 
     def __call__(self, values: Array) -> Array:
         """(K, N) -> (K, N)."""
-        if self.plain:
+        if self.plain or not len(values):  # without columns, dtbtrs writes beyond its arrays
             return values
-        right = np.zeros(values.shape)
+        right = np.empty(values.shape)
+        right[:, 0] = 0.0
         np.multiply(self._drive[:-1], values[:, :-1], out=right[:, 1:])
         state = dtbtrs(self._band, right.T, uplo="L", overwrite_b=1)[0].T
         state *= self.gain

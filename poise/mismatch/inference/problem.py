@@ -44,6 +44,15 @@ class SampleBlocks:
     rows: NDArray[np.intp]
     noise: SignalNoise
 
+    def means(self, values: Array) -> Array:
+        """(M, ...) of values (N, ...); the rows of a block are consecutive."""
+        first, length = int(self.rows[0, 0]), self.rows.shape[1]
+        count = (int(self.rows[-1, -1]) + 1 - first) // length
+        whole = values[first : first + count * length].reshape(count, length, *values.shape[1:]).sum(axis=1)
+        if count != len(self.rows):
+            whole = whole[(self.rows[:, 0] - first) // length]
+        return np.asarray(whole / length)
+
     def middle(self, count: int) -> Mask:
         """(N,) of `count` samples those in the middle of a block."""
         mask = np.zeros(count, dtype=bool)
@@ -72,6 +81,7 @@ class Problem:
     judged: Mask | None = None
     blocks: SampleBlocks | None = None
     band: Array | None = None
+    _white: dict[int, tuple[CalibrationGroup, Array]] = field(default_factory=dict, init=False, repr=False)
     _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
         default_factory=list, init=False, repr=False
     )
@@ -161,23 +171,37 @@ class Problem:
         """Whitened residual of these parts, with the calibration columns about their prediction."""
         recorded = self.compose(parts)[1] if recorded is None else recorded
         groups = self.groups(recorded, parts)
-        columns = np.concatenate([group.columns for group in groups], axis=2)
+        white = np.concatenate([self._whitened(group) for group in groups if group.seen.any()])
         keep = np.concatenate([group.seen for group in groups])
         bound = np.concatenate([group.bounds for group in groups])[keep]
         precision = np.where(np.isfinite(bound), 3.0 / bound**2, NORMAL_PRECISION)
-        white = self.whiten(columns[:, :, keep])
         target = self.whiten(self.measured - self.predicted(recorded))
         return WhitenedRegression(white, precision, np.zeros(len(bound)), target, bound)
+
+    def _whitened(self, group: CalibrationGroup) -> Array:
+        """(k, R) columns of the errors that have a response; groups of the motion alone are kept."""
+        known = self._white.get(id(group))
+        if known is not None:
+            return known[1]
+        channel = None if group.channel is None else group.channel[group.seen]
+        white = self._kept(self._judging.whiten(self._averaged(group.values[..., group.seen]), channel))
+        if group.lasting:
+            self._white[id(group)] = group, white
+        return white
 
     def whiten(self, values: Array) -> Array:
         """(N, C) -> (R,); (N, C, k) -> (k, R), R = C times the samples (or blocks) that count; N samples or blocks."""
         wide = values if values.ndim == 3 else values[:, :, None]
-        if self.blocks is not None and len(wide) != len(self.blocks.rows):
-            rows = self.blocks.rows
-            wide = sum(wide[column] for column in rows.T) / rows.shape[1]
-        white = self._judging.whiten(wide)
-        kept = white[:, :, self._rows].reshape(len(white), -1)
+        kept = self._kept(self._judging.whiten(self._averaged(wide)))
         return kept[0] if values.ndim == 2 else kept
+
+    def _averaged(self, values: Array) -> Array:
+        """(M, ...) means over the blocks of values (N, ...); values of blocks, or without blocks, as they are."""
+        return values if self.blocks is None or len(values) == len(self.blocks.rows) else self.blocks.means(values)
+
+    def _kept(self, white: Array) -> Array:
+        """(k, C, M) -> (k, R)."""
+        return white[:, :, self._rows].reshape(len(white), -1)
 
     def calibrated(self, groups: Sequence[CalibrationGroup], coefficients: Array) -> Array:
         """(N, C) response of calibration errors, in the signal's units, for the coefficients of `regression`."""
@@ -186,7 +210,7 @@ class Problem:
             each = np.zeros(len(group.seen))
             count = int(group.seen.sum())
             each[group.seen] = coefficients[taken : taken + count]
-            total += group.columns @ each
+            total += group.response(each)
             taken += count
         return total
 

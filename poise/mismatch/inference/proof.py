@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible
 from poise.mismatch.inference.problem import FittedEffect, Problem
-from poise.mismatch.inference.search import WARM_STEPS, HypothesisSearch, implausible
 from poise.mismatch.inference.unknown import Dependence
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -25,8 +25,8 @@ _LEAST_IMPROVED = 5
 _LEAST_GAIN = 3.0
 """log likelihood that an effect must win in all blocks together."""
 _LEAST_OF_REST = 0.5
-"""Energy of an effect in units of the energy that remains unexplained where it acts: what remains can imitate a smaller
-one."""
+"""Energy of an effect in units of the energy that remains unexplained in the samples and channels where it acts: what
+remains there can imitate a smaller one. What remains in other joints or axes cannot."""
 _LEAST_SHARE = 0.003
 """Least fall of the squared error that is material, of the whole recording."""
 _BRIEF, _LEAST_LOCAL = 0.3, 5.0
@@ -44,7 +44,8 @@ class EffectProof:
         error_without, error_with: over all blocks.
         gain: log likelihood won over all blocks, for noise as large as the remaining residual.
         share: of the energy of the error without the effect, the part that it removes.
-        rest: energy that the model leaves above the noise, in units of the energy of this effect, where it acts.
+        rest: energy that the model leaves above the noise, in units of the energy of this effect, in the samples and
+            channels where it acts.
         local: energy of the effect in a sample where it acts, over all channels, in units of their noise.
     """
 
@@ -142,15 +143,15 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
 
 def _proof(channels: int, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
     """The proof of the effect that `whole` has and `without` lacks."""
-    fitted = [each.regression.residual for each in (without, whole)]
-    energy = np.sum((fitted[0] - fitted[1]).reshape(channels, -1) ** 2, axis=0)
-    share = energy / max(float(energy.sum()), 1e-300)
+    fitted = [each.regression.residual.reshape(channels, -1) for each in (without, whole)]
+    response = (fitted[0] - fitted[1]) ** 2
+    acting = response / max(float(response.sum()), 1e-300)
+    energy, share = response.sum(axis=0), acting.sum(axis=0)
     # The calibration is determined by the whole recording: pieces are cut where the effect does not act, too.
     fold = np.tile(_parts(0.5 * share + 0.5 / len(share), _BLOCKS**2) % _BLOCKS, channels)
     squares = [_predicted(each, fold) ** 2 for each in (without, whole)]
     fall = np.sum((squares[0] - squares[1]).reshape(channels, -1), axis=0)
     falls = np.bincount(_parts(share, _BLOCKS), weights=fall, minlength=_BLOCKS)
-    left = np.sum(fitted[1].reshape(channels, -1) ** 2, axis=0)
     errors = [float(np.mean(each)) for each in squares]
     return EffectProof(
         blocks=_BLOCKS,
@@ -159,7 +160,7 @@ def _proof(channels: int, length: int, whole: HypothesisFit, without: Hypothesis
         error_with=float(np.sqrt(errors[1])),
         gain=0.5 * float(fall.sum()) / max(errors[1], 1.0),
         share=float(np.clip(1.0 - errors[1] / max(errors[0], 1e-12), 0.0, 1.0)),
-        rest=max(float(share @ left) - channels, 0.0) / max(float(share @ energy), 1e-9),
+        rest=max(float(np.sum(acting * (fitted[1] ** 2 - 1.0))), 0.0) / max(float(np.sum(acting * response)), 1e-9),
         local=float(share @ energy) / length,
     )
 

@@ -7,7 +7,7 @@ the present best model with the noise and the calibration linearised there; the 
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,8 +20,9 @@ from poise.mismatch.inference.fitting import (
     fit,
     linearization_point,
     refine,
-    score_start,
+    score_starts,
 )
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.time_limit import TimeLimit
@@ -32,14 +33,17 @@ from poise.types import Array
 
 _PROMISING = 3
 """Candidates of a round that are fitted."""
-_LOOK, _STEPS, WARM_STEPS = 7, 4, 2
-"""Steps of the screening, of a fit from its result, and of a fit from another fit."""
+_LOOK, _STEPS = 7, 4
+"""Steps of the screening, and of a fit from its result."""
 _REACH = 0.2
 """Share of the best candidate's gain below which another one is not fitted."""
+_BESIDE_CURVES = 0.5
+"""Share of the gain of a free curve from which the best effect of the library is fitted as well."""
 _PIECE = 0.7
 """Share of the gain of a simple effect below which one that contains it is not fitted."""
-_NEAR = 20.0
-"""log evidence within which hypotheses are compared in full."""
+_NEAR, _NEAR_SHARE = 20.0, 0.15
+"""log evidence within which hypotheses are compared in full, and the same as a share of the evidence won: the noise of
+the previous model contains what they explain, so that their differences are small under it."""
 _VISIBLE = 3.0
 """Least response, in sigmas, of an effect of typical size that is testable."""
 _BRIEF, _BESIDE = 0.3, 0.2
@@ -58,83 +62,6 @@ _NEXT_THRESHOLD, _NEXT_MORE = 8.0, 5.0
 _LOOKALIKE = 0.005
 """Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
 similar effect with more parameters fits the remaining details."""
-
-
-@dataclass
-class HypothesisSearch:
-    """The hypotheses that were tried, and their fits.
-
-    Args:
-        problem: the signal; its noise is that of the nominal model.
-        fast: hypotheses are compared at the full rate, because fast effects are among them.
-        fits: best fit of every hypothesis, by the names of its effects.
-        gains: log evidence that an effect adds to a hypothesis, estimated without a full fit.
-        untestable: effects that this recording cannot show, and why.
-        limit: time for the search. When it is over, the search ends with the best hypothesis so far.
-    """
-
-    problem: Problem
-    fast: bool = False
-    fits: dict[tuple[str, ...], HypothesisFit] = field(default_factory=dict)
-    gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
-    untestable: dict[str, str] = field(default_factory=dict)
-    limit: TimeLimit = field(default_factory=TimeLimit)
-    _under: dict[tuple[int, bool], tuple[HypothesisFit, Problem]] = field(default_factory=dict)
-    _judged: dict[tuple[str, ...], Problem] = field(default_factory=dict)
-
-    @property
-    def judging(self) -> Problem:
-        """The data of the comparison: the recording, thinned as long as all candidates are slow."""
-        return self.problem if self.fast else thinned(self.problem)
-
-    def under(self, best: HypothesisFit) -> Problem:
-        """The data with the noise that a fit leaves."""
-        if not best.parts:
-            return self.judging
-        key = id(best), self.fast
-        if key not in self._under:
-            problem = self.problem.with_noise(self.problem.fitted_noise(residual_of(self.problem, best)))
-            self._under[key] = best, problem if self.fast else thinned(problem)
-        return self._under[key][1]
-
-    def quicken(self) -> None:
-        """Compare at the full rate from now on."""
-        self.fast = True
-        known = list(self.fits.values())
-        self.fits.clear()
-        for each in known:
-            self.fitted(self.under(each), each.parts, WARM_STEPS)
-
-    def fitted(self, problem: Problem, parts: Sequence[FittedEffect], steps: int) -> HypothesisFit:
-        """Fit a hypothesis and offer it; without evidence where the values are physically impossible."""
-        found = fit(problem, parts, steps)
-        if implausible(problem.recorded, found.parts):
-            found = replace(found, log_evidence=-np.inf)
-        self.offer(found)
-        if self.fits[names(found)] is found:
-            self._judged[names(found)] = problem
-        return found
-
-    def judged(self, best: HypothesisFit) -> Problem:
-        """The data with the noise under which a hypothesis has its best evidence."""
-        return self._judged.get(names(best), self.judging)
-
-    def offer(self, found: HypothesisFit) -> None:
-        """Keep a fit when it is the best of its hypothesis."""
-        key = names(found)
-        if key not in self.fits or self.fits[key].log_evidence < found.log_evidence:
-            self.fits[key] = found
-
-
-def implausible(recorded: RecordedMotion, parts: Sequence[FittedEffect]) -> str:
-    """Why values of some effect are physically impossible, as a clause; "" when all are possible."""
-    reasons = ((part.effect.name, part.effect.implausible(recorded, part.values)) for part in parts)
-    return next((f"{name}: {reason}" for name, reason in reasons if reason), "")
-
-
-def names(found: HypothesisFit) -> tuple[str, ...]:
-    """The effects of a fit, in alphabetical order."""
-    return tuple(sorted(part.effect.name for part in found.parts))
 
 
 def search(
@@ -161,7 +88,8 @@ def search(
     best = fit(state.judging, ())
     state.offer(best)
     if problem.signal == "effort":
-        return state, _together(state, screened(problem, effects))
+        parts, others = screened(problem, effects)
+        return state, _together(state, parts, others)
     for number in range(_MOST_PARTS):
         if state.limit.over():
             break
@@ -179,8 +107,13 @@ def search(
     return state, _pruned(state, best)
 
 
-def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> HypothesisFit:
-    """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
+def _together(
+    state: HypothesisSearch, parts: Sequence[FittedEffect], others: Sequence[Sequence[FittedEffect]]
+) -> HypothesisFit:
+    """Several effects of joint efforts under the noise that they leave, and the same without each of them.
+
+    The best of other answers that do nearly as well replaces them where its evidence is larger.
+    """
     if not parts:
         return state.fits[()]
     predicted = state.problem.predicted(state.problem.compose(parts)[1])
@@ -190,7 +123,21 @@ def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> Hypothe
     best = state.fitted(problem, settled.parts, 0)
     for part in best.parts:
         state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
+    for each in others:
+        tried = state.fitted(problem, fit(rough.weighed(), each, _STEPS).parts, 0)
+        if tried.log_evidence > best.log_evidence and not _pressed(problem, tried):
+            best = tried
     return best
+
+
+def _pressed(problem: Problem, found: HypothesisFit) -> bool:
+    """Whether a parameter was stopped at an end of its range: such an effect imitates another one."""
+    inputs = problem.compose(found.parts)[0]
+    return any(
+        p.at_end(part.values[p.name]) and not p.choice
+        for part, recorded in zip(found.parts, inputs, strict=True)
+        for p in part.effect.parameters(recorded)
+    )
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
@@ -270,7 +217,8 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
     # Under the noise of the best fit, fits near it and the previous model; and these under the noise of the latter:
     # evidence is compared under equal noise.
     quieter, louder = state.under(found[0]), state.judged(best)
-    top = [each for each in found if each.log_evidence > found[0].log_evidence - _NEAR]
+    won = found[0].log_evidence - state.fits[()].log_evidence
+    top = [each for each in found if each.log_evidence > found[0].log_evidence - max(_NEAR, _NEAR_SHARE * won)]
     for each in (*top, best):
         state.fitted(quieter, each.parts, WARM_STEPS)
     for each in top if louder is not problem else ():
@@ -312,8 +260,12 @@ def prescreen(
             )
     if not found or found[0].gain < 0.0:
         return []
-    least = max(0.0, found[0].gain - max(_NEAR, 0.15 * found[0].gain))
+    least = max(0.0, found[0].gain - max(_NEAR, _NEAR_SHARE * found[0].gain))
     chosen = [each for each in _few_unknown(found) if each.gain > least][:_PROMISING]
+    if all(isinstance(each.effect, Dependence) for each in chosen):
+        # A free curve follows an effect of the library in part; the effect is compared in full.
+        named = [each for each in found if each.gain > _BESIDE_CURVES * found[0].gain and each not in chosen]
+        chosen += [each for each in named if not isinstance(each.effect, Dependence)][:1]
     if not state.fast and any(each.effect.fast for each in chosen):
         state.quicken()
     return [_with(best.parts, FittedEffect(each.effect, each.values)) for each in chosen]
@@ -359,10 +311,9 @@ def _beside(
             break
         # States have many columns; the middles of the blocks suffice for them.
         recorded = few if isinstance(effect, Dependence) else here.recorded
-        starts = _starts(effect, recorded, here.residual)
-        tried = [score_start(problem, regression, recorded, effect, start) for start in starts]
-        if tried:
-            seen.append(max(tried, key=lambda each: each.drop))
+        best = score_starts(problem, regression, recorded, effect, _starts(effect, recorded, here.residual))
+        if best is not None:
+            seen.append(best)
     recorded = here.recorded
     found: list[EffectCandidate] = []
     top = 0.0
@@ -391,8 +342,3 @@ def _starts(effect: Effect, recorded: RecordedMotion, residual: Array) -> Iterat
     for begin in (-np.inf, *recorded.begins):
         rows = recorded.recording_of(begin)
         yield from effect.starts(replace(recorded.select(rows), begins=()), residual[rows])
-
-
-def residual_of(problem: Problem, found: HypothesisFit) -> Array:
-    """(N, C) residual of a fit, calibration errors removed."""
-    return np.asarray(problem.measured - problem.predicted(problem.recorded) - found.response - found.calibrated)

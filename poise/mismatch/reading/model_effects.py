@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from poise.errors import ErrorCode, InputError
 from poise.mismatch.effects import LAYERS, Effect, Values, effect_named
-from poise.mismatch.reading.load_on_efforts import on_efforts
+from poise.mismatch.reading.load_on_efforts import acting_on_efforts
 from poise.mismatch.reading.nominal_model import ModelEffect
 from poise.mismatch.recorded import RecordedMotion
 
@@ -30,7 +30,8 @@ def with_model_effects(
         if absent(effect, recorded, events, component.values):
             continue
         values = complete_values(effect, recorded, component.values)
-        for acting in dict.fromkeys((effect, on_efforts(effect, recorded))):
+        reached = acting_on_efforts(effect)
+        for acting in (effect,) if reached is None or reached.untestable(recorded) else (effect, reached):
             response = acting.simulate(recorded, values)
             if acting.signal == "wrench":
                 recorded = recorded.with_prediction(recorded.prediction + response)

@@ -1,14 +1,17 @@
 """One recording as effects see it: measured wrench, predicted wrench, and the motion behind them."""
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from poise.mismatch.recorded.link_track import LinkTrack
 from poise.mismatch.recorded.load_wrench import load_wrench
 from poise.types import Array, Mask
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +131,7 @@ class RecordedMotion:
         motion_variance: (N, 6) variance of the nominal wrench by the errors of the measured motion; None: the motion is
             exact.
         begins: s at which further recordings begin, where there are several.
+        _of_motion: see `once`.
     """
 
     start: int
@@ -149,6 +153,7 @@ class RecordedMotion:
     accelerometer: Array | None = None
     motion_variance: Array | None = None
     begins: tuple[float, ...] = ()
+    _of_motion: dict[object, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.seconds)
@@ -163,15 +168,16 @@ class RecordedMotion:
         """s, the median time between samples."""
         return float(np.median(np.diff(self.seconds)))
 
-    @cached_property
+    @property
     def specific(self) -> Array:
         """(N, 3) m/s2: gravity minus acceleration: the specific force on a load."""
-        return self.gravity - self.linear_acceleration
+        return self.once("specific", lambda: self.gravity - self.linear_acceleration)
 
-    @cached_property
+    @property
     def nominal(self) -> Array:
         """(N, 6) the wrench of the nominal payload alone."""
-        return load_wrench(self.phi, self.specific, self.angular_velocity, self.angular_acceleration)
+        turning = self.angular_velocity, self.angular_acceleration
+        return self.once("nominal", lambda: load_wrench(self.phi, self.specific, *turning))
 
     @cached_property
     def speed(self) -> Array:
@@ -194,11 +200,24 @@ class RecordedMotion:
 
     def with_prediction(self, prediction: Array) -> "RecordedMotion":
         """The recording with another predicted wrench (N, 6)."""
-        return replace(self, prediction=prediction)
+        return self._moving_alike(replace(self, prediction=prediction))
 
     def with_effort(self, prediction: Array) -> "RecordedMotion":
         """The recording with other predicted joint efforts (M, J)."""
-        return self if self.effort is None else replace(self, effort=replace(self.effort, prediction=prediction))
+        if self.effort is None:
+            return self
+        return self._moving_alike(replace(self, effort=replace(self.effort, prediction=prediction)))
+
+    def once(self, key: object, make: Callable[[], T]) -> T:
+        """What `make` returns, computed once for all predictions: it depends on the motion and the payload alone."""
+        if key not in self._of_motion:
+            self._of_motion[key] = make()
+        made: T = self._of_motion[key]
+        return made
+
+    def _moving_alike(self, other: "RecordedMotion") -> "RecordedMotion":
+        object.__setattr__(other, "_of_motion", self._of_motion)
+        return other
 
     def select(self, rows: Mask) -> "RecordedMotion":
         """The samples of a mask (N,); joint efforts, which have other stamps, are kept."""

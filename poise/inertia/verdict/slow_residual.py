@@ -1,0 +1,198 @@
+"""The slow residual of a fit: averages over a tenth of a second, which hold little noise."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from poise.inertia.model import ENTRIES, N_MOTION, NoiseLevels, RejectedInterval
+from poise.inertia.verdict.samples import FitSamples
+from poise.types import Array, Mask
+
+LEVER = 0.05
+"""m: torques are compared with those of the weight, at this lever at least."""
+
+PARTS = 8
+"""Blocks of the recording whose scores show slow errors."""
+
+_SLOW = 0.1
+"""s over which the residual is averaged."""
+
+_SPREAD = 10.0
+"""m/s2: what an error of gravity may be."""
+
+_POSES = 0.3
+"""s between samples from which on they are single poses; their differences say nothing about the noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What is judged.
+
+    Args:
+        phi, bias: (10,) and (6,); NaN where the samples do not show them.
+        covariance: (10, 10) of phi.
+        delay, longest_delay: s; NaN where it was not estimated.
+        noise: of one sample.
+        rejected: spans of samples that the estimator found inexplicable.
+    """
+
+    phi: Array
+    bias: Array
+    covariance: Array
+    delay: float
+    longest_delay: float
+    noise: NoiseLevels
+    rejected: Sequence[RejectedInterval] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """What the samples say of further linear parameters, fitted together with all unknowns.
+
+    Args:
+        values, deviations: (k,) with standard deviations that hold for errors that last, too.
+        shift: (10,) by how much phi moves when they are allowed.
+    """
+
+    values: Array
+    deviations: Array
+    shift: Array
+
+
+class SlowResidual:
+    """Averages over a tenth of a second of signals, wrench and residual.
+
+    Args:
+        fit: what is judged.
+        samples: of the fit.
+        used: (B,) bins that were not rejected.
+    """
+
+    def __init__(self, fit: Fit, samples: FitSamples, used: Mask) -> None:
+        self.fit = fit
+        self.unknowns = np.nan_to_num(np.concatenate([fit.phi, fit.bias]))
+        motion = np.concatenate([samples.signals, samples.rotation_world_sensor.reshape(-1, 9)], axis=1)
+        moved = _delayed(motion, samples.seconds, float(np.nan_to_num(fit.delay)))
+        rows = np.concatenate([moved, samples.wrench], axis=1)[used] * samples.counts[used, None]
+        begins = np.flatnonzero(np.diff(np.floor(samples.seconds[used] / _SLOW), prepend=-1.0))
+        self.seconds = samples.seconds[used][begins]
+        self.counts = np.add.reduceat(samples.counts[used], begins) if len(begins) else np.zeros(0)
+        rows = np.add.reduceat(rows, begins, axis=0) / self.counts[:, None] if len(begins) else rows
+        self.signals, self.rotation_world_sensor = rows[:, :N_MOTION], rows[:, N_MOTION:-6].reshape(-1, 3, 3)
+        self.residual = rows[:, -6:] - self.signals @ by_signal(self.unknowns).T
+        self.load = self.signals @ by_signal(np.append(self.unknowns[:10], np.zeros(6))).T
+
+    @cached_property
+    def scale(self) -> Array:
+        """(2,) N and N m: the size of the load."""
+        force, torque = sizes(self.load)
+        return np.array([force, np.hypot(torque, LEVER * force)])
+
+    @property
+    def white(self) -> Array:
+        """(2,) rms of the averages that white noise of the sensor makes; 0 for single poses."""
+        if np.median(np.diff(self.seconds)) > _POSES:
+            return np.zeros(2)
+        per_sample = np.array([self.fit.noise.force, self.fit.noise.torque]) * np.sqrt(3.0)
+        return np.asarray(per_sample * np.sqrt(np.mean(1.0 / self.counts)))
+
+    @cached_property
+    def _levels(self) -> Array:
+        """(6,) standard deviation of the averages, not less than that of a sample's white noise."""
+        least = np.array([self.fit.noise.force, self.fit.noise.torque]) / np.sqrt(self.counts.max())
+        return np.repeat(np.maximum(sizes(self.residual) / np.sqrt(3.0), least), 3)
+
+    @cached_property
+    def _columns(self) -> Array:
+        """(B, 6, 16) of the unknowns, in units of the levels."""
+        return np.asarray(np.einsum("bc,ipc->bip", self.signals, ENTRIES) / self._levels[:, None])
+
+    def halves(self) -> Array:
+        """(2,) by how much the loads that the halves of the samples show differ, rms over all samples."""
+        information, scores = self.blocks(2)
+        # Directions that a half does not show stay as in the fit of all samples.
+        ridge = 1e-3 * np.diag(np.diag(information.sum(axis=0)))
+        steps = [
+            np.linalg.lstsq(block + ridge, score, rcond=1e-12)[0]
+            for block, score in zip(information, scores, strict=True)
+        ]
+        return sizes(self.signals @ by_signal(steps[1] - steps[0]).T)
+
+    def blocks(self, number: int) -> tuple[Array, Array]:
+        """(K, 16, 16) information and (K, 16) score, the gradient at the fit, of blocks of the recording in time."""
+        return _normal(self._columns, self.residual / self._levels, number)
+
+    def extended(self, columns: Array, spread: Array) -> Extension:
+        """Fit further parameters with responses (B, 6, k), N and N m for one unit, and spreads (k,) of a prior."""
+        count = 16 + columns.shape[2]
+        left = np.concatenate([self._columns, columns / self._levels[:, None]], axis=2)
+        information, scores = _normal(left, self.residual / self._levels, PARTS)
+        total = information.sum(axis=0)
+        # What the samples do not show of the payload stays as it is.
+        total[:10, :10] += np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-2
+        total[range(16, count), range(16, count)] += spread**-2.0
+        inverse = np.linalg.pinv(total, rcond=1e-14, hermitian=True)
+        both, alone = inverse @ scores.sum(axis=0), np.linalg.pinv(total[:16, :16], rcond=1e-14, hermitian=True)
+        left_over = scores - information @ both
+        scatter = inverse @ left_over.T
+        variances = np.maximum(np.diag(inverse), np.sum(scatter**2, axis=1) * PARTS / (PARTS - 1))
+        shift = both[:10] - (alone @ scores.sum(axis=0)[:16])[:10]
+        return Extension(both[16:count], np.sqrt(variances[16:count].clip(min=0.0)), np.asarray(shift))
+
+    @cached_property
+    def drift(self) -> Extension:
+        """A bias that drifts at a constant rate: (6,) N and N m in half of the time."""
+        time = np.linspace(-1.0, 1.0, len(self.signals))[:, None, None]
+        return self.extended(time * np.eye(6), np.repeat(np.maximum(self.scale, 1e-3), 3))
+
+    @cached_property
+    def tilt(self) -> Extension:
+        """(2,) m/s2 in the world: gravity sideways, as the weight shows it."""
+        return self.extended(self._by_gravity[:, :, :2], np.full(2, _SPREAD))
+
+    @cached_property
+    def weight(self) -> Extension:
+        """(1,) m/s2 upwards in the world, as the weight shows it beside inertial forces."""
+        return self.extended(self._by_gravity[:, :, 2:], np.full(1, _SPREAD))
+
+    @cached_property
+    def lever(self) -> Extension:
+        """(3,) kg m: the first moment that the force shows, less that which the torque shows."""
+        columns = self._columns[:, :, 1:4] * self._levels[:, None]
+        columns[:, 3:] = 0.0
+        return self.extended(columns, np.full(3, max(abs(float(self.unknowns[0])), 1e-3)))
+
+    @property
+    def _by_gravity(self) -> Array:
+        """(B, 6, 3) the load's wrench for one m/s2 along each axis of the world."""
+        return by_signal(self.unknowns)[:, :3] @ np.swapaxes(self.rotation_world_sensor, 1, 2)
+
+
+def by_signal(unknowns: Array) -> Array:
+    """(6, 13) the wrench that each signal makes."""
+    return np.asarray(np.einsum("p,ipc->ic", unknowns, ENTRIES))
+
+
+def sizes(wrench: Array) -> Array:
+    """(2,) root mean square of the length of force and of torque."""
+    squares = np.mean(np.square(wrench), axis=0)
+    return np.sqrt([squares[:3].sum(), squares[3:].sum()])
+
+
+def _normal(columns: Array, right: Array, number: int) -> tuple[Array, Array]:
+    """(K, P, P) and (K, P) sums over blocks of columns (B, 6, P) and right sides (B, 6)."""
+    size = columns.shape[2]
+    parts = [
+        (left.reshape(-1, size), measured.reshape(-1))
+        for left, measured in zip(np.array_split(columns, number), np.array_split(right, number), strict=True)
+    ]
+    return np.array([left.T @ left for left, _ in parts]), np.array([left.T @ values for left, values in parts])
+
+
+def _delayed(motion: Array, seconds: Array, delay: float) -> Array:
+    """Rows (B, k) of the motion at the time at which the wrenches were measured."""
+    if not delay:
+        return motion
+    return np.column_stack([np.interp(seconds - delay, seconds, column) for column in motion.T])

@@ -1,0 +1,106 @@
+"""What one signal or one joint shows is not asked of another: shared effects, rivals, drifts and delays."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from cases import make_case
+from field_robots import ARM, Recorded, read, urdf
+from test_effort_recordings import NOISE, PHI, ROBOT, URDF
+
+from poise.mismatch.answer import diagnose, effects_called
+from poise.mismatch.effects import effect_named
+from poise.mismatch.inference import FittedEffect, exceeds_tolerance, wrench_problem
+from poise.mismatch.reading import MeasuredStreams, NominalModel, acting_on_efforts, read_streams
+from poise.mismatch.recorded import RecordedMotion
+from poise.robot import RobotModel
+from poise.simulation import FourierTrajectory, IdealRobot, JointMotion, record
+from poise.types import Array
+
+G = 9.80665
+TILT = np.array([0.02, -0.05])
+
+
+def test_a_tilt_that_the_wrench_shows_is_not_named_again_for_the_efforts() -> None:
+    motion = FourierTrajectory.random(ROBOT, np.random.default_rng(2), duration=8.0, speed=0.3)
+    turned = np.array([TILT[1] * G, -TILT[0] * G, -G * np.sqrt(1.0 - TILT @ TILT)])
+    made = record(IdealRobot(ROBOT, PHI, turned), motion, np.random.default_rng(2), NOISE)
+    noise = np.random.default_rng(3).normal(size=made.joints.effort.shape) * 0.1
+    joints = replace(made.joints, effort=made.joints.effort + noise)
+    model = NominalModel(sensor_frame="ft_sensor", phi=PHI)
+    reading = read_streams(MeasuredStreams("test", made.wrench, lambda _: joints, None, lambda: URDF), model)
+    library = effects_called(["base_tilt", "effort_offset", "motor_gain"])
+    found = diagnose(reading.recorded, reading.model, library=library)
+    assert [each.effect.name for each in found.findings] == ["base_tilt"]
+    (values,) = (each.values for each in found.findings)
+    assert [values["rotation_x"], values["rotation_y"]] == pytest.approx(TILT, abs=0.004)
+    assert len(found.examinations) == 2
+
+
+@pytest.mark.parametrize("name", ["base_tilt", "joint_offset"])
+def test_efforts_follow_the_base_and_the_encoders(name: str) -> None:
+    """Against the recursive Newton-Euler algorithm with gravity turned, and with the joints where they are."""
+    reading = read(Recorded(seconds=6.0, effort_noise=0.0).joints())
+    effort = reading.recorded.effort
+    effect = effect_named(name)
+    assert effect is not None
+    assert effort is not None
+    robot = RobotModel.from_urdf(ARM, "link_3")
+    values = dict(zip((p.name for p in effect.parameters(reading.recorded)), [3e-3, -2e-3, 4e-3], strict=False))
+    turned = [values.get("rotation_y", 0.0) * G, -values.get("rotation_x", 0.0) * G, -G]
+    wrong = np.array([values.get(f"offset_{i}", 0.0) for i in (1, 2, 3)])
+    true = JointMotion(effort.position - wrong, effort.velocity, effort.acceleration)
+    nominal = JointMotion(effort.position, effort.velocity, effort.acceleration)
+    change = IdealRobot(robot, np.zeros(10), turned).effort(true) - IdealRobot(robot, np.zeros(10)).effort(nominal)
+    acting = acting_on_efforts(effect)
+    assert acting is not None
+    assert np.abs(acting.simulate(reading.recorded, values) - change).max() < 0.02 * np.abs(change).max()
+
+
+def test_a_drift_that_begins_at_zero_is_a_drift_alone() -> None:
+    """In the middle of the recording its offset is beyond the tolerance of the bias."""
+
+    def spoil(exact: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:
+        del wrench, rng
+        drift = np.array([1.5, -1.2, 0.0, 0.0, 0.1, 0.0])
+        return np.asarray(np.outer((exact.seconds - exact.seconds[0]) / exact.duration, drift))
+
+    case = make_case(5, duration=8.0, spoil=spoil)
+    found = diagnose(case.recorded(), case.model, library=effects_called(["bias_drift", "sensor_bias"]))
+    assert [each.effect.name for each in found.findings] == ["bias_drift"]
+    assert found.verdict == "named"
+    assert found.findings[0].parameters["force_x"].value == pytest.approx(1.5, abs=0.5)
+
+
+@pytest.mark.parametrize(("constant", "outside"), [(0.008, False), (0.03, True)])
+def test_a_filter_must_delay_by_more_than_two_tolerances_of_the_clock(constant: float, outside: bool) -> None:
+    case = make_case(5, duration=8.0)
+    problem = wrench_problem(case.recorded(), case.model)
+    effect = effect_named("low_pass")
+    assert effect is not None
+    assert exceeds_tolerance(problem, [FittedEffect(effect, {"time_constant": constant})], effect) == outside
+
+
+def test_what_stays_unexplained_in_one_joint_does_not_count_against_the_friction_of_others() -> None:
+    made = Recorded(damping=0.5, effort_noise=0.1).joints()
+    seconds = (made.stamps - made.stamps[0]) * 1e-9
+    hum = np.outer(20.0 * np.sin(9.0 * seconds), [1.0, 0.0, 0.0])
+    reading = read(replace(made, effort=made.effort + hum))
+    found = diagnose(reading.recorded, reading.model, library=effects_called(["viscous_friction"]))
+    assert [each.effect.name for each in found.findings] == ["viscous_friction"]
+    assert found.verdict == "mixed"
+
+
+def test_other_effects_that_fit_one_joint_as_well_are_listed() -> None:
+    """A tilted base turns gravity on one axis; so does a payload with another centre of mass."""
+    text = urdf(("axis", "revolute", "0 1 0"))
+    reading = read(Recorded(text=text, seconds=8.0, effort_noise=0.1).joints(), text)
+    effort = reading.recorded.effort
+    assert effort is not None
+    assert effort.by_tilt is not None
+    tilted = replace(effort, measured=effort.measured + effort.by_tilt @ np.array([0.0, 0.05]))
+    found = diagnose(replace(reading.recorded, effort=tilted), NominalModel(phi=np.zeros(10)))
+    (named,) = found.findings
+    assert named.effect.name == "base_tilt"
+    assert "payload_parameters" in {name for name, _ in named.belief.rivals}
+    assert named.belief.probability < 0.9

@@ -1,0 +1,33 @@
+"""Subscriptions of nodes: a publisher that offers only best effort is heard, and a reliable one only once."""
+
+import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+
+from poise.nodes.runtime import subscribe
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.mark.parametrize("raw", [False, True])
+def test_best_effort_publishers_are_heard_and_nothing_is_heard_twice(graph, raw) -> None:
+    node = Node("listener", context=graph.node.context)
+    graph.add(node)
+    heard: list[object] = []
+    subscribe(node, WrenchStamped, "wrench", heard.append, 100, raw=raw)
+    reliable = graph.node.create_publisher(WrenchStamped, "wrench", QoSProfile(depth=100))
+    graph.wait_for(reliable.get_subscription_count, what="the reliable subscription")
+    reliable.publish(WrenchStamped())
+    graph.wait_for(lambda: len(heard) == 1, what="a reliable message")
+    quality = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    hasty = graph.node.create_publisher(WrenchStamped, "wrench", quality)
+    graph.wait_for(hasty.get_subscription_count, what="the subscription by best effort")
+    graph.wait_for(lambda: reliable.get_subscription_count() == 2, what="both subscriptions")
+    hasty.publish(WrenchStamped())
+    graph.wait_for(lambda: len(heard) == 2, what="a message by best effort")
+    reliable.publish(WrenchStamped())
+    reliable.publish(WrenchStamped())
+    graph.wait_for(lambda: len(heard) >= 4, what="two reliable messages")
+    assert len(heard) == 4
+    node.destroy_node()
