@@ -1,14 +1,15 @@
 """The search for what is wrong with a wrench that no payload explains: every reading is tried on the same samples."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.inertia.model import EstimateFinding
+from poise.inertia.model import EstimateFinding, RejectedInterval
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
+from poise.weighing.families import FAMILIES, in_contact, late_or_filtered
 from poise.weighing.fitting import (
     Explanation,
     block_levels,
@@ -18,9 +19,8 @@ from poise.weighing.fitting import (
     plausibility,
 )
 from poise.weighing.reading import Reading, Repair
-from poise.weighing.readings import FAMILIES, late_or_filtered
 
-_WIDTH, _BINS = 0.04, (150.0, 600.0)
+_WIDTH, _BINS = 0.04, (150.0, 300.0)
 """s over which samples are averaged, and limits of the number of averages."""
 _PER_PARAMETER = 3.0
 """Nats that a further parameter has to gain."""
@@ -31,6 +31,8 @@ _AS_WELL = 0.7
 contact does."""
 _CLEAR = 10.0
 """Nats by which the best cause is ahead of others that is certain."""
+_LEFT = 1.5
+"""Nats (force and torque) that a partly explained part may have above the rest."""
 _IMPROVED = 0.8
 """Share of the blocks that a certain cause explains better."""
 
@@ -63,18 +65,19 @@ class Cause:
         return EstimateFinding(self.code, self.sentence, self.evidence)
 
 
-def find_causes(samples: FitSamples, delay: float = 0.0) -> tuple[Cause, ...]:
+def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[RejectedInterval] = ()) -> tuple[Cause, ...]:
     """Find what explains samples that a payload with a constant bias does not; the likeliest first.
 
     Args:
         samples: of the weighing.
         delay: s that the weighing found the wrench to be late.
+        pushed: spans in which the weighing found contact.
     """
     samples = _averaged(_delayed(samples, delay))
     if len(samples) < 8:
         return ()
     plain = explain(samples, plain_design)
-    families = (*FAMILIES, late_or_filtered(delay))
+    families = (*FAMILIES, late_or_filtered(delay), in_contact(pushed))
     found = [
         cause
         for family in families
@@ -103,6 +106,10 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     if impossible(best) or not reading.holds(best):
         return None
     levels = _levels(reading, samples, best)
+    if reading.reduced is not None and reading.excluded is not None:
+        left = np.median(levels[reading.excluded].sum(axis=1)) - np.median(levels[~reading.excluded].sum(axis=1))
+        if left > _LEFT:
+            return None
     improvement = (plain.levels - levels).sum(axis=1)
     n_free = best.n_free + (0 if reading.excluded is None else 2 * int(reading.excluded.sum()))
     gain = 3 * float(improvement.sum()) - _PER_PARAMETER * n_free + reading.prior
@@ -142,7 +149,7 @@ def _levels(reading: Reading, samples: FitSamples, found: Explanation) -> Array:
         residual = samples.wrench - predicted
     if reading.reduced is not None:
         residual = reading.reduced(found)
-    levels = block_levels(residual)
+    levels = block_levels(residual, reading.usable if reading.ignores else None)
     if reading.excluded is not None and reading.reduced is None:
         levels[reading.excluded] = np.median(levels[~reading.excluded], axis=0)
     return levels

@@ -52,6 +52,7 @@ class Reading:
         starts: of the values.
         prior: log of how often it happens, relative to the others.
         usable: (N, 6) the readings that the fit uses; None: all.
+        ignores: the readings that are not usable are not compared either.
         censored: (2, 6) limits at which the prediction is cut before it is compared; None: none.
         excluded: (B,) blocks that its design does not explain, each at the cost of two parameters; None: none.
         reduced: the residual (N, 6) that two parameters for each excluded block leave of a fit; None: nothing of it.
@@ -65,6 +66,7 @@ class Reading:
     starts: tuple[tuple[float, ...], ...] = ((),)
     prior: float = 0.0
     usable: Mask | None = None
+    ignores: bool = False
     censored: Array | None = None
     excluded: Mask | None = None
     reduced: Callable[[Explanation], Array] | None = None

@@ -7,19 +7,26 @@ import numpy as np
 
 from poise.errors import ErrorCode
 from poise.inertia import PARAMETER_NAMES, InertialEstimate, InertialParameters
+from poise.inertia.bayes import EXTERNAL_CONTACT
 from poise.inertia.model import EstimateFinding
 from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
 from poise.types import Array, Mask, Stamps
 from poise.weighing.causes import Cause, find_causes
 from poise.weighing.fitting import impossible_payload
+from poise.weighing.gravity import weight_columns
 from poise.weighing.reading import Repair
-from poise.weighing.readings.gravity import weight_columns
 
 _SIGMAS = 3.0
+_CLEARLY = 15.0
+"""Nats that a cause has to gain where the fit passes its tests."""
+_LEAST_SHARE, _LEVER = 0.003, 0.1
+"""Share of the mass, and m, by which an answer has to change."""
 _RIVAL = 10.0
 """Nats: causes this close to the likeliest are named as well."""
 _MOST = 3
+_ON_EARTH = (9.75, 9.84)
+"""m/s2."""
 _EMPTY = 0.02
 """kg; a smaller mass may be a compensated one."""
 _LARGEST_GAP = 0.2
@@ -27,10 +34,36 @@ _LARGEST_GAP = 0.2
 
 
 def causes_of(estimate: InertialEstimate) -> tuple[Cause, ...]:
-    """The causes of a fit that failed its tests, or of a payload that is impossible; none where it is well."""
-    if estimate.samples is None or (estimate.fit.passed and not _impossible(estimate)):
+    """The causes of a poor fit or of an impossible payload; of a fit that passes, those that change the answer.
+
+    The tests of a fit judge the size of its residual. A cause is more specific, and also explains a small one.
+    """
+    if estimate.samples is None:
         return ()
-    return find_causes(estimate.samples, float(np.nan_to_num(estimate.delay)))
+    pushed = [span for span in estimate.rejected if span.reason == EXTERNAL_CONTACT]
+    causes = find_causes(estimate.samples, float(np.nan_to_num(estimate.delay)), pushed)
+    if causes and causes[0].code is ErrorCode.IN_CONTACT and _only_contact(estimate):
+        return ()
+    if estimate.fit.passed and not _impossible(estimate) and not (causes and _is_material(estimate, causes[0])):
+        return ()
+    return causes
+
+
+def _only_contact(estimate: InertialEstimate) -> bool:
+    """The estimator found the contact and left it out; the fit of the other samples passes its tests."""
+    known = any(finding.code is ErrorCode.IN_CONTACT for finding in estimate.findings)
+    return known and all(test.name == "rejected" for test in estimate.fit.failed)
+
+
+def _is_material(estimate: InertialEstimate, cause: Cause) -> bool:
+    """The cause is clear, and with it mass or centre of mass are others than in the estimate."""
+    found, mass = cause.explanation, float(estimate.phi[0])
+    if cause.gain < _CLEARLY or cause.code is ErrorCode.IN_CONTACT:
+        return False
+    step = np.abs(found.phi[:4] - np.nan_to_num(estimate.phi[:4]))
+    spread = np.sqrt(np.diag(found.covariance)[:4] + np.nan_to_num(np.diag(estimate.covariance)[:4]))
+    least = _LEAST_SHARE * abs(mass) * np.array([1.0, _LEVER, _LEVER, _LEVER])
+    return bool(np.any(step > _SIGMAS * spread + least))
 
 
 def with_causes(estimate: InertialEstimate, causes: Sequence[Cause]) -> InertialEstimate:
@@ -39,8 +72,8 @@ def with_causes(estimate: InertialEstimate, causes: Sequence[Cause]) -> Inertial
     why = _impossible(estimate)
     if why and not found:
         found = [EstimateFinding(ErrorCode.POOR_FIT, f"{why}: check the units and the axes of the wrench")]
-    empty = _maybe_compensated(estimate)
-    return replace(estimate, findings=(*found, *estimate.findings, *([] if empty is None or found else [empty])))
+    more = [each for each in (_maybe_compensated(estimate), _strange_gravity(estimate)) if each is not None]
+    return replace(estimate, findings=(*found, *([] if found else more), *estimate.findings))
 
 
 def findings_of(causes: Sequence[Cause]) -> list[EstimateFinding]:
@@ -84,6 +117,21 @@ def without_numbers(estimate: InertialEstimate) -> InertialEstimate:
     unknown, spread = np.full(10, np.nan), np.full((10, 10), np.nan)
     parameters = InertialParameters(np.nan, np.full(3, np.nan), np.full((3, 3), np.nan))
     return replace(estimate, parameters=parameters, phi=unknown, covariance=spread, unidentified=PARAMETER_NAMES)
+
+
+def _strange_gravity(estimate: InertialEstimate) -> EstimateFinding | None:
+    """Slow motion does not show the size of gravity: the mass follows from what was given."""
+    if estimate.samples is None:
+        return None
+    size = float(np.linalg.norm(estimate.samples.gravity))
+    if _ON_EARTH[0] < size < _ON_EARTH[1]:
+        return None
+    return EstimateFinding(
+        ErrorCode.GRAVITY_WRONG,
+        f"gravity was given as {size:.4g} m/s2, and is 9.76 to 9.83 m/s2 on Earth; the mass is in proportion to it:"
+        " give the --gravity of the place",
+        {"gravity": size},
+    )
 
 
 # -- repair ----------------------------------------------------------------------------------------------------------

@@ -1,17 +1,18 @@
 """Contact: a part of the recording is explained by a payload to the noise, and the rest has forces of its own."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode
+from poise.inertia.model import RejectedInterval
 from poise.inertia.verdict import FitSamples
 from poise.types import Array, Mask
 from poise.weighing.fitting import Explanation, block_levels, explain, plain_design
-from poise.weighing.reading import Reading
-from poise.weighing.readings.moving_base import base_sentence, without_base
+from poise.weighing.moving_base import base_sentence, without_base
+from poise.weighing.reading import Family, Reading
 
 _STARTS = 6
 _ROUNDS = 4
@@ -22,18 +23,30 @@ _LOUDER = 2 * np.log(3.0)
 _LEAST_FREE, _LEAST_TURN = 0.2, 0.5
 
 
-def in_contact(samples: FitSamples, plain: Explanation) -> list[Reading]:
+def in_contact(pushed: Sequence[RejectedInterval]) -> Family:
     """The consistent part of a recording: least trimmed squares over blocks, from several starts (Rousseeuw 1984).
 
     The other part is explained by forces of its own, or by an acceleration of the base.
+
+    Args:
+        pushed: spans in which the estimator found contact; one of the starts.
     """
+    return lambda samples, plain: _readings(samples, plain, pushed)
+
+
+def _readings(samples: FitSamples, plain: Explanation, pushed: Sequence[RejectedInterval]) -> list[Reading]:
     n_blocks = len(plain.levels)
     if n_blocks < 12:
         return []
     block: NDArray[np.int64] = np.repeat(
         np.arange(n_blocks), [len(part) for part in np.array_split(np.arange(len(samples)), n_blocks)]
     )
-    parts = [_trimmed(samples, block, plain.levels, start) for start in range(_STARTS + 1)]
+    known = np.ones(len(samples), dtype=bool)
+    for span in pushed:
+        known &= (samples.stamps < span.start) | (samples.stamps > span.end)
+    shares = np.bincount(block, known) / np.bincount(block)
+    given = [] if known.all() else [shares > 0.5]
+    parts = [_trimmed(samples, block, kept) for kept in (*_starts(plain.levels), *given)]
     free, _ = min(parts, key=lambda part: _cost(*part))
     if free.all() or free.mean() < _LEAST_FREE or not _informative(samples, free[block]):
         return []
@@ -82,16 +95,20 @@ def _cost(free: Mask, found: Explanation) -> float:
     return 3 * float(np.median(found.levels[free].sum(axis=1))) * len(free) + 6 * float((~free).sum())
 
 
-def _trimmed(samples: FitSamples, block: NDArray[np.int64], levels: Array, start: int) -> tuple[Mask, Explanation]:
-    """The free blocks (B,), from one stretch of the recording or (0) from those that the plain fit explains best."""
+def _starts(levels: Array) -> list[Mask]:
+    """(B,) the blocks that the plain fit explains best, and stretches of the recording."""
     n_blocks = len(levels)
     keep = max(int(_KEPT * n_blocks), 6)
-    kept = np.zeros(n_blocks, dtype=bool)
-    if start == 0:
-        kept[np.argsort(levels.sum(axis=1))[:keep]] = True
-    else:
-        first = round((start - 1) * (n_blocks - keep) / (_STARTS - 1))
-        kept[first : first + keep] = True
+    found = [np.argsort(np.argsort(levels.sum(axis=1))) < keep]
+    for start in range(_STARTS):
+        first = round(start * (n_blocks - keep) / (_STARTS - 1))
+        found.append((np.arange(n_blocks) >= first) & (np.arange(n_blocks) < first + keep))
+    return found
+
+
+def _trimmed(samples: FitSamples, block: NDArray[np.int64], start: Mask) -> tuple[Mask, Explanation]:
+    """The free blocks (B,) that follow from a start, and their fit."""
+    kept, keep = start, min(max(int(_KEPT * len(start)), 6), max(int(start.sum()), 6))
     for _ in range(_ROUNDS):
         found = explain(samples, plain_design, (), np.repeat(kept[block][:, None], 6, axis=1), quick=True)
         levels = block_levels(found.residual)

@@ -11,6 +11,7 @@ from poise.weighing.reading import Reading, Repair
 _NEAR, _SAME = 1e-3, 1e-6
 """Of the range of a channel: readings this close to its end are at it; readings this close to each other are equal."""
 _LEAST_SHARE, _LEAST_SAMPLES = 0.01, 5
+_LEAST_STUCK = 0.05
 
 
 def clipped(samples: FitSamples, plain: Explanation) -> list[Reading]:
@@ -43,6 +44,29 @@ def clipped(samples: FitSamples, plain: Explanation) -> list[Reading]:
             censored=limits,
             repair=lambda found: Repair(limits=limits),
         )
+    ]
+
+
+def stuck(samples: FitSamples, plain: Explanation) -> list[Reading]:
+    """Channels that repeat one value for a while, while the other channels change."""
+    del plain
+    same = np.abs(np.diff(samples.wrench, axis=0)) <= _SAME * np.ptp(samples.wrench, axis=0)
+    alone = same & (same.sum(axis=1) <= 2)[:, None]
+    held = np.zeros(samples.wrench.shape, dtype=bool)
+    held[1:] |= alone
+    held[:-1] |= alone
+    share = held.mean(axis=0)
+    worst = int(np.argmax(share))
+    if not _LEAST_STUCK < share[worst] < 1 - _LEAST_STUCK:
+        return []
+    name = f"{'force' if worst < 3 else 'torque'} {'xyz'[worst % 3]}"
+    sentence = (
+        f"{name} repeats one value in {100 * share[worst]:.0f} % of the samples while the other channels change: its"
+        " gauge or cable is broken: have the sensor repaired"
+    )
+    evidence = {"share": float(share[worst])}
+    return [
+        Reading(ErrorCode.SENSOR_FAULT, plain_design, lambda found: (sentence, evidence), usable=~held, ignores=True)
     ]
 
 

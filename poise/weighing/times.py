@@ -17,7 +17,7 @@ _GRID, _LOG_TIMES = 0.005, (-6.0, 1.5)
 """s; limits of the log of a filter's time in s."""
 _FEWEST, _SPARSE = 50, 0.1
 """Samples from which on clocks are compared; s between them beyond which their motion is not interpolated."""
-_RARE = -6.0
+_PRIORS = {"first": 0.0, "second": -1.0, "mean": -4.0}
 
 
 def late_or_filtered(known: float) -> Family:
@@ -39,7 +39,7 @@ def late_or_filtered(known: float) -> Family:
         return [
             late,
             *(
-                Reading(ErrorCode.FILTERED, _filtered(kind), _filter_sentence(kind), starts=starts, prior=_RARE)
+                Reading(ErrorCode.FILTERED, _filtered(kind), _filter_sentence(kind), starts=starts, prior=_PRIORS[kind])
                 for kind in kinds
             ),
         ]

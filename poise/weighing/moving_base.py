@@ -13,6 +13,8 @@ from poise.weighing.reading import Reading
 _SPACING = 0.4
 """s between knots of the acceleration."""
 _MOST_KNOTS = 24
+_FLEXIBLE = -60.0
+"""Log prior: a free course also explains errors that depend on the pose."""
 
 
 def moving_base(samples: FitSamples, plain: Explanation) -> list[Reading]:
@@ -32,7 +34,7 @@ def moving_base(samples: FitSamples, plain: Explanation) -> list[Reading]:
         course = found.unknowns[16:].reshape(2, count)
         return base_sentence(float(np.linalg.norm(course, axis=0).max()))
 
-    return [Reading(ErrorCode.BASE_MOVED, design, says)]
+    return [Reading(ErrorCode.BASE_MOVED, design, says, prior=_FLEXIBLE)]
 
 
 def base_sentence(largest: float) -> tuple[str, Mapping[str, float]]:
