@@ -78,6 +78,8 @@ def judge(case: str, label: dict[str, Any], outcome: dict[str, Any]) -> Verdict:
     causes = [name for name in names if name != NO_CAUSE] or names
     accept = BY_NAME[label["kind"]].accept
     again = (outcome.get("repaired") or {}).get("answer") or {}
+    if not any(finding["sentence"].startswith("repaired") for finding in again.get("findings") or []):
+        again = {}  # no cause was certain: the answer is the one without --repair
     repaired_z, _, repaired = _errors(again, label)
     return Verdict(
         case=case,
@@ -135,7 +137,10 @@ def _weighed(answer: dict[str, Any], label: dict[str, Any]) -> tuple[int, int]:
     return len(true), right
 
 
-HEADS = ("kind", "cases", "wrong, silent", "beyond 3 σ", "finding", "cause first", "withheld", "error", "repaired")
+HEADS = (
+    *("kind", "cases", "wrong, silent", "beyond 3 σ", "finding", "cause first", "withheld"),
+    *("error", "repaired", "error repaired"),
+)
 
 
 def rows(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
@@ -157,6 +162,7 @@ def _row(name: str, own: Sequence[Verdict]) -> tuple[str, ...]:
         f"{sum(v.named for v in flagged)} of {len(flagged)}" if BY_NAME[name].accept else "-",
         str(sum(v.withheld for v in own)),
         _percent([v.error for v in own if np.isfinite(v.error)]),
+        str(len(repaired)),
         _percent(repaired),
     )
 

@@ -167,8 +167,9 @@ def identify(
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
-        settings = ((max_force, max_torque), {"progress": progress, **_told(shape, shape_accuracy)})
-        weighed = weighed_with_causes(_weigher(urdf, method, known, *settings), source, known, repair)
+        more = {"progress": progress, "keep_history": report is not None, **_told(shape, shape_accuracy)}
+        weigher = _weigher(urdf, method, known, (max_force, max_torque), more)
+        weighed = weighed_with_causes(weigher, source, known, repair)
     if weighed.answer is None:
         write_json(json_target, no_answer_json(bag, weighed))
     else:
@@ -263,7 +264,7 @@ def weigh(
         method=method,
         wrench_topic=wrench_topic,
         saturation=saturation,
-        **known,
+        **{"keep_history": False, **known},
     )
     return recording, answer
 

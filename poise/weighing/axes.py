@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Design, Explanation, payload_columns
-from poise.weighing.reading import Reading, Repair, shows_payload
+from poise.weighing.fitting import Explanation, ReadingDesign, payload_columns
+from poise.weighing.reading import Reading, Repair, Says, shows_payload
 
 _NEAR = np.radians(12.0)
 """A rotation this small beside a mirrored axis is not reported."""
@@ -30,7 +30,7 @@ def _both(force: Array, torque: Array) -> Array:
     return matrix
 
 
-def _fixed(matrix: Array) -> Design:
+def _fixed(matrix: Array) -> ReadingDesign:
     """The load's wrench seen through a fixed matrix (6, 6); the bias is in the axes of the reading."""
 
     def design(samples: FitSamples, values: Array) -> Array:
@@ -46,7 +46,7 @@ def _repaired(matrix: Array) -> Callable[[Explanation], Repair]:
     return lambda found: Repair(wrench=matrix.T)
 
 
-def _said(sentence: str, **evidence: float) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
+def _said(sentence: str, **evidence: float) -> Says:
     return lambda found: (sentence, evidence)
 
 
@@ -115,7 +115,7 @@ def _turned(samples: FitSamples) -> list[Reading]:
     return found
 
 
-def _rotated(signs: Array) -> Design:
+def _rotated(signs: Array) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         columns = payload_columns(samples.signals)
         turn = Rotation.from_rotvec(values).as_matrix()
@@ -133,7 +133,7 @@ def _unrotated(signs: Array) -> Callable[[Explanation], Repair]:
     return repair
 
 
-def _rotation_sentence(force: int, torque: int) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
+def _rotation_sentence(force: int, torque: int) -> Says:
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
         angle = float(np.linalg.norm(found.values))
         axis = found.values / max(angle, 1e-9)
@@ -189,7 +189,7 @@ def _from_base(sign: float) -> Callable[[Explanation], Repair]:
 
 
 def _base_axes() -> list[Reading]:
-    def design(bias_turns: bool, sign: float) -> Design:
+    def design(bias_turns: bool, sign: float) -> ReadingDesign:
         def columns_of(samples: FitSamples, values: Array) -> Array:
             del values
             columns = payload_columns(samples.signals)

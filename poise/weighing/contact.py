@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from poise.inertia.verdict import FitSamples
 from poise.types import Array, Mask
 from poise.weighing.fitting import Explanation, block_levels, explain, plain_design
 from poise.weighing.moving_base import base_sentence, without_base
-from poise.weighing.reading import Family, Reading
+from poise.weighing.reading import Family, Reading, Says
 
 _STARTS = 6
 _ROUNDS = 4
@@ -21,6 +22,7 @@ _KEPT = 0.35
 _LOUDER = 2 * np.log(3.0)
 """A block is in contact when the logs of its force and torque residual together are this much above the free ones."""
 _LEAST_FREE, _LEAST_TURN = 0.2, 0.5
+_RARE = -4.0
 
 
 def in_contact(pushed: Sequence[RejectedInterval]) -> Family:
@@ -51,41 +53,41 @@ def _readings(samples: FitSamples, plain: Explanation, pushed: Sequence[Rejected
     if free.all() or free.mean() < _LEAST_FREE or not _informative(samples, free[block]):
         return []
     usable = np.repeat(free[block][:, None], 6, axis=1)
-    spans = _spans(samples.seconds, free[block])
-    pushed = ~free[block]
-
-    def says(fit: Explanation) -> tuple[str, Mapping[str, float]]:
-        size = float(np.sqrt(np.mean(fit.residual[pushed, :3] ** 2)))
-        times = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in spans[:4]) + (", ..." if spans[4:] else "")
-        return (
-            f"something touches the payload in {100 * pushed.mean():.0f} % of the recording ({times}), with"
-            f" {size:.2g} N rms: record without contact",
-            {"share": float(pushed.mean()), "force": size},
-        )
-
-    def accelerates(fit: Explanation) -> tuple[str, Mapping[str, float]]:
-        _, course = without_base(samples, fit)
-        largest = float(np.percentile(np.linalg.norm(course[pushed], axis=1), 90))
-        return base_sentence(largest)
-
+    touched = ~free[block]
+    shared: dict[str, Any] = {"prior": _RARE, "usable": usable, "excluded": ~free}
     return [
-        Reading(ErrorCode.IN_CONTACT, plain_design, says, prior=-4.0, usable=usable, excluded=~free),
+        Reading(ErrorCode.IN_CONTACT, plain_design, _contact_sentence(samples, touched), **shared),
         Reading(
             ErrorCode.BASE_MOVED,
             plain_design,
-            accelerates,
-            prior=-4.0,
-            usable=usable,
-            excluded=~free,
-            reduced=lambda fit: np.where(pushed[:, None], without_base(samples, fit)[0], fit.residual),
+            _base_sentence(samples, touched),
+            reduced=lambda fit: np.where(touched[:, None], without_base(samples, fit)[0], fit.residual),
+            **shared,
         ),
     ]
 
 
-def _informative(samples: FitSamples, free: Mask) -> bool:
-    """The free part turns the sensor about as far as the recording does: a part at rest is always explained."""
-    down = samples.gravity_in_sensor
-    return bool(np.std(down[free], axis=0).sum() > _LEAST_TURN * np.std(down, axis=0).sum())
+def _contact_sentence(samples: FitSamples, touched: Mask) -> Says:
+    spans = _spans(samples.seconds, ~touched)
+    times = ", ".join(f"{start:.1f} to {end:.1f} s" for start, end in spans[:4]) + (", ..." if spans[4:] else "")
+
+    def says(fit: Explanation) -> tuple[str, Mapping[str, float]]:
+        size = float(np.sqrt(np.mean(fit.residual[touched, :3] ** 2)))
+        return (
+            f"something touches the payload in {100 * touched.mean():.0f} % of the recording ({times}), with"
+            f" {size:.2g} N rms: record without contact",
+            {"share": float(touched.mean()), "force": size},
+        )
+
+    return says
+
+
+def _base_sentence(samples: FitSamples, touched: Mask) -> Says:
+    def says(fit: Explanation) -> tuple[str, Mapping[str, float]]:
+        _, course = without_base(samples, fit)
+        return base_sentence(float(np.percentile(np.linalg.norm(course[touched], axis=1), 90)))
+
+    return says
 
 
 def _cost(free: Mask, found: Explanation) -> float:

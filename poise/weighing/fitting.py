@@ -9,7 +9,7 @@ from poise.inertia.model import ENTRIES, InertialParameters
 from poise.inertia.verdict import FitSamples
 from poise.types import Array, Mask
 
-Design = Callable[[FitSamples, Array], Array]
+ReadingDesign = Callable[[FitSamples, Array], Array]
 """Of samples and values (k,): (N, 6, P) with wrench = design @ unknowns; the first ten unknowns are phi."""
 
 N_BLOCKS = 40
@@ -78,7 +78,7 @@ def plain_design(samples: FitSamples, values: Array) -> Array:
 
 def explain(
     samples: FitSamples,
-    design: Design,
+    design: ReadingDesign,
     values: Sequence[float] = (),
     usable: Mask | None = None,
     quick: bool = False,
@@ -153,7 +153,7 @@ def _solved(matrix: Array, wrench: Array, root: Array) -> Array:
     return np.asarray(np.linalg.solve(normal, rows.T @ (wrench * root).ravel() / scale) / scale)
 
 
-def _slopes(samples: FitSamples, design: Design, found: Explanation) -> Array:
+def _slopes(samples: FitSamples, design: ReadingDesign, found: Explanation) -> Array:
     """(N, 6, k) derivative of the prediction by the values."""
     predicted = samples.wrench - found.residual
     step = 1e-4
@@ -164,13 +164,15 @@ def _slopes(samples: FitSamples, design: Design, found: Explanation) -> Array:
     return np.stack(slopes, axis=2) if slopes else np.zeros((*predicted.shape, 0))
 
 
-def _newton_step(samples: FitSamples, design: Design, found: Explanation, usable: Mask | None) -> Array:
+def _newton_step(samples: FitSamples, design: ReadingDesign, found: Explanation, usable: Mask | None) -> Array:
     matrix = np.concatenate([design(samples, found.values), _slopes(samples, design, found)], axis=2)
     unknowns, _, _ = _weighted(matrix, samples.wrench, usable)
     return np.asarray(unknowns[len(found.unknowns) :])
 
 
-def _with_covariance(samples: FitSamples, design: Design, found: Explanation, usable: Mask | None) -> Explanation:
+def _with_covariance(
+    samples: FitSamples, design: ReadingDesign, found: Explanation, usable: Mask | None
+) -> Explanation:
     """Sandwich covariance with blocks as clusters (Liang and Zeger 1986), jointly for unknowns and values."""
     matrix = np.concatenate([design(samples, found.values), _slopes(samples, design, found)], axis=2)
     _, root, _ = _weighted(matrix, samples.wrench, usable)

@@ -10,7 +10,7 @@ from poise.inertia.model import ENTRIES
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Explanation, explain, payload_columns
-from poise.weighing.reading import Reading, Repair, shows_payload
+from poise.weighing.reading import Reading, Repair, Says, shows_payload
 
 _STANDARD_WITHIN = 0.03
 """Relative; a corrected gravity this close to the standard one means that gravity was given wrongly."""
@@ -87,7 +87,7 @@ def _with_offset_mass(count: int) -> Callable[[FitSamples, Array], Array]:
     return design
 
 
-def _compensated(count: int) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
+def _compensated(count: int) -> Says:
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
         taken = -float(found.unknowns[16])
         deviation = float(np.sqrt(found.covariance[16, 16]))
@@ -121,7 +121,7 @@ def _sized(samples: FitSamples, values: Array) -> Array:
     return payload_columns(signals)
 
 
-def _size_sentence(size: float) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
+def _size_sentence(size: float) -> Says:
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
         fitted = size * float(np.exp(found.values[0]))
         deviation = fitted * float(found.value_stds[0])

@@ -8,7 +8,7 @@ import numpy as np
 from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array, Mask
-from poise.weighing.fitting import Design, Explanation
+from poise.weighing.fitting import Explanation, ReadingDesign
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +30,10 @@ class Repair:
     gravity: float = 1.0
     limits: Array | None = None
     compensated: Array | None = None
+
+
+Says = Callable[[Explanation], tuple[str, Mapping[str, float]]]
+"""The sentence and the numbers of a fit."""
 
 
 def shows_payload(found: Explanation) -> bool:
@@ -61,8 +65,8 @@ class Reading:
     """
 
     code: ErrorCode
-    design: Design
-    says: Callable[[Explanation], tuple[str, Mapping[str, float]]]
+    design: ReadingDesign
+    says: Says
     starts: tuple[tuple[float, ...], ...] = ((),)
     prior: float = 0.0
     usable: Mask | None = None

@@ -1,6 +1,6 @@
 """Readings of the clock: a wrench that is late, or that went through a slow filter."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Literal
 
 import numpy as np
@@ -8,8 +8,8 @@ import numpy as np
 from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Design, Explanation, payload_columns
-from poise.weighing.reading import Family, Reading, Repair
+from poise.weighing.fitting import Explanation, ReadingDesign, payload_columns
+from poise.weighing.reading import Family, Reading, Repair, Says
 
 _DELAYS = (-0.1, 0.03, 0.1, 0.2, 0.35, 0.55, 0.8)
 _FILTERS = (0.03, 0.1, 0.3)
@@ -35,7 +35,7 @@ def late_or_filtered(known: float) -> Family:
             starts=tuple((delay,) for delay in _DELAYS),
             repair=lambda found: Repair(delay=known + float(found.values[0])),
         )
-        kinds: tuple[Kind, ...] = ("first", "second", "mean")
+        kinds: tuple[FilterKind, ...] = ("first", "second", "mean")
         return [
             late,
             *(
@@ -47,7 +47,7 @@ def late_or_filtered(known: float) -> Family:
     return family
 
 
-Kind = Literal["first", "second", "mean"]
+FilterKind = Literal["first", "second", "mean"]
 
 
 def _late(samples: FitSamples, values: Array) -> Array:
@@ -59,7 +59,7 @@ def _at(seconds: Array, signals: Array, wanted: Array) -> Array:
     return np.stack([np.interp(wanted, seconds, column) for column in signals.T], axis=1)
 
 
-def _late_sentence(known: float) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
+def _late_sentence(known: float) -> Says:
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
         delay, deviation = known + float(found.values[0]), float(found.value_stds[0])
         word = "late" if delay > 0 else "early"
@@ -72,7 +72,7 @@ def _late_sentence(known: float) -> Callable[[Explanation], tuple[str, Mapping[s
     return says
 
 
-def _filtered(kind: Kind) -> Design:
+def _filtered(kind: FilterKind) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         seconds = samples.seconds
         grid = np.arange(seconds[0], seconds[-1] + _GRID, _GRID)
@@ -83,7 +83,7 @@ def _filtered(kind: Kind) -> Design:
     return design
 
 
-def _low_pass(kind: Kind, even: Array, time: float) -> Array:
+def _low_pass(kind: FilterKind, even: Array, time: float) -> Array:
     """Signals (M, C) through a filter with a time constant in samples; before the first one they are constant."""
     count = int(8 * time) + 2
     ages = np.arange(count)
@@ -100,7 +100,7 @@ def _low_pass(kind: Kind, even: Array, time: float) -> Array:
     return np.asarray(np.fft.irfft(spectrum, size, axis=0)[count - 1 : len(padded)])
 
 
-def _filter_sentence(kind: Kind) -> Callable[[Explanation], tuple[str, Mapping[str, float]]]:
+def _filter_sentence(kind: FilterKind) -> Says:
     words = {"first": "a low-pass of first order", "second": "a low-pass of second order", "mean": "a moving mean"}[
         kind
     ]

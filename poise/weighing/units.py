@@ -5,7 +5,7 @@ import numpy as np
 from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Design, Explanation, explain, payload_columns
+from poise.weighing.fitting import Explanation, ReadingDesign, explain, payload_columns
 from poise.weighing.reading import Reading, Repair
 
 _FORCES = {"kgf": 1 / 9.80665, "lbf": 1 / 4.4482216, "kN": 1e-3, "daN": 0.1, "mN": 1e3, "gf": 1e3 / 9.80665}
@@ -56,7 +56,7 @@ def _free_ratio(samples: FitSamples) -> tuple[float, float]:
     return (1 / share, spread / share**2) if share > 3 * spread else (float("nan"), float("nan"))
 
 
-def _scaled(factor: float, rows: slice) -> Design:
+def _scaled(factor: float, rows: slice) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         del values
         columns = payload_columns(samples.signals)

@@ -7,15 +7,13 @@ import numpy as np
 from poise.errors import ErrorCode
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Design, Explanation, explain, plain_design
-from poise.weighing.reading import Reading
+from poise.weighing.fitting import Explanation, ReadingDesign, explain, plain_design
+from poise.weighing.reading import Reading, Says
 
 _CANDIDATES = 24
 """Moments at which a step is tried, evenly over the samples."""
 _MOST_STEPS, _LEAST_MASS = 3, 0.02
 """kg: a mass below it is none."""
-
-Says = Callable[[Explanation], tuple[str, Mapping[str, float]]]
 
 
 def varied(samples: FitSamples, plain: Explanation) -> list[Reading]:
@@ -39,7 +37,7 @@ def varied(samples: FitSamples, plain: Explanation) -> list[Reading]:
     return found
 
 
-def _drifting(power: int) -> Design:
+def _drifting(power: int) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         del values
         seconds = samples.seconds
@@ -67,7 +65,7 @@ def _drift_sentence(samples: FitSamples, power: int) -> Says:
     return says
 
 
-def _stepped(times: tuple[float, ...], columns: slice) -> Design:
+def _stepped(times: tuple[float, ...], columns: slice) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         matrix = plain_design(samples, values)
         after = [matrix[:, :, columns] * (samples.seconds >= time)[:, None, None] for time in times]

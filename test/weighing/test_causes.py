@@ -205,4 +205,20 @@ def test_a_number_that_contradicts_its_cause_is_withheld():
     causes = causes_of(estimate)
     assert is_withheld(estimate, causes)
     assert with_causes(estimate, causes).findings[0].code is ErrorCode.SENSOR_ROTATED
-    assert causes_of(replace(estimate, fit=FitVerdict())) == ()
+    passed = replace(estimate, fit=FitVerdict())
+    assert causes_of(passed)[0].code is ErrorCode.SENSOR_ROTATED  # a cause also explains a small residual
+    good = replace(passed, phi=LOAD.phi, samples=replace(MOTION, wrench=READ))
+    assert causes_of(good) == ()
+    assert with_causes(good, ()).findings == ()
+
+
+def test_gravity_that_is_not_that_of_the_earth_is_a_finding():
+    from poise.inertia.pipeline import InertialEstimate
+
+    strange = replace(MOTION, wrench=READ, gravity=GRAVITY * 9.0 / 9.80665)
+    estimate = InertialEstimate(
+        *(0, "ft", LOAD, LOAD.phi, 1e-6 * np.eye(10), np.zeros(6), np.eye(6)),
+        *(np.nan, np.nan, "poise", True, (), 1.0, len(SECONDS), (), 0.1, 0.1),
+        samples=strange,
+    )
+    assert [each.code for each in with_causes(estimate, ()).findings] == [ErrorCode.GRAVITY_WRONG]

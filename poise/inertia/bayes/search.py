@@ -1,6 +1,7 @@
 """Weights, delay, outliers and noise depend on the answer and the answer on them: rounds until they agree."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
 from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
+from poise.inertia.bayes.lasting import assumed_variances, lasting_covariance, lasting_variances
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
     N_MOTION,
@@ -71,6 +73,7 @@ class PosteriorSearch:
         grid: their lags.
         noise: as given.
         average: the hypotheses.
+        accuracy: share of the load by which sensor and kinematics may err for a second; 0 where the noise is all.
         free: (B,) the only blocks that may be used, because something else touched the payload in the others; None:
             all may.
     """
@@ -81,6 +84,7 @@ class PosteriorSearch:
         grid: LagGrid,
         noise: NoiseLevels,
         average: ModelAverage,
+        accuracy: float = 0.0,
         free: Mask | None = None,
     ) -> None:
         self.blocks = blocks
@@ -88,6 +92,7 @@ class PosteriorSearch:
         total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
         self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
+        self._accuracy = accuracy
         self._free: Mask = np.ones(len(blocks), dtype=bool) if free is None else free
         self.keep: Mask = self._free
         """(B,) blocks that a payload explains."""
@@ -124,11 +129,20 @@ class PosteriorSearch:
         mean = float(self._shares @ means)
         return Delay(mean, float(np.sqrt(max(self._shares @ squares - mean**2, 0.0))))
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
-        """(16, 16) of phi and bias, the uncertainty of the delay included."""
+        """(16, 16) of phi and bias, with the uncertainty of the delay and errors that last."""
         moved = self._drifts * np.array([delay.std for delay in self._delays])[:, None]
-        return np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
+        known = np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
+        shown = lasting_variances(self.found.means, self.blocks, self.keep)
+        variances = np.maximum(shown, assumed_variances(self._phi, self.blocks, self._accuracy))
+        if not variances.any():
+            return known
+        used = self.blocks.select(self.keep)
+        sums = np.tensordot(self._at_delay, used.moments[:, :, N_MOTION - 1, :N_MOTION], (0, 1))
+        weight = np.asarray(np.linalg.inv(self._residual_covariance), dtype=np.float64)
+        added = lasting_covariance(used, sums, self.posterior.covariance, weight, variances)
+        return np.asarray(known + added)
 
     def contradiction(self, blocks: MomentBlocks) -> Contradiction:
         """How much better another payload would explain blocks that came later.

@@ -7,9 +7,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from poise.geometry import GRAVITY_IN_WORLD
-from poise.inertia.bayes import LAG_STEP, LONGEST_DELAY, SHAPE_ACCURACY
+from poise.inertia.bayes import LAG_STEP, LOAD_ACCURACY, LONGEST_DELAY, SHAPE_ACCURACY
 from poise.inertia.model import UNKNOWN_NOISE, InertialSolution, NoiseLevels, Parts, regressor
-from poise.robot import SensorMotion
+from poise.robot import IMU_LAG_STEP, SensorMotion
 from poise.types import Array
 
 
@@ -40,8 +40,12 @@ class Prior:
 
     @property
     def options(self) -> dict[str, Any]:
-        """Of a `PoiseEstimator`."""
-        return {"gravity": self.gravity, "shape_accuracy": self.accuracy}
+        """Of a `PoiseEstimator`. Where the samples have to show the noise, they come from a real sensor."""
+        real = np.isnan([self.noise.force, self.noise.torque]).any()
+        load_accuracy = LOAD_ACCURACY if real else 0.0
+        averaged = self.lag_step == IMU_LAG_STEP
+        known = {"gravity": self.gravity, "shape_accuracy": self.accuracy}
+        return known | {"load_accuracy": load_accuracy, "averaged": averaged}
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,8 +40,8 @@ _SHIFTED = 25.0
 _HOPELESS = 0.2
 """Share of the load from which on the numbers mean nothing."""
 
-_REJECTED, _MOSTLY_REJECTED = 0.25, 0.6
-"""Shares of rejected samples: a press and an arm that is shaken give 0.2."""
+_REJECTED, _MOSTLY_REJECTED = 0.35, 0.6
+"""Shares of rejected samples: a press, an arm that is shaken and jerky motion give up to 0.27."""
 
 _AT_LIMIT = 0.95
 """Share of the longest delay."""
