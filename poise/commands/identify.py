@@ -172,13 +172,13 @@ def identify(
         weighed = weighed_with_causes(weigher, source, known, repair)
     if weighed.answer is None:
         write_json(json_target, no_answer_json(bag, weighed))
-    else:
-        content = as_json(bag, weighed.recording, weighed.answer) | compensation_fields(taken)
-        content["object"] = None if shape is None else shape.words
-        _show(people, bag, weighed.answer, report, content, json_target)
-        say(people, taken)
-    if weighed.failure is not None or weighed.answer is None:
         raise weighed.failure or NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{bag}: there is no estimate")
+    content = as_json(bag, weighed.recording, weighed.answer) | compensation_fields(taken)
+    content["object"] = None if shape is None else shape.words
+    _show(people, bag, weighed.answer, report, content, json_target)
+    say(people, taken)
+    if weighed.failure is not None:
+        raise weighed.failure
     for path in write_exports(plan, weighed.answer.estimate, bag):
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 

@@ -90,6 +90,12 @@ def _base_sentence(samples: FitSamples, touched: Mask) -> Says:
     return says
 
 
+def _informative(samples: FitSamples, free: Mask) -> bool:
+    """The free part turns the sensor about as far as the recording does: a part at rest is always explained."""
+    down = samples.gravity_in_sensor
+    return bool(np.std(down[free], axis=0).sum() > _LEAST_TURN * np.std(down, axis=0).sum())
+
+
 def _cost(free: Mask, found: Explanation) -> float:
     """Nats of a split: the level of its free blocks, and two parameters for each of the others."""
     if free.mean() < _LEAST_FREE:
