@@ -157,8 +157,7 @@ def identify(
 
     The recording needs the wrench, and one of: joint_states with robot_description; tf up to the sensor; imu with a
     gyroscope. Poses held still in three attitudes or more give mass, centre of mass and the sensor's bias; motion also
-    gives the inertia it shows, and by how much the clocks differ. What cannot be seen is named. With --object the
-    shape stands in for it, as sure as the uncertainty says.
+    gives the inertia it shows, and the delay of the clocks. Where no payload explains the wrench, the cause is named.
 
     Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
     """

@@ -185,6 +185,8 @@ def after_repair(estimate: InertialEstimate, cause: Cause) -> InertialEstimate:
 def _of_values(cause: Cause) -> Array:
     """(10, 10) what the uncertainty of a cause's own parameters adds to the covariance of phi."""
     found = cause.explanation
+    if cause.repair is not None and cause.repair.compensated is not None:
+        return found.covariance[:10, :10]  # the weight that was added has the mass of this fit
     own = np.arange(16, len(found.covariance))
     across = found.covariance[:10][:, own]
     if not len(own) or not np.isfinite(across).all():
