@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
+from poise.inertia.bayes.consistent_part import LIMIT, ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
 from poise.inertia.bayes.lasting import assumed_variances, lasting_covariance, lasting_variances
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
@@ -56,11 +56,13 @@ class Contradiction:
         log_odds: of another payload against the same one.
         mass: of the other one, kg.
         surprise: standard deviations by which its worst block differs from it.
+        fits: the means of all blocks are as close to it as those of a payload without contact, see `MeanCheck`.
     """
 
     log_odds: float
     mass: float
     surprise: float
+    fits: bool
 
 
 class PosteriorSearch:
@@ -89,7 +91,7 @@ class PosteriorSearch:
     ) -> None:
         self.blocks = blocks
         self.grid = grid
-        total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
+        total = mixed(grid.weights(grid.about), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
         self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
         self._accuracy = accuracy
@@ -101,7 +103,7 @@ class PosteriorSearch:
         n_cases = len(average.hypotheses.bias_variances)
         self._delays, self._drifts = [Delay()] * n_cases, np.zeros((n_cases, 16))
         self._shares = np.full(n_cases, 1 / n_cases)  # probability of each case of the bias
-        self._at_delay = grid.weights(0.0)  # of the lags
+        self._at_delay = grid.weights(grid.about)  # of the lags
         self._sample = np.ones(2)
         self._phi = average.first_phi
 
@@ -117,8 +119,10 @@ class PosteriorSearch:
             self.posterior = self._solve(normals, _FINE)
             moved = self._moved(before)
             if (number >= _IMPATIENT or not moved) and not self._judge() and not moved:
-                return self
-        self._compare()
+                break
+        else:
+            self._compare()
+        self.posterior = self.average.with_curvature()
         return self
 
     @property
@@ -167,7 +171,8 @@ class PosteriorSearch:
         other, step = _explained(expected + np.diag(change**2), normal.information, gradient)
         unknowns = self.posterior.unknowns + step
         left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
-        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()))
+        fits = MeanCheck(left.means, blocks.sizes, self.noise).distances(unknowns) < LIMIT
+        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()), bool(fits.all()))
 
     @property
     def judged(self) -> MeanCheck:
