@@ -226,7 +226,7 @@ def weigh(
             method=method,
             wrench_topic=wrench_topic,
             saturation=saturation,
-            **{"keep_history": False, **known},
+            **known,
         )
     except InputError as error:
         if error.code is not ErrorCode.FRAME_UNKNOWN or sensor_frame or "--sensor-frame" in error.message:
