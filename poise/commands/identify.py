@@ -215,18 +215,25 @@ def weigh(
     """
     recording = open_recording(bag)
     model = None
-    if urdf is not None:
-        model = RobotModel.from_file(urdf, sensor_frame or recording.wrench(wrench_topic).frame_id)
-    answer = identify_recording(
-        recording,
-        robot_model=model,
-        sensor_frame=sensor_frame,
-        gravity=gravity,
-        method=method,
-        wrench_topic=wrench_topic,
-        saturation=saturation,
-        **{"keep_history": False, **known},
-    )
+    if urdf is not None and (frame := sensor_frame or next(iter(recording.wrench_frames(wrench_topic)))):
+        model = RobotModel.from_file(urdf, frame)
+    try:
+        answer = identify_recording(
+            recording,
+            robot_model=model,
+            sensor_frame=sensor_frame,
+            gravity=gravity,
+            method=method,
+            wrench_topic=wrench_topic,
+            saturation=saturation,
+            **{"keep_history": False, **known},
+        )
+    except InputError as error:
+        if error.code is not ErrorCode.FRAME_UNKNOWN or sensor_frame or "--sensor-frame" in error.message:
+            raise
+        raise InputError(
+            error.code, f"{error.message}; --sensor-frame gives that of the wrench", **error.data
+        ) from error
     return recording, answer
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
+from poise.inertia.bayes.consistent_part import LIMIT, ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
 from poise.inertia.bayes.lasting import assumed_variances, lasting_covariance, lasting_variances
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
@@ -56,11 +56,13 @@ class Contradiction:
         log_odds: of another payload against the same one.
         mass: of the other one, kg.
         surprise: standard deviations by which its worst block differs from it.
+        fits: the means of all blocks are as close to it as those of a payload without contact, see `MeanCheck`.
     """
 
     log_odds: float
     mass: float
     surprise: float
+    fits: bool
 
 
 class PosteriorSearch:
@@ -167,7 +169,8 @@ class PosteriorSearch:
         other, step = _explained(expected + np.diag(change**2), normal.information, gradient)
         unknowns = self.posterior.unknowns + step
         left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
-        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()))
+        fits = MeanCheck(left.means, blocks.sizes, self.noise).distances(unknowns) < LIMIT
+        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()), bool(fits.all()))
 
     @property
     def judged(self) -> MeanCheck:

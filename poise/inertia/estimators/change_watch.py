@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from poise.inertia.bayes import ContinuousEstimator, PayloadChange, sample_rows
+from poise.inertia.bayes import LOAD_ACCURACY, ContinuousEstimator, PayloadChange, sample_rows
 from poise.inertia.estimators.entry import EstimatorEntry
 from poise.inertia.estimators.streaming import Prior, SampleEvidence
 from poise.inertia.model import InertialSolution, NoiseLevels, Parts
@@ -26,7 +26,8 @@ class ChangeWatch:
     def __init__(self, prior: Prior) -> None:
         self._given = prior
         limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
-        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **prior.options, **limits)
+        options = prior.options | {"load_accuracy": LOAD_ACCURACY} | limits
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **options)
         self._parts = prior.parts
         self._n_changes = 0
 

@@ -187,6 +187,7 @@ class MethodPipeline:
             self.prior.longest_delay,
             self._levels,
             solution.rejected,
+            any(each.code is ErrorCode.IN_CONTACT and "other_mass" not in each.evidence for each in solution.findings),
         )
         return judge(fit, self._bins.samples, self._extremes)
 
