@@ -13,7 +13,14 @@ from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
 from poise.inertia.bayes.consistent_part import ConsistentPart, away_from_contact, in_contact
 from poise.inertia.bayes.delay import LAG_STEP, LagGrid
-from poise.inertia.bayes.findings import not_shown, nothing_held, outside, wrong_shape, zeroed_under_load
+from poise.inertia.bayes.findings import (
+    not_shown,
+    nothing_held,
+    outside,
+    with_weak_mass,
+    wrong_shape,
+    zeroed_under_load,
+)
 from poise.inertia.bayes.first_guess import blob, states_of_shape
 from poise.inertia.bayes.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
 from poise.inertia.bayes.mass_model import MassModel
@@ -274,27 +281,29 @@ class PoiseEstimator:
 
     def _prior(self, blocks: MomentBlocks, mass_model: MassModel | None) -> ModelAverage:
         """What may be true of the object, and where to begin."""
-        moments = mixed(self._grid.weights(0.0), blocks.moments.sum(axis=0))
+        moments = mixed(self._grid.weights(self._grid.about), blocks.moments.sum(axis=0))
         normal = normal_equations(moments, blocks.sizes.sum(), np.diag(self.noise.wrench**2), self.noise)
         if mass_model is None:
             model, starts = blob(normal, bias_variances(self.noise))
             return ModelAverage(model, hypotheses_for_blob(model, self.noise), starts)
-        hypotheses = hypotheses_for_shape(mass_model.n_parts, self.shape_accuracy, self.noise)
+        hypotheses = hypotheses_for_shape(mass_model, self.shape_accuracy, _SHAPE_RESOLUTION, self.noise)
         starts = states_of_shape(mass_model, normal, hypotheses.bias_variances)
-        return ModelAverage(mass_model, hypotheses.rougher(mass_model.roughness(_SHAPE_RESOLUTION)), starts)
+        return ModelAverage(mass_model, hypotheses, starts)
 
     def _solution(self, search: PosteriorSearch, parts: Parts | None, part: ConsistentPart | None) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
         unknowns, covariance, delay = posterior.unknowns, search.covariance, search.delay
+        if parts is None:
+            covariance = with_weak_mass(covariance, unknowns[:10], search.shown)
         if part is not None:
             covariance = covariance + part.spread
         n = int(blocks.sizes[keep].sum())
         squares = search.found.squares[keep].sum(axis=0)
         doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])
         findings = [
-            nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0]))),
+            nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0])), self.noise.force),
             wrong_shape(doubt),
-            zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity))),
+            zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity)), self.noise.wrench),
             in_contact(search.judged, ~keep, unknowns, None if part is None else part.rival),
         ]
         estimated = len(self._grid) > 1

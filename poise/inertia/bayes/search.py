@@ -91,7 +91,7 @@ class PosteriorSearch:
     ) -> None:
         self.blocks = blocks
         self.grid = grid
-        total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
+        total = mixed(grid.weights(grid.about), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
         self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
         self._accuracy = accuracy
@@ -103,7 +103,7 @@ class PosteriorSearch:
         n_cases = len(average.hypotheses.bias_variances)
         self._delays, self._drifts = [Delay()] * n_cases, np.zeros((n_cases, 16))
         self._shares = np.full(n_cases, 1 / n_cases)  # probability of each case of the bias
-        self._at_delay = grid.weights(0.0)  # of the lags
+        self._at_delay = grid.weights(grid.about)  # of the lags
         self._sample = np.ones(2)
         self._phi = average.first_phi
 
@@ -119,8 +119,10 @@ class PosteriorSearch:
             self.posterior = self._solve(normals, _FINE)
             moved = self._moved(before)
             if (number >= _IMPATIENT or not moved) and not self._judge() and not moved:
-                return self
-        self._compare()
+                break
+        else:
+            self._compare()
+        self.posterior = self.average.with_curvature()
         return self
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 
 from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia.bayes import LAG_STEP, LOAD_ACCURACY, LONGEST_DELAY, SHAPE_ACCURACY
+from poise.inertia.estimators.accelerometer import Accelerometer
 from poise.inertia.model import UNKNOWN_NOISE, InertialSolution, NoiseLevels, Parts, regressor
 from poise.robot import IMU_LAG_STEP, SensorMotion
 from poise.types import Array
@@ -26,6 +27,7 @@ class Prior:
         tare: (6,) what the sensor is known to read without a load; `noise` gives its spread. N and N m.
         since: ns; earlier samples belong to another payload. None: they do not.
         longest_delay, lag_step: s, see `PoiseEstimator`.
+        accelerometer: what gave the linear acceleration.
     """
 
     parts: Parts | None = None
@@ -37,6 +39,7 @@ class Prior:
     since: int | None = None
     longest_delay: float = LONGEST_DELAY
     lag_step: float = LAG_STEP
+    accelerometer: Accelerometer = Accelerometer.NONE
 
     @property
     def options(self) -> dict[str, Any]:

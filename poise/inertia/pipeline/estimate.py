@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.inertia.estimators import AccelerometerErrors
 from poise.inertia.model import (
     EstimateFinding,
     InertialParameters,
@@ -42,6 +43,7 @@ class InertialEstimate:
         com_in_hull: the centre of mass lies in the convex hull of the object; None when its outline is not known.
         findings: what else to know.
         since: ns; no earlier sample counts, because the payload may have been another one. None: all do.
+        accelerometer: errors that were found in one that gave the linear acceleration, and corrected; None: none did.
         fit: tests of the fit. Where one failed, `findings` contain POOR_FIT, and the covariance is wider.
     """
 
@@ -66,6 +68,7 @@ class InertialEstimate:
     com_in_hull: bool | None = None
     findings: tuple[EstimateFinding, ...] = ()
     since: int | None = None
+    accelerometer: AccelerometerErrors | None = None
     fit: FitVerdict = field(default_factory=FitVerdict)
 
     def __repr__(self) -> str:

@@ -248,7 +248,10 @@ def _identification(
     answer: InertialEstimate, before: tuple[InertialEstimate, ...], samples: PairedSamples, estimator: OnlineEstimator
 ) -> Identification:
     """The answer with its samples; predictions are for the samples as they were stamped."""
-    predicted = model_matrix(samples.motion, estimator.gravity) @ np.nan_to_num(answer.phi)
+    motion, errors = samples.motion, answer.accelerometer
+    if errors is not None:
+        motion = errors.true_motion(motion, estimator.gravity)
+    predicted = model_matrix(motion, estimator.gravity) @ np.nan_to_num(answer.phi)
     if np.nan_to_num(answer.delay):
         then = samples.stamps - round(answer.delay * 1e9)
         predicted = interpolate(samples.stamps, predicted, then, max_gap=_LARGEST_GAP).values
@@ -257,7 +260,7 @@ def _identification(
         stamps=samples.stamps,
         wrench_measured=samples.wrench,
         wrench_predicted=predicted + np.nan_to_num(answer.bias),
-        motion=samples.motion,
+        motion=motion,
         history=(*before, answer),
         source=estimator.motion_words,
         segments=(PayloadSegment(_first(samples), answer.stamp, _first(samples), "start", np.nan, answer),),

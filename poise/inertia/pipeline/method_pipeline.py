@@ -7,6 +7,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators import (
+    AccelerometerComparison,
     EstimatorEntry,
     InformationAccumulator,
     NoiseMeter,
@@ -74,6 +75,8 @@ class MethodPipeline:
         self._checks = SampleChecks(limits)
         self._motion_noise = motion_noise
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
+        self._accelerometer = AccelerometerComparison(prior.gravity, prior.accelerometer)
+        """Its errors are in the samples, and are taken out of the answer."""
         self._bins, self._extremes = SampleBins(prior.gravity), ExtremeReadings()
         self._waiting = StampedBuffer(6)
         self._shift, self._has_jumped = 0, False
@@ -148,6 +151,7 @@ class MethodPipeline:
         self.n_samples += len(wrench)
         self._information.add(model_matrix(motion, self.prior.gravity), wrench)
         self._noise.add(wrench)
+        self._accelerometer.add(motion)
         self._bins.add(motion, wrench)
         self._extremes.add(wrench)
         self.estimator.add(motion, wrench)
@@ -168,15 +172,21 @@ class MethodPipeline:
             counts = ", ".join(f"{count} {reason}" for reason, count in self.rejections.counts.most_common())
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
             raise NoAnswerError(error.code, sentence, **error.data) from None
-        return InertialEstimate.from_solution(
+        fit, errors = self._verdict(solution), self._accelerometer.errors()
+        if errors is not None:
+            covariance = solution.covariance if fit.covariance is None else fit.covariance
+            solution = errors.corrected(replace(solution, covariance=covariance))
+            fit = replace(fit, covariance=solution.covariance)
+        answer = InertialEstimate.from_solution(
             solution,
-            fit=self._verdict(solution),
+            fit=fit,
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
             rejected=self.rejections.intervals,
             since=self.prior.since,
         )
+        return replace(answer, accelerometer=errors)
 
     def _verdict(self, solution: InertialSolution) -> FitVerdict:
         fit = Fit(

@@ -14,6 +14,7 @@ from poise.inertia.estimators import (
     DEFAULT_METHOD,
     WATCH,
     WATCH_NOISE,
+    Accelerometer,
     ChangeWatch,
     EstimatorEntry,
     MotionNeed,
@@ -30,6 +31,7 @@ from poise.robot import (
     IMU_LAG_STEP,
     IMU_LONGEST_DELAY,
     NO_KINEMATICS,
+    ImuSource,
     LiveImu,
     MotionBuffer,
     MotionSource,
@@ -110,7 +112,9 @@ class OnlineEstimator:
         self._watch: MethodPipeline | None = None
         self._coming: Parts | None = None
         self._continuous = continuous and method == DEFAULT_METHOD
-        self._prior = Prior(parts, accuracy, noise or UNKNOWN_NOISE, np.array([0.0, 0.0, -gravity]), window)
+        alone = Accelerometer.ALONE if isinstance(source, ImuSource) else Accelerometer.NONE
+        down = np.array([0.0, 0.0, -gravity])
+        self._prior = Prior(parts, accuracy, noise or UNKNOWN_NOISE, down, window, accelerometer=alone)
         self._window: EstimatorGroup | None = None
         self._begin(method, self._prior)
 
@@ -148,7 +152,8 @@ class OnlineEstimator:
     def take_imu(self, imu: LiveImu) -> None:
         """Take the linear acceleration from an IMU on the sensor; estimates that did without it are dropped."""
         self.imu = imu
-        self._prior = replace(self._prior, longest_delay=IMU_LONGEST_DELAY, lag_step=IMU_LAG_STEP)
+        kind = Accelerometer.ON_KINEMATICS
+        self._prior = replace(self._prior, longest_delay=IMU_LONGEST_DELAY, lag_step=IMU_LAG_STEP, accelerometer=kind)
         self._renew_buffers()
         self.reset(self._running.prior.parts)
 
