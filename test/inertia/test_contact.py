@@ -8,12 +8,15 @@ import pytest
 from composites import composite, measured, without_shape
 from scipy.spatial.transform import Rotation, Slerp
 
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia import identify
+from poise.inertia.bayes.change import _touched
 from poise.inertia.bayes.consistent_part import away_from_contact
 from poise.inertia.bayes.estimator import PoiseEstimator, poise
 from poise.inertia.model.problem import NoiseLevels
 from poise.inertia.model.wrench_regressor import regressor
+from poise.inertia.pipeline.identification import _motion_of
+from poise.inertia.pipeline.online import OnlineEstimator
 from poise.recording import ImuStream, PoseStream, Recording, WrenchStream, open_recording, write_recording
 from poise.types import Array
 
@@ -186,3 +189,35 @@ def test_the_neighbours_of_a_contact_are_not_used_as_long_as_enough_is_left():
     assert np.flatnonzero(away_from_contact(free)).tolist() == [0, 1, 6, 7, 8, 9]
     short = np.array([1, 1, 0, 1, 1, 0, 1, 1], dtype=bool)
     assert away_from_contact(short).tolist() == short.tolist()
+
+
+def test_no_estimate_of_a_running_robot_that_rests_against_something_is_too_certain(tmp_path):
+    recording = in_contact("free_motion", "friction", 0.5, 1, tmp_path)
+    wrench = recording.wrench()
+    kinematics, imu = _motion_of(recording, "ft_sensor", None, None, 9.82085)
+    online = OnlineEstimator(kinematics.source, frame_id="ft_sensor", gravity=9.82085, continuous=True)
+    online.take_imu(imu)
+    start, before, surprises = int(wrench.stamps[0]), None, []
+    for end in np.arange(0.2, (wrench.stamps[-1] - start) * 1e-9 + 0.2, 0.2):
+        until = start + round(end * 1e9)
+        kinematics.feed(before, until)
+        some = (wrench.stamps >= (before or start)) & (wrench.stamps < until)
+        online.add_wrench(wrench.stamps[some], wrench.wrench_in_sensor[some])
+        online.update()
+        before = until
+        try:
+            estimate = online.estimate()
+        except NoAnswerError:  # too early
+            continue
+        surprises.append(abs(estimate.parameters.mass - WEIGHED) / estimate.mass_std)
+    assert len(surprises) > 20
+    assert max(surprises) < 3
+    assert len(online.changes) <= 2  # a contact of constant force may pass for a payload
+
+
+def test_a_bias_that_was_learnt_in_contact_is_not_carried_over():
+    phi, problem = touched_problem(1, 0.5, "turning")
+    solution = poise(problem)
+    assert _touched(solution)
+    free = poise(replace(problem, wrench=problem.regressor @ phi + NoiseLevels().wrench))
+    assert not _touched(free)

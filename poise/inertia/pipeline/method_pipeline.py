@@ -19,7 +19,7 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.inertia.verdict import ExtremeReadings, Fit, FitVerdict, SampleBins, judge
+from poise.inertia.verdict import ExtremeReadings, Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
@@ -164,15 +164,16 @@ class MethodPipeline:
         Raises:
             InputError: UNSUPPORTED when the method needs a shape and there is none.
             NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, NOT_CONSISTENT when the wrench has the opposite sign,
-                SOLVER_FAILED.
+                SOLVER_FAILED. Their data contain the `samples`.
         """
         try:
             solution = self._solve()
         except NoAnswerError as error:
             counts = ", ".join(f"{count} {reason}" for reason, count in self.rejections.counts.most_common())
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
-            raise NoAnswerError(error.code, sentence, **error.data) from None
-        fit, errors = self._verdict(solution), self._accelerometer.errors()
+            raise NoAnswerError(error.code, sentence, **{"samples": self._bins.samples, **error.data}) from None
+        samples = self._bins.samples
+        fit, errors = self._verdict(solution, samples), self._accelerometer.errors()
         if errors is not None:
             covariance = solution.covariance if fit.covariance is None else fit.covariance
             solution = errors.corrected(replace(solution, covariance=covariance))
@@ -180,6 +181,7 @@ class MethodPipeline:
         answer = InertialEstimate.from_solution(
             solution,
             fit=fit,
+            samples=samples,
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
@@ -188,7 +190,7 @@ class MethodPipeline:
         )
         return replace(answer, accelerometer=errors)
 
-    def _verdict(self, solution: InertialSolution) -> FitVerdict:
+    def _verdict(self, solution: InertialSolution, samples: FitSamples) -> FitVerdict:
         fit = Fit(
             solution.phi,
             solution.bias,
@@ -199,7 +201,7 @@ class MethodPipeline:
             solution.rejected,
             any(each.code is ErrorCode.IN_CONTACT and "other_mass" not in each.evidence for each in solution.findings),
         )
-        return judge(fit, self._bins.samples, self._extremes)
+        return judge(fit, samples, self._extremes)
 
     def _solve(self) -> InertialSolution:
         plain = self._least_squares()

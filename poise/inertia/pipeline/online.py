@@ -41,8 +41,8 @@ from poise.robot import (
 )
 from poise.types import Array, Stamps
 
-_MAX_GRAVITY = 1000.0
-"""m/s2; more is a typing error, and far more would overflow the sums."""
+_MAX_GRAVITY = 30.0
+"""m/s2; more is a typing error."""
 
 _SETTLED = 1_000_000_000
 """ns after a change in which the watch knows more, because it lags less."""
@@ -389,12 +389,11 @@ def check_options(method: str, gravity: float | None, saturation: tuple[float, f
     for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
         if value is not None and not value > 0:
             raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
-    if gravity is not None and gravity > _MAX_GRAVITY:
-        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {_MAX_GRAVITY:g} is possible")
+    if gravity is not None and not 0.1 <= gravity <= _MAX_GRAVITY:
+        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2; possible are 0.1 to 30, on Earth it is 9.81")
 
 
 def _foreign_frames(counts: Counter[str], frame_id: str) -> EstimateFinding:
     frames = ", ".join(f"{count} of {frame or 'no frame'}" for frame, count in counts.most_common())
-    return EstimateFinding(
-        ErrorCode.FRAME_UNKNOWN, f"wrenches of other frames than {frame_id} were not used ({frames}): remap their topic"
-    )
+    sentence = f"wrenches of other frames than {frame_id} were not used ({frames}): remap their topic"
+    return EstimateFinding(ErrorCode.FRAME_UNKNOWN, sentence)
