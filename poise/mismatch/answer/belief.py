@@ -91,7 +91,13 @@ def beliefs(
         }
         evidence = raw[answer] - max(value for names, value in raw.items() if name not in _contained(names))
         basis = BeliefBasis(evidence, proofs[name].share, len(answer), beside_unknown)
-        probability = basis.probability
+        # Rivals that do as well in its place: no record of earlier names makes one of them likelier than the others.
+        as_well = sum(
+            value
+            for names, value in weight.items()
+            if len(names) == len(answer) and set(without) < set(names) and name not in _contained(names)
+        )
+        probability = min(basis.probability, 1.0 / (1.0 + as_well))
         lacking = sum(value for names, value in weight.items() if name not in names)
         others = {rival: (1.0 - probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
         reported = sorted(((rival, p) for rival, p in others.items() if p > _LEAST_REPORTED), key=lambda pair: -pair[1])
