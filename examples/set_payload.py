@@ -80,8 +80,14 @@ def estimate_of(message: InertialEstimateMessage) -> InertialEstimate:
         rejected=(),
         residual_force=message.residual_force,
         residual_torque=message.residual_torque,
-        findings=tuple(EstimateFinding(ErrorCode(found.code), found.message) for found in message.findings),
+        findings=tuple(finding_of(found.code, found.message) for found in message.findings),
     )
+
+
+def finding_of(code: int, sentence: str) -> EstimateFinding:
+    """A finding of a message, which has no evidence: after a contact, another mass may be as likely."""
+    evidence = {"other_mass": np.nan} if code == ErrorCode.IN_CONTACT else {}
+    return EstimateFinding(ErrorCode(code), sentence, evidence)
 
 
 def fill(message: Any, fields: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Inertia
 
-from poise.errors import PoiseError
+from poise.errors import NoAnswerError, PoiseError
 from poise.inertia import InertialEstimate, InertialParameters
 from poise.inertia.bayes import PayloadChange
 from poise.nodes.runtime import to_message
@@ -36,7 +36,13 @@ def inertia_message(parameters: InertialParameters) -> Inertia:
 
 
 def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
-    """Turn an estimate into a message."""
+    """Turn an estimate into a message; one whose fit is hopeless becomes an error, without numbers."""
+    findings = [ErrorCodeMessage(code=finding.code, message=finding.message) for finding in estimate.findings]
+    poor = estimate.fit.finding
+    if poor is not None and estimate.fit.is_hopeless:
+        message = no_estimate_message(NoAnswerError(poor.code, poor.message), estimate.frame_id)
+        message.header.stamp, message.findings = time_message(estimate.stamp), findings
+        return message
     message = InertialEstimateMessage()
     message.header.stamp = time_message(estimate.stamp)
     message.header.frame_id = estimate.frame_id
@@ -58,7 +64,7 @@ def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
         )
         for span in estimate.rejected
     ]
-    message.findings = [ErrorCodeMessage(code=finding.code, message=finding.message) for finding in estimate.findings]
+    message.findings = findings
     message.residual_force, message.residual_torque = estimate.residual_force, estimate.residual_torque
     return message
 

@@ -1,6 +1,7 @@
 """Node: weighs what the sensor carries, from wrenches and the robot's motion, and publishes the estimate."""
 
 import time
+from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
@@ -21,7 +22,7 @@ from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
-from poise.nodes.runtime import guarded, run, subscribe
+from poise.nodes.runtime import guarded, run, subscribe, topic_hint
 from poise.recording import stamp_of
 from poise_msgs.msg import InertialEstimate, PayloadChange, SegmentedObject
 
@@ -154,6 +155,9 @@ class InertialEstimator(Node):
 
     def _diagnose(self) -> None:
         status = status_of(self.live, time.monotonic())
+        if "wrench" not in self.live.heard:
+            hint = topic_hint(self, "wrench", "geometry_msgs/msg/WrenchStamped")
+            status = replace(status, message=status.message + hint)
         message = DiagnosticArray()
         message.header.stamp = self.get_clock().now().to_msg()
         message.status = [

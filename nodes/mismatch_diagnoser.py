@@ -14,6 +14,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import write_whole
@@ -74,7 +75,9 @@ class _ShareMeter:
 
 
 class MismatchDiagnoser(Node):
-    """Subscribes to wrench, joint_states, odom, robot_description; publishes mismatch_report (latched), diagnostics.
+    """Subscribes to wrench, joint_states, joint_commands or joint_trajectory, odom, robot_description.
+
+    Publishes mismatch_report (latched) and diagnostics.
 
     Examinations run one at a time in a worker thread; the executor only receives and publishes.
     """
@@ -98,6 +101,7 @@ class MismatchDiagnoser(Node):
         self._count, self._spent = 0, 0.0
         self._meter = _ShareMeter()
         self._last: MismatchReport | None = None
+        self._input: dict[str, str] = {}
         self._reports = self.create_publisher(MismatchReport, "mismatch_report", LATCHED)
         self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
         self._jobs = Jobs(self, 1)
@@ -113,6 +117,8 @@ class MismatchDiagnoser(Node):
         for kind, topic, callback, raw in (
             (WrenchStamped, "wrench", self._window.add_wrench_message, True),
             (JointState, "joint_states", self._window.add_joint_state_message, True),
+            (JointState, "joint_commands", self._window.add_command_message, True),
+            (JointTrajectory, "joint_trajectory", self._on_trajectory, True),
             (Odometry, "odom", self._on_odometry, False),
         ):
             if topic != "wrench" or self._wrench != "none":
@@ -134,6 +140,9 @@ class MismatchDiagnoser(Node):
         rotation = rotation_of_quaternion([turn.x, turn.y, turn.z, turn.w])
         frames = (message.header.frame_id, message.child_frame_id)
         self._window.add_odometry(stamp_of(message), frames, rotation, (place.x, place.y, place.z))
+
+    def _on_trajectory(self, data: bytes) -> None:
+        self._window.add_trajectory_message(data, self.get_clock().now().nanoseconds)
 
     def _on_description(self, message: String) -> None:
         self._window.description = message.data
@@ -174,6 +183,7 @@ class MismatchDiagnoser(Node):
             "late_messages": str(self._window.late),
             "wrenches_of_other_frames": str(self._window.foreign),
         }
+        values |= self._input
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
@@ -197,6 +207,7 @@ class MismatchDiagnoser(Node):
 
         def work() -> MismatchReport:
             made = examine(kept.streams(), self._model, self._library, self._keep, self._deadline)
+            self._input = {each.kind: each.sentence for each in made.reading.findings}
             self._save_model(made.found)
             return report_message(made.found, made.start, newest, frame or made.reading.model.sensor_frame or "")
 

@@ -106,6 +106,22 @@ def subscribe(
     node.create_subscription(kind, topic, take_reliable, QoSProfile(depth=depth), raw=raw, event_callbacks=events)
 
 
+def topic_hint(node: Node, topic: str, kind: str) -> str:
+    """Why nothing comes on a topic: it carries another type; or which other topics carry this one. Empty: unknown.
+
+    Args:
+        node: that subscribes.
+        topic: relative name.
+        kind: type, such as `geometry_msgs/msg/WrenchStamped`.
+    """
+    name, there = node.resolve_topic_name(topic), dict(node.get_topic_names_and_types())
+    if others := [other for other in there.get(name, ()) if other != kind]:
+        return f"; {name} carries {', '.join(others)}, not {kind}"
+    if elsewhere := sorted(other for other, kinds in there.items() if kind in kinds and other != name):
+        return f"; {kind} is on {', '.join(elsewhere)}: remap {topic} to it"
+    return ""
+
+
 def coded(failure: Exception) -> PoiseError:
     """The error that a caller gets for a failure: a PoiseError as it is, INTERNAL for any other exception."""
     if isinstance(failure, PoiseError):

@@ -8,6 +8,7 @@ import numpy as np
 import yaml
 
 from benchmarks.foreign import bag
+from benchmarks.foreign.added import ADDED
 from benchmarks.foreign.fault import Fault
 from benchmarks.foreign.honest import TOLERANCE, draw
 from benchmarks.foreign.load import random_load
@@ -20,7 +21,7 @@ from benchmarks.foreign.robots import ROBOTS
 from benchmarks.foreign.strength import Rig, tuned
 from benchmarks.foreign.world import Scene, Track
 
-EVERY: tuple[type[Fault], ...] = (*LIBRARY, *OUTSIDE)
+EVERY: tuple[type[Fault], ...] = (*LIBRARY, *ADDED, *OUTSIDE)
 FAULTS = {fault.name: fault for fault in EVERY}
 
 

@@ -161,6 +161,9 @@ def follow(number: int, story: Story) -> Run:
         except PoiseError:
             counts["refused"] += 1
             continue
+        if estimate.fit.is_hopeless:  # the node publishes an error instead
+            counts["refused"] += 1
+            continue
         second = (estimate.stamp - story.start) * 1e-9
         z = min(abs(estimate.parameters.mass - mass) / estimate.mass_std for mass in story.accepted(second))
         counts["published"] += 1

@@ -52,7 +52,8 @@ def evaluate(
     results: list[dict[str, Any]] = []
     for bag in bags:
         try:
-            found = weigh(bag, urdf, method, sensor_frame, gravity, wrench_topic, (max_force, max_torque))
+            limits = (max_force, max_torque)
+            found = weigh(bag, urdf, method, sensor_frame, gravity, wrench_topic, limits, keep_history=False)
             results.append(as_json(bag, *found))
         except PoiseError as error:
             status = max(status, error.exit_status)

@@ -19,11 +19,12 @@ from poise.exporting import (
     all_exporters,
     exported_payload,
     exporter_of,
+    is_doubtful,
 )
 from poise.files import write_whole
 from poise.geometry import Pose
 from poise.inertia import InertialEstimate, InertialParameters
-from poise.inertia.model import symmetric
+from poise.inertia.model import EstimateFinding, symmetric
 from poise.recording import Recording, open_recording
 from poise.robot import RobotModel, find_urdf, fixed_frames, read_urdf
 
@@ -211,9 +212,12 @@ def read_gripper(text: str | None) -> GripperLoad | str | None:
         except (UnicodeDecodeError, yaml.YAMLError) as error:
             raise InputError(ErrorCode.BAD_INPUT, f"--gripper {text} is neither JSON nor YAML") from error
     try:
-        return _gripper(content)
-    except (TypeError, ValueError, KeyError, IndexError) as error:
+        gripper, doubts = _gripper(content), [each.message for each in _findings(content) if is_doubtful(each)]
+    except (TypeError, ValueError, KeyError, IndexError, AttributeError) as error:
         raise InputError(ErrorCode.BAD_INPUT, f"--gripper {text!r}: {_GRIPPER_WORDS}, or a file with these") from error
+    if doubts:
+        raise InputError(ErrorCode.BAD_INPUT, f"--gripper {text}: its own weighing may be wrong: {doubts[0]}")
+    return gripper
 
 
 def _gripper(content: dict[str, Any]) -> GripperLoad:
@@ -228,9 +232,16 @@ def _gripper(content: dict[str, Any]) -> GripperLoad:
     parameters = InertialParameters(mass, com, symmetric(six))
     if given is not None and mass > 0 and np.isfinite(six).all() and not parameters.is_consistent:
         raise ValueError("no body has this inertia")
-    stated = content.get("covariance")
+    stated, frame = content.get("covariance"), content.get("frame_id")
     covariance = None if stated is None else np.array(stated, dtype=np.float64).reshape(10, 10)
-    return GripperLoad(parameters, covariance)
+    return GripperLoad(parameters, covariance, None if frame is None else str(frame))
+
+
+def _findings(content: dict[str, Any]) -> list[EstimateFinding]:
+    return [
+        EstimateFinding(ErrorCode(each["code"]), str(each["sentence"]), dict(each.get("evidence", {})))
+        for each in content.get("findings", ())
+    ]
 
 
 def _numbers(text: str) -> list[float]:

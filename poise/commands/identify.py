@@ -18,6 +18,14 @@ from poise.commands.exports import (
     read_exports,
     write_exports,
 )
+from poise.commands.identify_causes import (
+    Known,
+    RepairOption,
+    Weigh,
+    findings_json,
+    no_answer_json,
+    weighed_with_causes,
+)
 from poise.commands.identify_model import compensation_fields, say, without_effects
 from poise.commands.identify_segments import segment_table, segments_json
 from poise.commands.output import (
@@ -30,7 +38,7 @@ from poise.commands.output import (
     warn,
     write_json,
 )
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators import AUTO, DEFAULT_METHOD, all_estimators
 from poise.inertia.model import ObjectShape, load_object
 from poise.inertia.pipeline import Identification
@@ -136,6 +144,7 @@ def identify(
     max_force: MaxForceOption = np.inf,
     max_torque: MaxTorqueOption = np.inf,
     model: ModelOption = None,
+    repair: RepairOption = False,
     report: ReportOption = None,
     exports: ExportOption = None,
     frame: FrameOption = None,
@@ -148,8 +157,7 @@ def identify(
 
     The recording needs the wrench, and one of: joint_states with robot_description; tf up to the sensor; imu with a
     gyroscope. Poses held still in three attitudes or more give mass, centre of mass and the sensor's bias; motion also
-    gives the inertia it shows, and by how much the clocks differ. What cannot be seen is named. With --object the
-    shape stands in for it, as sure as the uncertainty says.
+    gives the inertia it shows, and the delay of the clocks. Where no payload explains the wrench, the cause is named.
 
     Example:  poise identify bags/kuka_static_poses.mcap --json payload.json --report out
     """
@@ -158,20 +166,50 @@ def identify(
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
-        limits, more = (max_force, max_torque), _told(shape, shape_accuracy)
-        recording, answer = weigh(source, urdf, method, *known, limits, progress=progress, **more)
-    content = as_json(bag, recording, answer) | {
-        "object": None if shape is None else shape.words,
-        **compensation_fields(taken),
-    }
+        more = {"progress": progress, "keep_history": report is not None, **_told(shape, shape_accuracy)}
+        weigher = _weigher(urdf, method, known, (max_force, max_torque), more)
+        weighed = weighed_with_causes(weigher, source, known, repair)
+    if weighed.answer is None:
+        write_json(json_target, no_answer_json(bag, weighed))
+        raise weighed.failure or NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{bag}: there is no estimate")
+    content = as_json(bag, weighed.recording, weighed.answer) | compensation_fields(taken)
+    content["object"] = None if shape is None else shape.words
+    _show(people, bag, weighed.answer, report, content, json_target)
+    say(people, taken)
+    if weighed.failure is not None:
+        raise weighed.failure
+    for path in write_exports(plan, weighed.answer.estimate, bag):
+        people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def _show(
+    people: Console,
+    bag: Path,
+    answer: Identification,
+    report: Path | None,
+    content: dict[str, Any],
+    json_target: str | None,
+) -> None:
+    """Warnings, the report, the JSON and the table."""
     for warning in content["warnings"]:
         warn(warning)
     written = [] if report is None else write_report(report, bag, answer)
     write_json(json_target, content)
     print_answer(people, bag, answer)
-    say(people, taken)
-    for path in [*written, *write_exports(plan, answer.estimate, bag)]:
+    for path in written:
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
+
+
+def _weigher(
+    urdf: Path | None,
+    method: str,
+    known: Known,
+    limits: tuple[float, float],
+    more: dict[str, Any],
+) -> Weigh:
+    """Weighs a recording by the options of the command, `known` being sensor frame, gravity and topic."""
+    frame, _, topic = known
+    return lambda path, gravity: weigh(path, urdf, method, frame, gravity, topic, limits, **more)
 
 
 def _told(shape: ObjectShape | None, accuracy: float | None) -> dict[str, Any]:
@@ -215,18 +253,25 @@ def weigh(
     """
     recording = open_recording(bag)
     model = None
-    if urdf is not None:
-        model = RobotModel.from_file(urdf, sensor_frame or recording.wrench(wrench_topic).frame_id)
-    answer = identify_recording(
-        recording,
-        robot_model=model,
-        sensor_frame=sensor_frame,
-        gravity=gravity,
-        method=method,
-        wrench_topic=wrench_topic,
-        saturation=saturation,
-        **known,
-    )
+    if urdf is not None and (frame := sensor_frame or next(iter(recording.wrench_frames(wrench_topic)))):
+        model = RobotModel.from_file(urdf, frame)
+    try:
+        answer = identify_recording(
+            recording,
+            robot_model=model,
+            sensor_frame=sensor_frame,
+            gravity=gravity,
+            method=method,
+            wrench_topic=wrench_topic,
+            saturation=saturation,
+            **known,
+        )
+    except InputError as error:
+        if error.code is not ErrorCode.FRAME_UNKNOWN or sensor_frame or "--sensor-frame" in error.message:
+            raise
+        raise InputError(
+            error.code, f"{error.message}; --sensor-frame gives that of the wrench", **error.data
+        ) from error
     return recording, answer
 
 
@@ -263,11 +308,7 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
         "residual_torque": estimate.residual_torque,
         "frame_id": estimate.frame_id,
         "stamp": estimate.stamp * 1e-9,
-        "findings": [
-            {"code": int(finding.code), "name": finding.code.name, "sentence": finding.message}
-            | {"evidence": dict(finding.evidence)}
-            for finding in estimate.findings
-        ],
+        "findings": findings_json(estimate.findings),
         "segments": segments_json(answer),
         "source": answer.source,
         "bag": str(bag),

@@ -7,7 +7,7 @@
 from functools import cache
 
 from poise.errors import ErrorCode, InputError
-from poise.exporting.base import EXPORTED_VALUES, ExportedPayload, Exporter
+from poise.exporting.base import EXPORTED_VALUES, ExportedPayload, Exporter, is_doubtful
 from poise.exporting.settings import ExportSettings, GripperLoad
 from poise.inertia import InertialEstimate
 from poise.registry import entries_of
@@ -22,6 +22,7 @@ __all__ = [
     "export",
     "exported_payload",
     "exporter_of",
+    "is_doubtful",
 ]
 
 

@@ -9,16 +9,17 @@ import numpy as np
 from poise.errors import ErrorCode, NoAnswerError
 from poise.exporting.settings import ExportSettings
 from poise.inertia import InertialEstimate, InertialParameters
+from poise.inertia.model import EstimateFinding
 from poise.types import Array
 
 EXPORTED_VALUES = {"mass": "kg", "com": "m", "inertia": "kg m2"}
 """What can be exported, and its unit."""
 
 
-_DOUBTFUL = frozenset({ErrorCode.NOT_IDENTIFIABLE, *(code for code in ErrorCode if 70 <= code < 90)}) - {
-    ErrorCode.PAYLOAD_CHANGED  # the payloads were weighed separately; where that failed, the fit is poor as well
-}
+_WRONG = frozenset({ErrorCode.NOT_IDENTIFIABLE, *(code for code in ErrorCode if 70 <= code < 90)})
 """Findings that say that the number itself may be wrong: nothing weighs significantly, or the fit failed."""
+_SEPARATE = (ErrorCode.PAYLOAD_CHANGED, ErrorCode.IN_CONTACT)
+"""What was weighed apart from the rest; where that failed, the fit is poor as well, or another mass is as likely."""
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
@@ -114,7 +115,7 @@ class Exporter(ABC):
                 the format needs and that is not known; NOT_CONSISTENT for a mass that is not positive, or an inertia
                 that no body has.
         """
-        doubts = [] if self.doubtful else [each for each in payload.estimate.findings if each.code in _DOUBTFUL]
+        doubts = [] if self.doubtful else [each for each in payload.estimate.findings if is_doubtful(each)]
         if doubts:
             raise NoAnswerError(
                 doubts[0].code,
@@ -138,6 +139,13 @@ class Exporter(ABC):
                 ErrorCode.NOT_CONSISTENT,
                 f"export {self.kind}: no body has this mass ({payload.parameters.mass:.4g} kg) and inertia; {advice}",
             )
+
+
+def is_doubtful(finding: EstimateFinding) -> bool:
+    """The number may be wrong: the finding is not about samples left out, nor about an error that was repaired."""
+    if finding.code not in _WRONG or finding.message.startswith("repaired: "):
+        return False
+    return finding.code not in _SEPARATE or "other_mass" in finding.evidence
 
 
 def numbers(values: Array) -> str:

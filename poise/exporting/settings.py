@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.inertia import InertialEstimate, InertialParameters
 from poise.types import Array
@@ -16,13 +17,25 @@ class GripperLoad:
     Args:
         parameters: in the sensor frame; NaN for what is not known.
         covariance: (10, 10) of its phi, as in `InertialEstimate`; None: exact.
+        frame_id: the frame of the values, where it is stated; it has to be the sensor's.
     """
 
     parameters: InertialParameters
     covariance: Array | None = None
+    frame_id: str | None = None
 
     def taken_off(self, estimate: InertialEstimate) -> InertialEstimate:
-        """The estimate of the object alone. What is not known of either stays unknown."""
+        """The estimate of the object alone. What is not known of either stays unknown.
+
+        Raises:
+            InputError: FRAME_UNKNOWN when the gripper is stated in another frame.
+        """
+        if self.frame_id not in (None, estimate.frame_id):
+            raise InputError(
+                ErrorCode.FRAME_UNKNOWN,
+                f"the gripper is given in {self.frame_id}, and the payload was weighed in {estimate.frame_id}: give"
+                " both in the same sensor frame",
+            )
         parameters = estimate.parameters - self.parameters
         unknown = ~np.isfinite(parameters.phi)
         covariance = estimate.covariance + (0.0 if self.covariance is None else self.covariance)

@@ -18,7 +18,7 @@ from poise.recording.reading import RawMessage, Recording, Topic, open_recording
 from poise.recording.rewriting import rewrite_recording
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream, stamp_of
 from poise.recording.timeline import MAX_LATENESS
-from poise.recording.trajectories import joint_commands
+from poise.recording.trajectories import joint_commands, trajectories_in
 from poise.recording.writing import RecordingWriter, write_recording
 
 __all__ = [
@@ -59,6 +59,7 @@ __all__ = [
     "skipped_entries",
     "stamp_of",
     "stamps_of",
+    "trajectories_in",
     "typestore",
     "wrenches_in",
     "write_recording",

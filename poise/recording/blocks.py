@@ -179,15 +179,17 @@ def split_records(data: bytes) -> tuple[npt.NDArray[np.void], list[tuple[int, by
     rows = MessageRows()
     definitions: dict[tuple[int, bytes], bytes] = {}
     position, end = 0, len(data)
-    while position + RECORD_HEAD.size <= end:
-        opcode, length = RECORD_HEAD.unpack_from(data, position)
-        behind = position + RECORD_HEAD.size + length
-        if behind > end or opcode == 0 or (opcode == Opcode.MESSAGE and position + MESSAGE_HEAD.size > behind):
+    head, message_head, message = RECORD_HEAD.size, MESSAGE_HEAD.size, int(Opcode.MESSAGE)  # read once a record
+    read_head, read_message, append = RECORD_HEAD.unpack_from, MESSAGE_HEAD.unpack_from, rows.append
+    while position + head <= end:
+        opcode, length = read_head(data, position)
+        behind = position + head + length
+        start = position + message_head
+        if behind > end or opcode == 0 or (opcode == message and start > behind):
             break
-        if opcode == Opcode.MESSAGE:
-            _, _, channel, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, position)
-            start = position + MESSAGE_HEAD.size
-            rows.append((channel, log_time, start, behind - start))
+        if opcode == message:
+            _, _, channel, _, log_time, _ = read_message(data, position)
+            append((channel, log_time, start, behind - start))
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             start = position + RECORD_HEAD.size
             definitions.setdefault((opcode, data[start : start + 2]), data[start:behind])  # they begin with the number

@@ -38,8 +38,8 @@ def wrenches_in(messages: Sequence[bytes]) -> WrenchStream:
     return decoding.wrench_stream("wrench", _batches("geometry_msgs/msg/WrenchStamped", messages), _ignore)
 
 
-def joint_states_in(messages: Sequence[bytes], names: tuple[str, ...]) -> JointStream:
-    """The states of some joints, of sensor_msgs/JointState messages as CDR bytes.
+def joint_states_in(messages: Sequence[bytes], names: tuple[str, ...] | None) -> JointStream:
+    """The states of some joints (None: of all), of sensor_msgs/JointState messages as CDR bytes.
 
     Raises:
         InputError: as `Recording.joint_states`.

@@ -17,7 +17,10 @@ from poise.robot.motion_buffers import (
     StaticPoseBuffer,
 )
 from poise.robot.sources import MotionSource
-from poise.types import Stamps
+from poise.types import Mask, Stamps
+
+_SHORTLY, _OFTEN = 100_000_000, 5
+"""ns; poses within this time on both sides together from which on they come often."""
 
 
 class SharedBuffers:
@@ -60,7 +63,7 @@ class SharedBuffers:
 
     @cached_property
     def either(self) -> "MovingOrStatic":
-        return MovingOrStatic(self.moving, self.still)
+        return MovingOrStatic(self.moving, self.still, None if self._imu is None else self._source)
 
     def _kept(self, track: MotionBuffer) -> MotionBuffer:
         track = track if self._imu is None else MotionWithImu(track, self._imu)
@@ -73,10 +76,16 @@ class MovingOrStatic:
 
     A motion that is smoothed knows more; but poses may come so rarely that there is none. The two are kept up to date
     by whoever made them.
+
+    Args:
+        moving: the smoothed motion.
+        still: held poses.
+        measured: source of poses whose linear acceleration an IMU measures; None: there is no IMU. An IMU at rest
+            measures its offset. Where poses come often, all samples thus have the motion with the IMU, or none.
     """
 
-    def __init__(self, moving: MotionBuffer, still: StaticPoseBuffer) -> None:
-        self._moving, self._still = moving, still
+    def __init__(self, moving: MotionBuffer, still: StaticPoseBuffer, measured: MotionSource | None = None) -> None:
+        self._moving, self._still, self._measured = moving, still, measured
 
     @property
     def decided(self) -> int | None:
@@ -94,6 +103,8 @@ class MovingOrStatic:
             return motion, reasons
         rest, at_rest = self._still.pair(stamps[missing])
         still = at_rest == USED
+        if self._measured is not None:
+            still &= ~self._comes_often(self._measured, stamps[missing])
         held = missing[still]
         columns = []
         for field in fields(SensorMotion):
@@ -102,6 +113,13 @@ class MovingOrStatic:
             columns.append(values)
         reasons[held] = USED
         return SensorMotion(*columns), reasons
+
+    @staticmethod
+    def _comes_often(source: MotionSource, stamps: Stamps) -> Mask:
+        """(N,) there are poses shortly before or after each stamp: only the ends of the smoothed motion are missing."""
+        poses = source.stamps(int(stamps[0]) - _SHORTLY, int(stamps[-1]) + _SHORTLY)
+        around = np.searchsorted(poses, stamps + _SHORTLY) - np.searchsorted(poses, stamps - _SHORTLY)
+        return np.asarray(around >= _OFTEN)
 
     def forget_before(self, stamp: int) -> None:
         """Nothing to forget."""

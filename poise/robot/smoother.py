@@ -35,6 +35,7 @@ class Smoother:
             seconds, values = _binned(seconds, self._count), _binned(values, self._count)
             rates = None if rates is None else _binned(rates, self._count)
         self._at = seconds
+        self._pieces: dict[tuple[int | None, ...], Array] = {}
         design = _designs(seconds)
         self._plain = cache(lambda m: SplineFit(design(m), values))
         columns = range(values.shape[1])
@@ -49,7 +50,7 @@ class Smoother:
 
     def at(self, column: int, inside: slice) -> Array:
         """(3, M) position, velocity, acceleration at the samples inside."""
-        values = self._fit[column](self._chosen[column]).derivatives(self.seconds[inside])[:, :, 0]
+        values = self._fit[column](self._chosen[column]).derivatives(self._piece(self.seconds, inside))[:, :, 0]
         values[0] -= self._span**2 * (1.0 - self._count**-2.0) / 24.0 * values[2]  # what the mean over a bin adds
         return values
 
@@ -59,14 +60,22 @@ class Smoother:
         fit, finer = self._fit[column](m), self._fit[column](min(max(round(m * math.sqrt(2)), 2), self._most()))
         # The gain hardly changes from one sample to the next: of averaged samples, that of their mean.
         nearest = np.minimum(np.arange(inside.start, inside.stop) // self._count, len(self._at) - 1)
-        gains = fit.gains(self._at[nearest[0] : nearest[-1] + 1])
-        checked = self._at[self._interior(m)]
-        checked = checked[:: max(-(-len(checked) // _CHECKED), 1)]
+        gains = fit.gains(self._piece(self._at, slice(int(nearest[0]), int(nearest[-1]) + 1)))
+        part = self._interior(m)
+        step = max(-(-(part.stop - part.start) // _CHECKED), 1)
+        checked = self._piece(self._at, slice(part.start, part.stop, step))
         difference = (fit.derivatives(checked) - finer.derivatives(checked))[:, :, 0]
         # The spline spaces nearly contain one another: the difference varies by what the finer one varies more.
         excess = finer.gains(checked) * finer.sigma**2 - fit.gains(checked) * fit.sigma**2
         lag = np.mean(difference**2 - np.diagonal(excess, axis1=1, axis2=2).T, axis=1)
         return np.asarray(gains[nearest - nearest[0]] * fit.sigma**2 + np.diag(np.maximum(lag, 0.0)))
+
+    def _piece(self, samples: Array, part: slice) -> Array:
+        """A part of samples, the same array each time, so that designs recognise it."""
+        key = id(samples), part.start, part.stop, part.step
+        if key not in self._pieces:
+            self._pieces[key] = samples[part]
+        return self._pieces[key]
 
     def _column(self, column: int) -> Callable[[int], SplineFit]:
         return cache(lambda m: self._plain(m).select(slice(column, column + 1)))

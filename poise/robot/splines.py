@@ -1,6 +1,5 @@
 """Least-squares quintic splines on uniform knots, their derivatives, and the noise of both; all matrices are banded."""
 
-import copy
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -40,6 +39,9 @@ _DECAY = 30
 
 _PHASES = 6
 """Places within a knot interval whose variances are averaged."""
+
+_KEPT = 4
+"""Arrays of times whose places are kept."""
 
 _MANY = 100
 """Rows from which one einsum is faster than as many small matrix products."""
@@ -104,6 +106,7 @@ class Design:
         self._filled = np.flatnonzero(np.diff(self._interval, prepend=-1))
         self._weights: dict[int, Array] = {}
         self._bands: dict[int, Array] = {}
+        self._places: dict[int, tuple[Array, NDArray[np.intp], Array]] = {}
 
     def band(self, derivative: int) -> Array:
         """(6, size) normal matrix of the derivative in lower form: band[d, i] = A[i + d, i]."""
@@ -145,6 +148,19 @@ class Design:
         windows = coefficients[self._windows]
         weights = self._weight_rows(derivative)
         return np.asarray(weights @ windows if len(weights) < _MANY else np.einsum("rli,rik->rlk", weights, windows))
+
+    def places(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
+        """See `SplineFit._weights`; those of the last few arrays of times are kept, which must not be changed."""
+        known = self._places.get(id(seconds))
+        if known is None or known[0] is not seconds:
+            start, powers = self.grid.locate(seconds)
+            weights = np.empty((len(seconds), 3, _ORDER))
+            for d in range(3):
+                np.matmul(powers[:, : _ORDER - d], self.grid.polynomials(d).T, out=weights[:, d])
+            if len(self._places) >= _KEPT:
+                self._places.clear()
+            known = self._places[id(seconds)] = seconds, start, weights
+        return known[1:]
 
     def _weight_rows(self, derivative: int) -> Array:
         """(rows, length, 6) weights of the samples' six coefficients."""
@@ -222,7 +238,8 @@ class SplineFit:
 
     def select(self, columns: slice) -> "SplineFit":
         """The fit of some columns."""
-        fit = copy.copy(self)
+        fit = object.__new__(SplineFit)
+        fit.__dict__.update(self.__dict__)
         for name in ("_offset", "coefficients", "square_sum", "_gradient"):
             setattr(fit, name, getattr(self, name)[..., columns])
         return fit
@@ -277,9 +294,7 @@ class SplineFit:
 
     def _weights(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
         """Knot interval (M,) and weights (M, 3, 6) of its six coefficients in value, first and second derivative."""
-        start, powers = self.grid.locate(seconds)
-        weights = [powers[:, : _ORDER - d] @ self.grid.polynomials(d).T for d in range(3)]
-        return start, np.stack(weights, axis=1)
+        return self._design.places(seconds)
 
     @cached_property
     def _inverse_windows(self) -> Array:

@@ -78,6 +78,8 @@ def test_the_payload_is_found_within_its_covariance_and_slowly_enough(motion, na
     assert session.answer.parameters.mass == pytest.approx(truth.mass, rel=0.02)
     np.testing.assert_allclose(session.answer.parameters.com, truth.com, atol=0.003)
     assert session.answer.consistent
+    if motion == "swing":  # at rest most of the time, poses show no delay
+        assert abs(session.answer.delay) < max(4 * session.answer.delay_std, 1e-4)
     assert stage.fastest(surface(guard)) <= LIMITS.speed * (1 + 2e-3)  # encoder noise of 1e-5 rad is in it
     assert [phase for _, phase in stage.phases] == [
         SessionPhase.WAITING,

@@ -135,6 +135,22 @@ def test_a_frame_of_tf_and_a_weighed_gripper(tmp_path, capsys) -> None:
     assert "ft_sensor is taken as the flange: give --frame or --flange-pose" in output.err
 
 
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"frame_id": "tool0"}, "the gripper is given in tool0, and the payload was weighed in ft_sensor"),
+        ({"findings": [{"code": 70, "sentence": "a poor fit"}]}, "its own weighing may be wrong: a poor fit"),
+        ({"mass": None}, "give MASS,X,Y,Z or"),
+        ({"mass": 5.0}, "the gripper that was taken off is not part of what was weighed"),
+    ],
+)
+def test_a_gripper_that_cannot_be_right_is_refused(change, text, tmp_path, capsys) -> None:
+    file = tmp_path / "gripper.json"
+    file.write_text(json.dumps({"mass": 0.1, "com": [0, 0, 0.04], "inertia": None, "frame_id": "ft_sensor"} | change))
+    assert identify("--export", "xarm", "--gripper", str(file)) in (2, 3)
+    assert text in capsys.readouterr().err
+
+
 def test_a_frame_that_is_not_fixed_to_the_sensor_is_refused_with_those_that_are(moved, capsys) -> None:
     assert identify("--export", "ur", "--frame", "base") == 2
     assert "these are: ft_sensor, imu" in capsys.readouterr().err

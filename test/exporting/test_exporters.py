@@ -289,6 +289,27 @@ def test_an_estimate_that_may_be_wrong_is_refused_or_written_with_its_findings(e
     assert caught.value.code is ErrorCode.TORQUE_SIGN
 
 
+@pytest.mark.parametrize(
+    ("finding", "refused"),
+    [
+        (EstimateFinding(ErrorCode.POOR_FIT, "no payload explains it"), True),
+        (EstimateFinding(ErrorCode.NOT_IDENTIFIABLE, "not above zero"), True),
+        (EstimateFinding(ErrorCode.IN_CONTACT, "two masses are as likely", {"other_mass": 1.1}), True),
+        (EstimateFinding(ErrorCode.IN_CONTACT, "the samples in contact were left out"), False),
+        (EstimateFinding(ErrorCode.PAYLOAD_CHANGED, "the last object"), False),
+        (EstimateFinding(ErrorCode.FORCE_UNIT, "repaired: the force is in kgf"), False),
+        (EstimateFinding(ErrorCode.SHAPE_MISMATCH, "the answer does without the shape"), False),
+    ],
+)
+def test_which_findings_refuse_an_export(finding: EstimateFinding, refused: bool) -> None:
+    found = replace(estimate_of(PAYLOAD), findings=(finding,))
+    if refused:
+        with pytest.raises(NoAnswerError, match=finding.message):
+            export(found, "ur")
+    else:
+        assert f"findings: {finding.code.name}" in export(found, "ur")
+
+
 def test_an_inertia_that_was_expected_and_not_measured_is_marked() -> None:
     assumed = replace(estimate_of(PAYLOAD), unidentified=("ixx", "izz"))
     assert "ixx, izz expected, not measured" in export(assumed, "ur")

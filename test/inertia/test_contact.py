@@ -8,11 +8,15 @@ import pytest
 from composites import composite, measured, without_shape
 from scipy.spatial.transform import Rotation, Slerp
 
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia import identify
+from poise.inertia.bayes.change import _touched
 from poise.inertia.bayes.consistent_part import away_from_contact
-from poise.inertia.bayes.estimator import poise
+from poise.inertia.bayes.estimator import PoiseEstimator, poise
 from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.model.wrench_regressor import regressor
+from poise.inertia.pipeline.identification import _motion_of
+from poise.inertia.pipeline.online import OnlineEstimator
 from poise.recording import ImuStream, PoseStream, Recording, WrenchStream, open_recording, write_recording
 from poise.types import Array
 
@@ -88,9 +92,46 @@ def test_a_real_arm_that_rests_against_something_for_most_of_the_time(name, kind
 
 
 @pytest.mark.parametrize("name", ["free_motion", "vibration", "static_poses"])
-def test_recordings_without_contact_have_no_such_finding(name):
-    estimate = identify(open_recording(ROOT / "bags" / f"kuka_{name}.mcap")).estimate
-    assert ErrorCode.IN_CONTACT not in codes(estimate.findings)
+def test_recordings_without_contact_have_no_such_finding_and_every_estimate_on_the_way_holds(name):
+    answer = identify(open_recording(ROOT / "bags" / f"kuka_{name}.mcap"))
+    assert ErrorCode.IN_CONTACT not in codes(answer.estimate.findings)
+    assert len(answer.history) >= 10
+    for past in answer.history:
+        assert abs(past.parameters.mass - WEIGHED) < 3 * past.mass_std
+    assert answer.estimate.mass_std < 0.012  # the scale of the accelerometer is uncertain by one percent
+
+
+def test_errors_of_an_accelerometer_within_a_block_do_not_make_the_payload_lighter():
+    """A slow turn by 20 degrees, while the acceleration is measured with an error of 1 m/s2."""
+    rng = np.random.default_rng(4)
+    seconds = np.arange(1500) * 1e-3
+    turn = Rotation.from_rotvec(np.outer(seconds * 0.35 / 1.5, [1.0, 0.0, 0.0]))
+    gravity = turn.apply([0.0, 0.0, -9.81], inverse=True)
+    still = np.zeros_like(gravity)
+    rate = np.tile([0.35 / 1.5, 0.0, 0.0], (len(seconds), 1))
+    phi = np.concatenate([[1.0], [0.0, 0.0, 0.05], [4e-3, 0, 0, 4e-3, 0, 2e-3]])
+    noise = NoiseLevels(0.05, 0.002, 0.3, 0.05, np.inf, np.inf)
+    wrench = regressor(gravity, rate, still) @ phi + noise.wrench * rng.normal(size=(len(seconds), 6))
+    wrong = rng.normal(size=gravity.shape)
+    masses = {}
+    for averaged in (False, True):
+        estimator = PoiseEstimator(noise=noise, averaged=averaged, longest_delay=0.0)
+        estimator.add((seconds * 1e9).astype(np.int64), gravity, wrong, rate, still, wrench)
+        solution = estimator.solve()
+        masses[averaged] = solution.phi[0]
+    assert masses[False] < 0.8
+    assert abs(masses[True] - 1.0) < 3 * np.sqrt(solution.covariance[0, 0]) < 0.3
+
+
+def test_errors_that_last_widen_the_covariance_and_white_noise_does_not():
+    rng = np.random.default_rng(5)
+    phi = composite(rng).phi
+    problem = without_shape(measured(rng, 0.8 * phi / phi[0], samples=800))
+    slow = 0.15 * np.array([np.interp(problem.seconds, np.arange(0, 9, 0.5), rng.normal(size=18)) for _ in range(3)]).T
+    lasting = replace(problem, wrench=problem.wrench + np.hstack([slow, np.zeros_like(slow)]))
+    plain, widened = poise(problem), poise(lasting)
+    assert np.sqrt(widened.covariance[0, 0] / plain.covariance[0, 0]) > 2.5
+    assert abs(widened.phi[0] - 0.8) < 3 * np.sqrt(widened.covariance[0, 0])
 
 
 def touched_problem(seed: int, share: float, kind: str = "constant"):
@@ -148,3 +189,35 @@ def test_the_neighbours_of_a_contact_are_not_used_as_long_as_enough_is_left():
     assert np.flatnonzero(away_from_contact(free)).tolist() == [0, 1, 6, 7, 8, 9]
     short = np.array([1, 1, 0, 1, 1, 0, 1, 1], dtype=bool)
     assert away_from_contact(short).tolist() == short.tolist()
+
+
+def test_no_estimate_of_a_running_robot_that_rests_against_something_is_too_certain(tmp_path):
+    recording = in_contact("free_motion", "friction", 0.5, 1, tmp_path)
+    wrench = recording.wrench()
+    kinematics, imu = _motion_of(recording, "ft_sensor", None, None, 9.82085)
+    online = OnlineEstimator(kinematics.source, frame_id="ft_sensor", gravity=9.82085, continuous=True)
+    online.take_imu(imu)
+    start, before, surprises = int(wrench.stamps[0]), None, []
+    for end in np.arange(0.2, (wrench.stamps[-1] - start) * 1e-9 + 0.2, 0.2):
+        until = start + round(end * 1e9)
+        kinematics.feed(before, until)
+        some = (wrench.stamps >= (before or start)) & (wrench.stamps < until)
+        online.add_wrench(wrench.stamps[some], wrench.wrench_in_sensor[some])
+        online.update()
+        before = until
+        try:
+            estimate = online.estimate()
+        except NoAnswerError:  # too early
+            continue
+        surprises.append(abs(estimate.parameters.mass - WEIGHED) / estimate.mass_std)
+    assert len(surprises) > 20
+    assert max(surprises) < 3
+    assert len(online.changes) <= 2  # a contact of constant force may pass for a payload
+
+
+def test_a_bias_that_was_learnt_in_contact_is_not_carried_over():
+    phi, problem = touched_problem(1, 0.5, "turning")
+    solution = poise(problem)
+    assert _touched(solution)
+    free = poise(replace(problem, wrench=problem.regressor @ phi + NoiseLevels().wrench))
+    assert not _touched(free)

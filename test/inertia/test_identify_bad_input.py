@@ -38,6 +38,14 @@ def test_wrenches_without_a_frame_are_refused_with_the_frames_there_are(nameless
     assert run(["identify", str(nameless), "--sensor-frame", "ft_sensor"]) == 0
 
 
+def test_a_frame_of_the_wrench_that_nothing_places_is_refused_with_the_option_that_helps(tmp_path, capsys) -> None:
+    recording = open_recording(STATIC)
+    path = tmp_path / "wrist.mcap"
+    rewrite_recording(recording, path, {"wrench": replace(recording.wrench(), frame_id="wrist")})
+    error = refusal(capsys, "identify", str(path))
+    assert "no pose of wrist; the bag holds base -> ft_sensor, ft_sensor -> imu; --sensor-frame gives" in error
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

@@ -303,20 +303,9 @@ def test_the_clock_stays_inside_its_tolerance_in_every_profile() -> None:
         assert max(abs(rig.honest.late + delay), abs(rig.honest.late + delay - skew)) <= 0.004
 
 
-NOT_HERE = {
-    "effort_offset",
-    "hanging_chain",  # its rope is `hanging_rope`
-    "link_parameters",
-    "position_friction",
-    "series_elasticity",
-    "temperature_drift",  # `warming_friction` is close
-}
-"""Effects of the library that this world does not have, see docs/foreign.md."""
-
-
 def test_every_effect_of_the_library_has_its_case() -> None:
     names = {effect.name for effect in all_effects()}
-    assert names <= cases.FAULTS.keys() | NOT_HERE, "a new effect needs physics of this world too"
+    assert names <= cases.FAULTS.keys(), "a new effect needs physics of this world too"
     assert {name for name, fault in cases.FAULTS.items() if fault.library} <= names
 
 

@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 from field_robots import ARM, Recorded
 
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia import InertialParameters
 from poise.mismatch.answer import LiveWindow, diagnose, effects_called, examine
 from poise.mismatch.reading import NominalModel, read_recording
-from poise.recording import JointStream, WrenchStream, encode_stream, open_recording, write_recording
+from poise.recording import (
+    JointStream,
+    RecordingWriter,
+    WrenchStream,
+    encode_stream,
+    encode_text,
+    open_recording,
+    typestore,
+    write_recording,
+)
 from poise.robot import RobotModel
 from poise.robot.model import find_urdf
 from poise.robot.urdf import read_urdf
@@ -175,6 +184,87 @@ def test_messages_as_bytes_give_the_streams_of_their_recording(tmp_path, sensor)
         live = examine(streams, NominalModel(), effects_called(["viscous_friction"]), tmp_path)
         assert {each.problem.signal for each in live.found.examinations} == {"effort"}
         assert live.start == live.reading.recorded.start
+
+
+def trajectory_message(stamp, names, seconds, position):
+    make = typestore().types
+    moments = [divmod(round(each * SECOND), SECOND) for each in seconds]
+    none = np.zeros(0)
+    points = [
+        make["trajectory_msgs/msg/JointTrajectoryPoint"](
+            row, none, none, none, make["builtin_interfaces/msg/Duration"](*moment)
+        )
+        for row, moment in zip(position, moments, strict=True)
+    ]
+    header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), "")
+    message = make["trajectory_msgs/msg/JointTrajectory"](header, list(names), points)
+    return bytes(typestore().serialize_cdr(message, "trajectory_msgs/msg/JointTrajectory"))
+
+
+@pytest.mark.parametrize("kind", ["joint_commands", "joint_trajectory", "unstamped"])
+def test_commands_are_those_of_the_recording(tmp_path, kind):
+    joints = Recorded(rate=100.0, seconds=9.0).joints()
+    path, window = tmp_path / "run.mcap", LiveWindow(35.0, expects_wrench=False)
+    window.description = ARM
+    # The joints follow 40 ms late.
+    commands = replace(joints, stamps=joints.stamps - SECOND // 25)
+    with RecordingWriter(path) as writer:
+        writer.add_topic("robot_description", "std_msgs/msg/String")
+        writer.write("robot_description", 0, encode_text(ARM))
+        writer.add_topic("joint_states", "sensor_msgs/msg/JointState")
+        for stamp, data in encode_stream("joint_states", joints):
+            writer.write("joint_states", stamp, data)
+            window.add_joint_state_message(data)
+        if kind == "joint_commands":
+            writer.add_topic(kind, "sensor_msgs/msg/JointState")
+            for stamp, data in encode_stream(kind, commands):
+                writer.write(kind, stamp, data)
+                window.add_command_message(data)
+        else:
+            begin = int(commands.stamps[0])
+            at = (commands.stamps - begin) * 1e-9
+            data = trajectory_message(begin if kind == "joint_trajectory" else 0, joints.names, at, joints.position)
+            writer.add_topic("joint_trajectory", "trajectory_msgs/msg/JointTrajectory")
+            writer.write("joint_trajectory", begin, data)
+            window.add_trajectory_message(data, begin)
+    recorded = read_recording(open_recording(path), NominalModel())
+    live = examine(window.streams(), NominalModel(), effects_called(["viscous_friction"]), tmp_path / "kept").reading
+    assert live.recorded.commands is not None
+    for part in ("seconds", "position"):
+        here, there = (getattr(each.recorded.commands, part) for each in (live, recorded))
+        np.testing.assert_array_equal(here, there)
+    late = [[each for each in one.findings if each.kind == "command_tracking"] for one in (live, recorded)]
+    assert late[0] == late[1]
+    assert late[0][0].values[0] == pytest.approx(0.04, abs=0.005)
+
+
+def test_a_window_without_usable_efforts_says_what_is_wrong_with_them():
+    joints = Recorded(rate=100.0, seconds=9.0).joints()
+    window = LiveWindow(35.0, expects_wrench=False)
+    window.description = ARM
+    for _, data in encode_stream("joint_states", replace(joints, effort=np.abs(joints.effort))):
+        window.add_joint_state_message(data)
+        window.add_command_message(data)
+    with pytest.raises(NoAnswerError, match=r"effort.*late, gain"):
+        examine(window.streams(), NominalModel(), effects_called(["viscous_friction"]))
+
+
+def test_a_trajectory_lasts_beyond_the_window_that_it_was_sent_in():
+    window = LiveWindow(10.0, expects_wrench=False)
+    window.add_trajectory_message(trajectory_message(SECOND, ["a"], [0.0, 100.0], np.array([[0.0], [1.0]])), 0)
+    for stamp in range(SECOND, 60 * SECOND, SECOND):
+        send_joint_state(window, stamp, ["a"], [0.1], [], [])
+    np.testing.assert_array_equal(window.streams().commands.position[:, 0], [0.0, 1.0])
+    window.clear()
+    send_joint_state(window, SECOND, ["a"], [0.1], [], [])
+    assert window.streams().commands is None
+
+
+def test_a_jump_of_the_clock_of_commands_forgets_no_states():
+    window = fed(LiveWindow(10.0), 9.0, start=100 * SECOND)
+    for stamp in (100 * SECOND, SECOND):
+        window.add_trajectory_message(trajectory_message(stamp, ["a"], [0.0], np.zeros((1, 1))), 0)
+    assert window.seconds > 8.9
 
 
 def test_bytes_that_are_no_message_are_refused():

@@ -1,5 +1,6 @@
 """inertial_estimator in a real graph: the recording's answer, a simulated arm's payload, and messages gone wrong."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,10 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode
-from poise.inertia import identify
+from poise.inertia import OnlineEstimator, identify, identify_wrenches
+from poise.nodes.estimate_message import estimate_message
 from poise.recording import open_recording
+from poise.robot import find_kinematics
 from poise.robot.model import find_urdf
 from poise_msgs.msg import InertialEstimate
 
@@ -93,6 +96,19 @@ def test_by_default_the_node_gives_the_answer_of_poise_identify_to_1e_9(start_no
 
 def test_a_motion_through_the_graph_is_the_offline_answer_to_1e_9(start_node, graph):
     agrees(replay(start_node, graph, FREE, 3.0, method="ols"), FREE, method="ols")
+
+
+def test_a_wrench_that_no_payload_explains_is_published_as_an_error_without_numbers():
+    """The message says what is wrong; no reader can take the numbers for a payload."""
+    recording = open_recording(STATIC)
+    wrench = recording.wrench("wrench")
+    turned = replace(wrench, wrench_in_sensor=wrench.wrench_in_sensor[:, [1, 2, 0, 4, 5, 3]])
+    kinematics = find_kinematics(recording, wrench.frame_id)
+    answer = identify_wrenches(turned, kinematics, OnlineEstimator(kinematics.source, frame_id=wrench.frame_id))
+    message = estimate_message(answer.estimate)
+    assert message.error.code == ErrorCode.POOR_FIT
+    assert [finding.code for finding in message.findings] == [ErrorCode.POOR_FIT]
+    assert np.isnan([message.inertia.m, *message.covariance]).all()
 
 
 def test_the_payload_of_a_simulated_arm_is_weighed_from_its_joint_states(start_node, graph):

@@ -1,11 +1,13 @@
 """Subscriptions of nodes: a publisher that offers only best effort is heard, and a reliable one only once."""
 
 import pytest
-from geometry_msgs.msg import WrenchStamped
+import rclpy
+from geometry_msgs.msg import Wrench, WrenchStamped
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from poise.nodes.runtime import subscribe
+from poise.nodes.runtime import subscribe, topic_hint
 
 pytestmark = pytest.mark.ros
 
@@ -31,3 +33,20 @@ def test_best_effort_publishers_are_heard_and_nothing_is_heard_twice(graph, raw)
     graph.wait_for(lambda: len(heard) >= 4, what="two reliable messages")
     assert len(heard) == 4
     node.destroy_node()
+
+
+def test_a_silent_topic_is_explained_by_its_type_or_by_other_topics_of_this_type(graph) -> None:
+    kind = "geometry_msgs/msg/WrenchStamped"
+    subscribe(graph.node, WrenchStamped, "wrench", lambda message: None, 10)
+    assert topic_hint(graph.node, "wrench", kind) == ""
+    graph.node.create_publisher(WrenchStamped, "ft/wrench", 10)
+    graph.wait_for(lambda: topic_hint(graph.node, "wrench", kind), what="the other topic")
+    assert topic_hint(graph.node, "wrench", kind) == f"; {kind} is on /ft/wrench: remap wrench to it"
+    other = Context()  # one participant of DDS has one type for a name
+    rclpy.init(context=other, domain_id=graph.domain)
+    driver = Node("driver", context=other)
+    driver.create_publisher(Wrench, "wrench", 10)
+    graph.wait_for(lambda: "carries" in topic_hint(graph.node, "wrench", kind), what="the other type")
+    assert topic_hint(graph.node, "wrench", kind) == f"; /wrench carries geometry_msgs/msg/Wrench, not {kind}"
+    driver.destroy_node()
+    rclpy.shutdown(context=other)

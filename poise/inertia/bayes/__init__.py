@@ -11,11 +11,13 @@ from poise.inertia.bayes.change import ContinuousEstimator, PayloadChange
 from poise.inertia.bayes.clock_comparison import ClockComparison
 from poise.inertia.bayes.delay import LAG_STEP, PRIOR_SPREAD, Delay
 from poise.inertia.bayes.estimator import EXTERNAL_CONTACT, LONGEST_DELAY, SHAPE_ACCURACY, PoiseEstimator, poise
+from poise.inertia.bayes.lasting import LOAD_ACCURACY
 from poise.inertia.bayes.recorder import sample_rows
 
 __all__ = [
     "EXTERNAL_CONTACT",
     "LAG_STEP",
+    "LOAD_ACCURACY",
     "LONGEST_DELAY",
     "PRIOR_SPREAD",
     "SHAPE_ACCURACY",

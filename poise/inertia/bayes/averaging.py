@@ -5,15 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from poise.inertia.bayes.curvature import ANY_MASS, curved_covariance
 from poise.inertia.bayes.first_guess import EXPECTED
 from poise.inertia.bayes.hypotheses import Hypotheses
 from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.bayes.sensor_bias import WithoutBias
 from poise.inertia.model import N_UNKNOWNS, NormalEquations, mixed
 from poise.types import Array, Indices, Mask
-
-_ANY_MASS = 100.0
-"""Variance of the logarithm of the mass: it may be e^10 times the first guess, or e^-10."""
 
 _LARGEST_FALL = 0.8
 """Share of its mass that a part may lose in one step."""
@@ -135,14 +133,28 @@ class ModelAverage:
         log += self.hypotheses.log_probability[self._left] + reduced.log_prior(case, unknowns[:, 10:])
         log = self.hypotheses.balanced(self._left, log)
         keep = _normalised(log) >= effort.negligible
-        self._left, case, weights = self._left[keep], case[keep], _normalised(log[keep])
-        inner = self._narrowed(mode.states[keep], reduced.information[case])
-        covariance = reduced.joint_covariance(case, inner)
-        mean = weights @ unknowns[keep]
-        scatter = unknowns[keep] - mean
+        self._left, case = self._left[keep], case[keep]
+        self._answer = _Answers(mode.states[keep], unknowns[keep], log[keep], reduced, self._left, case, back)
+        return self._posterior(self._answer, self._narrowed(mode.states[keep], reduced.information[case]))
+
+    def with_curvature(self) -> Posterior:
+        """The last answer, with a covariance that holds where the model is not linear."""
+        found = self._answer
+        to_states = self._root * np.sqrt(self.hypotheses.state_variances[found.left])[:, None]
+        inner = curved_covariance(
+            self._linearised, self.model.n_parts, found.states, to_states, found.reduced.information[found.case]
+        )
+        return self._posterior(found, inner)
+
+    def _posterior(self, found: "_Answers", inner: Array) -> Posterior:
+        """The average of hypotheses, from their covariances (H, 10, 10)."""
+        weights = _normalised(found.log_weights)
+        covariance = found.reduced.joint_covariance(found.case, inner)
+        mean = weights @ found.unknowns
+        scatter = found.unknowns - mean
         total = mixed(weights, covariance + scatter[:, :, None] * scatter[:, None, :])
-        total = back @ (total + total.T) @ back.T / 2
-        return Posterior(back @ mean, total, mode.states[keep], self._left, case, log[keep])
+        total = found.back @ (total + total.T) @ found.back.T / 2
+        return Posterior(found.back @ mean, total, found.states, found.left, found.case, found.log_weights)
 
     def shown(self, normal: NormalEquations, posterior: Posterior) -> Array:
         """(10, 10) information about phi that is in the samples alone, the bias as uncertain as before them."""
@@ -248,7 +260,7 @@ class ModelAverage:
             # The prior of the state, moved by what the samples pull at phi: C^-1 times the change is that pull.
             pull = _apply(jacobian.swapaxes(1, 2), gradient - _apply(square, change)) * free
             step = offset + pull @ self._likeness * variances * free
-            step[:, :n_parts] += _ANY_MASS * pull[:, :n_parts].sum(axis=1, keepdims=True) * free[:, :n_parts]
+            step[:, :n_parts] += ANY_MASS * pull[:, :n_parts].sum(axis=1, keepdims=True) * free[:, :n_parts]
             lost = step[:, :n_parts] < -_LARGEST_FALL
             if not lost.any():
                 break
@@ -277,13 +289,13 @@ class ModelAverage:
         mass = jacobian[:, :, : self.model.n_parts].sum(axis=2)
         rooted = jacobian @ self._root
         spread = (rooted * variances[:, None]) @ rooted.swapaxes(1, 2)
-        return np.asarray(spread + _ANY_MASS * mass[:, :, None] * mass[:, None, :])
+        return np.asarray(spread + ANY_MASS * mass[:, :, None] * mass[:, None, :])
 
     def _narrowed(self, states: Array, information: Array) -> Array:
         """(H, 10, 10) posterior covariance of phi; symmetric all the way, so that it stays positive."""
         n_parts, variances = self.model.n_parts, self.hypotheses.state_variances[self._left]
         jacobian = self._linearised(states)[1]
-        mass = np.sqrt(_ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
+        mass = np.sqrt(ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
         root = np.concatenate([jacobian @ self._root * np.sqrt(variances)[:, None], mass], axis=2)
         back = root.swapaxes(1, 2)
         seen = back @ information @ root
@@ -303,7 +315,7 @@ class ModelAverage:
         common = densities @ ones / number
         spread = variances[:, :n_parts].mean(axis=1)
         apart = np.sum((densities - common[:, None] * ones) ** 2, axis=1) / np.maximum(spread, _TINY)
-        together = number * common**2 / (spread + number * _ANY_MASS)
+        together = number * common**2 / (spread + number * ANY_MASS)
         return np.asarray((apart + together + np.sum(deformations**2 / variances[:, n_parts:], axis=1)) / 2)
 
     def _to_sensor(self) -> Array:
@@ -316,6 +328,19 @@ class ModelAverage:
         """The same in normalised phi, in units of the guessed mass."""
         back = self._to_sensor()
         return NormalEquations(back.T @ normal.information @ back, normal.vector @ back)
+
+
+@dataclass(frozen=True, eq=False)
+class _Answers:
+    """The hypotheses that are left: (H, n) states, (H, 16) unknowns, (H,) log weights, and what they followed from."""
+
+    states: Array
+    unknowns: Array
+    log_weights: Array
+    reduced: WithoutBias
+    left: Indices
+    case: Indices
+    back: Array
 
 
 @dataclass(eq=False)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from poise.inertia.model import N_SIGNALS
+from poise.inertia.model import N_MOTION, N_SIGNALS
 from poise.types import Array, Mask, Stamps
 
 BLOCK = 100_000_000
@@ -48,6 +48,17 @@ class MomentBlocks:
         return MomentBlocks(
             self.moments[which], self.counts[which], self.sizes[which], self.start[which], self.end[which]
         )
+
+    def averaged(self) -> "MomentBlocks":
+        """The same with the average motion of each block only; wrenches keep their scatter.
+
+        An accelerometer on a shaking arm errs by more than the attitude changes in the first second. In a regression,
+        such errors make the payload too light (errors in variables); averages over blocks hardly contain them.
+        """
+        sums = self.moments[:, :, N_MOTION - 1]
+        moments = sums[..., :, None] * sums[..., None, :] / self.sizes[:, None, None, None]
+        moments[..., N_MOTION:, N_MOTION:] = self.moments[..., N_MOTION:, N_MOTION:]
+        return MomentBlocks(moments, self.counts / self.sizes[:, None], self.sizes, self.start, self.end)
 
     def in_pairs(self) -> "MomentBlocks":
         """Every two neighbours as one; there has to be an even number."""

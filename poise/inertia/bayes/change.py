@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from poise.errors import NoAnswerError
-from poise.inertia.bayes.estimator import BayesSolution, PoiseEstimator
+from poise.inertia.bayes.estimator import EXTERNAL_CONTACT, BayesSolution, PoiseEstimator
 from poise.inertia.model import NoiseLevels, Parts
 from poise.types import Array, Stamps
 
@@ -29,11 +29,17 @@ _SUSPICIOUS = 3.0
 _LEAST_CHANGE, _LEAST_SHARE = 0.03, 0.1
 """kg, and share of the mass, by which payloads differ that count as two; models of a motion err by less."""
 
+_SIGMAS = 4.0
+"""Standard deviations of the mass that was known, by which another payload must differ from it."""
+
 _EXPLAINED = 8.0
 """Standard deviations by which a block may differ from the new payload and still be held for it."""
 
 _LOOK, _REFERENCE, _PATIENCE = 50_000_000, 1_000_000_000, 600_000_000
 """ns between looks for a change, and between what they compare with; and of doubt that was no change after all."""
+
+_MOST_REJECTED = 0.2
+"""Share of the samples with which a bias is still that of the sensor; a press and an arm that is shaken give it."""
 
 _MEMORY = 2_000_000_000
 """ns of samples, for a new beginning."""
@@ -146,8 +152,9 @@ class ContinuousEstimator:
                 continue
             most = max(most, found.log_odds)
             before = float(self._known.phi[0])
-            differs = abs(found.mass - before) > max(_LEAST_CHANGE, _LEAST_SHARE * before)
-            if differs and found.log_odds > _CERTAIN and found.surprise < _EXPLAINED:
+            least = max(_LEAST_CHANGE, _LEAST_SHARE * before)
+            differs = abs(found.mass - before) > max(least, _SIGMAS * self._known.covariance[0, 0] ** 0.5)
+            if differs and found.log_odds > _CERTAIN and found.surprise < _EXPLAINED and found.fits:
                 change = PayloadChange(now, begin, before, found.mass)
                 self.changes.append(change)
                 self._begin(begin)
@@ -170,13 +177,17 @@ class ContinuousEstimator:
         self._known = solution
 
     def _begin(self, since: int) -> None:
-        """Start over from a stamp on, with nothing but the bias."""
+        """Start over from a stamp on, with nothing but the bias; without it, if it was learnt in contact."""
+        self._since = since
+        if _touched(self._known):
+            self._tare = np.zeros(6)
+            self._restart(since, None, replace(self._estimator.noise, force_bias=np.inf, torque_bias=np.inf))
+            return
         self._tare = self._tare + self._known.bias
         deviation = np.sqrt(np.diag(self._known.bias_covariance).reshape(2, 3).max(axis=1))
         noise = self._estimator.noise
         spread = np.maximum(_SPREAD_AFTER * deviation, _LEAST_SPREAD * np.array([noise.force, noise.torque]))
         known = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
-        self._since = since
         self._restart(since, None, known)
 
     def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:
@@ -188,3 +199,9 @@ class ContinuousEstimator:
 
     def _feed(self, stamps: Stamps, rows: Array) -> None:
         self._estimator.add_rows(stamps, rows - np.concatenate([np.zeros(9), self._tare]))
+
+
+def _touched(solution: BayesSolution) -> bool:
+    """A notable share of the samples was rejected, so that the bias may be that of a contact."""
+    rejected = sum(span.n_samples for span in solution.rejected if span.reason == EXTERNAL_CONTACT)
+    return rejected > _MOST_REJECTED * (solution.n_samples + rejected)

@@ -48,9 +48,10 @@ class LagGrid:
         steps = max(2, round(longest / step)) if longest > 0 else 0
         self.nanoseconds = np.arange(-steps, steps + 1, dtype=np.int64) * round(step * 1e9) + round(about * 1e9)
         self.lags = self.nanoseconds * 1e-9
+        self.about = float(self.lags[steps])
         self._step = step
         fine, self._smooth = _fine_grid(steps)
-        self._fine = fine * step
+        self._fine = fine * step + self.about
 
     def __len__(self) -> int:
         return len(self.lags)

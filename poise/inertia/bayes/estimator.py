@@ -13,12 +13,20 @@ from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
 from poise.inertia.bayes.consistent_part import ConsistentPart, away_from_contact, in_contact
 from poise.inertia.bayes.delay import LAG_STEP, LagGrid
-from poise.inertia.bayes.findings import not_shown, nothing_held, outside, wrong_shape, zeroed_under_load
+from poise.inertia.bayes.findings import (
+    not_shown,
+    nothing_held,
+    outside,
+    with_weak_mass,
+    wrong_shape,
+    zeroed_under_load,
+)
 from poise.inertia.bayes.first_guess import blob, states_of_shape
 from poise.inertia.bayes.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
 from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.bayes.recorder import BlockRecorder
 from poise.inertia.bayes.search import Contradiction, PosteriorSearch
+from poise.inertia.bayes.single_samples import SingleSamples
 from poise.inertia.model import (
     NOT_FINITE,
     OUT_OF_ORDER,
@@ -105,6 +113,8 @@ class PoiseEstimator:
         delay: s, wrench stamps minus kinematics stamps, about which the delay is looked for.
         shape_accuracy: relative error of lengths in the shape.
         block: ns of samples that are kept, or left out, together.
+        load_accuracy: share of the load by which sensor and kinematics may err for a second; 0 where the noise is all.
+        averaged: use the average motion of each block only, because an accelerometer measures it.
 
     Raises:
         InputError: BAD_INPUT for noise levels or accuracies that are not positive.
@@ -122,6 +132,8 @@ class PoiseEstimator:
         delay: float = 0.0,
         shape_accuracy: float = SHAPE_ACCURACY,
         block: int = BLOCK,
+        load_accuracy: float = 0.0,
+        averaged: bool = False,
     ) -> None:
         self.parts = parts
         self.noise = noise or NoiseLevels()
@@ -134,8 +146,10 @@ class PoiseEstimator:
                 " is without noise",
             )
         self.shape_accuracy = shape_accuracy
+        self._load_accuracy, self._averaged = load_accuracy, averaged
         self._grid = LagGrid(longest_delay, lag_step, delay)
         self._recorder = BlockRecorder(self._grid, block)
+        self._one = SingleSamples()
         self._checks, self._log = SampleChecks(limits), RejectionLog(_MAX_INTERVALS)
         self._search: PosteriorSearch | None = None
         self._model = None if parts is None else MassModel.of_parts(parts.unit_phi, parts.volumes, parts.likeness)
@@ -160,6 +174,25 @@ class PoiseEstimator:
         Raises:
             InputError: TYPE_MISMATCH when the shapes do not belong together.
         """
+        given = (gravity_in_sensor, linear_acceleration, angular_velocity, angular_acceleration, wrench)
+        if not self._one.take(stamps, given):
+            self._add_waiting()
+            self._add_many(stamps, *given)
+
+    def _add_waiting(self) -> None:
+        """Check and sum the samples that came one by one."""
+        if len(self._one):
+            self._add_many(*self._one.taken())
+
+    def _add_many(
+        self,
+        stamps: ArrayLike,
+        gravity_in_sensor: ArrayLike,
+        linear_acceleration: ArrayLike,
+        angular_velocity: ArrayLike,
+        angular_acceleration: ArrayLike,
+        wrench: ArrayLike,
+    ) -> None:
         when = np.asarray(stamps, dtype=np.int64).reshape(-1)
         specific = np.subtract(gravity_in_sensor, linear_acceleration)
         given = (specific, angular_velocity, angular_acceleration, wrench)
@@ -191,6 +224,7 @@ class PoiseEstimator:
 
     def add_rows(self, stamps: Stamps, rows: Array) -> None:
         """Add samples that have been checked already, see `sample_rows`: (N,) ns, increasing, and (N, 15)."""
+        self._add_waiting()
         self._recorder.add(stamps, rows, np.ones(len(stamps), dtype=bool))
 
     def solve(self, noise: NoiseLevels | None = None, *, use_shape: bool = True) -> BayesSolution:
@@ -204,7 +238,7 @@ class PoiseEstimator:
             NoAnswerError: TOO_FEW_SAMPLES when fewer than three samples can be used.
         """
         self.noise = noise or self.noise
-        blocks = self._recorder.blocks
+        blocks = self._blocks
         if blocks.sizes.sum() < 3:
             counts = ", ".join(f"{count} {reason}" for reason, count in self._log.counts.items())
             raise NoAnswerError(
@@ -214,13 +248,20 @@ class PoiseEstimator:
                 n_samples=int(blocks.sizes.sum()),
             )
         model = self._model if use_shape else None
-        self._search = PosteriorSearch(blocks, self._grid, self.noise, self._prior(blocks, model)).run()
+        given = blocks, self._grid, self.noise
+        self._search = PosteriorSearch(*given, self._prior(blocks, model), self._load_accuracy).run()
         part = self._search.consistent_part()
         if part is not None and part.free is not None:
             free = away_from_contact(part.free)
             prior = self._prior(blocks.select(free), model)
-            self._search = PosteriorSearch(blocks, self._grid, self.noise, prior, free).run()
+            self._search = PosteriorSearch(*given, prior, self._load_accuracy, free).run()
         return self._solution(self._search, None if model is None else self.parts, part)
+
+    @property
+    def _blocks(self) -> MomentBlocks:
+        self._add_waiting()
+        blocks = self._recorder.blocks
+        return blocks.averaged() if self._averaged else blocks
 
     def contradiction(self, since: int, least: int) -> Contradiction | None:
         """How much better another payload than the last one solved for would explain the blocks from a stamp on.
@@ -232,7 +273,7 @@ class PoiseEstimator:
         Returns:
             None when they do not, or nothing was solved for.
         """
-        blocks = self._recorder.blocks
+        blocks = self._blocks
         late = blocks.select(blocks.start >= since)
         if self._search is None or not len(late) or late.end[-1] - late.start[0] < least:
             return None
@@ -240,27 +281,29 @@ class PoiseEstimator:
 
     def _prior(self, blocks: MomentBlocks, mass_model: MassModel | None) -> ModelAverage:
         """What may be true of the object, and where to begin."""
-        moments = mixed(self._grid.weights(0.0), blocks.moments.sum(axis=0))
+        moments = mixed(self._grid.weights(self._grid.about), blocks.moments.sum(axis=0))
         normal = normal_equations(moments, blocks.sizes.sum(), np.diag(self.noise.wrench**2), self.noise)
         if mass_model is None:
             model, starts = blob(normal, bias_variances(self.noise))
             return ModelAverage(model, hypotheses_for_blob(model, self.noise), starts)
-        hypotheses = hypotheses_for_shape(mass_model.n_parts, self.shape_accuracy, self.noise)
+        hypotheses = hypotheses_for_shape(mass_model, self.shape_accuracy, _SHAPE_RESOLUTION, self.noise)
         starts = states_of_shape(mass_model, normal, hypotheses.bias_variances)
-        return ModelAverage(mass_model, hypotheses.rougher(mass_model.roughness(_SHAPE_RESOLUTION)), starts)
+        return ModelAverage(mass_model, hypotheses, starts)
 
     def _solution(self, search: PosteriorSearch, parts: Parts | None, part: ConsistentPart | None) -> BayesSolution:
         posterior, blocks, keep = search.posterior, search.blocks, search.keep
         unknowns, covariance, delay = posterior.unknowns, search.covariance, search.delay
+        if parts is None:
+            covariance = with_weak_mass(covariance, unknowns[:10], search.shown)
         if part is not None:
             covariance = covariance + part.spread
         n = int(blocks.sizes[keep].sum())
         squares = search.found.squares[keep].sum(axis=0)
         doubt = float(posterior.weights @ search.average.hypotheses.wrong_shape[posterior.left])
         findings = [
-            nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0]))),
+            nothing_held(unknowns[0], float(np.sqrt(covariance[0, 0])), self.noise.force),
             wrong_shape(doubt),
-            zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity))),
+            zeroed_under_load(unknowns, covariance, float(np.linalg.norm(self.gravity)), self.noise.wrench),
             in_contact(search.judged, ~keep, unknowns, None if part is None else part.rival),
         ]
         estimated = len(self._grid) > 1

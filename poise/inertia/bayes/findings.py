@@ -3,7 +3,7 @@
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.geometry import cross_matrix
+from poise.geometry import STANDARD_GRAVITY, cross_matrix
 from poise.inertia.model import PARAMETER_NAMES, EstimateFinding, InertialParameters, about_com_jacobian
 from poise.types import Array
 
@@ -13,6 +13,15 @@ _SURELY = 5.0
 _SHARP = 0.2
 """Relative uncertainty of a weight that two things have in common by more than chance."""
 
+_LEAST_WEIGHT = 0.05
+"""N."""
+
+_CALIBRATION = 0.005
+"""Relative error of a wrench by the sensor's calibration."""
+
+_WEAK, _ROUNDING = 4.0, 1e-12
+"""Standard deviations up to which a mass is hardly shown; an eigenvalue that may be zero."""
+
 _UNSEEN = 1e-100
 """Information that is none."""
 
@@ -20,16 +29,18 @@ _CHI_SQUARE_4 = 18.5
 """99.9 % of chi-square with four degrees of freedom."""
 
 
-def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float) -> EstimateFinding | None:
+def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float, noise: Array) -> EstimateFinding | None:
     """Find a bias that is the weight of the payload with the opposite sign.
 
     A sensor zeroed while it holds the object reads nothing at that moment: its bias is minus the static wrench,
-    so |b_f| = m g and b_tau = c x b_f, four conditions that a drifted sensor would meet by rare chance only.
+    so |b_f| = m g and b_tau = c x b_f, four conditions that a drifted sensor would meet by rare chance only. The
+    noise of that moment is part of the bias: of a single sample, if the sensor averages none.
 
     Args:
         unknowns: (16,) phi and bias.
         covariance: (16, 16).
         gravity: m/s2.
+        noise: (6,) standard deviations of one sample, N and N m.
     """
     phi, force, torque = unknowns[:10], unknowns[10:13], unknowns[13:]
     size = float(np.linalg.norm(force))
@@ -47,7 +58,9 @@ def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float) -> Est
     jacobian[1:, 1:4] = cross_matrix(force) / phi[0]
     jacobian[1:, 10:13] = -cross_matrix(com)
     jacobian[1:, 13:] = np.eye(3)
-    spread = jacobian @ covariance @ jacobian.T
+    by_noise = jacobian[:, 10:] * noise
+    by_calibration = _CALIBRATION * np.append(weight, np.full(3, weight * np.linalg.norm(com)))
+    spread = jacobian @ covariance @ jacobian.T + by_noise @ by_noise.T + np.diag(by_calibration**2)
     if mismatch @ np.linalg.solve(spread, mismatch) > _CHI_SQUARE_4 or np.sqrt(spread[0, 0]) > _SHARP * weight:
         return None
     return EstimateFinding(
@@ -79,15 +92,39 @@ def outside(com: Array) -> EstimateFinding:
     )
 
 
-def nothing_held(mass: float, deviation: float) -> EstimateFinding | None:
-    """The finding that the mass does not differ significantly from zero."""
-    if deviation < mass / 2:
+def nothing_held(mass: float, deviation: float, noise: float) -> EstimateFinding | None:
+    """The finding that the mass does not differ significantly from zero, for its deviation and the noise of a force.
+
+    A tiny mass is none, however small its deviation: the zero of a sensor depends on its attitude by so much.
+    """
+    if deviation < mass / 2 and mass * STANDARD_GRAVITY > max(_LEAST_WEIGHT, noise / 2):
         return None
     return EstimateFinding(
         ErrorCode.NOT_IDENTIFIABLE,
-        f"the mass, {mass:.4f} kg +- {deviation:.4f}, does not differ significantly from zero: nothing is held, or"
-        " the motion and the time were too short for a sensor of this noise",
+        f"the mass, {mass:.4f} kg +- {deviation:.4f}, does not differ significantly from zero: nothing is held, the"
+        " robot's controller subtracts the payload from the wrench (switch that off), or the motion and the"
+        " time were too short for a sensor of this noise",
     )
+
+
+def with_weak_mass(covariance: Array, phi: Array, information: Array) -> Array:
+    """(16, 16) covariance of phi and bias for a body of unknown shape whose mass the samples hardly show.
+
+    Its mass then follows from beliefs about its size, which are too vague to count: a first moment also fits a light
+    body far away. The mass is as uncertain as the samples alone leave it.
+
+    Args:
+        covariance: (16, 16).
+        phi: (10,).
+        information: (10, 10) of the samples about phi, bias already integrated out.
+    """
+    units = np.sqrt(np.diag(information).clip(min=_UNSEEN))
+    eigenvalues, vectors = np.linalg.eigh(information / np.outer(units, units))
+    variance = float(vectors[0] ** 2 @ (1 / eigenvalues.clip(min=_ROUNDING))) / units[0] ** 2
+    if phi[0] > _WEAK * np.sqrt(variance) or variance < covariance[0, 0]:
+        return covariance
+    direction = np.append(phi / phi[0], np.zeros(6))
+    return np.asarray(covariance + (variance - covariance[0, 0]) * np.outer(direction, direction))
 
 
 def not_shown(information: Array, phi: Array) -> tuple[str, ...]:

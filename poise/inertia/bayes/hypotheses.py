@@ -29,6 +29,10 @@ The tail is thin because every case adds its square times its probability to the
 samples cannot distinguish the cases.
 """
 
+_UNEVEN, _CUT_FROM = np.array([0.4, 0.2]), 0.01
+"""Probabilities that parts have a core or layers of another material, where the parts are guesses: in a shape of this
+accuracy or worse, from a cloud or a mesh of one body. The parts of an accurate shape are bodies of their own."""
+
 _WRONG_SHAPE = (0.5, 0.0005)
 """(relative error of lengths, probability) of a shape that is not the object's."""
 
@@ -44,7 +48,7 @@ _EXPECTED_BIAS = (0.5, 0.02)
 _UNKNOWN_BIAS = (100.0, 5.0)
 """N, N m: as good as infinite."""
 
-_BLOB_STRETCH = 1.0
+_BLOB_STRETCH = 1.25
 """Spread of the logarithm of a radius of gyration when the shape is not known: hand tools are long or flat."""
 
 _BLOB_SHIFT = 0.15
@@ -62,6 +66,7 @@ class Hypotheses:
         bias_variances: (B, 6) N^2 and (N m)^2.
         log_probability: (H,).
         wrong_shape: (H,) bool, the case in which the shape is not that of the object.
+        as_stated: (H,) bool, the cases in which the shape is as accurate as stated.
         twins: (H,) the case with several densities where everything else is the same; the case itself where it is that.
         scouts: (B,) the cases to begin with, one for each bias: free enough to follow the samples, and no freer.
     """
@@ -71,6 +76,7 @@ class Hypotheses:
     bias_variances: Array
     log_probability: Array
     wrong_shape: Mask
+    as_stated: Mask
     twins: NDArray[np.int64]
     scouts: NDArray[np.int64]
 
@@ -81,6 +87,30 @@ class Hypotheses:
         """The same with more uncertain deformations, by variances (9,)."""
         more = np.concatenate([np.zeros(self.state_variances.shape[1] - N_DEFORMATIONS), variances])
         return replace(self, state_variances=self.state_variances + more)
+
+    def with_uneven_parts(self, variances: Array, chances: Array) -> "Hypotheses":
+        """The same, and the cases of a shape as accurate as stated once more for each way in which parts are uneven.
+
+        Args:
+            variances: (U, 9) of the deformations, that are added.
+            chances: (U,) probabilities.
+        """
+        rows = np.flatnonzero(self.as_stated)
+        twins = len(self) + np.arange(len(variances))[:, None] * len(rows) + np.searchsorted(rows, self.twins[rows])
+        more = [self.rougher(each).state_variances[rows] for each in variances]
+        log = self.log_probability + np.where(self.as_stated, np.log1p(-chances.sum()), 0.0)
+        log_more = self.log_probability[rows] + np.log(chances)[:, None]
+        repeated = np.concatenate([np.arange(len(self)), np.tile(rows, len(variances))])
+        return Hypotheses(
+            state_variances=np.concatenate([self.state_variances, *more]),
+            bias_case=self.bias_case[repeated],
+            bias_variances=self.bias_variances,
+            log_probability=np.append(log, log_more),
+            wrong_shape=self.wrong_shape[repeated],
+            as_stated=self.as_stated[repeated],
+            twins=np.append(self.twins, twins),
+            scouts=twins[-1][-len(self.scouts) :],
+        )
 
     def balanced(self, left: NDArray[np.int64], log_weights: Array) -> Array:
         """Weights (H,) of the cases `left` with the share of one density that may be several in `_BALANCE`."""
@@ -95,8 +125,23 @@ class Hypotheses:
         return result
 
 
+def hypotheses_for_shape(model: MassModel, shape_accuracy: float, resolution: float, noise: NoiseLevels) -> Hypotheses:
+    """The cases for an object of known shape.
+
+    Args:
+        model: of its parts.
+        shape_accuracy: relative error of lengths of the shape.
+        resolution: m, to which no length is known better.
+        noise: says which bias to expect.
+    """
+    cases = _cases(model.n_parts, shape_accuracy, noise).rougher(model.roughness(resolution))
+    if shape_accuracy < _CUT_FROM:
+        return cases
+    return cases.with_uneven_parts(model.unevenness, _UNEVEN)
+
+
 @functools.lru_cache(maxsize=64)
-def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels) -> Hypotheses:
+def _cases(n_parts: int, shape_accuracy: float, noise: NoiseLevels) -> Hypotheses:
     """All combinations of `_DENSITIES`, `_BIASES` and errors of the shape, or of how it is cut.
 
     Args:
@@ -127,6 +172,7 @@ def hypotheses_for_shape(n_parts: int, shape_accuracy: float, noise: NoiseLevels
         bias_variances=bias_variances(noise),
         log_probability=np.log([probability for *_, probability, _ in cases]),
         wrong_shape=np.array([rank == len(_SHAPE_ERRORS) for *_, rank in cases]),
+        as_stated=np.array([rank == 0 for *_, rank in cases]),
         twins=size - per_kind + np.arange(size) % per_kind,
         scouts=size - per_kind + np.arange(len(biases)),
     )
@@ -150,6 +196,7 @@ def hypotheses_for_blob(model: MassModel, noise: NoiseLevels) -> Hypotheses:
         bias_variances=bias_variances(noise),
         log_probability=np.log(biases),
         wrong_shape=np.zeros(len(biases), dtype=bool),
+        as_stated=np.ones(len(biases), dtype=bool),
         twins=np.arange(len(biases)),
         scouts=np.arange(len(biases)),
     )

@@ -1,13 +1,15 @@
 """Weights, delay, outliers and noise depend on the answer and the answer on them: rounds until they agree."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
+from poise.inertia.bayes.consistent_part import LIMIT, ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
+from poise.inertia.bayes.lasting import assumed_variances, lasting_covariance, lasting_variances
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
     N_MOTION,
@@ -54,11 +56,13 @@ class Contradiction:
         log_odds: of another payload against the same one.
         mass: of the other one, kg.
         surprise: standard deviations by which its worst block differs from it.
+        fits: the means of all blocks are as close to it as those of a payload without contact, see `MeanCheck`.
     """
 
     log_odds: float
     mass: float
     surprise: float
+    fits: bool
 
 
 class PosteriorSearch:
@@ -71,6 +75,7 @@ class PosteriorSearch:
         grid: their lags.
         noise: as given.
         average: the hypotheses.
+        accuracy: share of the load by which sensor and kinematics may err for a second; 0 where the noise is all.
         free: (B,) the only blocks that may be used, because something else touched the payload in the others; None:
             all may.
     """
@@ -81,13 +86,15 @@ class PosteriorSearch:
         grid: LagGrid,
         noise: NoiseLevels,
         average: ModelAverage,
+        accuracy: float = 0.0,
         free: Mask | None = None,
     ) -> None:
         self.blocks = blocks
         self.grid = grid
-        total = mixed(grid.weights(0.0), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
+        total = mixed(grid.weights(grid.about), blocks.moments.sum(axis=0))[:N_MOTION, :N_MOTION]
         self.noise = believable(noise, total, int(blocks.sizes.sum()))
         self.average = average
+        self._accuracy = accuracy
         self._free: Mask = np.ones(len(blocks), dtype=bool) if free is None else free
         self.keep: Mask = self._free
         """(B,) blocks that a payload explains."""
@@ -96,7 +103,7 @@ class PosteriorSearch:
         n_cases = len(average.hypotheses.bias_variances)
         self._delays, self._drifts = [Delay()] * n_cases, np.zeros((n_cases, 16))
         self._shares = np.full(n_cases, 1 / n_cases)  # probability of each case of the bias
-        self._at_delay = grid.weights(0.0)  # of the lags
+        self._at_delay = grid.weights(grid.about)  # of the lags
         self._sample = np.ones(2)
         self._phi = average.first_phi
 
@@ -112,8 +119,10 @@ class PosteriorSearch:
             self.posterior = self._solve(normals, _FINE)
             moved = self._moved(before)
             if (number >= _IMPATIENT or not moved) and not self._judge() and not moved:
-                return self
-        self._compare()
+                break
+        else:
+            self._compare()
+        self.posterior = self.average.with_curvature()
         return self
 
     @property
@@ -124,11 +133,20 @@ class PosteriorSearch:
         mean = float(self._shares @ means)
         return Delay(mean, float(np.sqrt(max(self._shares @ squares - mean**2, 0.0))))
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
-        """(16, 16) of phi and bias, the uncertainty of the delay included."""
+        """(16, 16) of phi and bias, with the uncertainty of the delay and errors that last."""
         moved = self._drifts * np.array([delay.std for delay in self._delays])[:, None]
-        return np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
+        known = np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
+        shown = lasting_variances(self.found.means, self.blocks, self.keep)
+        variances = np.maximum(shown, assumed_variances(self._phi, self.blocks, self._accuracy))
+        if not variances.any():
+            return known
+        used = self.blocks.select(self.keep)
+        sums = np.tensordot(self._at_delay, used.moments[:, :, N_MOTION - 1, :N_MOTION], (0, 1))
+        weight = np.asarray(np.linalg.inv(self._residual_covariance), dtype=np.float64)
+        added = lasting_covariance(used, sums, self.posterior.covariance, weight, variances)
+        return np.asarray(known + added)
 
     def contradiction(self, blocks: MomentBlocks) -> Contradiction:
         """How much better another payload would explain blocks that came later.
@@ -153,7 +171,8 @@ class PosteriorSearch:
         other, step = _explained(expected + np.diag(change**2), normal.information, gradient)
         unknowns = self.posterior.unknowns + step
         left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
-        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()))
+        fits = MeanCheck(left.means, blocks.sizes, self.noise).distances(unknowns) < LIMIT
+        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()), bool(fits.all()))
 
     @property
     def judged(self) -> MeanCheck:

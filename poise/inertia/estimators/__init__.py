@@ -7,9 +7,11 @@ See docs/add_an_estimator.md.
 - `sample_window`, `least_squares_stream`: streaming forms that several estimators share.
 - `poise`, `static`, `ols`, `rtls`, `geo` (with `divergence`), `pmd`, `hps`: the estimators.
 - `information`, `least_squares`: sums that do not grow with time, and their weighted solution.
+- `accelerometer`: offset and scale of an accelerometer that gives the motion.
 - `noise`: the noise of the samples. `change_watch`: changes of the payload.
 """
 
+from poise.inertia.estimators.accelerometer import Accelerometer, AccelerometerComparison, AccelerometerErrors
 from poise.inertia.estimators.answer import answer
 from poise.inertia.estimators.change_watch import WATCH, WATCH_NOISE, ChangeWatch
 from poise.inertia.estimators.entry import EstimatorEntry, MotionNeed
@@ -37,6 +39,9 @@ __all__ = [
     "STATIC",
     "WATCH",
     "WATCH_NOISE",
+    "Accelerometer",
+    "AccelerometerComparison",
+    "AccelerometerErrors",
     "ChangeWatch",
     "EstimatorEntry",
     "InformationAccumulator",

@@ -2,7 +2,10 @@
 
 from dataclasses import replace
 
-from poise.inertia.bayes import ContinuousEstimator, PayloadChange, sample_rows
+import numpy as np
+
+from poise.inertia.bayes import LOAD_ACCURACY, ContinuousEstimator, PayloadChange, sample_rows
+from poise.inertia.estimators.accelerometer import OFFSET_SPREAD, Accelerometer
 from poise.inertia.estimators.entry import EstimatorEntry
 from poise.inertia.estimators.streaming import Prior, SampleEvidence
 from poise.inertia.model import InertialSolution, NoiseLevels, Parts
@@ -11,6 +14,9 @@ from poise.types import Array
 
 _EMPTY_HAND = 0.02
 """kg; a smaller payload is none."""
+
+_REACH = 0.1
+"""m from the sensor, where payloads have their centre of mass."""
 
 WATCH_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05)
 """The levels that changes are judged by where none are given: those of a usual arm, its sensor zeroed."""
@@ -26,7 +32,8 @@ class ChangeWatch:
     def __init__(self, prior: Prior) -> None:
         self._given = prior
         limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
-        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **prior.options, **limits)
+        options = prior.options | {"load_accuracy": LOAD_ACCURACY} | limits
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **options)
         self._parts = prior.parts
         self._n_changes = 0
 
@@ -55,8 +62,11 @@ class ChangeWatch:
         known = self._estimator
         if not known.changes:
             return self._given
-        bias = {"force_bias": known.noise.force_bias, "torque_bias": known.noise.torque_bias}
-        noise = replace(self._given.noise, **bias)
+        force, torque = known.noise.force_bias, known.noise.torque_bias
+        if self._given.accelerometer is not Accelerometer.NONE:  # its offset times the mass is in the bias
+            lost = OFFSET_SPREAD * sum(abs(change.mass_after - change.mass_before) for change in known.changes)
+            force, torque = float(np.hypot(force, lost)), float(np.hypot(torque, _REACH * lost))
+        noise = replace(self._given.noise, force_bias=force, torque_bias=torque)
         return replace(self._given, parts=self._parts, noise=noise, tare=known.tare, since=known.since)
 
     def add(self, motion: SensorMotion, wrench: Array) -> None:

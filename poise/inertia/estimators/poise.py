@@ -27,6 +27,13 @@ _CHECKPOINTS = 1.05
 """The clocks are compared each time the samples have become more by this factor, at fixed numbers of samples."""
 _SHARP = 0.0015
 """s: a delay that the samples alone show this well needs no prior, and no shape."""
+_GAIN = 0.004
+"""Relative error of accelerations: splines through positions make those of fast motions too small, by 0.2 to 0.7 %."""
+_NEAR_STEP = 0.004
+"""s between lags about a delay that few samples show as sharply: over tenths of a second, its likelihood is no
+polynomial."""
+_NEAR_QUANTUM = 2_000_000
+"""ns to which the middle of those lags is rounded."""
 _QUANTUM = 100_000
 """ns to which a sharp delay is rounded, so that samples are not summed again for nothing."""
 _LEARNT = 0.8
@@ -55,6 +62,7 @@ class PoiseStream:
         self._compared, self._delay = 0, _NOT_COMPARED
         self._at_lags = _FedEstimator(self._estimator(prior.longest_delay, 0.0))
         self._aligned: tuple[int, _FedEstimator] | None = None
+        self._near: tuple[int, _FedEstimator] | None = None
 
     def add(self, motion: SensorMotion, wrench: Array) -> None:
         """See `StreamingEstimator`."""
@@ -74,6 +82,9 @@ class PoiseStream:
         if not self._samples.is_full:
             current.feed(self._samples)
         solution: InertialSolution = current.estimator.solve(evidence.noise)
+        if current is self._at_lags and solution.delay_std < _SHARP and not self._samples.is_full:
+            current = self._near_delay(solution.delay)
+            solution = current.estimator.solve(evidence.noise)
         if self._prior.parts is not None and _fits_worse(solution, evidence.least_squares):
             solution = current.estimator.solve(evidence.noise, use_shape=False)
             solution = replace(solution, findings=(*solution.findings, _SHAPE_DROPPED))
@@ -82,7 +93,9 @@ class PoiseStream:
         spread = min(PRIOR_SPREAD, self._prior.longest_delay / np.sqrt(3))
         if not solution.delay_std < _LEARNT * spread:
             solution = replace(solution, delay=np.nan, delay_std=np.nan)
-        return replace(solution, bias=solution.bias + self._prior.tare)
+        covariance = solution.covariance.copy()
+        covariance[4:, 4:] += _by_gain(solution.phi[4:])
+        return replace(solution, covariance=covariance, bias=solution.bias + self._prior.tare)
 
     def _current(self) -> "_FedEstimator":
         """The estimator that the comparison of the clocks asks for."""
@@ -94,6 +107,16 @@ class PoiseStream:
             self._aligned = shift, _FedEstimator(self._estimator(0.0, shift * 1e-9))
         return self._aligned[1]
 
+    def _near_delay(self, delay: float) -> "_FedEstimator":
+        """The estimator at lags close to a delay, with all samples."""
+        about = round(delay * 1e9 / _NEAR_QUANTUM) * _NEAR_QUANTUM
+        if self._near is None or self._near[0] != about:
+            step = min(_NEAR_STEP, self._prior.lag_step)
+            estimator = self._estimator(2 * step, about * 1e-9, step)
+            self._near = about, _FedEstimator(estimator)
+        self._near[1].feed(self._samples)
+        return self._near[1]
+
     def _compare_clocks(self) -> None:
         """Compare them at the last checkpoint, so that it does not matter how often solutions are asked for."""
         if self._samples.is_full and self._compared == _CAPACITY:
@@ -104,13 +127,13 @@ class PoiseStream:
             found = self._clocks.delay(self._samples.stamps[:checkpoint], self._samples.rows[:checkpoint])
             self._delay = _NOT_COMPARED if found is None else found
 
-    def _estimator(self, longest_delay: float, delay: float) -> PoiseEstimator:
+    def _estimator(self, longest_delay: float, delay: float, lag_step: float | None = None) -> PoiseEstimator:
         known = self._prior
         return PoiseEstimator(
             known.parts,
             known.noise.filled(NoiseLevels()),
             longest_delay=longest_delay,
-            lag_step=known.lag_step,
+            lag_step=lag_step or known.lag_step,
             delay=delay,
             **known.options,
         )
@@ -165,6 +188,13 @@ class _FedEstimator:
         """Hand over the samples that it does not have."""
         self.estimator.add_rows(samples.stamps[self._n_fed :], samples.rows[self._n_fed :])
         self._n_fed = samples.count
+
+
+def _by_gain(inertia: Array) -> Array:
+    """(6, 6) covariance of an inertia (6,) about the sensor, by a gain of angular accelerations that is not quite 1."""
+    moments = inertia[[0, 3, 5]]
+    scale = np.outer(moments, moments)[np.triu_indices(3)]
+    return np.asarray(_GAIN**2 / 2 * (np.outer(inertia, inertia) + np.diag(scale)))
 
 
 def _last_checkpoint(count: int) -> int:

@@ -7,9 +7,10 @@ from typing import Any, Protocol
 import numpy as np
 
 from poise.geometry import GRAVITY_IN_WORLD
-from poise.inertia.bayes import LAG_STEP, LONGEST_DELAY, SHAPE_ACCURACY
+from poise.inertia.bayes import LAG_STEP, LOAD_ACCURACY, LONGEST_DELAY, SHAPE_ACCURACY
+from poise.inertia.estimators.accelerometer import Accelerometer
 from poise.inertia.model import UNKNOWN_NOISE, InertialSolution, NoiseLevels, Parts, regressor
-from poise.robot import SensorMotion
+from poise.robot import IMU_LAG_STEP, SensorMotion
 from poise.types import Array
 
 
@@ -26,6 +27,7 @@ class Prior:
         tare: (6,) what the sensor is known to read without a load; `noise` gives its spread. N and N m.
         since: ns; earlier samples belong to another payload. None: they do not.
         longest_delay, lag_step: s, see `PoiseEstimator`.
+        accelerometer: what gave the linear acceleration.
     """
 
     parts: Parts | None = None
@@ -37,11 +39,16 @@ class Prior:
     since: int | None = None
     longest_delay: float = LONGEST_DELAY
     lag_step: float = LAG_STEP
+    accelerometer: Accelerometer = Accelerometer.NONE
 
     @property
     def options(self) -> dict[str, Any]:
-        """Of a `PoiseEstimator`."""
-        return {"gravity": self.gravity, "shape_accuracy": self.accuracy}
+        """Of a `PoiseEstimator`. Where the samples have to show the noise, they come from a real sensor."""
+        real = np.isnan([self.noise.force, self.noise.torque]).any()
+        load_accuracy = LOAD_ACCURACY if real else 0.0
+        averaged = self.lag_step == IMU_LAG_STEP
+        known = {"gravity": self.gravity, "shape_accuracy": self.accuracy}
+        return known | {"load_accuracy": load_accuracy, "averaged": averaged}
 
 
 @dataclass(frozen=True, eq=False)

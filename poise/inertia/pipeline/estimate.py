@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.inertia.estimators import AccelerometerErrors
 from poise.inertia.model import (
     EstimateFinding,
     InertialParameters,
@@ -12,7 +13,7 @@ from poise.inertia.model import (
     RejectedInterval,
     about_com_jacobian,
 )
-from poise.inertia.verdict import FitVerdict
+from poise.inertia.verdict import FitSamples, FitVerdict
 from poise.robot import SensorMotion
 from poise.types import Array
 
@@ -42,7 +43,9 @@ class InertialEstimate:
         com_in_hull: the centre of mass lies in the convex hull of the object; None when its outline is not known.
         findings: what else to know.
         since: ns; no earlier sample counts, because the payload may have been another one. None: all do.
+        accelerometer: errors that were found in one that gave the linear acceleration, and corrected; None: none did.
         fit: tests of the fit. Where one failed, `findings` contain POOR_FIT, and the covariance is wider.
+        samples: that the fit was tested on; None: it was not tested.
     """
 
     stamp: int
@@ -66,7 +69,9 @@ class InertialEstimate:
     com_in_hull: bool | None = None
     findings: tuple[EstimateFinding, ...] = ()
     since: int | None = None
+    accelerometer: AccelerometerErrors | None = None
     fit: FitVerdict = field(default_factory=FitVerdict)
+    samples: FitSamples | None = None
 
     def __repr__(self) -> str:
         com = ", ".join(f"{1e3 * value:.2f}" for value in self.parameters.com)
@@ -79,6 +84,7 @@ class InertialEstimate:
         solution: InertialSolution,
         *,
         fit: FitVerdict | None = None,
+        samples: FitSamples | None = None,
         stamp: int,
         frame_id: str,
         method: str,
@@ -89,7 +95,7 @@ class InertialEstimate:
 
         Args:
             solution: of any method.
-            fit: tests of its fit; None: it was not tested.
+            fit, samples: tests of its fit, and what they used; None: it was not tested.
             stamp: of the newest sample used, ns.
             frame_id: the sensor frame.
             method: the estimator.
@@ -121,6 +127,7 @@ class InertialEstimate:
             findings=(*solution.findings, *([] if fit.finding is None else [fit.finding])),
             since=since,
             fit=fit,
+            samples=samples,
         )
 
     @property

@@ -7,6 +7,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.inertia.estimators import (
+    AccelerometerComparison,
     EstimatorEntry,
     InformationAccumulator,
     NoiseMeter,
@@ -18,7 +19,7 @@ from poise.inertia.estimators import (
 )
 from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
 from poise.inertia.pipeline.estimate import InertialEstimate
-from poise.inertia.verdict import ExtremeReadings, Fit, FitVerdict, SampleBins, judge
+from poise.inertia.verdict import ExtremeReadings, Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
 from poise.types import Array, Stamps
@@ -74,6 +75,8 @@ class MethodPipeline:
         self._checks = SampleChecks(limits)
         self._motion_noise = motion_noise
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
+        self._accelerometer = AccelerometerComparison(prior.gravity, prior.accelerometer)
+        """Its errors are in the samples, and are taken out of the answer."""
         self._bins, self._extremes = SampleBins(prior.gravity), ExtremeReadings()
         self._waiting = StampedBuffer(6)
         self._shift, self._has_jumped = 0, False
@@ -148,6 +151,7 @@ class MethodPipeline:
         self.n_samples += len(wrench)
         self._information.add(model_matrix(motion, self.prior.gravity), wrench)
         self._noise.add(wrench)
+        self._accelerometer.add(motion)
         self._bins.add(motion, wrench)
         self._extremes.add(wrench)
         self.estimator.add(motion, wrench)
@@ -160,25 +164,33 @@ class MethodPipeline:
         Raises:
             InputError: UNSUPPORTED when the method needs a shape and there is none.
             NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, NOT_CONSISTENT when the wrench has the opposite sign,
-                SOLVER_FAILED.
+                SOLVER_FAILED. Their data contain the `samples`.
         """
         try:
             solution = self._solve()
         except NoAnswerError as error:
             counts = ", ".join(f"{count} {reason}" for reason, count in self.rejections.counts.most_common())
             sentence = f"{self.entry.name}: {error.message}" + (f" (left out: {counts})" if counts else "")
-            raise NoAnswerError(error.code, sentence, **error.data) from None
-        return InertialEstimate.from_solution(
+            raise NoAnswerError(error.code, sentence, **{"samples": self._bins.samples, **error.data}) from None
+        samples = self._bins.samples
+        fit, errors = self._verdict(solution, samples), self._accelerometer.errors()
+        if errors is not None:
+            covariance = solution.covariance if fit.covariance is None else fit.covariance
+            solution = errors.corrected(replace(solution, covariance=covariance))
+            fit = replace(fit, covariance=solution.covariance)
+        answer = InertialEstimate.from_solution(
             solution,
-            fit=self._verdict(solution),
+            fit=fit,
+            samples=samples,
             stamp=self.stamp or 0,
             frame_id=frame_id,
             method=self.entry.name,
             rejected=self.rejections.intervals,
             since=self.prior.since,
         )
+        return replace(answer, accelerometer=errors)
 
-    def _verdict(self, solution: InertialSolution) -> FitVerdict:
+    def _verdict(self, solution: InertialSolution, samples: FitSamples) -> FitVerdict:
         fit = Fit(
             solution.phi,
             solution.bias,
@@ -187,8 +199,9 @@ class MethodPipeline:
             self.prior.longest_delay,
             self._levels,
             solution.rejected,
+            any(each.code is ErrorCode.IN_CONTACT and "other_mass" not in each.evidence for each in solution.findings),
         )
-        return judge(fit, self._bins.samples, self._extremes)
+        return judge(fit, samples, self._extremes)
 
     def _solve(self) -> InertialSolution:
         plain = self._least_squares()

@@ -14,6 +14,7 @@ from poise.inertia.estimators import (
     DEFAULT_METHOD,
     WATCH,
     WATCH_NOISE,
+    Accelerometer,
     ChangeWatch,
     EstimatorEntry,
     MotionNeed,
@@ -30,6 +31,7 @@ from poise.robot import (
     IMU_LAG_STEP,
     IMU_LONGEST_DELAY,
     NO_KINEMATICS,
+    ImuSource,
     LiveImu,
     MotionBuffer,
     MotionSource,
@@ -39,8 +41,8 @@ from poise.robot import (
 )
 from poise.types import Array, Stamps
 
-_MAX_GRAVITY = 1000.0
-"""m/s2; more is a typing error, and far more would overflow the sums."""
+_MAX_GRAVITY = 30.0
+"""m/s2; more is a typing error."""
 
 _SETTLED = 1_000_000_000
 """ns after a change in which the watch knows more, because it lags less."""
@@ -110,7 +112,9 @@ class OnlineEstimator:
         self._watch: MethodPipeline | None = None
         self._coming: Parts | None = None
         self._continuous = continuous and method == DEFAULT_METHOD
-        self._prior = Prior(parts, accuracy, noise or UNKNOWN_NOISE, np.array([0.0, 0.0, -gravity]), window)
+        alone = Accelerometer.ALONE if isinstance(source, ImuSource) else Accelerometer.NONE
+        down = np.array([0.0, 0.0, -gravity])
+        self._prior = Prior(parts, accuracy, noise or UNKNOWN_NOISE, down, window, accelerometer=alone)
         self._window: EstimatorGroup | None = None
         self._begin(method, self._prior)
 
@@ -148,7 +152,8 @@ class OnlineEstimator:
     def take_imu(self, imu: LiveImu) -> None:
         """Take the linear acceleration from an IMU on the sensor; estimates that did without it are dropped."""
         self.imu = imu
-        self._prior = replace(self._prior, longest_delay=IMU_LONGEST_DELAY, lag_step=IMU_LAG_STEP)
+        kind = Accelerometer.ON_KINEMATICS
+        self._prior = replace(self._prior, longest_delay=IMU_LONGEST_DELAY, lag_step=IMU_LAG_STEP, accelerometer=kind)
         self._renew_buffers()
         self.reset(self._running.prior.parts)
 
@@ -384,12 +389,11 @@ def check_options(method: str, gravity: float | None, saturation: tuple[float, f
     for name, value in (("gravity", gravity), ("saturation force", saturation[0]), ("torque", saturation[1])):
         if value is not None and not value > 0:
             raise InputError(ErrorCode.BAD_INPUT, f"{name} is {value}: it must be positive")
-    if gravity is not None and gravity > _MAX_GRAVITY:
-        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2: no more than {_MAX_GRAVITY:g} is possible")
+    if gravity is not None and not 0.1 <= gravity <= _MAX_GRAVITY:
+        raise InputError(ErrorCode.BAD_INPUT, f"gravity is {gravity} m/s2; possible are 0.1 to 30, on Earth it is 9.81")
 
 
 def _foreign_frames(counts: Counter[str], frame_id: str) -> EstimateFinding:
     frames = ", ".join(f"{count} of {frame or 'no frame'}" for frame, count in counts.most_common())
-    return EstimateFinding(
-        ErrorCode.FRAME_UNKNOWN, f"wrenches of other frames than {frame_id} were not used ({frames}): remap their topic"
-    )
+    sentence = f"wrenches of other frames than {frame_id} were not used ({frames}): remap their topic"
+    return EstimateFinding(ErrorCode.FRAME_UNKNOWN, sentence)

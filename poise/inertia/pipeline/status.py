@@ -39,7 +39,8 @@ def _judge(live: LiveEstimator, now: float) -> tuple[Level, str]:
     if wrench is None:
         return Level.WARN, "no wrench yet: is the sensor's driver running, and the topic remapped?"
     if not live.sensor_frame:
-        return Level.ERROR, "the wrenches name no frame: set the parameter sensor_frame"
+        there = ", ".join(live.frames.tree.frames)
+        return Level.ERROR, "the wrenches name no frame: set the parameter sensor_frame" + f", of {there}" * bool(there)
     if live.problem is not None and live.estimator is None:
         return Level.ERROR, live.problem.message
     if kinematics is None:

@@ -40,8 +40,8 @@ _SHIFTED = 25.0
 _HOPELESS = 0.2
 """Share of the load from which on the numbers mean nothing."""
 
-_REJECTED, _MOSTLY_REJECTED = 0.25, 0.6
-"""Shares of rejected samples: a press and an arm that is shaken give 0.2."""
+_REJECTED, _MOSTLY_REJECTED = 0.35, 0.6
+"""Shares of rejected samples: a press, an arm that is shaken and jerky motion give up to 0.27."""
 
 _AT_LIMIT = 0.95
 """Share of the longest delay."""
@@ -126,7 +126,7 @@ def judge(fit: Fit, samples: FitSamples, extremes: ExtremeReadings | None = None
     if len(slow.counts) < _LEAST_BINS:
         return FitVerdict()
     share = 1.0 - float(samples.counts[used].sum() / samples.counts.sum())
-    tests = [*_load_tests(slow), *_gravity_tests(slow, samples.gravity), _rejected_test(share)]
+    tests = [*_load_tests(slow), *_gravity_tests(slow, samples.gravity), _rejected_test(share, fit.only_contact)]
     if np.isfinite(fit.delay) and fit.longest_delay > 0:
         tests.append(_delay_test(fit))
     if extremes is not None:
@@ -266,9 +266,9 @@ def _clipped_test(extremes: ExtremeReadings) -> FitTest:
     )
 
 
-def _rejected_test(share: float) -> FitTest:
+def _rejected_test(share: float, only_contact: bool) -> FitTest:
     sentence = f"{share:.0%} of the samples were rejected because no payload explains them"
-    return FitTest("rejected", share, _REJECTED, _MOSTLY_REJECTED, sentence)
+    return FitTest("rejected", share, _REJECTED, np.inf if only_contact else _MOSTLY_REJECTED, sentence)
 
 
 def _delay_test(fit: Fit) -> FitTest:

@@ -36,6 +36,7 @@ class Fit:
         delay, longest_delay: s; NaN where it was not estimated.
         noise: of one sample.
         rejected: spans of samples that the estimator found inexplicable.
+        only_contact: the rejected samples are contact, and no other payload explains a similar part of them.
     """
 
     phi: Array
@@ -45,6 +46,7 @@ class Fit:
     longest_delay: float
     noise: NoiseLevels
     rejected: Sequence[RejectedInterval] = ()
+    only_contact: bool = False
 
 
 @dataclass(frozen=True, eq=False)

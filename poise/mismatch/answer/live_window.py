@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from poise.errors import ErrorCode, InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.mismatch.answer.diagnosis import Diagnosis, diagnose
 from poise.mismatch.effects import Effect, all_effects, effect_named
 from poise.mismatch.reading import MeasuredStreams, NominalModel, ReadRecording, read_streams
 from poise.recording import (
+    JointStream,
     PoseStream,
     Stream,
     header_of,
     joint_states_in,
+    trajectories_in,
     wrenches_in,
     write_recording,
 )
@@ -71,6 +73,8 @@ class LiveWindow:
         self._wrenches: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._joints: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._poses: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._commands: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
+        self._trajectories: deque[tuple[int, Any]] = deque(maxlen=_MOST_SAMPLES)
         self._frames = ("odom", "base_link")
 
     def add_wrench_message(self, data: bytes) -> None:
@@ -96,6 +100,24 @@ class LiveWindow:
         """
         self._add(self._joints, header_of(data)[0], data)
 
+    def add_command_message(self, data: bytes) -> None:
+        """Take a commanded sensor_msgs/JointState as CDR bytes; its content is read by `streams` alone.
+
+        Raises:
+            InputError: TYPE_MISMATCH when it has no header.
+        """
+        self._add(self._commands, header_of(data)[0], data)
+
+    def add_trajectory_message(self, data: bytes, arrival: int) -> None:
+        """Take a trajectory_msgs/JointTrajectory as CDR bytes; without a stamp it begins at its arrival, ns.
+
+        Trajectories are used where there are no commanded joint states, as in a recording.
+
+        Raises:
+            InputError: TYPE_MISMATCH when it has no header.
+        """
+        self._add(self._trajectories, header_of(data)[0] or arrival, (arrival, data))
+
     def add_odometry(self, stamp: int, frames: tuple[str, str], rotation: ArrayLike, translation: ArrayLike) -> None:
         """Take a pose of the base, (3, 3) and (3,) m, of frames (parent, child)."""
         self._frames = frames
@@ -109,8 +131,12 @@ class LiveWindow:
 
     def clear(self) -> None:
         """Forget what was kept."""
-        for kept in (self._wrenches, self._joints, self._poses):
+        for kept in self._kept:
             kept.clear()
+
+    @property
+    def _kept(self) -> tuple[deque[tuple[int, Any]], ...]:
+        return self._wrenches, self._joints, self._poses, self._commands, self._trajectories
 
     @property
     def _leading(self) -> deque[tuple[int, Any]]:
@@ -149,7 +175,7 @@ class LiveWindow:
     def snapshot(self) -> "LiveWindow":
         """A copy that later messages do not change, for another thread."""
         made = copy(self)
-        made._wrenches, made._joints, made._poses = (deque(k) for k in (self._wrenches, self._joints, self._poses))
+        made._wrenches, made._joints, made._poses, made._commands, made._trajectories = map(deque, self._kept)
         return made
 
     def streams(self) -> MeasuredStreams:
@@ -173,16 +199,24 @@ class LiveWindow:
             lambda names: joint_states_in(joints, names),
             odometry,
             lambda: description,
+            self._commanded(),
         )
+
+    def _commanded(self) -> JointStream | None:
+        if self._commands:
+            return joint_states_in([data for _, data in self._commands], None)
+        return trajectories_in([message for _, message in self._trajectories])
 
     def _add(self, kept: deque[tuple[int, Any]], stamp: int, value: Any) -> None:
         if kept and stamp <= kept[-1][0]:
             if kept[-1][0] - stamp < self._length:
                 self.late += 1
                 return
-            self.clear()  # the clock was reset: a simulation or a replay was restarted
+            # The clock was reset: a simulation or a replay was restarted. Commands may have a clock of their own.
+            (kept if kept is self._commands or kept is self._trajectories else self).clear()
         kept.append((stamp, value))
-        while stamp - kept[0][0] > self._length:
+        # The message before the window holds in it: a trajectory is sent once, and lasts.
+        while stamp - kept[1 if kept is self._trajectories and len(kept) > 1 else 0][0] > self._length:
             kept.popleft()
 
 
@@ -204,13 +238,24 @@ def examine(
 
     Raises:
         InputError: as `read_streams`.
+        NoAnswerError: as `read_streams`; NOT_IDENTIFIABLE without a wrench and without usable efforts, and why.
     """
     reading = read_streams(streams, model)
+    if not (reading.recorded.has("wrench") or reading.recorded.has("effort")):
+        raise NoAnswerError(
+            ErrorCode.NOT_IDENTIFIABLE,
+            " ".join(("There is no wrench and no usable joint effort.", *(each.sentence for each in reading.findings))),
+        )
     made = LiveDiagnosis(diagnose(reading.recorded, reading.model, None, library, deadline=deadline), reading)
     if keep is not None and made.found.verdict != "none":
         keep.mkdir(parents=True, exist_ok=True)
         path = keep / f"window_{made.start}.mcap"
-        kept = {"wrench": streams.wrench, "joint_states": reading.joints, "odom": streams.odometry}
+        kept = {
+            "wrench": streams.wrench,
+            "joint_states": reading.joints,
+            "odom": streams.odometry,
+            "joint_commands": streams.commands,
+        }
         there: dict[str, Stream] = {topic: stream for topic, stream in kept.items() if stream is not None}
         write_recording(path, there, robot_description=streams.description())
     return made

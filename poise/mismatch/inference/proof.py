@@ -29,6 +29,9 @@ _LEAST_OF_REST = 0.5
 remains there can imitate a smaller one. What remains in other joints or axes cannot."""
 _LEAST_SHARE = 0.003
 """Least fall of the squared error that is material, of the whole recording."""
+_EXCESS = 0.05
+"""Energy above that of the noise, as its share, from which a residual may be called unknown physics; the test of the
+final residual has the same limit."""
 _BRIEF, _LEAST_LOCAL = 0.3, 5.0
 """Share of a recording within which an event is brief, and its least energy in a sample, in units of the noise of a
 channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording."""
@@ -113,7 +116,7 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
 
 def _immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof) -> str:
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
-    if isinstance(part.effect, Dependence) and proof.error_without <= 1.0:
+    if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + _EXCESS:
         return "the residual is within the noise without it"
     windows = part.effect.windows(recorded, part.values)
     ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays

@@ -1,0 +1,198 @@
+"""The search for what is wrong with a wrench that no payload explains: every reading is tried on the same samples."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from poise.errors import ErrorCode
+from poise.inertia.model import EstimateFinding, RejectedInterval
+from poise.inertia.verdict import FitSamples
+from poise.types import Array
+from poise.weighing.families import FAMILIES, in_contact, late_or_filtered
+from poise.weighing.fitting import (
+    Explanation,
+    block_levels,
+    explain,
+    impossible,
+    plain_design,
+    plausibility,
+)
+from poise.weighing.reading import Reading, Repair
+
+_WIDTH, _BINS = 0.04, (150.0, 300.0)
+"""s over which samples are averaged, and limits of the number of averages."""
+_PER_PARAMETER = 3.0
+"""Nats that a further parameter has to gain."""
+_LEAST_GAIN = 8.0
+"""Nats that a cause has to gain."""
+_AS_WELL = 0.7
+"""A cause precedes contact, which explains any residual, when it reduces the log of the residual by this share of what
+contact does."""
+_CLEAR = 10.0
+"""Nats by which the best cause is ahead of others that is certain."""
+_LEFT = 1.5
+"""Nats (force and torque) that a partly explained part may have above the rest."""
+_IMPROVED = 0.8
+"""Share of the blocks that a certain cause explains better."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """What is wrong with a wrench.
+
+    Args:
+        code: what kind.
+        sentence: what it is, the evidence in numbers, and how to fix it.
+        evidence: the numbers by name, SI units.
+        gain: nats by which it explains the samples better, less what its parameters cost.
+        certain: no other cause explains the samples nearly as well, and it explains most of the recording.
+        repair: how to make the wrench right; None: that is not possible.
+        explanation: the fit.
+    """
+
+    code: ErrorCode
+    sentence: str
+    evidence: Mapping[str, float]
+    gain: float
+    certain: bool
+    repair: Repair | None
+    explanation: Explanation
+
+    @property
+    def finding(self) -> EstimateFinding:
+        """As a finding of the estimate."""
+        return EstimateFinding(self.code, self.sentence, self.evidence)
+
+
+def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[RejectedInterval] = ()) -> tuple[Cause, ...]:
+    """Find what explains samples that a payload with a constant bias does not; the likeliest first.
+
+    Args:
+        samples: of the weighing.
+        delay: s that the weighing found the wrench to be late.
+        pushed: spans in which the weighing found contact.
+    """
+    samples = _averaged(_delayed(samples, delay))
+    if len(samples) < 8:
+        return ()
+    plain = explain(samples, plain_design)
+    families = (*FAMILIES, late_or_filtered(delay), in_contact(pushed))
+    found = [
+        cause
+        for family in families
+        for reading in family(samples, plain)
+        if (cause := _tried(reading, samples, plain)) is not None
+    ]
+    found.sort(key=lambda cause: -cause.gain)
+    free = next((_level(cause) for cause in found if cause.code is ErrorCode.IN_CONTACT), np.nan)
+    if not np.isfinite(free):
+        return _distinct(found)
+    begin = float(plain.levels.mean(axis=0).sum())
+    most = begin - _AS_WELL * (begin - free)
+    found.sort(key=lambda cause: 1 if cause.code is ErrorCode.IN_CONTACT else 2 * (_level(cause) > most))
+    return _distinct(found)
+
+
+def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause | None:
+    """A reading fitted from the best of its starts, where it explains more than it costs."""
+    first = [
+        explain(samples, reading.design, start, reading.usable, quick=len(reading.starts) > 1)
+        for start in reading.starts
+    ]
+    best = min(first, key=lambda fit: _levels(reading, samples, fit).sum())
+    if len(first) > 1:
+        best = explain(samples, reading.design, best.values.tolist(), reading.usable)
+    if impossible(best) or not reading.holds(best):
+        return None
+    levels = _levels(reading, samples, best)
+    if reading.reduced is not None and reading.excluded is not None:
+        left = np.median(levels[reading.excluded].sum(axis=1)) - np.median(levels[~reading.excluded].sum(axis=1))
+        if left > _LEFT:
+            return None
+    improvement = (plain.levels - levels).sum(axis=1)
+    n_free = best.n_free + (0 if reading.excluded is None else 2 * int(reading.excluded.sum()))
+    gain = 3 * float(improvement.sum()) - _PER_PARAMETER * n_free + reading.prior
+    gain += plausibility(best) - plausibility(plain)
+    if gain < _LEAST_GAIN and not (gain > 0 and impossible(plain)):
+        return None
+    share = float(np.mean(improvement > 0.05))
+    before, after = plain.rms, np.exp(levels.mean(axis=0))
+    sentence, evidence = reading.says(best)
+    evidence = {
+        **evidence,
+        "residual_force_before": float(before[0]),
+        "residual_force_after": float(after[0]),
+        "residual_torque_before": float(before[1]),
+        "residual_torque_after": float(after[1]),
+        "blocks_improved": share,
+        "gain": gain,
+    }
+    explained = (
+        f"{sentence} (it reduces the residual from {before[0]:.2g} N and {before[1]:.2g} N m to {after[0]:.2g} N and"
+        f" {after[1]:.2g} N m, in {100 * share:.0f} % of the recording)"
+    )
+    repair = None if reading.repair is None else reading.repair(best)
+    return Cause(reading.code, explained, evidence, gain, share >= _IMPROVED, repair, best)
+
+
+def _level(cause: Cause) -> float:
+    """Sum of the mean logs of the force and the torque that a cause leaves."""
+    return float(np.log(cause.evidence["residual_force_after"] * cause.evidence["residual_torque_after"]))
+
+
+def _levels(reading: Reading, samples: FitSamples, found: Explanation) -> Array:
+    """(B, 2) log levels of what a reading leaves."""
+    residual = found.residual
+    if reading.censored is not None:
+        predicted = (samples.wrench - residual).clip(*reading.censored)
+        residual = samples.wrench - predicted
+    if reading.reduced is not None:
+        residual = reading.reduced(found)
+    levels = block_levels(residual, reading.usable if reading.ignores else None)
+    if reading.excluded is not None and reading.reduced is None:
+        levels[reading.excluded] = np.median(levels[~reading.excluded], axis=0)
+    return levels
+
+
+def _distinct(found: list[Cause]) -> tuple[Cause, ...]:
+    """One cause of each kind; the first is certain only where no other kind comes near."""
+    kinds: dict[ErrorCode, Cause] = {}
+    for cause in found:
+        kinds.setdefault(cause.code, cause)
+    ranked = list(kinds.values())
+    clear = len(ranked) < 2 or ranked[0].gain - ranked[1].gain > _CLEAR
+    return tuple(
+        Cause(c.code, c.sentence, c.evidence, c.gain, c.certain and clear and rank == 0, c.repair, c.explanation)
+        for rank, c in enumerate(ranked)
+    )
+
+
+def _averaged(samples: FitSamples) -> FitSamples:
+    """Averages over a few hundredths of a second: they are linear as samples are, with less noise and vibration."""
+    if len(samples) < 2:
+        return samples
+    seconds = samples.seconds
+    bins = np.clip(seconds[-1] / _WIDTH, *_BINS)
+    keys = np.floor(seconds * bins / max(float(seconds[-1]), 1e-9)).astype(np.int64)
+    begins = np.flatnonzero(np.diff(keys, prepend=-1))
+    counts = np.add.reduceat(samples.counts, begins)
+
+    def mean(rows: Array) -> Array:
+        weighted = rows * samples.counts.reshape(-1, *[1] * (rows.ndim - 1))
+        return np.asarray(np.add.reduceat(weighted, begins, axis=0) / counts.reshape(-1, *[1] * (rows.ndim - 1)))
+
+    stamps = samples.stamps[0] + np.rint(mean(seconds) * 1e9).astype(np.int64)
+    rotation = mean(samples.rotation_world_sensor)
+    return FitSamples(stamps, counts, rotation, mean(samples.signals), mean(samples.wrench), samples.gravity)
+
+
+def _delayed(samples: FitSamples, delay: float) -> FitSamples:
+    """With the signals at the time at which the wrenches were measured."""
+    if not delay or not np.isfinite(delay) or not len(samples):
+        return samples
+    then = samples.seconds - delay
+    signals = np.column_stack([np.interp(then, samples.seconds, column) for column in samples.signals.T])
+    turned = samples.rotation_world_sensor.reshape(-1, 9)
+    rotation = np.column_stack([np.interp(then, samples.seconds, column) for column in turned.T]).reshape(-1, 3, 3)
+    return FitSamples(samples.stamps, samples.counts, rotation, signals, samples.wrench, samples.gravity)

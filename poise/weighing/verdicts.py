@@ -1,0 +1,194 @@
+"""What follows from the causes: findings of an estimate, a number that is withheld, and the repair of a wrench."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from poise.errors import ErrorCode
+from poise.inertia import PARAMETER_NAMES, InertialEstimate, InertialParameters
+from poise.inertia.bayes import EXTERNAL_CONTACT
+from poise.inertia.model import EstimateFinding
+from poise.inertia.verdict import FitSamples
+from poise.recording import WrenchStream
+from poise.types import Array, Mask, Stamps
+from poise.weighing.causes import Cause, find_causes
+from poise.weighing.fitting import impossible_payload
+from poise.weighing.gravity import weight_columns
+from poise.weighing.reading import Repair
+
+_SIGMAS = 3.0
+_CLEARLY = 15.0
+"""Nats that a cause has to gain where the fit passes its tests."""
+_LEAST_SHARE, _LEVER = 0.003, 0.1
+"""Share of the mass, and m, by which an answer has to change."""
+_RIVAL = 10.0
+"""Nats: causes this close to the likeliest are named as well."""
+_MOST = 3
+_ON_EARTH = (9.75, 9.84)
+"""m/s2."""
+_EMPTY = 0.02
+"""kg; a smaller mass may be a compensated one."""
+_LARGEST_GAP = 0.2
+"""s across which attitudes are interpolated."""
+
+
+def causes_of(estimate: InertialEstimate) -> tuple[Cause, ...]:
+    """The causes of a poor fit or of an impossible payload; of a fit that passes, those that change the answer.
+
+    The tests of a fit judge the size of its residual. A cause is more specific, and also explains a small one.
+    """
+    if estimate.samples is None:
+        return ()
+    pushed = [span for span in estimate.rejected if span.reason == EXTERNAL_CONTACT]
+    causes = find_causes(estimate.samples, float(np.nan_to_num(estimate.delay)), pushed)
+    if causes and causes[0].code is ErrorCode.IN_CONTACT and _only_contact(estimate):
+        return ()
+    if estimate.fit.passed and not _impossible(estimate) and not (causes and _is_material(estimate, causes[0])):
+        return ()
+    return causes
+
+
+def _only_contact(estimate: InertialEstimate) -> bool:
+    """The estimator found the contact and left it out; the fit of the other samples passes its tests."""
+    known = any(finding.code is ErrorCode.IN_CONTACT for finding in estimate.findings)
+    return known and all(test.name == "rejected" for test in estimate.fit.failed)
+
+
+def _is_material(estimate: InertialEstimate, cause: Cause) -> bool:
+    """The cause is clear, and with it mass or centre of mass are others than in the estimate."""
+    found, mass = cause.explanation, float(estimate.phi[0])
+    if cause.gain < _CLEARLY or cause.code is ErrorCode.IN_CONTACT:
+        return False
+    step = np.abs(found.phi[:4] - np.nan_to_num(estimate.phi[:4]))
+    spread = np.sqrt(np.diag(found.covariance)[:4] + np.nan_to_num(np.diag(estimate.covariance)[:4]))
+    least = _LEAST_SHARE * abs(mass) * np.array([1.0, _LEVER, _LEVER, _LEVER])
+    return bool(np.any(step > _SIGMAS * spread + least))
+
+
+def with_causes(estimate: InertialEstimate, causes: Sequence[Cause]) -> InertialEstimate:
+    """The estimate with the likeliest cause, and its rivals, as findings before the others."""
+    found = findings_of(causes)
+    why = _impossible(estimate)
+    if why and not found:
+        found = [EstimateFinding(ErrorCode.POOR_FIT, f"{why}: check the units and the axes of the wrench")]
+    more = [each for each in (_maybe_compensated(estimate), _strange_gravity(estimate)) if each is not None]
+    return replace(estimate, findings=(*found, *([] if found else more), *estimate.findings))
+
+
+def findings_of(causes: Sequence[Cause]) -> list[EstimateFinding]:
+    """The likeliest cause, and those that explain the samples nearly as well."""
+    return [cause.finding for cause in causes[:_MOST] if causes[0].gain - cause.gain < _RIVAL]
+
+
+def is_withheld(estimate: InertialEstimate, causes: Sequence[Cause]) -> bool:
+    """The numbers mean nothing, or they contradict the likeliest cause by more than their uncertainty."""
+    if estimate.fit.is_hopeless or _impossible(estimate):
+        return True
+    if not causes:
+        return False
+    found = causes[0].explanation
+    spread = np.hypot(estimate.mass_std, found.mass_std)
+    return bool(abs(found.phi[0] - estimate.phi[0]) > _SIGMAS * spread)
+
+
+def _impossible(estimate: InertialEstimate) -> str:
+    return impossible_payload(np.nan_to_num(estimate.phi), np.nan_to_num(estimate.covariance, nan=np.inf))
+
+
+def _maybe_compensated(estimate: InertialEstimate) -> EstimateFinding | None:
+    """A mass of nearly zero: a controller that compensates the payload cannot be excluded."""
+    mass = float(estimate.phi[0])
+    known = any(finding.code is ErrorCode.NOT_IDENTIFIABLE for finding in estimate.findings)
+    if estimate.samples is None or known or not abs(mass) < max(_EMPTY, _SIGMAS * estimate.mass_std):
+        return None
+    largest = float(np.linalg.norm(estimate.samples.acceleration_in_sensor, axis=1).max(initial=0.0))
+    return EstimateFinding(
+        ErrorCode.NOT_IDENTIFIABLE,
+        f"the weight is that of {mass:.4f} +- {estimate.mass_std:.4f} kg: nothing is held, or the robot's controller"
+        f" compensates the payload, which accelerations of up to {largest:.2g} m/s2 do not exclude: switch its"
+        " compensation off, or move faster",
+        {"mass": mass, "mass_std": estimate.mass_std, "largest_acceleration": largest},
+    )
+
+
+def without_numbers(estimate: InertialEstimate) -> InertialEstimate:
+    """The estimate with NaN for the payload: its numbers would be wrong."""
+    unknown, spread = np.full(10, np.nan), np.full((10, 10), np.nan)
+    parameters = InertialParameters(np.nan, np.full(3, np.nan), np.full((3, 3), np.nan))
+    return replace(estimate, parameters=parameters, phi=unknown, covariance=spread, unidentified=PARAMETER_NAMES)
+
+
+def _strange_gravity(estimate: InertialEstimate) -> EstimateFinding | None:
+    """Slow motion does not show the size of gravity: the mass follows from what was given."""
+    if estimate.samples is None:
+        return None
+    size = float(np.linalg.norm(estimate.samples.gravity))
+    if _ON_EARTH[0] < size < _ON_EARTH[1]:
+        return None
+    return EstimateFinding(
+        ErrorCode.GRAVITY_WRONG,
+        f"gravity was given as {size:.4g} m/s2, and is 9.76 to 9.83 m/s2 on Earth; the mass is in proportion to it:"
+        " give the --gravity of the place",
+        {"gravity": size},
+    )
+
+
+# -- repair ----------------------------------------------------------------------------------------------------------
+
+
+def repaired_wrench(wrench: WrenchStream, samples: FitSamples, repair: Repair) -> WrenchStream:
+    """What the sensor would have read without the cause.
+
+    Args:
+        wrench: as recorded.
+        samples: of the weighing, for the attitudes of the sensor.
+        repair: of the cause. Its factor of gravity is not applied here.
+    """
+    values, keep = wrench.wrench_in_sensor, np.ones(len(wrench), dtype=bool)
+    if repair.limits is not None:
+        near = 1e-6 * np.ptp(values, axis=0)
+        keep = np.asarray(((values > repair.limits[0] + near) & (values < repair.limits[1] - near)).all(axis=1))
+    if repair.base_axes or repair.compensated is not None:
+        rotation, known = _attitudes(samples, wrench.stamps)
+        keep &= known
+        if repair.base_axes:
+            parts = values.reshape(-1, 2, 3)
+            values = np.einsum("nji,nkj->nki", rotation, parts).reshape(-1, 6)
+        if repair.compensated is not None:
+            down = np.einsum("nji,j->ni", rotation, samples.gravity)
+            values = values + weight_columns(down) @ repair.compensated
+    values = values @ repair.wrench.T
+    stamps = wrench.stamps - round(1e9 * repair.delay)
+    return WrenchStream(stamps[keep], values[keep], wrench.frame_id)
+
+
+def _attitudes(samples: FitSamples, stamps: Stamps) -> tuple[Array, Mask]:
+    """(N, 3, 3) at some stamps, and (N,) where they are known."""
+    then, known = (stamps - samples.stamps[0]) * 1e-9, samples.seconds
+    turned = samples.rotation_world_sensor.reshape(-1, 9)
+    rotation = np.stack([np.interp(then, known, column) for column in turned.T], axis=1).reshape(-1, 3, 3)
+    after = np.clip(np.searchsorted(known, then), 1, len(known) - 1)
+    gap = known[after] - known[after - 1]
+    nearest = np.minimum(np.abs(then - known[after - 1]), np.abs(then - known[after]))
+    left, _, right = np.linalg.svd(rotation)
+    return left @ right, np.asarray((nearest < 0.02) | ((gap < _LARGEST_GAP) & (then > 0) & (then < known[-1])))
+
+
+def after_repair(estimate: InertialEstimate, cause: Cause) -> InertialEstimate:
+    """The estimate of a repaired wrench, with the uncertainty of the repair, and with the cause as a finding."""
+    finding = replace(cause.finding, message=f"repaired: {cause.sentence}")
+    covariance = estimate.covariance + _of_values(cause)
+    return replace(estimate, covariance=covariance, findings=(finding, *estimate.findings))
+
+
+def _of_values(cause: Cause) -> Array:
+    """(10, 10) what the uncertainty of a cause's own parameters adds to the covariance of phi."""
+    found = cause.explanation
+    if cause.repair is not None and cause.repair.compensated is not None:
+        return found.covariance[:10, :10]  # the weight that was added has the mass of this fit
+    own = np.arange(16, len(found.covariance))
+    across = found.covariance[:10][:, own]
+    if not len(own) or not np.isfinite(across).all():
+        return np.zeros((10, 10))
+    return np.asarray(across @ np.linalg.pinv(found.covariance[np.ix_(own, own)]) @ across.T)

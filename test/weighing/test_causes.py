@@ -1,0 +1,224 @@
+"""The search for causes: each kind of trouble on the same simulated weighing, and the repair of those that have one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from poise.errors import ErrorCode
+from poise.inertia import InertialParameters
+from poise.inertia.model import motion_signals
+from poise.inertia.verdict import FitSamples
+from poise.recording import WrenchStream
+from poise.weighing import causes_of, find_causes, is_withheld, repaired_wrench, with_causes
+from poise.weighing.fitting import explain, impossible_payload, payload_columns, plain_design
+
+LOAD = InertialParameters(1.2, np.array([0.02, -0.03, 0.08]), np.diag([6e-3, 5e-3, 3e-3]))
+BIAS = np.array([5.0, -3.0, 8.0, 0.2, -0.1, 0.3])
+GRAVITY = np.array([0.0, 0.0, -9.80665])
+SECONDS = np.arange(0.0, 12.0, 0.04)
+
+
+def attitudes(seconds):
+    """Slow and fast turning about all axes."""
+    angles = np.stack(
+        [1.2 * np.sin(0.9 * seconds), 0.9 * np.sin(1.7 * seconds + 1), 0.8 * np.sin(2.6 * seconds + 2)], axis=1
+    )
+    return Rotation.from_euler("xyz", angles)
+
+
+def motion():
+    """FitSamples without a wrench, from numerical derivatives of the attitude."""
+    step = 1e-4
+
+    def rate(seconds):
+        return (attitudes(seconds - step).inv() * attitudes(seconds + step)).as_rotvec() / (2 * step)
+
+    rotation = attitudes(SECONDS).as_matrix()
+    omega = rate(SECONDS)
+    alpha = (rate(SECONDS + step) - rate(SECONDS - step)) / (2 * step)
+    acceleration = np.stack([1.5 * np.sin(3.1 * SECONDS + k) for k in range(3)], axis=1)
+    down = np.einsum("nji,j->ni", rotation, GRAVITY)
+    stamps = np.round(SECONDS * 1e9).astype(np.int64)
+    signals = motion_signals(down - acceleration, omega, alpha)
+    return FitSamples(stamps, np.ones(len(stamps)), rotation, signals, np.zeros((len(stamps), 6)), GRAVITY)
+
+
+MOTION = motion()
+CLEAN = payload_columns(MOTION.signals)[:, :, :10] @ LOAD.phi
+NOISE = np.random.default_rng(3).normal(size=CLEAN.shape) * np.repeat([0.03, 0.001], 3)
+READ = CLEAN + BIAS + NOISE
+
+
+def both(turn):
+    return np.kron(np.eye(2), turn)
+
+
+def fixed(matrix):
+    return CLEAN @ matrix.T + BIAS + NOISE
+
+
+def base_axes():
+    turned = np.einsum("nij,nkj->nki", MOTION.rotation_world_sensor, READ.reshape(-1, 2, 3))
+    return turned.reshape(-1, 6)
+
+
+def weight(phi):
+    signals = np.zeros_like(MOTION.signals)
+    signals[:, :3] = MOTION.gravity_in_sensor
+    return payload_columns(signals)[:, :, :10] @ phi
+
+
+def clipped():
+    values = READ.copy()
+    values[:, 2] = np.minimum(values[:, 2], np.percentile(values[:, 2], 75))
+    return values
+
+
+def late(seconds):
+    return np.stack([np.interp(SECONDS - seconds, SECONDS, column) for column in CLEAN.T], axis=1) + BIAS + NOISE
+
+
+def filtered(time):
+    values, share = CLEAN.copy(), 1 - np.exp(-0.04 / time)
+    for row in range(1, len(values)):
+        values[row] = values[row - 1] + share * (CLEAN[row] - values[row - 1])
+    return values + BIAS + NOISE
+
+
+def base_drives():
+    course = 0.8 * np.sin(2.2 * SECONDS)
+    signals = np.zeros_like(MOTION.signals)
+    signals[:, :3] = -course[:, None] * MOTION.rotation_world_sensor[:, 0, :]
+    return READ + payload_columns(signals)[:, :, :10] @ LOAD.phi
+
+
+def touched():
+    on = (SECONDS > 3) & (SECONDS < 8)
+    force = np.array([4.0, 3.0, 12.0]) * (1 + 0.4 * np.sin(5 * SECONDS))[:, None]
+    pushed = np.einsum("nji,nj->ni", MOTION.rotation_world_sensor, force)
+    return READ + on[:, None] * np.concatenate([pushed, np.cross([0.03, 0.05, 0.12], pushed)], axis=1)
+
+
+def grasped():
+    return np.where((SECONDS < 5)[:, None], 0.0, CLEAN) + BIAS + NOISE
+
+
+def drifting():
+    return READ + np.outer(SECONDS / SECONDS[-1], [2.0, 0, -1.0, 0, 0, 0])
+
+
+TURNED = both(Rotation.from_rotvec([0, 0, np.radians(35)]).as_matrix())
+KINDS = {
+    "turned": (fixed(TURNED), ErrorCode.SENSOR_ROTATED),
+    "base axes": (base_axes(), ErrorCode.WRONG_FRAME),
+    "mirrored": (fixed(both(np.diag([1.0, 1, -1]))), ErrorCode.LEFT_HANDED_AXES),
+    "sign of all": (fixed(-np.eye(6)), ErrorCode.FORCE_SIGN),
+    "sign of torque": (fixed(np.diag([1.0, 1, 1, -1, -1, -1])), ErrorCode.TORQUE_SIGN),
+    "kgf": (READ * np.repeat([1 / 9.80665, 1], 3), ErrorCode.FORCE_UNIT),
+    "N mm": (READ * np.repeat([1, 1000], 3), ErrorCode.TORQUE_UNIT),
+    "clipped": (clipped(), ErrorCode.CLIPPED),
+    "compensated": (READ - weight(LOAD.phi), ErrorCode.COMPENSATED),
+    "partly compensated": (READ - weight(0.5 * LOAD.phi), ErrorCode.COMPENSATED),
+    "late": (late(0.15), ErrorCode.CLOCK_LATE),
+    "filtered": (filtered(0.4), ErrorCode.FILTERED),
+    "drift": (drifting(), ErrorCode.SENSOR_DRIFT),
+    "grasped": (grasped(), ErrorCode.PAYLOAD_CHANGED),
+    "touched": (touched(), ErrorCode.IN_CONTACT),
+    "base drives": (base_drives(), ErrorCode.BASE_MOVED),
+}
+
+
+def named(wrench):
+    return find_causes(replace(MOTION, wrench=wrench))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_cause_is_named_first_and_its_repair_gives_the_payload(kind):
+    wrench, code = KINDS[kind]
+    cause = named(wrench)[0]
+    assert cause.code is code
+    assert np.isfinite(list(cause.evidence.values())).all()
+    if cause.repair is None or code is ErrorCode.IN_CONTACT:
+        return
+    stream = repaired_wrench(WrenchStream(MOTION.stamps, wrench, "ft"), MOTION, cause.repair)
+    rows = np.isin(MOTION.stamps, stream.stamps) if code is not ErrorCode.CLOCK_LATE else SECONDS < 11.5
+    values = stream.wrench_in_sensor
+    if code is ErrorCode.CLOCK_LATE:
+        then = MOTION.stamps[rows]
+        values = np.stack([np.interp(then, stream.stamps, column) for column in values.T], axis=1)
+    again = explain(replace(MOTION.select(rows), wrench=values), plain_design)
+    assert again.phi[0] == pytest.approx(LOAD.mass, rel=0.01)
+    assert again.phi[1:4] / again.phi[0] == pytest.approx(LOAD.com, abs=2e-3)
+
+
+def test_a_healthy_weighing_has_no_cause():
+    assert named(READ) == ()
+
+
+def test_gravity_of_another_size_or_direction_is_named():
+    large = replace(MOTION, gravity=10 * GRAVITY)
+    signals = MOTION.signals.copy()
+    signals[:, :3] += 9 * MOTION.gravity_in_sensor
+    assert find_causes(replace(large, signals=signals, wrench=READ))[0].code is ErrorCode.GRAVITY_WRONG
+    lean = Rotation.from_rotvec([np.radians(8), 0, 0]).as_matrix()
+    rotation = lean @ MOTION.rotation_world_sensor
+    signals = MOTION.signals.copy()
+    signals[:, :3] += np.einsum("nji,j->ni", rotation, GRAVITY) - MOTION.gravity_in_sensor
+    cause = find_causes(replace(MOTION, rotation_world_sensor=rotation, signals=signals, wrench=READ))[0]
+    assert cause.code is ErrorCode.GRAVITY_WRONG
+    assert abs(cause.evidence["roll"]) == pytest.approx(np.radians(8), abs=2e-3)
+
+
+def test_at_rest_a_torque_in_newton_millimetres_is_seen_by_its_centre_of_mass():
+    rows = np.arange(0, len(SECONDS), 12)
+    still = MOTION.signals[rows].copy()
+    still[:, :3], still[:, 3:12] = MOTION.gravity_in_sensor[rows], 0.0
+    held = replace(MOTION.select(rows), signals=still)
+    wrench = payload_columns(still)[:, :, :10] @ LOAD.phi + BIAS + NOISE[rows]
+    assert find_causes(replace(held, wrench=wrench * np.repeat([1, 1000], 3)))[0].code is ErrorCode.TORQUE_UNIT
+    assert find_causes(replace(held, wrench=wrench)) == ()
+
+
+def test_a_payload_that_no_hand_holds_is_said_to_be_impossible():
+    known = 1e-6 * np.eye(10)
+    assert impossible_payload(LOAD.phi, known) == ""
+    assert "mass" in impossible_payload(-LOAD.phi, known)
+    assert "centre of mass" in impossible_payload(LOAD.phi * np.r_[1, [20] * 3, [400] * 6], known)
+    assert impossible_payload(np.zeros(10), known) == ""
+
+
+def test_a_number_that_contradicts_its_cause_is_withheld():
+    from poise.inertia.pipeline import InertialEstimate
+    from poise.inertia.verdict import FitTest, FitVerdict
+
+    wrench, _ = KINDS["turned"]
+    plain = explain(replace(MOTION, wrench=wrench), plain_design)
+    failed = FitVerdict((FitTest("residual_force", 2.0, 1.0, 9.0, "a residual"),))
+    estimate = InertialEstimate(
+        *(0, "ft", InertialParameters.from_phi(plain.phi), plain.phi, 1e-6 * np.eye(10), np.zeros(6), np.eye(6)),
+        *(np.nan, np.nan, "poise", True, (), 1.0, len(SECONDS), (), 0.1, 0.1),
+        fit=failed,
+        samples=replace(MOTION, wrench=wrench),
+    )
+    causes = causes_of(estimate)
+    assert is_withheld(estimate, causes)
+    assert with_causes(estimate, causes).findings[0].code is ErrorCode.SENSOR_ROTATED
+    passed = replace(estimate, fit=FitVerdict())
+    assert causes_of(passed)[0].code is ErrorCode.SENSOR_ROTATED  # a cause also explains a small residual
+    good = replace(passed, phi=LOAD.phi, samples=replace(MOTION, wrench=READ))
+    assert causes_of(good) == ()
+    assert with_causes(good, ()).findings == ()
+
+
+def test_gravity_that_is_not_that_of_the_earth_is_a_finding():
+    from poise.inertia.pipeline import InertialEstimate
+
+    strange = replace(MOTION, wrench=READ, gravity=GRAVITY * 9.0 / 9.80665)
+    estimate = InertialEstimate(
+        *(0, "ft", LOAD, LOAD.phi, 1e-6 * np.eye(10), np.zeros(6), np.eye(6)),
+        *(np.nan, np.nan, "poise", True, (), 1.0, len(SECONDS), (), 0.1, 0.1),
+        samples=strange,
+    )
+    assert [each.code for each in with_causes(estimate, ()).findings] == [ErrorCode.GRAVITY_WRONG]
