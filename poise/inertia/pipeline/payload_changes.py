@@ -189,8 +189,7 @@ class _Search:
             least = int(np.argmin(losses))
             if losses[least] / self._correlated > 2 * _CERTAIN:
                 break
-            self.edges = _without_edge(self.edges, least)
-        self.edges = self._moved(self.edges)
+            self.edges = self._moved(_without_edge(self.edges, least))
 
     def _counted(self) -> Mask:
         """(B,) all blocks but those that no payload explains in so short a row that it may be a push."""
