@@ -146,8 +146,13 @@ HEADS = (
 def rows(verdicts: Sequence[Verdict]) -> list[tuple[str, ...]]:
     """The table of kinds, those with silent errors first."""
     groups = [[v for v in verdicts if v.kind == kind.name] for kind in KINDS]
-    ranked = sorted((own for own in groups if own), key=lambda own: -sum(v.silent for v in own))
+    ranked = sorted((own for own in groups if own), key=lambda own: (-sum(v.silent for v in own), _misnamed(own)))
     return [_row(own[0].kind, own) for own in ranked]
+
+
+def _misnamed(own: Sequence[Verdict]) -> int:
+    """Findings whose first cause is right, less all: the kinds with the most wrong names come first."""
+    return sum(v.named - 1 for v in own if v.flagged)
 
 
 def _row(name: str, own: Sequence[Verdict]) -> tuple[str, ...]:
@@ -208,31 +213,43 @@ def _spread(values: Sequence[float]) -> str:
     return f"{np.sqrt(np.mean(known**2)):.2f}" if len(known) else "-"
 
 
-def report(verdicts: Sequence[Verdict]) -> str:
-    """The tables as Markdown."""
-    lines = ["| what | cases |", "| --- | --- |"]
-    lines += [f"| {what} | {value} |" for what, value in summary(verdicts)]
+def report(verdicts: Sequence[Verdict], before: Sequence[Verdict] = ()) -> str:
+    """The tables as Markdown; with the summary of another version on the same cases."""
+    now = summary(verdicts)
+    lines = ["| what | cases |", "| --- | --- |"] + [f"| {what} | {value} |" for what, value in now]
+    if before:
+        pairs = zip(now, summary(before), strict=True)
+        lines = ["| what | before | now |", "| --- | --- | --- |"]
+        lines += [f"| {what} | {value_before} | {value} |" for (what, value), (_, value_before) in pairs]
     lines += ["", "| " + " | ".join(HEADS) + " |", "| --- |" + " --- |" * (len(HEADS) - 1)]
     lines += ["| " + " | ".join(row) + " |" for row in rows(verdicts)]
     return "\n".join(lines)
+
+
+def judged(labels: dict[str, Any], outcomes: dict[str, Any]) -> list[Verdict]:
+    """The cases that have an answer."""
+    return [judge(case, label, outcomes[case]) for case, label in sorted(labels.items()) if case in outcomes]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--cases", action="store_true", help="list each case")
+    parser.add_argument("--before", type=Path, help="folder with the answers of another version to these cases")
     arguments = parser.parse_args()
     try:
         labels = unseal(arguments.folder)
     except (OSError, ValueError) as error:
         parser.error(str(error))
     outcomes = answered(arguments.folder)
-    verdicts = [judge(case, label, outcomes[case]) for case, label in sorted(labels.items()) if case in outcomes]
+    verdicts = judged(labels, outcomes)
     if len(verdicts) < len(labels):
         print(f"{len(labels) - len(verdicts)} of {len(labels)} cases were not run and do not count.\n")
     if not verdicts:
         parser.error("no case has an answer: run them first")
-    print(report(verdicts))
+    others = {} if arguments.before is None else answered(arguments.before)
+    common = {case: outcome for case, outcome in others.items() if case in outcomes}
+    print(report(verdicts, judged(labels, common)))
     for v in verdicts if arguments.cases else ():
         shape = f"{v.kind:20} {v.item:8} {v.way:12} {v.generator:6}"
         numbers = f"exit {v.status} z {v.mass_z:8.1f} com {v.com_z:8.1f} error {100 * v.error:6.1f} %"
