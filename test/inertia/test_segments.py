@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ordinary_work import START, Nuisance, Work, work
+from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode
 from poise.inertia import Identification, identify
 from poise.inertia.pipeline import OnlineEstimator, identify_wrenches
+from poise.inertia.pipeline.block_means import block_means
+from poise.inertia.pipeline.payload_changes import find_changes
 from poise.recording import open_recording
-from poise.robot import JointSource, Kinematics
+from poise.robot import JointSource, Kinematics, SensorMotion
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -93,3 +96,31 @@ def test_a_leak_over_the_whole_recording_is_one_segment_whose_answer_is_for_the_
     assert segment.lost == pytest.approx(0.4 * mass, rel=0.05)
     assert abs(answer.estimate.parameters.mass - 0.6 * mass) < 3 * answer.estimate.mass_std
     assert answer.estimate.findings[0].code is ErrorCode.PAYLOAD_CHANGED
+
+
+def test_many_picks_in_minutes_of_work_are_all_found():
+    """Held poses of 1 s for 150 s; every 6 s something is grasped or released."""
+    rng = np.random.default_rng(8)
+    seconds = np.arange(0.0, 150.0, 0.05)
+    turns = Rotation.random(150, random_state=8).as_matrix()[seconds.astype(int)]
+    motion = SensorMotion.at_rest(START + np.round(seconds * 1e9).astype(np.int64), turns)
+    masses = np.where(np.arange(25) % 2, rng.uniform(0.2, 2.0, 25), 0.0)
+    mass = masses[(seconds // 6.0).astype(int)]
+    force = mass[:, None] * motion.gravity_in_sensor()
+    wrench = np.hstack([force, np.cross([0.01, -0.02, 0.08], force)])
+    wrench += 5.0 + 0.0003 * seconds[:, None] + rng.normal(size=wrench.shape) * np.repeat([0.05, 0.002], 3)
+    changes = find_changes(block_means(motion, wrench, np.array([0.0, 0.0, -9.80665]), 0.0))
+    assert changes is not None
+    np.testing.assert_allclose(changes.edges, 60 * np.arange(1, 25), atol=1)
+    np.testing.assert_allclose(changes.masses, masses, atol=0.02)
+
+
+def test_a_sensor_that_is_zeroed_again_is_no_other_payload():
+    measured = work(np.random.default_rng([5, 7]), 12.0, every=0, wrench_rate=250.0)
+    wrench = measured.wrench
+    later = ((wrench.stamps - START) * 1e-9 > 6.0)[:, None]
+    shifted = wrench.wrench_in_sensor - later * np.array([2.0, -1.0, 3.0, 0.1, 0.05, -0.02])
+    answer = weighed(replace(measured, wrench=replace(wrench, wrench_in_sensor=shifted)))
+    codes = {each.code for each in answer.estimate.findings}
+    assert ErrorCode.PAYLOAD_CHANGED not in codes
+    assert ErrorCode.POOR_FIT in codes

@@ -4,7 +4,8 @@
 - `online`: `OnlineEstimator`, which takes streams of wrenches and motion.
 - `live`: `LiveEstimator`, which takes messages as they arrive; `status`: its diagnostics.
 - `identification`: `identify`, which feeds a recording to the pipeline. `estimate`: the answer.
-- `segments`: payloads of a recording, each weighed; `payload_changes`, `block_means`: the search for their changes.
+- `segments`: payloads of a recording, each weighed; `payload_changes`, `block_means`, `block_sums`: the
+  search for their changes.
 """
 
 from poise.inertia.pipeline.estimate import Identification, InertialEstimate, PayloadSegment

@@ -12,8 +12,8 @@ from poise.recording import interpolate
 from poise.robot import SensorMotion
 from poise.types import Array, Indices, Mask, Stamps
 
-_BLOCK, _MOST = 100_000_000, 1200
-"""ns of a block; of a long recording they are longer, so that there are no more than so many."""
+_BLOCK = 100_000_000
+"""ns."""
 
 _TURNING = 0.02
 """rad/s, root mean square, from which on a block counts as motion; its errors are larger than those at rest."""
@@ -77,6 +77,12 @@ class BlockMeans:
         """(B, 6, 6) of the bias: the identity."""
         return np.broadcast_to(np.eye(6), (len(self), 6, 6))
 
+    def select(self, some: slice) -> "BlockMeans":
+        """Some of them."""
+        return BlockMeans(
+            self.start[some], self.end[some], self.matrix[some], self.wrench[some], self.moving[some], self.floor
+        )
+
 
 def block_means(motion: SensorMotion, wrench: Array, gravity: Array, delay: float) -> BlockMeans:
     """Means over blocks of samples that may be used.
@@ -96,8 +102,7 @@ def block_means(motion: SensorMotion, wrench: Array, gravity: Array, delay: floa
     if delay:
         earlier = interpolate(stamps, signals, stamps - round(delay * 1e9), max_gap=_LARGEST_GAP)
         signals = np.where(earlier.found[:, None], earlier.values, signals)
-    length = max(_BLOCK, int(stamps[-1] - stamps[0]) // _MOST)
-    number = (stamps - stamps[0]) // length
+    number = (stamps - stamps[0]) // _BLOCK
     first = np.flatnonzero(np.diff(number, prepend=-1))
     sizes = np.diff(np.append(first, len(stamps)))
     mean = np.add.reduceat(signals, first) / sizes[:, None]
@@ -195,16 +200,14 @@ def fit(
         widen: scale up the force and the torque where the residuals are larger.
         start: (B,) blocks to begin with; None: all.
     """
-    design, spread = _design(terms)
+    layout = _Layout(terms)
     keep = np.ones(len(blocks), dtype=bool) if start is None else start
-    ridge = np.diag(spread**-2.0)
+    ridge = np.diag(layout.spread**-2.0)
     for _ in range(_ROUNDS):
-        weight = keep[:, None] / scale
-        rows = (design * weight[:, :, None]).reshape(-1, design.shape[2])
-        information = rows.T @ rows
+        information, vector = layout.normal(blocks.wrench, keep[:, None] / scale)
         covariance = np.linalg.inv(information + ridge)
-        unknowns = covariance @ (rows.T @ (blocks.wrench * weight).ravel())
-        residual = blocks.wrench - design @ unknowns
+        unknowns = covariance @ vector
+        residual = blocks.wrench - layout.predicted(unknowns)
         before, agree = keep, agreeing(np.sum((residual / scale) ** 2, axis=1))
         keep = agree if agree.any() else keep
         if np.array_equal(keep, before):
@@ -213,9 +216,42 @@ def fit(
             usual = np.median((residual / scale)[keep].reshape(-1, 2, 3) ** 2, axis=(0, 2)) / _MEDIAN_OF_SQUARE
             scale, widen = scale * np.repeat(np.sqrt(np.maximum(usual, 1.0)), 3), False
     cost = float(np.minimum(np.sum((residual / scale) ** 2, axis=1), CAP).sum())
-    return BlockFit(
-        unknowns, np.asarray(covariance, dtype=np.float64), residual, scale, keep, cost, information, spread
-    )
+    found = np.asarray(covariance, dtype=np.float64)
+    return BlockFit(unknowns, found, residual, scale, keep, cost, information, layout.spread)
+
+
+class _Layout:
+    """Where the unknowns of terms are in one row: set by set, term by term. No block has more than one set of a term.
+
+    Args:
+        terms: in this order.
+    """
+
+    def __init__(self, terms: Sequence[Term]) -> None:
+        counts = [int(term.labels.max()) + 1 for term in terms]
+        self.spread = np.concatenate([np.tile(term.spread, count) for term, count in zip(terms, counts, strict=True)])
+        self._matrix = np.concatenate([term.matrix for term in terms], axis=2)
+        first = np.cumsum([0, *(len(term.spread) * count for term, count in zip(terms, counts, strict=True))])
+        self._rows = np.concatenate(
+            [
+                start + term.labels[:, None] * len(term.spread) + np.arange(len(term.spread))
+                for term, start in zip(terms, first[:-1], strict=True)
+            ],
+            axis=1,
+        )
+
+    def normal(self, wrench: Array, weight: Array) -> tuple[Array, Array]:
+        """(P, P) and (P,) of the wrenches (B, 6) with weights (B, 6)."""
+        design = self._matrix * weight[:, :, None]
+        back = design.swapaxes(1, 2)
+        information, vector = np.zeros((len(self.spread), len(self.spread))), np.zeros(len(self.spread))
+        np.add.at(information, (self._rows[:, :, None], self._rows[:, None, :]), back @ design)
+        np.add.at(vector, self._rows, (back @ (wrench * weight)[:, :, None])[:, :, 0])
+        return information, vector
+
+    def predicted(self, unknowns: Array) -> Array:
+        """(B, 6) of unknowns (P,)."""
+        return np.asarray((self._matrix @ unknowns[self._rows][:, :, None])[:, :, 0])
 
 
 def agreeing(squares: Array) -> Mask:
@@ -224,9 +260,9 @@ def agreeing(squares: Array) -> Mask:
 
 
 def local_errors(blocks: BlockMeans) -> tuple[Array, float]:
-    """(B, 6) scale of what a payload and a bias leave of two seconds each, and how many of these errors hang together.
+    """(B, 6) scale of what a payload and a bias leave of short spans, and how many of these errors hang together.
 
-    A change of the payload spoils the two seconds in which it happens, and no others.
+    A change of the payload spoils the span in which it happens, and no others.
     """
     residual = np.empty_like(blocks.wrench)
     design = np.concatenate([blocks.matrix, blocks.bias_matrix], axis=2)
@@ -256,18 +292,8 @@ def _correlated(errors: Array) -> float:
     return float(min(1 + 2 * falling.sum(), _MOST_CORRELATED))
 
 
-def _design(terms: Sequence[Term]) -> tuple[Array, Array]:
-    """(B, 6, P) and (P,) of all sets of all terms."""
-    matrices, spreads = [], []
-    for term in terms:
-        for label in range(int(term.labels.max()) + 1):
-            matrices.append(term.matrix * (term.labels == label)[:, None, None])
-            spreads.append(term.spread)
-    return np.concatenate(matrices, axis=2), np.concatenate(spreads)
-
-
 def _scatter(blocks: BlockMeans, residual: Array) -> Array:
-    """(B, 6) scale of residuals: the median of their squares, at rest and in motion, force and torque."""
+    """(B, 6) scale of residuals at rest and in motion, of force and of torque, by the median of their squares."""
     scale = np.empty_like(residual)
     kinds = [blocks.moving, ~blocks.moving]
     if min(int(kind.sum()) for kind in kinds) < _ENOUGH:
@@ -277,99 +303,3 @@ def _scatter(blocks: BlockMeans, residual: Array) -> Array:
             usual = float(np.median(residual[kind, rows] ** 2)) / _MEDIAN_OF_SQUARE
             scale[kind, rows] = max(np.sqrt(usual), blocks.floor[group])
     return scale
-
-
-@dataclass(frozen=True, eq=False)
-class Normals:
-    """Normal equations of phi and bias, of every block, weighted by the scale of its errors.
-
-    Args:
-        information: (B, 16, 16).
-        vector: (B, 16).
-    """
-
-    information: Array
-    vector: Array
-
-    @classmethod
-    def of(cls, blocks: BlockMeans, scale: Array) -> "Normals":
-        """For errors of a scale (B, 6), N and N m."""
-        rows = np.concatenate([blocks.matrix, blocks.bias_matrix], axis=2) / scale[:, :, None]
-        back = rows.swapaxes(1, 2)
-        return cls(back @ rows, (back @ (blocks.wrench / scale)[:, :, None])[:, :, 0])
-
-    def sums(self, keep: Mask) -> "NormalSums":
-        """Over the blocks `keep` (B,)."""
-        information, vector = self.information * keep[:, None, None], self.vector * keep[:, None]
-        return NormalSums(
-            np.concatenate([np.zeros((1, 16, 16)), np.cumsum(information, axis=0)]),
-            np.concatenate([np.zeros((1, 16)), np.cumsum(vector, axis=0)]),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class NormalSums:
-    """Normal equations summed from the first block to each.
-
-    Args:
-        information: (B + 1, 16, 16).
-        vector: (B + 1, 16).
-    """
-
-    information: Array
-    vector: Array
-
-    def solved(self, bounds: Sequence[int]) -> tuple[Array, Array]:
-        """(K, 10) phi between every two of K + 1 bounds, and (6,) the bias that they have in common."""
-        edges = np.asarray(bounds)
-        solved, information, vector, _ = self._reduced(edges[:-1], edges[1:])
-        bias = np.linalg.solve(information.sum(axis=0) + np.diag(BIAS_SPREAD**-2.0), vector.sum(axis=0))
-        return solved[:, :, 6] - solved[:, :, :6] @ bias, bias
-
-    def bias(self, spans: Sequence[tuple[int, int]], correlated: float) -> tuple[Array, Array]:
-        """The bias (6,) that the payloads of some spans leave, N and N m, and its largest deviations (2,)."""
-        begin, end = np.array(spans).T
-        _, information, vector, _ = self._reduced(begin, end)
-        covariance = np.linalg.inv(information.sum(axis=0) / correlated + np.diag(BIAS_SPREAD**-2.0))
-        mean = covariance @ vector.sum(axis=0) / correlated
-        return mean, np.sqrt(np.diag(covariance)).reshape(2, 3).max(axis=1)
-
-    def gains(self, begin: int, where: Indices, end: int, others: Sequence[tuple[int, int]]) -> Array:
-        """(C,) by how much squared errors fall, when the span from begin to end is cut at each of `where` (C,).
-
-        Args:
-            begin, where, end: blocks.
-            others: all other spans, which share the bias.
-        """
-        rest = [self._reduced(np.array([one]), np.array([other])) for one, other in others]
-        left, right = self._reduced(np.full_like(where, begin), where), self._reduced(where, np.full_like(where, end))
-        whole = self._reduced(np.array([begin]), np.array([end]))
-        return _explained([left, right, *rest]) - _explained([whole, *rest])
-
-    def gain(self, begin: int, edge: int, end: int, others: Sequence[tuple[int, int]]) -> float:
-        """The same for one cut."""
-        return float(self.gains(begin, np.array([edge]), end, others)[0])
-
-    def _reduced(self, begin: Indices, end: Indices) -> tuple[Array, Array, Array, Array]:
-        """The payload of spans integrated out.
-
-        Returns:
-            (C, 10, 7) slopes of phi along the bias, and phi without one; (C, 6, 6) and (C, 6) about the bias; (C,) the
-            squares that the payload explains.
-        """
-        information = self.information[end] - self.information[begin]
-        vector = self.vector[end] - self.vector[begin]
-        own = information[:, :10, :10] + np.diag(PHI_SPREAD**-2.0)
-        cross = information[:, :10, 10:]
-        solved = np.linalg.solve(own, np.concatenate([cross, vector[:, :10, None]], axis=2))
-        back = cross.swapaxes(1, 2) @ solved
-        squares = np.sum(vector[:, :10] * solved[:, :, 6], axis=1)
-        return solved, information[:, 10:, 10:] - back[:, :, :6], vector[:, 10:] - back[:, :, 6], squares
-
-
-def _explained(parts: Sequence[tuple[Array, Array, Array, Array]]) -> Array:
-    """(C,) squares explained by payloads and one bias."""
-    information = sum((part[1] for part in parts), np.diag(BIAS_SPREAD**-2.0))
-    vector = sum((part[2] for part in parts), np.zeros(6))
-    bias = np.linalg.solve(information, vector[:, :, None])[:, :, 0]
-    return np.asarray(sum((part[3] for part in parts), np.sum(vector * bias, axis=1)))

@@ -10,12 +10,12 @@ from poise.inertia.pipeline.block_means import (
     MEDIAN_OF_SIX,
     BlockFit,
     BlockMeans,
-    Normals,
     agreeing,
     fit,
     local_errors,
     payload_terms,
 )
+from poise.inertia.pipeline.block_sums import Normals, NormalSums
 from poise.types import Array, Indices, Mask
 
 _CERTAIN = 14.0
@@ -45,6 +45,9 @@ _EVENLY = 0.1
 
 _MOST_CUTS, _ROUNDS = 40, 8
 
+_STRETCH, _OVERLAP, _NEIGHBOURS = 600, 150, 8
+"""Blocks that are searched together, those that two of these have in common, and segments that share a bias."""
+
 
 @dataclass(frozen=True, eq=False)
 class PayloadChanges:
@@ -53,44 +56,44 @@ class PayloadChanges:
     Args:
         labels: (B,) number of the segment; -1 in transitions, and where no payload explains the wrench.
         edges: (K - 1,) first block of every segment but the first.
-        fit: one payload for each segment, one bias.
-        log_odds: of each change (the number of segments less one) against none there.
-        biases: for every segment the bias (6,) that the other ones show, N and N m, and its deviations (2,).
-        leaking: the payload became lighter steadily from the first block to the last.
+        log_odds: of each change against none there.
+        masses: (K,) kg.
+        biases: for every segment the bias (6,) that its neighbours show, N and N m, and its deviations (2,).
+        slope: of a payload that becomes lighter steadily, half the change of mass and first moment (4,), kg and kg m,
+            and (4, 4) covariance; None: it does not.
     """
 
     labels: Indices
     edges: tuple[int, ...]
-    fit: BlockFit
     log_odds: tuple[float, ...]
+    masses: Array
     biases: tuple[tuple[Array, Array], ...]
-    leaking: bool = False
+    slope: tuple[Array, Array] | None = None
 
     @property
     def count(self) -> int:
         """Of segments."""
         return len(self.edges) + 1
 
-    @property
-    def masses(self) -> Array:
-        """(K,) kg of the segments; where the payload leaks, at the beginning and at the end."""
-        if self.leaking:
-            return np.array(
-                [self.fit.unknowns[0] - self.fit.unknowns[16], self.fit.unknowns[0] + self.fit.unknowns[16]]
-            )
-        return np.asarray(self.fit.unknowns[: 10 * self.count : 10])
 
-    @property
-    def slope(self) -> tuple[Array, Array]:
-        """(4,) half the change of mass and first moment of a payload that leaks, kg and kg m, and (4, 4) covariance."""
-        return self.fit.unknowns[16:20], self.fit.covariance[16:20, 16:20] * self.fit.correlated
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Changes within a stretch: (K - 1,) first blocks and log odds; (B,) transitions and explained blocks; (B, 6)."""
+
+    edges: list[int]
+    odds: list[float]
+    transitions: Mask
+    keep: Mask
+    scale: Array
+    correlated: float
 
 
 def find_changes(blocks: BlockMeans) -> PayloadChanges | None:
     """Changes of the payload, of which each is certain and of which each segment is explained by one payload.
 
     The payload is compared with other explanations of the same blocks: one payload and a bias that steps at the same
-    instants or changes steadily, and a payload that leaks.
+    instants or changes steadily, and a payload that leaks. A long recording is searched in stretches of a minute that
+    overlap, so that a bias that drifts for hours does not matter.
 
     Args:
         blocks: of a whole recording.
@@ -100,11 +103,57 @@ def find_changes(blocks: BlockMeans) -> PayloadChanges | None:
     """
     if len(blocks) < 2 * _LEAST_BLOCKS:
         return None
+    count = len(blocks)
+    edges: list[int] = []
+    odds: list[float] = []
+    transitions, keep, scale = np.zeros(count, dtype=bool), np.ones(count, dtype=bool), np.ones((count, 6))
+    correlated = 1.0
+    for begin in range(0, max(count - _OVERLAP, 1), _STRETCH - _OVERLAP):
+        end = count if begin + _STRETCH + _OVERLAP > count else begin + _STRETCH
+        found = _found(blocks.select(slice(begin, end)))
+        first = begin + _OVERLAP // 2 if begin else 0
+        last = end if end == count else end - _OVERLAP // 2
+        inside = [number for number, edge in enumerate(found.edges) if first <= begin + edge < last]
+        edges += [begin + found.edges[number] for number in inside]
+        odds += [found.odds[number] for number in inside]
+        some, own = slice(first, last), slice(first - begin, last - begin)
+        transitions[some], keep[some], scale[some] = found.transitions[own], found.keep[own], found.scale[own]
+        correlated = max(correlated, found.correlated)
+        if end == count:
+            break
+    if not edges:
+        return _Search(blocks).leak()
+    sums = Normals.of(blocks, scale).sums(keep & ~transitions)
+    masses, biases = _known_of_each(sums, [0, *edges, count], correlated)
+    number = np.searchsorted(np.array(edges), np.arange(count), "right")
+    return PayloadChanges(np.where(transitions, -1, number), tuple(edges), tuple(odds), masses, biases)
+
+
+def _found(blocks: BlockMeans) -> _Found:
+    """Search one stretch."""
     search = _Search(blocks)
     search.split()
     search.merge()
     search.prune()
-    return search.answer() or search.leak()
+    if not search.is_best():
+        search.edges, search.odds = [], []
+    fitted = search.fit
+    return _Found(search.edges, search.odds, search.transitions(), fitted.keep, fitted.scale, fitted.correlated)
+
+
+def _known_of_each(
+    sums: NormalSums, bounds: list[int], correlated: float
+) -> tuple[Array, tuple[tuple[Array, Array], ...]]:
+    """(K,) masses, kg, and the bias and its deviations that the neighbours of each of K segments show."""
+    masses: list[float] = []
+    biases: list[tuple[Array, Array]] = []
+    for number in range(len(bounds) - 1):
+        first = max(number - _NEIGHBOURS, 0)
+        near = bounds[first : number + _NEIGHBOURS + 2]
+        masses.append(float(sums.solved(near)[0][number - first, 0]))
+        spans = [span for span in pairwise(near) if span[0] != bounds[number]]
+        biases.append(sums.bias(spans, correlated))
+    return np.array(masses), tuple(biases)
 
 
 class _Search:
@@ -124,32 +173,23 @@ class _Search:
     # -- splitting and merging -------------------------------------------------------------------------------
 
     def split(self) -> None:
-        """Cut where least squares gain most as long as that is much."""
+        """Cut segments where least squares gain most as long as that is much."""
         while len(self.edges) < _MOST_CUTS:
             counted = self._counted()
-            edge = self._best_cut(counted)
-            if edge is None:
-                return
-            edges = self._moved(sorted([*self.edges, edge]), counted)
+            cuts = self._best_cuts(counted)
+            edges = self._moved(sorted([*self.edges, *cuts]), counted) if cuts else []
             if len(edges) <= len(self.edges):
                 return
             self.edges = edges
 
     def merge(self) -> None:
         """Join neighbours, first those that differ least, where the blocks that are explained need no change."""
-        keep = self._explained_blocks()
         while self.edges:
-            bounds = [0, *self.edges, len(self.blocks)]
-            sums = self._normal.sums(keep)
-            losses = [
-                sums.gain(bounds[number], edge, bounds[number + 2], _without(bounds, number))
-                for number, edge in enumerate(self.edges)
-            ]
+            losses = self._normal.sums(self._explained_blocks()).losses([0, *self.edges, len(self.blocks)])
             least = int(np.argmin(losses))
             if losses[least] / self._correlated > 2 * _CERTAIN:
-                return
+                break
             self.edges = self._moved(_without_edge(self.edges, least))
-            keep = self._explained_blocks()
 
     def _counted(self) -> Mask:
         """(B,) all blocks but those that no payload explains in so short a row that it may be a push."""
@@ -159,21 +199,20 @@ class _Search:
             counted[begin:end] = end - begin >= _LEAST_BLOCKS
         return counted
 
-    def _best_cut(self, counted: Mask) -> int | None:
-        """The block before which a cut lets the squared errors fall most; None where that is not much."""
+    def _best_cuts(self, counted: Mask) -> list[int]:
+        """In each segment the block before which a cut lets the squared errors fall most, where that is much."""
         sums = self._normal.sums(counted)
-        bounds = [0, *self.edges, len(self.blocks)]
-        best, found = 2 * _CERTAIN * self._correlated, None
-        for number, (begin, end) in enumerate(pairwise(bounds)):
+        spans = list(pairwise([0, *self.edges, len(self.blocks)]))
+        found: list[int] = []
+        for begin, end in spans:
             where = np.arange(begin + _LEAST_BLOCKS, end - _LEAST_BLOCKS + 1)
-            others = [span for other, span in enumerate(pairwise(bounds)) if other != number]
-            gains = sums.gains(begin, where, end, others) if len(where) else np.zeros(1)
-            if gains.max() > best:
-                best, found = float(gains.max()), int(where[gains.argmax()])
+            gains = sums.gains(begin, where, end, [span for span in spans if span[0] != begin]) if len(where) else where
+            if len(where) and gains.max() > 2 * _CERTAIN * self._correlated:
+                found.append(int(where[gains.argmax()]))
         return found
 
     def _moved(self, edges: list[int], counted: Mask | None = None) -> list[int]:
-        """The same edges where each separates the blocks of its two payloads best; none where there is no room.
+        """The same edges where each separates the blocks of its two payloads best, as far as there is room.
 
         With the blocks that are counted (B,) errors may be of any size; without, those of pushes are limited.
         """
@@ -188,9 +227,10 @@ class _Search:
                 left = np.concatenate([[0.0], np.cumsum(errors[number, begin:end])])
                 right = np.concatenate([[0.0], np.cumsum(errors[number + 1, begin:end][::-1])])[::-1]
                 cost = (left + right)[_LEAST_BLOCKS : len(left) - _LEAST_BLOCKS]
-                if not len(cost):
-                    return []
-                moved.append(begin + _LEAST_BLOCKS + int(cost.argmin()))
+                best = begin + _LEAST_BLOCKS + int(cost.argmin()) if len(cost) else edges[number]
+                here = edges[number] - begin
+                stays = 0 <= here < len(left) and not (left + right)[here] > (left + right)[best - begin] + 1.0
+                moved.append(edges[number] if stays else best)
             if moved == edges:
                 break
             edges = moved
@@ -222,21 +262,19 @@ class _Search:
     def _labels(self, edges: list[int]) -> Indices:
         return np.searchsorted(np.array(edges, dtype=np.int64), np.arange(len(self.blocks)), "right")
 
-    def _gain(self, edges: list[int]) -> float:
-        """Log odds of the present fit against the best one with fewer edges, where the bias may drift."""
-        scale, correlated = self.fit.scale, self.fit.correlated
-        labels = self._labels(edges)
-        coarse = [fit(self.blocks, payload_terms(self.blocks, labels), scale, start=start) for start in self._starts()]
-        coarse.append(fit(self.blocks, payload_terms(self.blocks, labels, drift=True), scale))
-        return self.fit.log_evidence(correlated) - max(each.log_evidence(correlated) for each in coarse)
-
-    def _starts(self) -> list[Mask]:
-        """All blocks; and those that one of the payloads explains, where these are many."""
-        count = len(self.edges) + 1
-        phi, bias = self.fit.unknowns[: 10 * count].reshape(count, 10), self.fit.unknowns[10 * count :]
-        left = self.blocks.wrench - bias - np.einsum("bip,kp->kbi", self.blocks.matrix, phi)
-        agree = np.sum((left / self.fit.scale) ** 2, axis=2) < CAP
-        return [self._all, max(agree, key=np.sum)]
+    def _gain(self, number: int) -> float:
+        """Log odds of a change against none there, by its two segments and their neighbours; the bias may drift."""
+        bounds = [0, *self.edges, len(self.blocks)]
+        begin, end = bounds[max(number - 1, 0)], bounds[min(number + 3, len(bounds) - 1)]
+        some, correlated = slice(begin, end), self.fit.correlated
+        blocks, scale = self.blocks.select(some), self.fit.scale[some]
+        fine, coarse = (self._labels(edges)[some] for edges in (self.edges, _without_edge(self.edges, number)))
+        fine, coarse = fine - fine[0], coarse - coarse[0]
+        finer = fit(blocks, payload_terms(blocks, fine), scale)
+        starts = [None, self.fit.keep[some] & (fine == np.bincount(fine).argmax())]
+        others = [fit(blocks, payload_terms(blocks, coarse), scale, start=start) for start in starts]
+        others.append(fit(blocks, payload_terms(blocks, coarse, drift=True), scale))
+        return finer.log_evidence(correlated) - max(each.log_evidence(correlated) for each in others)
 
     def prune(self) -> None:
         """Drop changes that are not certain, that hardly change the mass, or whose segments no payload explains."""
@@ -249,7 +287,7 @@ class _Search:
             if weak.any():
                 worst = int(np.where(weak, change, np.inf).argmin())
             else:
-                self.odds = [self._gain(_without_edge(self.edges, number)) for number in range(len(self.edges))]
+                self.odds = [self._gain(number) for number in range(len(self.edges))]
                 worst = int(np.argmin(self.odds))
                 if self.odds[worst] >= _CERTAIN:
                     return
@@ -267,7 +305,7 @@ class _Search:
 
     def _is_explained(self, number: int) -> bool:
         """A payload each explains most blocks of the two segments beside a change, but for those of the transition."""
-        labels, inside = self._labels(self.edges), ~self._transitions()
+        labels, inside = self._labels(self.edges), ~self.transitions()
         step = (
             self.fit.unknowns[10 * number + 10 : 10 * number + 20] - self.fit.unknowns[10 * number : 10 * number + 10]
         )
@@ -285,7 +323,7 @@ class _Search:
                 return False
         return True
 
-    def _transitions(self) -> Mask:
+    def transitions(self) -> Mask:
         """(B,) the block before and the one after each edge, and unexplained ones in a row with them."""
         found = np.zeros(len(self.blocks), dtype=bool)
         for edge in self.edges:
@@ -301,24 +339,16 @@ class _Search:
 
     # -- answers ---------------------------------------------------------------------------------------------
 
-    def answer(self) -> PayloadChanges | None:
-        """The changes, unless a bias that steps or a payload that leaks explains the blocks as well."""
+    def is_best(self) -> bool:
+        """Changes of the payload explain the blocks better than a bias that steps, or a payload that leaks."""
         if not self.edges:
-            return None
+            return False
         scale, correlated = self.fit.scale, self.fit.correlated
         labels = self._labels(self.edges)
         one = np.zeros_like(labels)
-        evidence = self.fit.log_evidence(correlated)
-        others = [payload_terms(self.blocks, one, labels), payload_terms(self.blocks, one, leak=True)]
-        for terms in others:
-            if fit(self.blocks, terms, scale).log_evidence(correlated) > evidence - _BETTER:
-                return None
-        transitions = self._transitions()
-        sums = Normals.of(self.blocks, scale).sums(self.fit.keep & ~transitions)
-        spans = list(pairwise([0, *self.edges, len(self.blocks)]))
-        biases = tuple(sums.bias([span for span in spans if span != own], correlated) for own in spans)
-        labels = np.where(transitions, -1, labels)
-        return PayloadChanges(labels, tuple(self.edges), self.fit, tuple(self.odds), biases)
+        evidence = self.fit.log_evidence(correlated) - _BETTER
+        others = (payload_terms(self.blocks, one, labels), payload_terms(self.blocks, one, leak=True))
+        return all(fit(self.blocks, terms, scale).log_evidence(correlated) < evidence for terms in others)
 
     def leak(self) -> PayloadChanges | None:
         """A payload that becomes lighter steadily, where that is certain."""
@@ -334,14 +364,9 @@ class _Search:
         quarters = self._fitted([len(one) * quarter // 4 for quarter in (1, 2, 3)]).unknowns[:40:10]
         if np.diff(quarters).max() > -_EVENLY * lost:
             return None
-        unknown = np.zeros(6), np.full(2, np.inf)
-        return PayloadChanges(one, (), leaking, (odds,), (unknown,), leaking=True)
+        slope = leaking.unknowns[16:20], leaking.covariance[16:20, 16:20] * correlated
+        return PayloadChanges(one, (), (odds,), leaking.unknowns[:1], ((np.zeros(6), np.full(2, np.inf)),), slope)
 
 
 def _without_edge(edges: list[int], number: int) -> list[int]:
     return edges[:number] + edges[number + 1 :]
-
-
-def _without(bounds: list[int], number: int) -> list[tuple[int, int]]:
-    """Spans between bounds, but for the two about an edge."""
-    return [span for other, span in enumerate(pairwise(bounds)) if other not in (number, number + 1)]

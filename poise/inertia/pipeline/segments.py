@@ -12,7 +12,7 @@ from poise.inertia.pipeline.block_means import BlockMeans, block_means
 from poise.inertia.pipeline.estimate import InertialEstimate, PayloadSegment
 from poise.inertia.pipeline.method_pipeline import PairedSamples
 from poise.inertia.pipeline.online import OnlineEstimator
-from poise.inertia.pipeline.payload_changes import PayloadChanges, find_changes
+from poise.inertia.pipeline.payload_changes import find_changes
 from poise.robot import USED, PairingReasons, SensorMotion
 from poise.types import Array, Mask, Stamps
 
@@ -82,8 +82,8 @@ def weigh_segments(
     changes = find_changes(blocks)
     if changes is None:
         return ()
-    if changes.leaking:
-        return _leaking(samples, blocks, changes, estimator, method)
+    if changes.slope is not None:
+        return _leaking(samples, blocks, changes.slope, changes.log_odds[0], estimator, method)
     found: list[PayloadSegment] = []
     for number in range(changes.count):
         own = np.flatnonzero(changes.labels == number)
@@ -181,19 +181,24 @@ def _of_bias(spread: Array, gravity: float) -> Array:
 
 
 def _leaking(
-    samples: PairedSamples, blocks: BlockMeans, changes: PayloadChanges, estimator: OnlineEstimator, method: str
+    samples: PairedSamples,
+    blocks: BlockMeans,
+    slope_known: tuple[Array, Array],
+    log_odds: float,
+    estimator: OnlineEstimator,
+    method: str,
 ) -> tuple[PayloadSegment, ...]:
     """One segment whose estimate is that of its end: the wrench of what has left since is taken off."""
-    slope, covariance = changes.slope
+    slope, covariance = slope_known
     start, end = int(blocks.start[0]), int(blocks.end[-1])
     time = 2 * (samples.stamps - start) / max(end - start, 1) - 1
     gone = (model_matrix(samples.motion, estimator.gravity)[:, :, :4] @ slope) * (time - 1)[:, None]
     last = replace(samples, wrench=samples.wrench - gone)
-    found = _weighed(last, estimator, method, changes.biases[0], is_empty=False)
+    found = _weighed(last, estimator, method, (np.zeros(6), np.full(2, np.inf)), is_empty=False)
     widened = found.covariance.copy()
     widened[:4, :4] += covariance
     found = replace(found, covariance=widened)
-    return (PayloadSegment(start, end, start, "leaking", changes.log_odds[0], found, -2 * float(slope[0])),)
+    return (PayloadSegment(start, end, start, "leaking", log_odds, found, -2 * float(slope[0])),)
 
 
 def _event(before: list[InertialEstimate], after: InertialEstimate) -> str:
