@@ -149,12 +149,13 @@ def _answered(
 
 
 def _is_contact(whole: InertialEstimate | None, segments: tuple[PayloadSegment, ...]) -> bool:
-    """One payload explains the part that is free of contact, and payloads do not explain the segments."""
+    """One payload explains the part that is free of contact, and payloads do not explain a third of the segments."""
     found = [] if whole is None else [each for each in whole.findings if each.code is ErrorCode.IN_CONTACT]
     if not found or "other_mass" in found[0].evidence:
         return False
     doubts = ErrorCode.IN_CONTACT, ErrorCode.POOR_FIT
-    return any(each.code in doubts for segment in segments for each in segment.estimate.findings)
+    doubtful = [segment for segment in segments if any(each.code in doubts for each in segment.estimate.findings)]
+    return 3 * len(doubtful) >= len(segments)
 
 
 def _count(parts: list[PairedSamples]) -> int:
