@@ -23,6 +23,8 @@ from poise.commands.identify_causes import (
     RepairOption,
     Weigh,
     findings_json,
+    fit_json,
+    fit_words,
     no_answer_json,
     weighed_with_causes,
 )
@@ -309,6 +311,7 @@ def as_json(bag: Path, recording: Recording, answer: Identification) -> dict[str
         "frame_id": estimate.frame_id,
         "stamp": estimate.stamp * 1e-9,
         "findings": findings_json(estimate.findings),
+        "fit": fit_json(estimate.fit),
         "segments": segments_json(answer),
         "source": answer.source,
         "bag": str(bag),
@@ -375,6 +378,7 @@ def _facts(answer: Identification) -> list[tuple[str, str]]:
         ("samples", f"{used}; rejected: {left_out}"),
         ("residual", f"{estimate.residual_force:.3g} N and {estimate.residual_torque:.3g} N m rms per axis"),
         ("physics", "physically consistent" if estimate.consistent else "NOT PHYSICALLY CONSISTENT"),
+        ("fit", fit_words(estimate.fit)),
     ]
 
 

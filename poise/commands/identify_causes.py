@@ -11,7 +11,7 @@ import typer
 from poise.errors import NoAnswerError
 from poise.inertia.model import EstimateFinding
 from poise.inertia.pipeline import Identification, recorded_gravity
-from poise.inertia.verdict import FitSamples
+from poise.inertia.verdict import FitSamples, FitVerdict
 from poise.recording import Recording, open_recording, rewrite_recording
 from poise.weighing import (
     Cause,
@@ -121,6 +121,25 @@ def findings_json(findings: Sequence[EstimateFinding]) -> list[dict[str, Any]]:
         {"code": int(each.code), "name": each.code.name, "sentence": each.message, "evidence": dict(each.evidence)}
         for each in findings
     ]
+
+
+def fit_json(fit: FitVerdict) -> dict[str, Any]:
+    """The tests of a fit, and what they could not see."""
+    return {
+        "passed": fit.passed,
+        "withheld": fit.is_hopeless,
+        "tests": [
+            {"name": test.name, "value": test.value, "limit": test.limit, "passed": test.passed} for test in fit.tests
+        ],
+        "cannot_exclude": fit.cannot_exclude,
+    }
+
+
+def fit_words(fit: FitVerdict) -> str:
+    """The verdict, and what the motion could not exclude."""
+    verdict = "passes all tests" if fit.passed else f"fails {', '.join(test.name for test in fit.failed)}"
+    unseen = "; ".join(fit.cannot_exclude)
+    return verdict + (f"; this motion cannot exclude {unseen}" if unseen else "")
 
 
 def no_answer_json(bag: Path, weighed: Weighed) -> dict[str, Any]:

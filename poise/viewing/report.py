@@ -115,7 +115,7 @@ def _pictures(identification: Identification) -> dict[str, list[dict[str, Any]]]
 def _findings(identification: Identification, rows: list[ParameterRow], whites: list[Whiteness]) -> list[Finding]:
     """What a person should know before using the numbers."""
     estimate = identification.estimate
-    findings = []
+    findings = [Finding("warn", readable(finding.message, 500)) for finding in identification.estimate.findings]
     if any(row.reason for row in rows):
         hidden = ", ".join(row.name for row in rows if row.reason)
         findings.append(Finding("warn", f"This motion does not show everything: {hidden} not identifiable."))

@@ -32,6 +32,9 @@ _EMPTY = 0.02
 _LARGEST_GAP = 0.2
 """s across which attitudes are interpolated."""
 
+_ACCELERATIONS = 0.05
+"""Relative error of a mass that accelerations show; those of joints at 100 Hz are up to this much too small."""
+
 
 def causes_of(estimate: InertialEstimate) -> tuple[Cause, ...]:
     """The causes of a poor fit or of an impossible payload; of a fit that passes, those that change the answer.
@@ -186,7 +189,9 @@ def _of_values(cause: Cause) -> Array:
     """(10, 10) what the uncertainty of a cause's own parameters adds to the covariance of phi."""
     found = cause.explanation
     if cause.repair is not None and cause.repair.compensated is not None:
-        return found.covariance[:10, :10]  # the weight that was added has the mass of this fit
+        # The weight that was added has the mass of this fit, which errors of the accelerations make too small.
+        scale = _ACCELERATIONS * np.abs(found.phi[:10])
+        return np.asarray(found.covariance[:10, :10] + np.outer(scale, scale))
     own = np.arange(16, len(found.covariance))
     across = found.covariance[:10][:, own]
     if not len(own) or not np.isfinite(across).all():

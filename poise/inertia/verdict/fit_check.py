@@ -50,6 +50,14 @@ _BEYOND_CHANCE = 8.0
 """Variance, in units of the stated one, that the scores of few blocks do not have by chance."""
 
 
+_BLIND = (
+    ("weight", 0.3, "a payload that the controller compensates, or a wrong gravity (accelerate the load)"),
+    ("lever", 2.0, "a wrong sign or unit of the torque (turn the load faster)"),
+    ("tilt", 0.1, "a base that is not level (turn the load about more axes)"),
+)
+"""Tests, limits above which they see nothing, and what they would see."""
+
+
 @dataclass(frozen=True)
 class FitTest:
     """One test of a fit.
@@ -103,6 +111,14 @@ class FitVerdict:
     def is_hopeless(self) -> bool:
         """The numbers of the estimate mean nothing: withhold them."""
         return any(test.value > test.hopeless for test in self.tests)
+
+    @property
+    def cannot_exclude(self) -> tuple[str, ...]:
+        """What would stay unnoticed, because the motion shows too little of it."""
+        if not self.tests:
+            return ("anything, because the samples are too few to judge a fit",)
+        limits = {test.name: test.limit for test in self.tests}
+        return tuple(words for name, most, words in _BLIND if limits[name] > most)
 
     @property
     def finding(self) -> EstimateFinding | None:

@@ -133,7 +133,7 @@ class SlowResidual:
         information, scores = _normal(left, self.residual / self._levels, PARTS)
         total = information.sum(axis=0)
         # What the samples do not show of the payload stays as it is.
-        total[:10, :10] += np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-2
+        total[:10, :10] += np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-6
         total[range(16, count), range(16, count)] += spread**-2.0
         inverse = np.linalg.pinv(total, rcond=1e-14, hermitian=True)
         both, alone = inverse @ scores.sum(axis=0), np.linalg.pinv(total[:16, :16], rcond=1e-14, hermitian=True)
