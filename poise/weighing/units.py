@@ -49,7 +49,7 @@ def _free_ratio(samples: FitSamples) -> tuple[float, float]:
     force, torque = alone(slice(0, 3)), alone(slice(3, 6))
     a, b = force.phi[1:4], torque.phi[1:4]
     size = float(b @ b)
-    if size <= 0:
+    if size <= 0 or not np.isfinite(force.covariance[1:4, 1:4]).all():
         return float("nan"), float("nan")
     share = float(a @ b) / size  # torque is the better known one
     spread = float(np.sqrt(b @ force.covariance[1:4, 1:4] @ b)) / size

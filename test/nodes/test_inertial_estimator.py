@@ -107,7 +107,7 @@ def test_a_wrench_that_no_payload_explains_is_published_as_an_error_without_numb
     answer = identify_wrenches(turned, kinematics, OnlineEstimator(kinematics.source, frame_id=wrench.frame_id))
     message = estimate_message(answer.estimate)
     assert message.error.code == ErrorCode.POOR_FIT
-    assert [finding.code for finding in message.findings] == [ErrorCode.POOR_FIT]
+    assert ErrorCode.POOR_FIT in [finding.code for finding in message.findings]
     assert np.isnan([message.inertia.m, *message.covariance]).all()
 
 

@@ -7,7 +7,7 @@ leaves little of them. On recordings of a real arm (KUKA with an ATI Gamma) that
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -42,6 +42,9 @@ _HOPELESS = 0.2
 
 _REJECTED, _MOSTLY_REJECTED = 0.35, 0.6
 """Shares of rejected samples: a press, an arm that is shaken and jerky motion give up to 0.27."""
+
+_ATTITUDE = 3e-4
+"""rad: no arm knows the attitude of its wrist better; the parameters are at least this share of the load uncertain."""
 
 _AT_LIMIT = 0.95
 """Share of the longest delay."""
@@ -147,24 +150,30 @@ def judge(fit: Fit, samples: FitSamples, extremes: ExtremeReadings | None = None
         tests.append(_delay_test(fit))
     if extremes is not None:
         tests.append(_clipped_test(extremes))
-    verdict = FitVerdict(tuple(tests), _widened(fit, slow))
-    if verdict.passed or verdict.covariance is None:
-        return verdict
-    return replace(verdict, covariance=verdict.covariance + _unexplained(fit, slow, verdict.failed))
+    failed = [test for test in tests if not test.passed]
+    widened = _widened(fit, slow)
+    if widened is not None:
+        widened = widened + _of_share(fit, max(_unexplained(slow, failed), _ATTITUDE))
+    return FitVerdict(tuple(tests), widened)
 
 
-def _unexplained(fit: Fit, slow: SlowResidual, failed: Sequence[FitTest]) -> Array:
-    """(10, 10) covariance: the parameters may be off by the share of the load that stays unexplained."""
+def _unexplained(slow: SlowResidual, failed: Sequence[FitTest]) -> float:
+    """Share of the load that stays unexplained; 0 where no test failed."""
     scale = dict(zip(("force", "torque"), slow.scale, strict=True))
     shares = [test.value / scale[kind] for test in failed if (kind := test.name.rpartition("_")[2]) in scale]
     shares += [test.value for test in failed if test.name in ("tilt", "weight", "lever", "clipped")]
+    return max(shares, default=0.0)
+
+
+def _of_share(fit: Fit, share: float) -> Array:
+    """(10, 10) covariance of parameters that are off by a share of the load."""
     phi = np.nan_to_num(fit.phi)
     mass = abs(phi[0])
     reach = max(float(np.linalg.norm(phi[1:4])) / mass, LEVER) if mass else LEVER
     units = mass * np.array([1.0] + [reach] * 3 + [reach**2] * 6)
     inertia = float(np.abs(phi[[4, 7, 9]]).sum())
     units[4:] = np.maximum(units[4:], inertia)
-    result = np.diag(np.square(max(shares, default=0.0) * units))
+    result = np.diag(np.square(share * units))
     result[np.isnan(fit.covariance)] = np.nan
     return result
 
@@ -246,7 +255,7 @@ def _widened(fit: Fit, slow: SlowResidual) -> Array | None:
     widened = (inside * factors) @ inside.T
     for extension in (slow.drift, slow.tilt):
         shift = extension.shift[seen]
-        is_seen = np.sum((extension.values / extension.deviations) ** 2) > _SHIFTED
+        is_seen = np.sum((extension.values / np.maximum(extension.deviations, 1e-12)) ** 2) > _SHIFTED
         if is_seen and np.sum(np.linalg.solve(root, shift) ** 2) > _SHIFTED:
             widened += np.outer(shift, shift)
     result = fit.covariance.copy()
