@@ -37,7 +37,7 @@ def inertia_message(parameters: InertialParameters) -> Inertia:
 
 def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
     """Turn an estimate into a message; one whose fit is hopeless becomes an error, without numbers."""
-    findings = [ErrorCodeMessage(code=finding.code, message=finding.message) for finding in estimate.findings]
+    findings = findings_message(estimate)
     poor = estimate.fit.finding
     if poor is not None and estimate.fit.is_hopeless:
         message = no_estimate_message(NoAnswerError(poor.code, poor.message), estimate.frame_id)
@@ -67,6 +67,11 @@ def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
     message.findings = findings
     message.residual_force, message.residual_torque = estimate.residual_force, estimate.residual_torque
     return message
+
+
+def findings_message(estimate: InertialEstimate) -> list[ErrorCodeMessage]:
+    """Its findings."""
+    return [ErrorCodeMessage(code=finding.code, message=finding.message) for finding in estimate.findings]
 
 
 def change_message(change: PayloadChange, frame_id: str) -> PayloadChangeMessage:

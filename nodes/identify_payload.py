@@ -27,6 +27,7 @@ from poise.inertia.model import NoiseLevels, Parts
 from poise.inertia.pipeline import LiveEstimator
 from poise.nodes.estimate_message import estimate_message, no_estimate_message
 from poise.nodes.parameters import Parameter, declare_parameters
+from poise.nodes.payload_causes import CauseSearch, CheckedAnswer
 from poise.nodes.payload_shape import accuracy_of
 from poise.nodes.runtime import end_goal, guarded, to_message
 from poise.nodes.trajectory_message import trajectory_message
@@ -106,6 +107,7 @@ class IdentifyPayload:
         self._told: SessionPhase | None = None
         self._joints: Any = None
         self._timer: Any = None
+        self._causes = CauseSearch()
         self._server = ActionServer(
             node,
             Action,
@@ -241,7 +243,8 @@ class IdentifyPayload:
         session.tick(now)
         self._ticks += 1
         if session.phase is SessionPhase.DONE:
-            self._end()
+            if session.answer is None or self._causes.done(session.answer):
+                self._end()
         elif session.phase is not self._told or self._ticks % _FEEDBACK_TICKS == 0:
             self._told = session.phase
             goal.publish_feedback(self._feedback(session))
@@ -267,19 +270,21 @@ class IdentifyPayload:
         self._goal = self._session = None
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self._joints)
-        self._live.end_window(keep=session.answer is not None)
-        goal.execute(lambda handle: self._conclude(handle, session.error, session.answer))
+        answer = None if session.answer is None else self._causes.take()
+        error = session.error if answer is None else session.error or answer.error
+        self._live.end_window(keep=answer is not None and answer.error is None)
+        goal.execute(lambda handle: self._conclude(handle, error, answer))
 
     def _conclude(
-        self, goal: ServerGoalHandle, error: PoiseError | None, answer: InertialEstimate | None
+        self, goal: ServerGoalHandle, error: PoiseError | None, answer: CheckedAnswer | None
     ) -> Action.Result:
         result = Action.Result(error=to_message(error))
         if answer is not None:
-            result.estimate = estimate_message(answer)
+            result.estimate = answer.message
         else:
             error = error or NoAnswerError(ErrorCode.TOO_FEW_SAMPLES, "there is no estimate")
             result.estimate = no_estimate_message(error, self._live.sensor_frame)
-        end_goal(goal, answer is not None)
+        end_goal(goal, answer is not None and answer.error is None)
         return result
 
     def _conclude_busy(self, goal: ServerGoalHandle) -> Action.Result:

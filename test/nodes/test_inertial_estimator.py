@@ -19,6 +19,7 @@ from tf2_msgs.msg import TFMessage
 from poise.errors import ErrorCode
 from poise.inertia import OnlineEstimator, identify, identify_wrenches
 from poise.nodes.estimate_message import estimate_message
+from poise.nodes.payload_causes import CauseSearch
 from poise.recording import open_recording
 from poise.robot import find_kinematics
 from poise.robot.model import find_urdf
@@ -109,6 +110,23 @@ def test_a_wrench_that_no_payload_explains_is_published_as_an_error_without_numb
     assert message.error.code == ErrorCode.POOR_FIT
     assert ErrorCode.POOR_FIT in [finding.code for finding in message.findings]
     assert np.isnan([message.inertia.m, *message.covariance]).all()
+
+
+def test_an_identification_on_request_names_the_cause_and_withholds_the_number():
+    """A sensor that is turned by 90 degrees about z, in the answer of identify_payload."""
+    recording = open_recording(STATIC)
+    wrench = recording.wrench("wrench")
+    rows = wrench.wrench_in_sensor[:, [1, 0, 2, 4, 3, 5]] * [1, -1, 1, 1, -1, 1]
+    kinematics = find_kinematics(recording, wrench.frame_id)
+    estimator = OnlineEstimator(kinematics.source, frame_id=wrench.frame_id)
+    answer = identify_wrenches(replace(wrench, wrench_in_sensor=rows), kinematics, estimator)
+    search = CauseSearch()
+    while not search.done(answer.estimate):
+        pass
+    message = search.take().message
+    assert message.error.code == ErrorCode.SENSOR_ROTATED
+    assert message.findings[0].code == ErrorCode.SENSOR_ROTATED
+    assert np.isnan(message.inertia.m)
 
 
 def test_the_payload_of_a_simulated_arm_is_weighed_from_its_joint_states(start_node, graph):
