@@ -34,6 +34,9 @@ _TILT, _WEIGHT, _LEVER_SHARE, _CERTAIN = 0.01, 0.05, 0.5, 5.0
 """Limits of the error of gravity relative to it, sideways and upwards, and of the first moment; a finding exceeds them
 by this many standard deviations."""
 
+_LEVER_CERTAIN = 8.0
+"""Standard deviations of the first moment in the force: few fast turns show it, and eight blocks are few."""
+
 _SHIFTED = 25.0
 """Squared standard deviations by which a drift or a tilt is seen and moves the answer, which then depends on it."""
 
@@ -162,7 +165,7 @@ def _unexplained(slow: SlowResidual, failed: Sequence[FitTest]) -> float:
     scale = dict(zip(("force", "torque"), slow.scale, strict=True))
     shares = [test.value / scale[kind] for test in failed if (kind := test.name.rpartition("_")[2]) in scale]
     shares += [test.value for test in failed if test.name in ("tilt", "weight", "lever", "clipped")]
-    return max(shares, default=0.0)
+    return min(max(shares, default=0.0), 1.0)
 
 
 def _of_share(fit: Fit, share: float) -> Array:
@@ -277,7 +280,7 @@ def _lever_test(slow: SlowResidual) -> FitTest:
     error = float(abs(slow.lever.values @ along)) / size
     doubt = float(np.sqrt(np.square(slow.lever.deviations) @ np.square(along))) / size
     words = f"force and torque show centres of mass that differ by {error:.0%}"
-    return FitTest("lever", error, _LEVER_SHARE + _CERTAIN * doubt, np.inf, words)
+    return FitTest("lever", error, _LEVER_SHARE + _LEVER_CERTAIN * doubt, np.inf, words)
 
 
 def _clipped_test(extremes: ExtremeReadings) -> FitTest:
