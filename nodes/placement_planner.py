@@ -14,6 +14,7 @@ from rclpy.node import Node
 from poise.assembly import Analysis, load_scene
 from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.files import package_file
 from poise.manipulation import TransferExecution
 from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
@@ -124,7 +125,7 @@ class PlacementPlannerNode(Node):
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._heard: AssemblyMessage | None = None
         if values["scene"]:
-            self._heard = assembly_message(load_scene(values["scene"]), values["frame_id"])
+            self._heard = assembly_message(load_scene(package_file(values["scene"])), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
         self._last_feedback, self._last_stage = 0.0, ""

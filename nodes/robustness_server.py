@@ -19,6 +19,7 @@ from poise.assembly import Analysis, RigidObject, assess, load_scene, plan_disas
 from poise.assembly.robustness import MAX_MAP_POINTS, Robustness, RobustnessMap
 from poise.assembly.statics import Deadline, analysis_after, unstable
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.files import package_file
 from poise.geometry import Pose
 from poise.nodes.assembly_markers import MOST_DRAWN, cleared, map_markers, mechanism_markers, scene_markers
 from poise.nodes.assembly_message import (
@@ -85,7 +86,7 @@ class RobustnessServer(Node):
         self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
         self._marker_arrays = self.create_publisher(MarkerArray, "robustness_markers", LATCHED)
         if values["scene"]:
-            self._keep(Analysis.of(load_scene(values["scene"])))
+            self._keep(Analysis.of(load_scene(package_file(values["scene"]))))
         self._jobs = Jobs(self, values["waiting"])
         self._jobs.serve(AssessRobustness, "assess_robustness", self._assess, self._seconds)
         self._jobs.serve(PlanDisassembly, "plan_disassembly", self._plan, self._seconds)
