@@ -143,7 +143,7 @@ class RobustnessServer(Node):
             self._clouds.publish(response.map[0].cloud)
         if analysis is self._analysis and found.stable:
             self._remember(found.results, mapped)
-        if not found.stable:
+        if not (found.stable or found.doubtful):
             raise unstable(found.falling, found.margin)
         if not complete:
             raise _late("the bounds are what was certified by then")
@@ -173,10 +173,10 @@ class RobustnessServer(Node):
         response.version, response.assumptions = self._version, assumptions_of(analysis.assembly)
         found = analysis.stability(Deadline(deadline))
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
+        if found.doubtful:
+            raise _late("the assembly is set, but elastic contacts were not asked everywhere whether it stands")
         if not found.stable:
             raise unstable(found.falling, found.margin)
-        if not found.complete:
-            raise _late("the assembly is set, but elastic contacts were not asked everywhere whether it stands")
 
     def _changed(self, request: SetAssembly.Request) -> Analysis:
         message = request.assembly
