@@ -15,7 +15,7 @@ class SingleSamples:
     """Up to `_ROOM` samples, copied, in the order in which they came."""
 
     def __init__(self) -> None:
-        self._stamps: list[int] = []
+        self._stamps: list[Any] = []
         self._rows: list[bytes] = []
 
     def __len__(self) -> int:
