@@ -4,6 +4,7 @@
 - `Reach`: for `looks` and `tests` of `poise.placement.Options`: clearance of the hand, one grasp for pick and place.
 - `plan_transfer`: pick, carry, place as motions in time.
 - `TransferExecution`: the execution of a transfer through a `RobotPort`, supervised within `Tolerances`.
+- `with_stops`: the stops of its motions, chosen ahead.
 """
 
 from poise.manipulation.arm import Arm, standing_at
@@ -13,6 +14,7 @@ from poise.manipulation.execution import RobotPort, Tolerances, TransferExecutio
 from poise.manipulation.gripper import Gripper
 from poise.manipulation.hand import Grasp, Hand
 from poise.manipulation.reach import Ends, Reach, require_room
+from poise.manipulation.stopping import with_stops
 from poise.manipulation.timing import Limits
 
 __all__ = [
@@ -33,4 +35,5 @@ __all__ = [
     "require_room",
     "standing_at",
     "steps_of",
+    "with_stops",
 ]
