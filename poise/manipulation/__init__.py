@@ -10,7 +10,7 @@
 from poise.manipulation.arm import Arm, standing_at
 from poise.manipulation.bodies import pose_of
 from poise.manipulation.carrying import Transfer, TransferPhase, plan_transfer
-from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, steps_of
+from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, steps_of
 from poise.manipulation.gripper import Gripper
 from poise.manipulation.hand import Grasp, Hand
 from poise.manipulation.reach import Ends, Reach, require_room
@@ -30,6 +30,7 @@ __all__ = [
     "Transfer",
     "TransferExecution",
     "TransferPhase",
+    "TransferStep",
     "plan_transfer",
     "pose_of",
     "require_room",
