@@ -3,7 +3,6 @@
 import time
 from dataclasses import replace
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -16,6 +15,7 @@ from poise.errors import PoiseError
 from poise.geometry import rotation_of_quaternion
 from poise.inertia.model import Parts
 from poise.inertia.pipeline import LiveEstimator, status_of
+from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
@@ -46,7 +46,7 @@ class InertialEstimator(ArmNode):
         # Who joins later (a planner, the demo) still hears what is being held.
         self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", _LATCHED)
         self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._diagnostics = DiagnosticsPublisher(self)
         best_effort = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
         for message_type, topic, callback in (
             (WrenchStamped, "wrench", self._on_wrench),
@@ -164,18 +164,7 @@ class InertialEstimator(ArmNode):
         if "wrench" not in self.live.heard:
             hint = topic_hint(self, "wrench", "geometry_msgs/msg/WrenchStamped")
             status = replace(status, message=status.message + hint)
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
-        message.status = [
-            DiagnosticStatus(
-                level=bytes([status.level]),
-                name=self.get_fully_qualified_name().lstrip("/"),
-                message=status.message,
-                hardware_id=self.live.sensor_frame,
-                values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
-            )
-        ]
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(status.level, status.message, status.values, self.live.sensor_frame)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -11,8 +11,9 @@ from geometry_msgs.msg import PoseStamped
 from poise.assembly import Analysis, load_scene
 from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.files import package_file
 from poise.manipulation import TransferExecution
-from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
+from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of, pose_message
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -75,6 +76,7 @@ class PlacementTask:
         self.progress = PlacementProgress(0, None, None)
         self.abandoned = self.begun = self.done = False
         self.error: PoiseError | None = None
+        self.assumptions: list[str] = []
 
     def report(self, progress: PlacementProgress) -> bool:
         """Called by the planner; False ends it."""
@@ -123,7 +125,7 @@ class PlacementPlannerNode(ArmNode):
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._heard: AssemblyMessage | None = None
         if values["scene"]:
-            self._heard = assembly_message(load_scene(values["scene"]), values["frame_id"])
+            self._heard = assembly_message(load_scene(package_file(values["scene"])), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
         self._waiting: tuple[WatchedGoal, Readiness] | None = None
@@ -284,6 +286,7 @@ class PlacementPlannerNode(ArmNode):
             request.object.pose = PoseMessage()  # ignored
         item = object_of(request.object, self._folders)
         analysis = self._analysis(task.assembly)
+        task.assumptions = assumptions_of(analysis.assembly.with_object(item))
         if task.carrying is not None:
             return task.carrying.plan(self._planner, analysis, item, self._options, request.seed, task.due, task.report)
         left = seconds_left(task.due, "the first pose")
@@ -316,7 +319,7 @@ def _result(goal: WatchedGoal, error: PoiseError | None, task: PlacementTask | N
     result = Action.Result(robustness=math.nan)
     if task is not None:
         result.seconds = task.seconds or time.monotonic() - task.accepted
-        result.iterations = task.progress.iteration
+        result.iterations, result.assumptions = task.progress.iteration, task.assumptions
         result.pose, result.robustness = task.best()
     result.error = to_message(error)
     end_goal(goal, error is None)

@@ -252,7 +252,7 @@ class ProcessWatchdog:
     def _hear(self, word: Word) -> None:
         if word.what == "ready":
             self._up = True
-            self._node.get_logger().info(f"ready: {self._setup['action_name']} takes goals")
+            self._node.get_logger().info(f"{self._setup['action_name']} takes goals")
         elif word.what == "hearing":
             self._hearing = True
         elif word.what == "sent":

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from poise.inertia.model import ENTRIES, InertialParameters
+from poise.inertia.model import InertialParameters, signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array, Mask
 
@@ -65,15 +65,10 @@ class Explanation:
         return np.asarray(np.sqrt(np.mean(self.residual.reshape(-1, 2, 3) ** 2, axis=(0, 2))))
 
 
-def payload_columns(signals: Array) -> Array:
-    """(N, 6, 16) the design of a payload and a bias, from signals (N, 13)."""
-    return np.asarray((ENTRIES.reshape(-1, ENTRIES.shape[2]) @ signals.T).T.reshape(len(signals), *ENTRIES.shape[:2]))
-
-
 def plain_design(samples: FitSamples, values: Array) -> Array:
     """The design of the pipeline: a payload and a constant bias."""
     del values
-    return payload_columns(samples.signals)
+    return signal_columns(samples.signals)
 
 
 def explain(

@@ -11,12 +11,12 @@ from scipy.spatial.distance import cdist
 from poise.errors import ErrorCode
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import (
-    ENTRIES,
     N_MOTION,
     N_UNKNOWNS,
     EstimateFinding,
     NoiseLevels,
     residual_covariance,
+    signal_columns,
 )
 from poise.types import Array, Mask
 
@@ -156,8 +156,7 @@ class MomentMeans:
         means = moments[:, N_MOTION - 1] / sizes[:, None]
         alike = np.exp(-cdist(means[:, :3], means[:, :3], "sqeuclidean") / (2 * _SAME_ATTITUDE**2))
         weights = sizes / (alike @ sizes)
-        regressor = np.einsum("ijk,bk->bij", ENTRIES, means[:, :N_MOTION])
-        return cls(regressor, means[:, N_MOTION:], weights / weights.sum(), check)
+        return cls(signal_columns(means[:, :N_MOTION]), means[:, N_MOTION:], weights / weights.sum(), check)
 
     def distances(self, unknowns: Array) -> Array:
         """(..., B) squared distances of the means from what payloads (..., 16) predict, in units of `tolerance`."""
