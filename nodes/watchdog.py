@@ -23,7 +23,7 @@ from poise.nodes.motion_watch import WatchLimits
 from poise.nodes.parameters import Parameter
 from poise.nodes.runtime import guarded
 from poise.nodes.trajectory_message import trajectory_message
-from poise.nodes.watchdog_link import Link, Word
+from poise.nodes.watchdog_link import WatchdogLink, Word
 
 WATCHDOG_PARAMETERS = (
     Parameter("stop_silence", 0.5, "s without joint states (or wrenches) that stop a motion", (0.02, 10.0)),
@@ -73,7 +73,7 @@ class WatchedGoal:
 
 
 class ProcessWatchdog:
-    """A process that serves an action and stops the arm, whatever this process computes (`watchdog_process`).
+    """A process that serves an action and stops the arm, also while this process is busy (`watchdog_process`).
 
     It is started again when it ends. Implements `poise.excitation.execution.Watchdog`.
 
@@ -95,7 +95,7 @@ class ProcessWatchdog:
             **{topic: node.resolve_topic_name(topic) for topic in ("joint_trajectory", "joint_states", "wrench")},
         }
         self._keys = itertools.count(1)
-        self._link: Link | None = None
+        self._link: WatchdogLink | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._closing = self._open = self._up = self._hearing = self._armed = False
         self._said = 0.0
@@ -234,7 +234,7 @@ class ProcessWatchdog:
                     pass_fds=[its.fileno()],
                     stdin=subprocess.DEVNULL,
                 )
-            self._link = link = Link(ours.detach())
+            self._link = link = WatchdogLink(ours.detach())
             self._say("setup", open=self._open, **self._setup)
             while (word := link.receive()) is not None:
                 self._said = time.monotonic()

@@ -22,7 +22,7 @@ class Word(NamedTuple):
     body: bytes = b""
 
 
-class Link:
+class WatchdogLink:
     """One end; any thread may send, one thread receives.
 
     Args:

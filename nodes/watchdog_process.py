@@ -29,7 +29,7 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, PoiseError
 from poise.nodes.motion_watch import MotionWatch, WatchLimits
 from poise.nodes.runtime import EventsExecutor, to_message
-from poise.nodes.watchdog_link import Link, Word
+from poise.nodes.watchdog_link import WatchdogLink, Word
 
 _LOOK = 0.004
 """s between two looks at a motion, and least time between two joint states that are read."""
@@ -83,7 +83,7 @@ class WatchdogNode(Node):
         setup: names of node, namespace, action and topics.
     """
 
-    def __init__(self, link: Link, setup: dict[str, Any]) -> None:
+    def __init__(self, link: WatchdogLink, setup: dict[str, Any]) -> None:
         super().__init__(setup["node"], namespace=setup["namespace"], start_parameter_services=False)
         self._link, self._setup = link, setup
         self._lock = threading.RLock()
@@ -298,7 +298,7 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)  # it ends when the node has ended
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -10)
-    link = Link(int(sys.argv[1]))
+    link = WatchdogLink(int(sys.argv[1]))
     setup = link.receive()
     if setup is None:
         return

@@ -34,7 +34,7 @@ class SentStop(NamedTuple):
 
 
 class Watchdog(Protocol):
-    """Sends the stop of a motion by itself, whatever the program that commanded the motion computes."""
+    """Sends the stop of a motion by itself, also while the program that commanded the motion is busy."""
 
     @property
     def ready(self) -> bool:
