@@ -81,7 +81,7 @@ class Observer:
         """
         client = self.actor(kind, name)
         self.until(client.server_is_ready, f"action {name}", timeout)
-        handle = self.begin(client, goal)
+        handle = self.begin(client, goal, timeout=timeout)
         if not handle.accepted:
             return None
         future = handle.get_result_async()
@@ -99,14 +99,16 @@ class Observer:
             self._clients[name] = self.node.create_client(kind, name)
         return self._clients[name]
 
-    def begin(self, client: ActionClient, goal: Any, feedback: Callable[[Any], None] | None = None) -> Any:
+    def begin(
+        self, client: ActionClient, goal: Any, feedback: Callable[[Any], None] | None = None, timeout: float = PATIENCE
+    ) -> Any:
         """Send a goal; returns its handle.
 
         Raises:
             TooLateError: when there is no answer.
         """
         future = client.send_goal_async(goal, feedback_callback=feedback)
-        self.until(future.done, "the acceptance of a goal")
+        self.until(future.done, "the acceptance of a goal", timeout)
         return future.result()
 
     def inputs_of(self, name: str) -> dict[str, str]:

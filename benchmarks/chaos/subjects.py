@@ -176,10 +176,10 @@ class Identification(Subject):
     companions: ClassVar[dict[str, dict[str, Any]]] = {"fake_robot": _FR3 | _DRILL}
 
     def parameters(self) -> dict[str, Any]:
-        return {"tcp_frame": "tcp", "object_radius": 0.12, "stop_and_go_poses": 3}
+        return {"tcp_frame": "tcp", "object_radius": 0.12}
 
     def ask(self, observer: Observer, timeout: float) -> None:
-        goal = IdentifyPayload.Goal(motion=IdentifyPayload.Goal.MOTION_NONE, duration=0.3)
+        goal = IdentifyPayload.Goal(motion=IdentifyPayload.Goal.MOTION_NONE, duration=1.0)
         result = observer.act(IdentifyPayload, "identify_payload", goal, timeout)
         found = result.estimate
         qualified = result.error.code == ErrorCode.NOT_IDENTIFIABLE or found.findings or "m" in found.unidentified
