@@ -35,6 +35,7 @@ _WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
 """All may be changed; they count from the next goal on."""
 _LOST = 0.5
 """s without a sign of life after which a watchdog with a moving arm counts as lost."""
+_MOMENT = 0.01
 _AGAIN = 1.0
 """s between two starts of the process."""
 _PATIENCE = struct.pack("ll", 0, 500_000)
@@ -105,7 +106,7 @@ class ProcessWatchdog:
         self._names: tuple[str, ...] = ()
         self._sent: SentStop | None = None
         self._heard: deque[Word] = deque()
-        self._wake = node.create_guard_condition(guarded(node, self._take))
+        self._take_words = guarded(node, self._take)
         self._thread = threading.Thread(target=self._serve, name="watchdog", daemon=True)
         self._thread.start()
 
@@ -260,7 +261,10 @@ class ProcessWatchdog:
             self._sent = SentStop(error, word.values["excess"])
         elif word.what in ("goal", "cancel"):
             self._heard.append(word)
-            self._wake.trigger()
+            while self._node.executor is None and not self._closing:  # the node is still being made
+                time.sleep(_MOMENT)
+            if self._node.executor is not None:  # the events executor takes no guard conditions
+                self._node.executor.create_task(self._take_words)
 
     def _say(self, what: str, body: bytes = b"", **values: Any) -> None:
         if self._link is not None:
