@@ -36,6 +36,7 @@ _WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
 _LOST = 0.5
 """s without a sign of life after which a watchdog with a moving arm counts as lost."""
 _MOMENT = 0.01
+"""s between looks for the executor of a node that is still being made."""
 _AGAIN = 1.0
 """s between two starts of the process."""
 _PATIENCE = struct.pack("ll", 0, 500_000)
