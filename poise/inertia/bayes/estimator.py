@@ -178,7 +178,8 @@ class PoiseEstimator:
         given = (gravity_in_sensor, linear_acceleration, angular_velocity, angular_acceleration, wrench)
         if not self._one.take(stamps, given):
             self._add_waiting()
-            self._add_many(stamps, *given)
+            if not self._one.take(stamps, given):
+                self._add_many(stamps, *given)
 
     def _add_waiting(self) -> None:
         """Check and sum the samples that came one by one."""
