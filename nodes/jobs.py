@@ -56,12 +56,14 @@ class Job:
         kind: of the service; None: nothing waits for an answer.
         deadline: of the computation; on the monotonic clock, s.
         task: what it asks for.
+        complete: called with each response that refuses it.
         answer: of the caller.
     """
 
     kind: Any
     deadline: float
     task: Task | None = None
+    complete: Callable[[Any], None] | None = None
     answer: "Future[Any]" = field(default_factory=Future)
     _claimed: bool = False
     _lock: Any = field(default_factory=threading.Lock)
@@ -90,6 +92,8 @@ class Job:
             return
         response = self.kind.Response()
         response.error.code, response.error.message = int(code), message
+        if self.complete is not None:
+            self.complete(response)
         with self._lock:
             if not (by_clock and self._claimed):
                 self.finish(response)
@@ -99,7 +103,7 @@ class Jobs:
     """Threads that process calls, the one with the earliest deadline first.
 
     Every call gets exactly one answer: the work's, BUSY when too many wait, DEADLINE when it is still not done a while
-    after that, CANCELLED when the node goes. rclpy does not tell who calls, so that heavy and other calls are kept
+    after that, CANCELLED when the node goes. rclpy does not say who calls: therefore heavy and other calls are kept
     apart instead: each kind has its own queue, and the first thread takes no heavy ones unless it is the only one.
 
     Args:
@@ -131,7 +135,14 @@ class Jobs:
         for thread in self._threads:
             thread.start()
 
-    def serve(self, kind: Any, name: str, task: Callable[[Any], Task], seconds: Callable[[Any], float]) -> None:
+    def serve(
+        self,
+        kind: Any,
+        name: str,
+        task: Callable[[Any], Task],
+        seconds: Callable[[Any], float],
+        complete: Callable[[Any], None] | None = None,
+    ) -> None:
         """Create a service.
 
         Args:
@@ -139,12 +150,13 @@ class Jobs:
             name: of the service.
             task: called in the executor with a request; an error that it raises is answered at once.
             seconds: that a request allows for it.
+            complete: called with each response that refuses a call.
         """
 
         def receive(request: Any, _: Any) -> "Future[Any]":
             arrived = time.monotonic()
             self._answers.note_call()
-            job = Job(kind, arrived)
+            job = Job(kind, arrived, complete=complete)
             self._open.add(job)
             job.answer.add_done_callback(lambda _: self._open.discard(job))
             try:
@@ -264,7 +276,7 @@ class Jobs:
                 job.finish(response)
 
     def _reported(self, error: Exception) -> PoiseError:
-        """The error that the caller gets; what nobody expected is logged, too."""
+        """The error that the caller gets; an unexpected one is logged, too."""
         if (not isinstance(error, PoiseError) or error.code == ErrorCode.INTERNAL) and rclpy.ok():
             self._node.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=1.0)
         return coded(error)

@@ -45,14 +45,14 @@ _ROUNDING = 1e-6
 """Share of its largest entry by which a covariance may miss symmetry and a positive determinant."""
 
 
-class Limits(NamedTuple):
+class CallLimits(NamedTuple):
     """The largest numbers of things in one call."""
 
-    objects: int
-    pushes: int
-    map_points: int
-    triangles: int
-    bytes: int
+    objects: int = 2000
+    pushes: int = 10_000
+    map_points: int = 100_000
+    triangles: int = 500_000
+    bytes: int = 64_000_000
 
 
 def check_range(name: str, values: Any, where: str = "") -> None:
@@ -82,7 +82,7 @@ def check_range(name: str, values: Any, where: str = "") -> None:
     raise InputError(code, f"{where}{name} is {worst:g} {unit}; it may be {least:g} to {greatest:g} {unit}".rstrip())
 
 
-def check_request(request: Any, limits: Limits) -> None:
+def check_request(request: Any, limits: CallLimits) -> None:
     """Raise for the first number of a request of the robustness services that is out of its range.
 
     Raises:
@@ -107,6 +107,11 @@ def check_request(request: Any, limits: Limits) -> None:
         if request.map_tolerance != 0:
             check_range("map_tolerance", request.map_tolerance)
         _check_pushes(request.pushes)
+
+
+def check_assembly(message: Any, limits: CallLimits = CallLimits()) -> None:  # noqa: B008  # a value that never changes
+    """Raise for the first number of a poise_msgs/Assembly that is out of its range; as `check_request`."""
+    _check_assembly(message, limits, whole=True)
 
 
 def check_object(message: Any) -> None:
@@ -154,7 +159,7 @@ def check_covariance(values: Sequence[float], where: str = "") -> None:
         raise InputError(ErrorCode.BAD_INPUT, f"{where}covariance is not symmetric and positive semi-definite")
 
 
-def _check_assembly(message: Any, limits: Limits, whole: bool) -> None:
+def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:
     _check_count("objects", len(message.objects), limits.objects)
     _check_count("friction_pairs", len(message.friction_pairs), limits.objects**2)
     _check_count("mesh triangles", sum(len(item.mesh.triangles) for item in message.objects), limits.triangles)

@@ -6,7 +6,7 @@ from typing import Any
 from rclpy.serialization import serialize_message
 
 from poise.errors import ErrorCode, InputError
-from poise.nodes.request_checks import Limits, check_request
+from poise.nodes.request_checks import CallLimits, check_request
 from poise.nodes.robustness_worker import MAP_TOLERANCE
 from poise.nodes.transforms import pose_between, transform_objects, transform_pushes
 from poise.robot import FrameTree
@@ -42,7 +42,7 @@ class Call:
     poses: dict[str, list[float]] = field(default_factory=dict)
 
 
-def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limits: Limits, longest: float) -> Call:
+def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limits: CallLimits, longest: float) -> Call:
     """Check a request and transform it.
 
     Args:

@@ -23,7 +23,7 @@ from poise.nodes.assembly_message import assembly_message
 from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.request_checks import Limits
+from poise.nodes.request_checks import CallLimits
 from poise.nodes.robustness_calls import Call, call_of
 from poise.nodes.robustness_worker import RobustnessWorker, load_type_supports
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
@@ -80,7 +80,7 @@ class RobustnessServer(Node):
         super().__init__("robustness_server")
         values = declare_parameters(self, ROBUSTNESS_SERVER_PARAMETERS)
         self._longest: float = values["longest"]
-        self._limits = Limits(*(values[f"most_{name}"] for name in Limits._fields))
+        self._limits = CallLimits(*(values[f"most_{name}"] for name in CallLimits._fields))
         self._frame_id: str = values["frame_id"]
         self._lock = threading.RLock()
         # What the lock guards: the assembly that is set (None after a bad message), its frame and version, and what
@@ -104,7 +104,8 @@ class RobustnessServer(Node):
         most_bytes = 4 * values["most_bytes"]
         self._jobs = Jobs(self, values["waiting"], values["waiting_heavy"], values["workers"], most_bytes)
         for kind, (service, name) in _SERVICES.items():
-            self._jobs.serve(service, name, partial(self._task, kind), self._seconds)
+            refused = self._say_version if kind == "set" else None
+            self._jobs.serve(service, name, partial(self._task, kind), self._seconds, refused)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
         take = partial(add_transforms, self._frames)
         self.create_subscription(TFMessage, "tf", guarded(self, take), QoSProfile(depth=1000))
@@ -127,6 +128,9 @@ class RobustnessServer(Node):
 
     def _seconds(self, request: Any) -> float:
         return min(request.deadline or self._longest, self._longest)
+
+    def _say_version(self, response: SetAssembly.Response) -> None:
+        response.version = self._version
 
     def _task(self, kind: str, request: Any) -> Task:
         call = call_of(kind, request, self._frames, self._frame_id, self._limits, self._longest)

@@ -4,6 +4,7 @@ import gc
 import json
 import os
 import resource
+import select
 import signal
 import socket
 import threading
@@ -18,6 +19,8 @@ from poise.errors import ErrorCode, NoAnswerError, PoiseError
 
 _START_SECONDS = 60.0
 """s that a worker may need to start, on a loaded machine."""
+_END_SECONDS = 1.0
+"""s for which the end of a killed process is awaited."""
 
 Exchange = tuple[dict[str, Any], list[bytes]]
 """A header of plain values, and serialized messages."""
@@ -127,6 +130,7 @@ class Worker:
             return
         if not self._ended:
             signal.pidfd_send_signal(self._process, signal.SIGKILL)
+            select.select([self._process], [], [], _END_SECONDS)  # until its memory is free
         os.close(self._process)
         self._pipe.close()
         self._life.close()
