@@ -169,7 +169,7 @@ class AccelerationLimitsNode(Node):
         message.azimuths, message.limits = _azimuths(len(left.limits)), np.minimum(left.limits, _MOST).tolist()
         message.tilts = limits.tilts(self._gravity).tolist()
         message.first_to_move = [ObjectIds(ids=list(names)) for names in limits.first_to_move]
-        message.doubtful = np.asarray(getattr(limits, "doubtful", np.zeros(len(limits.limits), dtype=bool))).tolist()
+        message.doubtful = limits.doubtful.tolist()
         message.normals = [Vector3(x=x, y=y, z=z) for x, y, z in left.normals.tolist()]
         message.offsets = left.offsets.tolist()
         message.angular_acceleration = min(limits.angular_acceleration, _MOST)

@@ -103,8 +103,8 @@ class Jobs:
     """Threads that process calls, the one with the earliest deadline first.
 
     Every call gets exactly one answer: the work's, BUSY when too many wait, DEADLINE when it is still not done a while
-    after that, CANCELLED when the node goes. rclpy does not say who calls: therefore heavy and other calls are kept
-    apart instead: each kind has its own queue, and the first thread takes no heavy ones unless it is the only one.
+    after that, CANCELLED when the node goes. rclpy does not say who calls. Therefore heavy and other calls are kept
+    apart: each kind has its own queue, and the first thread takes no heavy ones unless it is the only one.
 
     Args:
         node: whose services these are.

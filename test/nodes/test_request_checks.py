@@ -1,6 +1,7 @@
 """Every number of a request has its range, and an answer that contradicts itself is withheld."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from poise.errors import ErrorCode, InputError, PoiseError
 from poise.nodes.answer_checks import check_answer
 from poise.nodes.assembly_message import assembly_of, pushes_of, robustness_message
 from poise.nodes.map_message import map_message
-from poise.nodes.request_checks import CallLimits, check_covariance, check_request
+from poise.nodes.request_checks import RANGES, CallLimits, check_covariance, check_request
 from poise.nodes.robustness_calls import call_of
 from poise.robot import FrameTree
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -156,3 +157,9 @@ def test_an_answer_that_contradicts_itself_is_withheld():
         bound[3] = before
     with pytest.raises(PoiseError, match="margin"):
         check_answer(SetAssembly.Response(margin=math.nan))
+
+
+def test_the_page_shows_the_table_of_ranges():
+    page = (Path(__file__).parents[2] / "docs" / "robustness_server.md").read_text(encoding="utf-8")
+    for name, (least, greatest, unit, code, _) in RANGES.items():
+        assert f"| {name} | {least:g} | {greatest:g}{' ' + unit if unit else ''} | `{code.name}` |" in page
