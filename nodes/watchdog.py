@@ -35,6 +35,8 @@ _WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
 """All may be changed; they count from the next goal on."""
 _LOST = 0.5
 """s without a sign of life after which a watchdog with a moving arm counts as lost."""
+_HELD_UP = 0.1
+"""s between two looks that show that this process was held up."""
 _MOMENT = 0.01
 """s between looks for the executor of a node that is still being made."""
 _AGAIN = 1.0
@@ -100,7 +102,7 @@ class ProcessWatchdog:
         self._link: WatchdogLink | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._closing = self._open = self._up = self._hearing = self._armed = False
-        self._said = 0.0
+        self._said = self._looked = 0.0
         self._goals: dict[str, WatchedGoal] = {}
         self._current = ""
         self._loaded: dict[int, tuple[int, ReadyStops]] = {}
@@ -162,7 +164,11 @@ class ProcessWatchdog:
     @property
     def alive(self) -> bool:
         """It can still stop the motion."""
-        return self._up and (not self._armed or time.monotonic() - self._said < _LOST)
+        now = time.monotonic()
+        if now - self._looked > _HELD_UP:  # what it said may wait to be read
+            self._said = max(self._said, now - _LOST + _HELD_UP)
+        self._looked = now
+        return self._up and (not self._armed or now - self._said < _LOST)
 
     @property
     def sent(self) -> SentStop | None:
