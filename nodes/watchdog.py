@@ -96,6 +96,7 @@ class ProcessWatchdog:
             "action": ("poise_msgs", "action", action.__name__),
             "action_name": node.resolve_service_name(name),
             "arguments": _enclave(sys.argv),
+            "domain": node.context.get_domain_id(),
             **{topic: node.resolve_topic_name(topic) for topic in ("joint_trajectory", "joint_states", "wrench")},
         }
         self._keys = itertools.count(1)
@@ -241,6 +242,7 @@ class ProcessWatchdog:
                     [sys.executable, "-m", "poise.nodes.watchdog_process", str(its.fileno())],
                     pass_fds=[its.fileno()],
                     stdin=subprocess.DEVNULL,
+                    start_new_session=True,  # it ends after its node, not with it by Ctrl-C
                 )
             self._link = link = WatchdogLink(ours.detach())
             self._say("setup", open=self._open, **self._setup)

@@ -86,7 +86,7 @@ class WatchdogNode(Node):
     """
 
     def __init__(self, link: WatchdogLink, setup: dict[str, Any]) -> None:
-        super().__init__(setup["node"], namespace=setup["namespace"], start_parameter_services=False)
+        super().__init__(setup["node"], namespace=setup["namespace"])
         self._link, self._setup = link, setup
         self.ended = False
         """The node that started this process is gone."""
@@ -316,7 +316,11 @@ def main() -> None:
     setup = link.receive()
     if setup is None:
         return
-    rclpy.init(args=setup.values["arguments"], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    rclpy.init(
+        args=setup.values["arguments"],
+        domain_id=setup.values["domain"],
+        signal_handler_options=rclpy.SignalHandlerOptions.NO,
+    )
     node = WatchdogNode(link, setup.values)
     executor = EventsExecutor()
     executor.add_node(node)
