@@ -22,7 +22,7 @@ from poise_msgs.action import IdentifyPayload
 pytestmark = pytest.mark.ros
 NAMES = ("a", "b")
 MOTION = WaypointTrajectory(np.array([0.0, 4.0]), np.array([[0.0, 0.0], [0.5, -0.5]]))
-LIMITS = WatchLimits(silence=0.3, unattended=1e3, force=10.0, needs_wrench=True)
+LIMITS = WatchLimits(silence=1.5, unattended=1e3, force=10.0, needs_wrench=True)
 
 
 class BlockedNode:
