@@ -27,7 +27,7 @@ from poise.nodes.watchdog_link import WatchdogLink, Word
 
 WATCHDOG_PARAMETERS = (
     Parameter("stop_silence", 0.5, "s without joint states (or wrenches) that stop a motion", (0.02, 10.0)),
-    Parameter("stop_unattended", 1.0, "s that this node may be held up before a motion is stopped", (0.1, 10.0)),
+    Parameter("stop_unattended", 5.0, "s that this node may be held up before a motion is stopped", (0.1, 60.0)),
     Parameter("stop_over_speed", 1.5, "a motion stops above this multiple of a joint's planned speed", (1.05, 100.0)),
     Parameter("stop_force", 0.0, "N of change of the force on topic wrench that stop a motion; 0: none", (0.0, 1e5)),
 )

@@ -23,7 +23,7 @@ RADIUS = 0.12
 ARM = {"mode": "arm", "robot": "fr3", "sensor": "ft300", "payload.mass": MASS, "payload.com": COM}
 ARM |= {"payload.inertia": INERTIA}
 NODE = {"tcp_frame": "tcp", "object_radius": RADIUS}
-NODE |= {"stop_unattended": 5.0, "stop_silence": 2.0}  # on machines that do other things
+NODE |= {"stop_unattended": 60.0, "stop_silence": 2.0}  # on machines that do other things
 NODE |= {"noise_linear_acceleration": 0.01, "noise_angular_acceleration": 0.05}
 STOP_AND_GO, EXCITATION = IdentifyPayload.Goal.MOTION_STOP_AND_GO, IdentifyPayload.Goal.MOTION_EXCITATION
 

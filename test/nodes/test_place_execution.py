@@ -34,7 +34,7 @@ SCENE = load_scene(Path(__file__).resolve().parents[2] / "docs" / "scenes" / "pl
 CAN = RigidObject("can", Cylinder(0.03, 0.1), Pose.from_vector([-0.1, -0.42, 0.05, 0, 0, 0, 1]), mass=0.3)
 BASE = Pose.from_vector([-0.5, 0, 0, 0, 0, 0, 1])
 PLANNER = {"candidates": 1, "support": "objects", "base": [-0.5, 0.0, 0.0, 0.0], "gripper_joint": FINGERS}
-PLANNER |= {"ready_timeout": 0.2, "stop_unattended": 5.0}
+PLANNER |= {"ready_timeout": 0.2, "stop_unattended": 60.0}
 ROBOT = {"mode": "arm", "robot": "fr3", "rate": 3.0, "joint_rate": 60.0, "joint_noise": 0.0, "gripper_joint": FINGERS}
 ROBOT |= {"sensor": "none", "sensor_rate": 10.0}
 ENDLESS = {"candidates": 10_000, "attempts": 1_000_000}
@@ -86,7 +86,7 @@ def comes_to_rest(graph, states):
 
 
 def test_a_can_is_picked_up_and_put_on_a_cube(start_node, graph, caller):
-    transform = TransformStamped(child_frame_id="fr3_link0")
+    transform = TransformStamped(child_frame_id="base_link")
     transform.header.frame_id, transform.transform.translation.x = FRAME, -0.5
     graph.node.create_publisher(TFMessage, "tf_static", LATCHED).publish(TFMessage(transforms=[transform]))
     _, states = start_both(start_node, graph, caller, PLANNER | {"base": [5.0, 5.0, 0.0, 0.0]})  # tf knows better
