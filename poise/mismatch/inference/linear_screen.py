@@ -34,6 +34,8 @@ _GENERAL = ("link_parameters",)
 _ALTERNATIVES = 4
 """Other effects in the place of a single one that are compared in full."""
 _MOST = 10
+_CHOICES = 2
+"""Times that effects which choose a joint or a moment are looked for in what the others leave."""
 _TOLERANCE_RIDGE = 0.01
 """Precision of a calibration error in tolerances: inside the bounds the smallest is taken."""
 _RIDGE = 1e-9
@@ -97,10 +99,14 @@ def screened(
     combined = [each for each in linear if each.made_of]
     sums = screen.extended([each for each in linear if each not in choosing])
     chosen = _grown(sums, [])
-    if choosing:
-        # Which joints are concerned shows once the common effects are there.
-        sums = screen.extended(choosing, _fitted(problem, sums, chosen))
+    for _ in range(_CHOICES if choosing else 0):
+        # Which joints are concerned shows once the common effects are there, and those found before.
+        known, names = len(chosen), {sums.families[i].name for i in chosen}
+        left = [effect for effect in choosing if effect.name not in names]
+        sums = screen.extended(left, _fitted(problem, sums, chosen))
         chosen = _grown(sums, chosen)
+        if len(chosen) == known:
+            break
     chosen = _pruned(sums, _grown(sums, chosen, general=True))
     chosen = _varied(sums, chosen)
     for effect in combined:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
-from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, residual_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence
 from poise.mismatch.recorded import RecordedMotion
@@ -35,6 +35,16 @@ final residual has the same limit."""
 _BRIEF, _LEAST_LOCAL = 0.3, 5.0
 """Share of a recording within which an event is brief, and its least energy in a sample, in units of the noise of a
 channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording."""
+_LEAST_EVIDENCE = 6.0
+"""log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
+_LEAST_EXCESS = 0.5
+"""Energy of the residual above that of noise, as its share, where an effect acts: below, it follows the noise."""
+_MOST_ELSEWHERE = 0.5
+"""Energy in another window of the length of a brief event, as a share of its own: the event would be one of several."""
+_ACTS = 0.01
+"""Share of its largest energy in a sample from which an event acts there."""
+_SPIKE, _CHANCE = 5.0, 4.0
+"""Sigmas to which single residuals are limited, and that the energy of noise in some window may exceed its mean by."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +60,10 @@ class EffectProof:
         rest: energy that the model leaves above the noise, in units of the energy of this effect, in the samples and
             channels where it acts.
         local: energy of the effect in a sample where it acts, over all channels, in units of their noise.
+        evidence: log evidence of the model with the effect over the model without it, under the same noise.
+        excess: energy of the residual without the effect, where the effect acts, over that of the noise, less one.
+        elsewhere: of a brief event, the largest energy that stays unexplained in another window of its length, in units
+            of the energy of the event.
     """
 
     blocks: int
@@ -60,6 +74,9 @@ class EffectProof:
     share: float
     rest: float
     local: float
+    evidence: float
+    excess: float
+    elsewhere: float
 
     @property
     def lacking(self) -> str:
@@ -70,6 +87,10 @@ class EffectProof:
             return f"the error falls in {self.improved_blocks} of {self.blocks} parts of the recording"
         if self.rest * _LEAST_OF_REST > 1.0:
             return f"the error that remains unexplained is {self.rest:.2g} times as large as what it explains"
+        if self.evidence < _LEAST_EVIDENCE:
+            return "the recording is nearly as likely without it"
+        if self.excess < _LEAST_EXCESS:
+            return "where it acts, the residual is within the noise without it"
         return ""
 
 
@@ -121,6 +142,8 @@ def _immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof
     windows = part.effect.windows(recorded, part.values)
     ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays
     if windows and ends and sum(end - begin for begin, end in windows) < _BRIEF * recorded.duration:
+        if proof.elsewhere > _MOST_ELSEWHERE:
+            return "at other times, as much remains unexplained"
         return "it is not larger than errors of the measured motion" if proof.local < _LEAST_LOCAL else ""
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
@@ -141,11 +164,12 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         # A knock that is a fraction of a sample late would count as much as one that is not there.
         judged = settled if problem.judged is None else settled & problem.judged
         whole, *without = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
-    return [_proof(problem.measured.shape[1], length, whole, shorter) for shorter in without]
+    return [_proof(problem, length, whole, shorter) for shorter in without]
 
 
-def _proof(channels: int, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
+def _proof(problem: Problem, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
     """The proof of the effect that `whole` has and `without` lacks."""
+    channels = problem.measured.shape[1]
     fitted = [each.regression.residual.reshape(channels, -1) for each in (without, whole)]
     response = (fitted[0] - fitted[1]) ** 2
     acting = response / max(float(response.sum()), 1e-300)
@@ -165,7 +189,30 @@ def _proof(channels: int, length: int, whole: HypothesisFit, without: Hypothesis
         share=float(np.clip(1.0 - errors[1] / max(errors[0], 1e-12), 0.0, 1.0)),
         rest=max(float(np.sum(acting * (fitted[1] ** 2 - 1.0))), 0.0) / max(float(np.sum(acting * response)), 1e-9),
         local=float(share @ energy) / length,
+        evidence=whole.log_evidence - without.log_evidence,
+        excess=_excess(problem, whole, without),
+        elsewhere=_elsewhere(fitted[1], energy, share),
     )
+
+
+def _excess(problem: Problem, whole: HypothesisFit, without: HypothesisFit) -> float:
+    """Energy of the residual of `without` over that of the noise, less one, weighed by what `whole` adds to it."""
+    left, kept = (residual_of(problem, each)[problem.active] for each in (without, whole))
+    scale = problem.noise.total[problem.active]
+    added = ((left - kept) / scale) ** 2
+    return float(np.sum(added * np.minimum((left / scale) ** 2, _SPIKE**2)) / max(float(added.sum()), 1e-300)) - 1.0
+
+
+def _elsewhere(left: Array, energy: Array, share: Array) -> float:
+    """Largest energy above that of noise of a residual (C, N) in a window outside an event, relative to the event's."""
+    acts = share > _ACTS * share.max()
+    count, outside = int(acts.sum()), ~acts
+    if int(outside.sum()) <= count:
+        return 0.0
+    squares = np.minimum(left[:, outside] ** 2, _SPIKE**2).sum(axis=0)
+    sums = np.convolve(squares - squares.mean(), np.ones(count), mode="valid")
+    chance = _CHANCE * squares.std() * np.sqrt(count)
+    return max(float(sums.max() - chance), 0.0) / max(float(energy.sum()), 1e-300)
 
 
 def _parts(share: Array, count: int) -> NDArray[np.intp]:
