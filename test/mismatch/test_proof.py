@@ -108,10 +108,11 @@ def test_an_effect_that_acts_in_one_part_alone_is_not_named() -> None:
 @pytest.mark.parametrize(
     ("proof", "words"),
     [
-        (EffectProof(6, 6, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0), ""),
-        (EffectProof(6, 6, 1.2, 1.2, 2.0, 1.0, 0.0, 9.0), "does not fall"),
-        (EffectProof(6, 4, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0), "in 4 of 6 parts"),
-        (EffectProof(6, 6, 5.0, 4.9, 40.0, 1.0, 33.0, 9.0), "33 times"),
+        (EffectProof(6, 6, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0, 40.0, 2.0, 0.0), ""),
+        (EffectProof(6, 6, 1.2, 1.2, 2.0, 1.0, 0.0, 9.0, 40.0, 2.0, 0.0), "does not fall"),
+        (EffectProof(6, 4, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0, 40.0, 2.0, 0.0), "in 4 of 6 parts"),
+        (EffectProof(6, 6, 5.0, 4.9, 40.0, 1.0, 33.0, 9.0, 40.0, 2.0, 0.0), "33 times"),
+        (EffectProof(6, 6, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0, 4.0, 2.0, 0.0), "as likely without it"),
     ],
 )
 def test_what_a_proof_lacks_is_said(proof: EffectProof, words: str) -> None:

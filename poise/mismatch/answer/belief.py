@@ -9,6 +9,8 @@ from poise.mismatch.inference import HypothesisSearch, ProvenModel
 
 _TEMPERATURE = 4.0
 """Divisor of log evidences in the comparison of rivals: no model is exact, and widths of priors are typical ones."""
+_NONE_TEMPERATURE = 2.0
+"""The same, in the comparison of the nominal model with models that have more effects."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
 _WEIGHTS = (1.55, 0.18, -1.29, -0.24, -1.0)
@@ -105,7 +107,9 @@ def beliefs(
 
 def probability_of_none(state: HypothesisSearch) -> float:
     """Probability that nothing of the library is there."""
-    evidence = {names: (value - _PER_EFFECT * len(names)) / _TEMPERATURE for names, value in _evidences(state).items()}
+    evidence = {
+        names: (value - _PER_EFFECT * len(names)) / _NONE_TEMPERATURE for names, value in _evidences(state).items()
+    }
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())
     return min(math.exp(evidence[()] - top) / total, MAX_PROBABILITY)

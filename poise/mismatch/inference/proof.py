@@ -37,8 +37,9 @@ _BRIEF, _LEAST_LOCAL = 0.3, 5.0
 channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
-_LEAST_EXCESS = 0.5
-"""Energy of the residual above that of noise, as its share, where an effect acts: below, it follows the noise."""
+_SHAPES, _LEAST_EXCESS = 4, 0.4
+"""Non-linear parameters from which an effect has shapes enough to follow noise, and the least energy of the residual
+above that of noise, as its share, where it acts."""
 _MOST_ELSEWHERE = 0.5
 """Energy in another window of the length of a brief event, as a share of its own: the event would be one of several."""
 _ACTS = 0.01
@@ -89,8 +90,6 @@ class EffectProof:
             return f"the error that remains unexplained is {self.rest:.2g} times as large as what it explains"
         if self.evidence < _LEAST_EVIDENCE:
             return "the recording is nearly as likely without it"
-        if self.excess < _LEAST_EXCESS:
-            return "where it acts, the residual is within the noise without it"
         return ""
 
 
@@ -139,6 +138,9 @@ def _immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
     if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + _EXCESS:
         return "the residual is within the noise without it"
+    shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
+    if shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
+        return "where it acts, the residual is within the noise without it"
     windows = part.effect.windows(recorded, part.values)
     ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays
     if windows and ends and sum(end - begin for begin, end in windows) < _BRIEF * recorded.duration:

@@ -31,7 +31,9 @@ class _OnEfforts(Effect):
     def __init__(self, inner: Effect) -> None:
         self._inner = inner
         same = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with", "transfers")
-        vars(self).update({name: getattr(inner, name) for name in (*same, "order", "widens", "made_of", "defaults")})
+        vars(self).update(
+            {name: getattr(inner, name) for name in (*same, "order", "widens", "made_of", "defaults", "free_course")}
+        )
         vars(self)["needs"] = ("joints", "effort")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
@@ -108,8 +110,6 @@ class MotionOnEfforts(_OnEfforts):
         splines: of its speed, at the most.
     """
 
-    free_course = True
-
     def __init__(self, inner: UnreportedBaseMotion, splines: int = MAX_SPLINES) -> None:
         super().__init__(inner)
         self._motion, self._splines = inner, splines
@@ -139,7 +139,8 @@ class MotionOnEfforts(_OnEfforts):
         return self._motion.windows(recorded, values)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
-        return self._motion.implausible(recorded, values)
+        unused = (p.name for p in self._motion.parameters(recorded) if p.name not in values)
+        return self._motion.implausible(recorded, {**dict.fromkeys(unused, 0.0), **values})
 
     def untestable(self, recorded: RecordedMotion) -> str:
         known = recorded.effort is not None and recorded.effort.by_tilt is not None
