@@ -34,7 +34,8 @@ _EXCESS = 0.05
 final residual has the same limit."""
 _BRIEF, _LEAST_LOCAL = 0.3, 5.0
 """Share of a recording within which an event is brief, and its least energy in a sample, in units of the noise of a
-channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording."""
+channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording. Where
+nothing is left at other times, the energy of the whole residual during the event counts."""
 _LEAST_EVIDENCE = 6.0
 """log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
 _SHAPES, _LEAST_EXCESS = 4, 0.4
@@ -146,7 +147,8 @@ def _immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof
     if windows and ends and sum(end - begin for begin, end in windows) < _BRIEF * recorded.duration:
         if proof.elsewhere > _MOST_ELSEWHERE:
             return "at other times, as much remains unexplained"
-        return "it is not larger than errors of the measured motion" if proof.local < _LEAST_LOCAL else ""
+        alone = proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL
+        return "" if alone or proof.local >= _LEAST_LOCAL else "it is not larger than errors of the measured motion"
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
 
