@@ -129,6 +129,8 @@ class BinaryDistribution(Distribution):
 
 
 data_files = [(f"share/{PACKAGE}/bags", files("bags", "*"))]
+for folder in ("", "/placement"):
+    data_files.append((f"share/{PACKAGE}/scenes{folder}", files(f"docs/scenes{folder}", "*")))
 scripts = ["poise = poise.cli:main"]
 options = {}
 if not CORE_ONLY:

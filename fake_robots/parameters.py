@@ -9,6 +9,7 @@ from poise.errors import ErrorCode, InputError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.fake_robots.bag_replay import BagSource
 from poise.fake_robots.gripper import SimulatedGripper
+from poise.files import package_file
 from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia import InertialParameters
 from poise.nodes.parameters import WORDS, Parameter
@@ -31,7 +32,7 @@ PARAMETERS = (
     Parameter("wait_timeout", 30.0, "largest time to wait for them, s; 0: no limit", (0.0, 1e6)),
     Parameter("faults", WORDS, "faults to inject, one entry each, as `drop: {topic: wrench, share: 0.1}`"),
     Parameter("seed", 0, "seed of noise, faults and the trajectory `fourier`", (0, 2**31 - 1)),
-    Parameter("bag", "", "replay: path of the bag"),
+    Parameter("bag", "", "replay: path of the bag, or package://NAME/path"),
     Parameter("topics", WORDS, "replay: topics to replay; empty: all"),
     Parameter("refuse_unknown", False, "replay: end with an error when a topic's type is not installed"),
     Parameter("robot", "fr3", "arm: fr3, xarm7, ridgeback_ur10, or the path of a URDF"),
@@ -71,7 +72,7 @@ def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
     if values["mode"] == "replay":
         if not values["bag"]:
             raise InputError(ErrorCode.BAD_INPUT, "parameter bag: give the path of a bag, or set mode to arm")
-        return BagSource(values["bag"], values["topics"], values["refuse_unknown"])
+        return BagSource(package_file(values["bag"]), values["topics"], values["refuse_unknown"])
     description = read_urdf(find_urdf(values["robot"]))
     model = RobotModel.from_urdf(description, values["sensor_frame"])
     trajectory = None

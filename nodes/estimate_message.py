@@ -37,12 +37,9 @@ def inertia_message(parameters: InertialParameters) -> Inertia:
 
 def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
     """Turn an estimate into a message; one whose fit is hopeless becomes an error, without numbers."""
-    findings = findings_message(estimate)
     poor = estimate.fit.finding
     if poor is not None and estimate.fit.is_hopeless:
-        message = no_estimate_message(NoAnswerError(poor.code, poor.message), estimate.frame_id)
-        message.header.stamp, message.findings = time_message(estimate.stamp), findings
-        return message
+        return withheld_message(estimate, NoAnswerError(poor.code, poor.message))
     message = InertialEstimateMessage()
     message.header.stamp = time_message(estimate.stamp)
     message.header.frame_id = estimate.frame_id
@@ -64,8 +61,15 @@ def estimate_message(estimate: InertialEstimate) -> InertialEstimateMessage:
         )
         for span in estimate.rejected
     ]
-    message.findings = findings
+    message.findings = findings_message(estimate)
     message.residual_force, message.residual_torque = estimate.residual_force, estimate.residual_torque
+    return message
+
+
+def withheld_message(estimate: InertialEstimate, error: PoiseError) -> InertialEstimateMessage:
+    """An estimate without its numbers: why, and what was found."""
+    message = no_estimate_message(error, estimate.frame_id)
+    message.header.stamp, message.findings = time_message(estimate.stamp), findings_message(estimate)
     return message
 
 

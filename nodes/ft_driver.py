@@ -4,7 +4,6 @@ import array
 
 import numpy as np
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
@@ -15,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from poise.errors import PoiseError
 from poise.force_torque import Acquisition, BlockAverages, SampleBatch, Severity, StreamReport
+from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.ft_driver_parameters import FT_DRIVER_PARAMETERS, DriverSetup, read_parameters
 from poise.nodes.lifecycle import survive_impossible_transitions
 from poise.nodes.parameters import declare_parameters
@@ -155,7 +155,7 @@ class SamplePublisher:
         self._kind = ""
         self._wrench = node.create_lifecycle_publisher(WrenchStamped, "wrench", WRENCH_QOS)
         self._batch = node.create_lifecycle_publisher(WrenchBatch, "wrench_batch", _BATCH_QOS)
-        self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._diagnostics = DiagnosticsPublisher(node, "force-torque sensor")
         # One message of each kind, filled again for every publish(), which has serialised it when it returns.
         self._wrench_message = WrenchStamped()
         self._wrench_message.header.frame_id = frame_id
@@ -165,7 +165,7 @@ class SamplePublisher:
     def destroy(self) -> None:
         self._node.destroy_lifecycle_publisher(self._wrench)
         self._node.destroy_lifecycle_publisher(self._batch)
-        self._node.destroy_publisher(self._diagnostics)
+        self._diagnostics.destroy()
 
     def blocks(self, blocks: BlockAverages) -> None:
         message = self._wrench_message
@@ -204,7 +204,7 @@ class SamplePublisher:
             "status": f"{report.status:#010x} {report.status_text}",
             "bias": " ".join(f"{value:.6g}" for value in report.bias),
         }
-        self._diagnose(condition.severity, name + condition.text, report.device, values)
+        self._diagnostics.publish(condition.severity, name + condition.text, values, report.device)
         if condition.kind != self._kind:
             self._kind = condition.kind
             logger = self._node.get_logger()
@@ -218,19 +218,7 @@ class SamplePublisher:
 
     def report_idle(self, device: str) -> None:
         """Report that the driver is inactive on purpose."""
-        self._diagnose(Severity.OK, "inactive", device, {"condition": "inactive"})
-
-    def _diagnose(self, severity: Severity, text: str, device: str, values: dict[str, object]) -> None:
-        status = DiagnosticStatus(
-            level=bytes([severity]),
-            name=f"{self._node.get_fully_qualified_name().lstrip('/')}: force-torque sensor",
-            message=text,
-            hardware_id=device,
-            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publish(self._diagnostics, message)
+        self._diagnostics.publish(Severity.OK, "inactive", {"condition": "inactive"}, device)
 
     @staticmethod
     def _publish(publisher: rclpy.publisher.Publisher, message: object) -> None:

@@ -3,10 +3,8 @@
 import time
 from dataclasses import replace
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
@@ -17,9 +15,11 @@ from poise.errors import PoiseError
 from poise.geometry import rotation_of_quaternion
 from poise.inertia.model import Parts
 from poise.inertia.pipeline import LiveEstimator, status_of
+from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
+from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run, subscribe, topic_hint
@@ -33,7 +33,7 @@ _SOLVING = 0.2
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class InertialEstimator(Node):
+class InertialEstimator(ArmNode):
     """Subscribes to wrench, joint_states, robot_description, odom, tf; publishes inertial_estimate and diagnostics."""
 
     def __init__(self) -> None:
@@ -46,7 +46,7 @@ class InertialEstimator(Node):
         # Who joins later (a planner, the demo) still hears what is being held.
         self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", _LATCHED)
         self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._diagnostics = DiagnosticsPublisher(self)
         best_effort = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
         for message_type, topic, callback in (
             (WrenchStamped, "wrench", self._on_wrench),
@@ -70,6 +70,12 @@ class InertialEstimator(Node):
         self.create_timer(1.0 / values["publish_rate"], guarded(self, self._publish))
         self.create_timer(1.0, guarded(self, self._diagnose))
         self._action = IdentifyPayload(self)
+        self.watchdog = self._action.watchdog
+        self.start()
+
+    def halt(self, reason: str) -> None:
+        """Stop the arm and end the goal."""
+        self._action.halt(reason)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque
@@ -158,18 +164,7 @@ class InertialEstimator(Node):
         if "wrench" not in self.live.heard:
             hint = topic_hint(self, "wrench", "geometry_msgs/msg/WrenchStamped")
             status = replace(status, message=status.message + hint)
-        message = DiagnosticArray()
-        message.header.stamp = self.get_clock().now().to_msg()
-        message.status = [
-            DiagnosticStatus(
-                level=bytes([status.level]),
-                name=self.get_fully_qualified_name().lstrip("/"),
-                message=status.message,
-                hardware_id=self.live.sensor_frame,
-                values=[KeyValue(key=key, value=value) for key, value in status.values.items()],
-            )
-        ]
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(status.level, status.message, status.values, self.live.sensor_frame)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -1,11 +1,11 @@
 """The parameters of inertial_estimator: what they mean, their ranges, and the options that they make."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.files import package_file
 from poise.inertia.estimators import method_choices
 from poise.inertia.model import NoiseLevels, load_object
 from poise.inertia.pipeline import IMUS, SOURCES, LiveOptions
@@ -102,7 +102,7 @@ def live_options(values: dict[str, Any]) -> LiveOptions:
             raise InputError(
                 ErrorCode.BAD_INPUT, f"parameter object_pose is {pose}: give x y z and a quaternion x y z w"
             )
-        given = load_object(Path(values["object"]), values["object_scale"]).placed(pose[:3], pose[3:])
+        given = load_object(package_file(values["object"]), values["object_scale"]).placed(pose[:3], pose[3:])
         shape = {"parts": given.parts, "accuracy": given.accuracy}
     return LiveOptions(
         sensor_frame=values["sensor_frame"],

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -17,14 +16,15 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.files import write_whole
+from poise.files import package_file, write_whole
 from poise.geometry import rotation_of_quaternion
 from poise.mismatch.answer import Diagnosis, LiveWindow, diagnose, effects_called, examine
 from poise.mismatch.reading import NominalModel, dump_model, joined, load_model, read_recording
+from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.runtime import LATCHED, coded, guarded, subscribe
+from poise.nodes.runtime import LATCHED, coded, guarded, subscribe, topic_hint
 from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
 
@@ -50,6 +50,8 @@ _PARAMETERS = (
 )
 
 
+_CHANGEABLE = ("period", "share", "deadline")
+"""Parameters that hold from the next examination on."""
 _WRENCH = ("auto", "required", "none")
 _LEAST_SHARE = 0.2
 """Of the share: what examinations get when messages need more than the rest."""
@@ -84,12 +86,13 @@ class MismatchDiagnoser(Node):
 
     def __init__(self) -> None:
         super().__init__("mismatch_diagnoser")
-        values = declare_parameters(self, _PARAMETERS)
+        values = declare_parameters(self, _PARAMETERS, changeable=_CHANGEABLE)
         sys.setswitchinterval(_GIL_SLICE)
-        self._model = load_model(Path(values["model"])) if values["model"] else NominalModel()
+        self._model = load_model(package_file(values["model"])) if values["model"] else NominalModel()
         self._library = effects_called(values["effects"])
-        self._period, self._share = values["period"], values["share"]
-        self._deadline = values["deadline"] or math.inf
+        self._limits: dict[str, float] = {}
+        self._take_limits([self.get_parameter(name) for name in _CHANGEABLE])
+        self.add_post_set_parameters_callback(self._take_limits)
         self._keep = Path(values["keep"]) if values["keep"] else None
         self._save = Path(values["save"]) if values["save"] else None
         self._wrench = values["wrench"]
@@ -103,11 +106,11 @@ class MismatchDiagnoser(Node):
         self._last: MismatchReport | None = None
         self._input: dict[str, str] = {}
         self._reports = self.create_publisher(MismatchReport, "mismatch_report", LATCHED)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "diagnostics", 10)
+        self._diagnostics = DiagnosticsPublisher(self)
         self._jobs = Jobs(self, 1)
         self.create_timer(1.0, guarded(self, self._diagnose))
         if values["bags"]:
-            bags = [Path(bag) for bag in values["bags"]]
+            bags = [package_file(bag) for bag in values["bags"]]
             self._start(lambda: self._examine_bags(bags))
         else:
             self._listen()
@@ -147,10 +150,19 @@ class MismatchDiagnoser(Node):
     def _on_description(self, message: String) -> None:
         self._window.description = message.data
 
+    def _take_limits(self, parameters: list[Any]) -> None:
+        """Take the limits of the next examination."""
+        for parameter in parameters:
+            self._limits[parameter.name] = parameter.value
+
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = True, f"forgot {self._window.seconds:.1f} s"
         self._window.clear()
         return response
+
+    @property
+    def _deadline(self) -> float:
+        return self._limits["deadline"] or math.inf
 
     def _look(self) -> None:
         """Start an examination when the window is full and holds new messages."""
@@ -172,8 +184,7 @@ class MismatchDiagnoser(Node):
             self._busy = False
 
     def _diagnose(self) -> None:
-        status = DiagnosticStatus(name=self.get_fully_qualified_name().lstrip("/"), hardware_id=self._window.frame_id)
-        status.level, status.message = self._status()
+        level, text = self._status()
         values = {
             "window_seconds": f"{self._window.seconds:.1f}",
             "wrenches": str(self._window.counts[0]),
@@ -182,23 +193,27 @@ class MismatchDiagnoser(Node):
             "seconds_of_the_last": f"{self._spent:.2f}",
             "late_messages": str(self._window.late),
             "wrenches_of_other_frames": str(self._window.foreign),
+            **self._input,
         }
-        values |= self._input
-        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+        self._diagnostics.publish(level, text, values, self._window.frame_id)
 
-    def _status(self) -> tuple[bytes, str]:
+    def _status(self) -> tuple[int, str]:
         report = self._last
         if report is None:
-            return DiagnosticStatus.OK, "examining" if self._busy else self._window.lacks or "filling the window"
+            return OK, "examining" if self._busy else self._lacks() or "filling the window"
         if report.error.code:
             at_rest = report.error.code == ErrorCode.NOT_IDENTIFIABLE
-            return DiagnosticStatus.OK if at_rest else DiagnosticStatus.WARN, report.error.message
+            return OK if at_rest else WARN, report.error.message
         sentences = [*(effect.sentence for effect in report.effects), report.unknown_sentence]
         summary = " ".join(sentence for sentence in sentences if sentence)
-        return (DiagnosticStatus.WARN, summary) if summary else (DiagnosticStatus.OK, "recording and simulation agree")
+        return (WARN, summary) if summary else (OK, "recording and simulation agree")
+
+    def _lacks(self) -> str:
+        """What is missing for an examination, and why, when the graph shows it."""
+        lacks, (wrenches, joints) = self._window.lacks, self._window.counts
+        if not wrenches and self._window.expects_wrench:
+            return lacks + topic_hint(self, "wrench", "geometry_msgs/msg/WrenchStamped")
+        return lacks if joints else lacks + topic_hint(self, "joint_states", "sensor_msgs/msg/JointState")
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
@@ -243,7 +258,7 @@ class MismatchDiagnoser(Node):
         finally:
             self._spent = time.monotonic() - begin
             busy = time.thread_time() - used
-            self._due = begin + max(self._period, busy / self._meter.left(self._share, busy))
+            self._due = begin + max(self._limits["period"], busy / self._meter.left(self._limits["share"], busy))
             self._count += 1
             self._busy = False
         self._last = message

@@ -3,9 +3,9 @@
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-from poise.errors import NoAnswerError, PoiseError
+from poise.errors import ErrorCode, NoAnswerError, PoiseError
 from poise.inertia import InertialEstimate
-from poise.nodes.estimate_message import estimate_message, findings_message, no_estimate_message, time_message
+from poise.nodes.estimate_message import estimate_message, withheld_message
 from poise.weighing import causes_of, is_withheld, with_causes
 from poise_msgs.msg import InertialEstimate as InertialEstimateMessage
 
@@ -20,12 +20,7 @@ class CheckedAnswer:
     @property
     def message(self) -> InertialEstimateMessage:
         """The estimate; without numbers where they are withheld."""
-        if self.error is None:
-            return estimate_message(self.estimate)
-        message = no_estimate_message(self.error, self.estimate.frame_id)
-        message.header.stamp = time_message(self.estimate.stamp)
-        message.findings = findings_message(self.estimate)
-        return message
+        return estimate_message(self.estimate) if self.error is None else withheld_message(self.estimate, self.error)
 
 
 def checked(estimate: InertialEstimate) -> CheckedAnswer:
@@ -38,22 +33,31 @@ def checked(estimate: InertialEstimate) -> CheckedAnswer:
     return CheckedAnswer(named, NoAnswerError(first.code, f"the payload would be wrong: {first.message}"))
 
 
+def _checked_or_failed(estimate: InertialEstimate) -> CheckedAnswer:
+    """The same; a search that fails withholds the estimate, because nothing confirms it, and the goal still ends."""
+    try:
+        return checked(estimate)
+    except Exception as failure:
+        error = failure if isinstance(failure, PoiseError) else PoiseError(ErrorCode.INTERNAL, repr(failure))
+        return CheckedAnswer(estimate, error)
+
+
 class CauseSearch:
     """Searches in a thread, so that no callback waits."""
 
     def __init__(self) -> None:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="causes")
-        self._search: Future[CheckedAnswer] | None = None
+        self._search: tuple[InertialEstimate, Future[CheckedAnswer]] | None = None
 
     def done(self, estimate: InertialEstimate) -> bool:
-        """Begin with the search, or look whether it is done."""
-        if self._search is None:
-            self._search = self._pool.submit(checked, estimate)
-        return self._search.done()
+        """Begin the search for an estimate, or look whether it is done."""
+        if self._search is None or self._search[0] is not estimate:
+            self._search = estimate, self._pool.submit(_checked_or_failed, estimate)
+        return self._search[1].done()
 
     def take(self) -> CheckedAnswer:
         """What was found; the next search may begin."""
         if self._search is None:
             raise RuntimeError("no search has begun")
-        found, self._search = self._search.result(), None
-        return found
+        (_, search), self._search = self._search, None
+        return search.result()

@@ -43,6 +43,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     try:
         node = make_node()
         executor.add_node(node)
+        node.get_logger().info("ready")
         while rclpy.ok():
             executor.spin_once(timeout_sec=_SPIN_STEP)
     except (KeyboardInterrupt, ExternalShutdownException):

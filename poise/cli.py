@@ -126,6 +126,8 @@ def run(arguments: list[str]) -> int:
 
 def main() -> None:
     """Run the command line; exit 0 done, 2 bad input, 3 no answer, 1 internal error."""
+    # Before numpy is imported: matrices are small here, and threads that wait for each other cost more than they do.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(run(sys.argv[1:]))
 
 

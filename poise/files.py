@@ -1,4 +1,4 @@
-"""Writing files whole or not at all."""
+"""Files that are written whole or not at all, and files of installed packages by their URI."""
 
 import contextlib
 import os
@@ -6,6 +6,31 @@ import secrets
 from pathlib import Path
 
 from poise.errors import ErrorCode, InputError
+
+
+def package_file(uri: str) -> Path:
+    """The path that a URI package://NAME/path names; any other text is a path already.
+
+    Raises:
+        InputError: FILE_UNREADABLE for a package that is not on AMENT_PREFIX_PATH, UNSUPPORTED for a path that leaves
+            the package's share folder.
+    """
+    if not uri.startswith("package://"):
+        return Path(uri)
+    package, _, inside = uri.removeprefix("package://").partition("/")
+    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
+        shares = Path(prefix) / "share"
+        if prefix and package and is_inside(shares / package, shares) and (shares / package).is_dir():
+            path = shares / package / inside
+            if not is_inside(path, shares / package):
+                raise InputError(ErrorCode.UNSUPPORTED, f"{uri}: leaves the package's share folder")
+            return path
+    raise InputError(ErrorCode.FILE_UNREADABLE, f"{uri}: no package {package!r} on AMENT_PREFIX_PATH")
+
+
+def is_inside(path: Path, folder: Path) -> bool:
+    """Whether a path stays below a folder by its words; links are not followed (colcon makes many)."""
+    return Path(os.path.normpath(path.absolute())).is_relative_to(os.path.normpath(folder.absolute()))
 
 
 def write_whole(path: Path, content: bytes) -> Path:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from poise.errors import ErrorCode, InputError
-from poise.files import write_whole
+from poise.files import package_file, write_whole
 
 
 def test_missing_folders_are_made_and_nothing_else_is_left(tmp_path: Path) -> None:
@@ -40,3 +40,21 @@ def test_a_name_that_cannot_be_is_bad_input(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError):
         write_whole(tmp_path / name, b"{}")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_uri_names_a_file_in_the_share_folder_of_an_installed_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share = tmp_path / "share" / "robots"
+    share.mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path}")
+    assert package_file("package://robots/bags/a.mcap") == share / "bags" / "a.mcap"
+    assert package_file("bags/a.mcap") == Path("bags/a.mcap")
+    for uri, code in (
+        ("package://other/a", ErrorCode.FILE_UNREADABLE),
+        ("package:///a", ErrorCode.FILE_UNREADABLE),
+        ("package://robots/../../a", ErrorCode.UNSUPPORTED),
+    ):
+        with pytest.raises(InputError) as found:
+            package_file(uri)
+        assert found.value.code == code

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from poise.files import write_whole
 from poise.inertia import OnlineEstimator, identify_wrenches
-from poise.inertia.model import ENTRIES
+from poise.inertia.model import signal_columns
 from poise.recording import open_recording
 from poise.robot import find_kinematics
 from poise.types import Array
@@ -79,8 +79,8 @@ def residuals(bag: str, change: Change) -> tuple[Array, Array, Array, str, str]:
 
 def wrench_left(signals: Array, wrench: Array, unknowns: Array) -> Array:
     """(B,) N, the force that a payload and a bias do not explain."""
-    predicted = signals @ np.einsum("p,ipc->ic", np.nan_to_num(unknowns), ENTRIES).T
-    return np.asarray(np.linalg.norm((wrench - predicted)[:, :3], axis=1))
+    predicted = signal_columns(signals)[:, :3] @ np.nan_to_num(unknowns)
+    return np.asarray(np.linalg.norm(wrench[:, :3] - predicted, axis=1))
 
 
 def main() -> None:

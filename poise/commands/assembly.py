@@ -11,6 +11,7 @@ from rich.table import Table
 
 from poise.assembly import Analysis, acceleration_limits, assess, plan_disassembly, robustness_map
 from poise.assembly.robustness import ROBUSTNESS_MODELS, AccelerationLimits, Assessment, RobustnessMap
+from poise.assembly.statics import unstable
 from poise.commands.assembly_pictures import (
     RerunOption,
     ScenePictureOption,
@@ -24,9 +25,10 @@ from poise.commands.output import JsonOption, console, number_for_json, refuse_f
 from poise.commands.questions import Question, first_of, read_pushes, read_vectors
 from poise.commands.scenes import SceneArgument, open_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.types import Array
+from poise.types import Array, Mask
 
 _QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow in proportion."
+_LATE = "the deadline passed: bounds marked doubtful were not checked by elastic contacts, and some are wide"
 DeadlineOption = Annotated[
     float | None,
     typer.Option(
@@ -79,9 +81,10 @@ def robustness(
     write_json(json_target, _assessment_json(analysis, found, model, seconds))
     _print_assessment(found, pushes, json_target)
     if not found.complete:
-        warn("the deadline passed: some bounds are wide")
+        warn(_LATE)
     draw_pushes(analysis, [first_of(question) for question in pushes], found, picture, rerun, json_target)
-    analysis.require_stable()
+    if not (found.stable or found.doubtful):
+        raise unstable(found.falling, found.margin)
 
 
 def msa(
@@ -110,33 +113,43 @@ def msa(
     analysis, others = loaded(open_scene(scene), load, model, load_pose)
     start = time.perf_counter()
     found = acceleration_limits(analysis, wanted, deadline)
-    cautious = least_limits(found, others, deadline)
+    cautious, cautious_doubtful = least_limits(found, others, deadline)
     seconds = time.perf_counter() - start
     tilts = found.tilts(float(np.linalg.norm(analysis.assembly.gravity)))
-    write_json(json_target, _limits_json(found, tilts, cautious, seconds))
+    write_json(json_target, _limits_json(found, tilts, cautious, cautious_doubtful, seconds))
     people = console(json_target)
     table = Table("direction", "limit m/s2", "tilt rad", "moves first")
-    rows = zip(found.directions, found.limits, tilts, found.first_to_move, strict=True)
-    for direction, limit, tilt, names in rows:
+    rows = zip(found.directions, found.limits, tilts, found.first_to_move, found.doubtful.tolist(), strict=True)
+    for direction, limit, tilt, names, doubtful in rows:
         way = " ".join(f"{value:.3f}" for value in direction)
-        table.add_row(way, f"{limit:.3f}", f"{tilt:.3f}", escape(", ".join(names)))
+        table.add_row(way, f"{limit:.3f}{_mark(doubtful)}", f"{tilt:.3f}", escape(", ".join(names)))
     people.print(table)
+    if not found.complete:
+        warn(_LATE)
     people.print(f"turning: {found.angular_acceleration:.3f} rad/s2, {found.angular_speed:.3f} rad/s")
     draw_limits(analysis, found, picture, rerun, json_target)
 
 
-def _limits_json(found: AccelerationLimits, tilts: Array, cautious: Array, seconds: float) -> dict[str, Any]:
+def _mark(doubtful: bool) -> str:
+    return " doubtful" if doubtful else ""
+
+
+def _limits_json(
+    found: AccelerationLimits, tilts: Array, cautious: Array, cautious_doubtful: Mask, seconds: float
+) -> dict[str, Any]:
     return {
         "directions": found.directions,
         "tilts": tilts,
         "limits": [number_for_json(value) for value in found.limits],
         "cautious_limits": [number_for_json(value) for value in cautious],
+        "cautious_doubtful": cautious_doubtful,
         "first_to_move": found.first_to_move,
         "seconds": seconds,
         "normals": found.normals,
         "offsets": found.offsets,
         "angular_acceleration": number_for_json(found.angular_acceleration),
         "angular_speed": number_for_json(found.angular_speed),
+        "doubtful": found.doubtful,
         "complete": found.complete,
     }
 
@@ -170,6 +183,7 @@ def _assessment_json(analysis: Analysis, found: Assessment, model: str | None, s
     objects = analysis.assembly.objects
     return {
         "stable": found.stable,
+        "doubtful": found.doubtful,
         "margin": number_for_json(found.margin),
         "falling": found.falling,
         "model": model or "default",
@@ -182,6 +196,7 @@ def _assessment_json(analysis: Analysis, found: Assessment, model: str | None, s
                 "moves": result.moves,
                 "mechanism": result.mechanism,
                 "checked": result.checked,
+                "doubtful": result.doubtful,
             }
             for result in found.results
         ],
@@ -206,6 +221,7 @@ def _map_json(found: RobustnessMap) -> dict[str, Any]:
         "directions": found.surface.directions,
         "lower": [number_for_json(value) for value in found.lower.tolist()],
         "upper": [number_for_json(value) for value in found.upper.tolist()],
+        "doubtful": found.doubtful,
         "complete": found.complete,
         "solves": found.solves,
         "seconds": found.seconds,
@@ -214,12 +230,13 @@ def _map_json(found: RobustnessMap) -> dict[str, Any]:
 
 def _print_assessment(found: Assessment, pushes: list[Question], json_target: str | None) -> None:
     people = console(json_target)
-    people.print(f"stable: {'yes' if found.stable else 'no'}, margin {found.margin:.4g} N")
-    if not found.stable or not pushes:
+    stable = "not checked in time (doubtful)" if found.doubtful else "yes" if found.stable else "no"
+    people.print(f"stable: {stable}, margin {found.margin:.4g} N")
+    if not (found.stable or found.doubtful) or not pushes:
         return
     table = Table("object", "robustness N", "bounds N", "mode", "moves")
     for push, result in zip(pushes, found.results, strict=True):
-        bounds = f"{result.lower:.4g} to {result.upper:.4g}"
+        bounds = f"{result.lower:.4g} to {result.upper:.4g}{_mark(result.doubtful)}"
         moves = escape(", ".join(result.moves))
         table.add_row(escape(first_of(push).object), f"{result.robustness:.4g}", bounds, result.mode, moves)
     people.print(table)
@@ -229,13 +246,16 @@ def _print_map(found: RobustnessMap, target: str, json_target: str | None) -> No
     people = console(json_target)
     if not len(found.upper):
         raise NoAnswerError(ErrorCode.EMPTY, "the scene has no movable surface to push")
-    weakest = int(found.upper.argmin())
+    weakest = int(found.lower.argmin())
     name = found.analysis.assembly.objects[found.surface.place[weakest]].id
     place = ", ".join(f"{value:.3f}" for value in found.surface.points[weakest])
     people.print(
         f"{len(found.upper)} points, {found.solves} solved, {found.seconds:.3f} s; "
-        f"weakest {found.upper[weakest]:.4g} N on {escape(name)} at ({place})"
+        f"weakest {found.lower[weakest]:.4g} to {found.upper[weakest]:.4g} N on {escape(name)} at ({place})"
     )
+    if found.doubtful.any():
+        share = found.doubtful.mean()
+        warn(f"{share:.0%} of the points are doubtful: only their lower bounds hold")
     if not found.complete:
-        warn("the deadline passed: some bounds are wide")
+        warn(_LATE)
     people.print(f"written: {escape(target)}", soft_wrap=True)

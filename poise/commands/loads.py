@@ -13,7 +13,7 @@ from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.mismatch.application import loads_about
 from poise.mismatch.reading import load_model
-from poise.types import Array
+from poise.types import Array, Mask
 
 LoadOption = Annotated[
     str | None,
@@ -57,17 +57,18 @@ def loaded(
     return first, others
 
 
-def least_limits(found: AccelerationLimits, others: Sequence[Analysis], deadline: float | None) -> Array:
-    """(D,) the least limit of a scene and of others like it; zero where one of these does not even stand."""
-    least = np.array(found.limits, dtype=np.float64)
+def least_limits(found: AccelerationLimits, others: Sequence[Analysis], deadline: float | None) -> tuple[Array, Mask]:
+    """Least limits (D,) of a scene and of others like it, 0 where one does not stand; whether one is doubtful (D,)."""
+    least, doubtful = np.array(found.limits, dtype=np.float64), found.doubtful.copy()
     for other in others:
         try:
-            least = np.minimum(least, acceleration_limits(other, found.directions, deadline, turning=False).limits)
+            limits = acceleration_limits(other, found.directions, deadline, turning=False)
+            least, doubtful = np.minimum(least, limits.limits), doubtful | limits.doubtful
         except NoAnswerError as error:
             if error.code is not ErrorCode.UNSTABLE:
                 raise
             least = np.zeros_like(least)
-    return least
+    return least, doubtful
 
 
 def _pose(text: str | None) -> Pose:

@@ -1,6 +1,5 @@
 """The one door for meshes, from files, package:// URIs, bytes or messages: closed, outward and finite, or refused."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
+from poise.files import is_inside, package_file
 from poise.shape.mesh_formats import MAX_TRIANGLES
 from poise.shape.mesh_repair import repair
 from poise.shape.mesh_worker import MeshWorker
@@ -144,25 +144,12 @@ def resolve(source: str, folder: Path = Path()) -> Path:
         InputError: UNSUPPORTED for other schemes than package:// and for paths that leave their folder,
             FILE_UNREADABLE for a package that is not installed.
     """
-    scheme, separator, rest = source.partition("://")
+    scheme, separator, _ = source.partition("://")
     if not separator:
         path = folder / source
-        if not Path(source).is_absolute() and not _is_inside(path, folder):
+        if not Path(source).is_absolute() and not is_inside(path, folder):
             raise InputError(ErrorCode.UNSUPPORTED, f"{source}: leaves the folder {folder}; copy the mesh into it")
         return path
     if scheme != "package":
         raise InputError(ErrorCode.UNSUPPORTED, f"{source}: {scheme}:// is not read; give a path or a package:// URI")
-    package, _, inside = rest.partition("/")
-    for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep):
-        shares = Path(prefix) / "share"
-        if prefix and package and _is_inside(shares / package, shares) and (shares / package).is_dir():
-            path = shares / package / inside
-            if not _is_inside(path, shares / package):
-                raise InputError(ErrorCode.UNSUPPORTED, f"{source}: leaves the package's share folder")
-            return path
-    raise InputError(ErrorCode.FILE_UNREADABLE, f"{source}: no package {package!r} on AMENT_PREFIX_PATH")
-
-
-def _is_inside(path: Path, folder: Path) -> bool:
-    """Whether a path stays below a folder by its words; links are the owner's business (colcon makes many)."""
-    return Path(os.path.normpath(path.absolute())).is_relative_to(os.path.normpath(folder.absolute()))
+    return package_file(source)

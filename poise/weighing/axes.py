@@ -6,9 +6,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode
+from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Explanation, ReadingDesign, payload_columns
+from poise.weighing.fitting import Explanation, ReadingDesign
 from poise.weighing.reading import Reading, Repair, Says, shows_payload
 
 _NEAR = np.radians(12.0)
@@ -35,7 +36,7 @@ def _fixed(matrix: Array) -> ReadingDesign:
 
     def design(samples: FitSamples, values: Array) -> Array:
         del values
-        columns = payload_columns(samples.signals)
+        columns = signal_columns(samples.signals)
         columns[:, :, :10] = matrix @ columns[:, :, :10]
         return columns
 
@@ -117,7 +118,7 @@ def _turned(samples: FitSamples) -> list[Reading]:
 
 def _rotated(signs: Array) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
-        columns = payload_columns(samples.signals)
+        columns = signal_columns(samples.signals)
         turn = Rotation.from_rotvec(values).as_matrix()
         columns[:, :, :10] = (signs[:, None] * _both(turn, turn)) @ columns[:, :, :10]
         return columns
@@ -192,7 +193,7 @@ def _base_axes() -> list[Reading]:
     def design(bias_turns: bool, sign: float) -> ReadingDesign:
         def columns_of(samples: FitSamples, values: Array) -> Array:
             del values
-            columns = payload_columns(samples.signals)
+            columns = signal_columns(samples.signals)
             turn = np.zeros((len(samples), 6, 6))
             turn[:, :3, :3] = turn[:, 3:, 3:] = samples.rotation_world_sensor
             turned = sign * turn @ columns[:, :, :10]

@@ -1,7 +1,7 @@
 """The search for what is wrong with a wrench that no payload explains: every reading is tried on the same samples."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,7 +73,7 @@ def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[Reject
         delay: s that the weighing found the wrench to be late.
         pushed: spans in which the weighing found contact.
     """
-    samples = _averaged(_delayed(samples, delay))
+    samples = _averaged(samples.delayed(delay))
     if len(samples) < 8:
         return ()
     plain = explain(samples, plain_design)
@@ -162,37 +162,12 @@ def _distinct(found: list[Cause]) -> tuple[Cause, ...]:
         kinds.setdefault(cause.code, cause)
     ranked = list(kinds.values())
     clear = len(ranked) < 2 or ranked[0].gain - ranked[1].gain > _CLEAR
-    return tuple(
-        Cause(c.code, c.sentence, c.evidence, c.gain, c.certain and clear and rank == 0, c.repair, c.explanation)
-        for rank, c in enumerate(ranked)
-    )
+    return tuple(replace(cause, certain=cause.certain and clear and cause is ranked[0]) for cause in ranked)
 
 
 def _averaged(samples: FitSamples) -> FitSamples:
     """Averages over a few hundredths of a second: they are linear as samples are, with less noise and vibration."""
-    if len(samples) < 2:
+    if not len(samples):
         return samples
-    seconds = samples.seconds
-    bins = np.clip(seconds[-1] / _WIDTH, *_BINS)
-    keys = np.floor(seconds * bins / max(float(seconds[-1]), 1e-9)).astype(np.int64)
-    begins = np.flatnonzero(np.diff(keys, prepend=-1))
-    counts = np.add.reduceat(samples.counts, begins)
-
-    def mean(rows: Array) -> Array:
-        weighted = rows * samples.counts.reshape(-1, *[1] * (rows.ndim - 1))
-        return np.asarray(np.add.reduceat(weighted, begins, axis=0) / counts.reshape(-1, *[1] * (rows.ndim - 1)))
-
-    stamps = samples.stamps[0] + np.rint(mean(seconds) * 1e9).astype(np.int64)
-    rotation = mean(samples.rotation_world_sensor)
-    return FitSamples(stamps, counts, rotation, mean(samples.signals), mean(samples.wrench), samples.gravity)
-
-
-def _delayed(samples: FitSamples, delay: float) -> FitSamples:
-    """With the signals at the time at which the wrenches were measured."""
-    if not delay or not np.isfinite(delay) or not len(samples):
-        return samples
-    then = samples.seconds - delay
-    signals = np.column_stack([np.interp(then, samples.seconds, column) for column in samples.signals.T])
-    turned = samples.rotation_world_sensor.reshape(-1, 9)
-    rotation = np.column_stack([np.interp(then, samples.seconds, column) for column in turned.T]).reshape(-1, 3, 3)
-    return FitSamples(samples.stamps, samples.counts, rotation, signals, samples.wrench, samples.gravity)
+    last = max(float(samples.seconds[-1]), 1e-9)
+    return samples.averaged(np.floor(samples.seconds * np.clip(last / _WIDTH, *_BINS) / last))

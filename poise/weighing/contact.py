@@ -43,9 +43,7 @@ def _readings(samples: FitSamples, plain: Explanation, pushed: Sequence[Rejected
     block: NDArray[np.int64] = np.repeat(
         np.arange(n_blocks), [len(part) for part in np.array_split(np.arange(len(samples)), n_blocks)]
     )
-    known = np.ones(len(samples), dtype=bool)
-    for span in pushed:
-        known &= (samples.stamps < span.start) | (samples.stamps > span.end)
+    known = samples.outside(pushed)
     shares = np.bincount(block, known) / np.bincount(block)
     given = [] if known.all() else [shares > 0.5]
     parts = [_trimmed(samples, block, kept) for kept in (*_starts(plain.levels), *given)]

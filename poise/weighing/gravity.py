@@ -6,10 +6,10 @@ import numpy as np
 
 from poise.errors import ErrorCode
 from poise.geometry import STANDARD_GRAVITY
-from poise.inertia.model import ENTRIES
+from poise.inertia.model import ENTRIES, signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Explanation, explain, payload_columns
+from poise.weighing.fitting import Explanation, explain
 from poise.weighing.reading import Reading, Repair, Says, shows_payload
 
 _STANDARD_WITHIN = 0.03
@@ -51,13 +51,13 @@ def weight_columns(gravity_in_sensor: Array) -> Array:
     """(N, 6, 4) the weight of m and m c at rest, in gravity (N, 3) in sensor axes."""
     signals = np.zeros((len(gravity_in_sensor), ENTRIES.shape[2]))
     signals[:, :3] = gravity_in_sensor
-    return payload_columns(signals)[:, :, :4]
+    return signal_columns(signals)[:, :, :4]
 
 
 def _inertial(samples: FitSamples) -> Array:
     signals = samples.signals.copy()
     signals[:, :3] = -samples.acceleration_in_sensor
-    return payload_columns(signals)
+    return signal_columns(signals)
 
 
 def _without_weight(samples: FitSamples, values: Array) -> Array:
@@ -82,7 +82,7 @@ def _with_offset_mass(count: int) -> Callable[[FitSamples, Array], Array]:
     def design(samples: FitSamples, values: Array) -> Array:
         del values
         weight = weight_columns(samples.gravity_in_sensor)
-        return np.concatenate([payload_columns(samples.signals), weight[:, :, :count]], axis=2)
+        return np.concatenate([signal_columns(samples.signals), weight[:, :, :count]], axis=2)
 
     return design
 
@@ -118,7 +118,7 @@ def _compensation_back(found: Explanation) -> Repair:
 def _sized(samples: FitSamples, values: Array) -> Array:
     signals = samples.signals.copy()
     signals[:, :3] = np.exp(values[0]) * samples.gravity_in_sensor - samples.acceleration_in_sensor
-    return payload_columns(signals)
+    return signal_columns(signals)
 
 
 def _size_sentence(size: float) -> Says:
@@ -145,7 +145,7 @@ def _leaning(samples: FitSamples, values: Array) -> Array:
     signals = samples.signals.copy()
     down = np.einsum("nji,j->ni", samples.rotation_world_sensor, _tilted_gravity(samples, values))
     signals[:, :3] = down - samples.acceleration_in_sensor
-    return payload_columns(signals)
+    return signal_columns(signals)
 
 
 def _directions(samples: FitSamples) -> tuple[tuple[float, ...], ...]:

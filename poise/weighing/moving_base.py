@@ -5,9 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Explanation, payload_columns, plain_design
+from poise.weighing.fitting import Explanation, plain_design
 from poise.weighing.reading import Reading
 
 _SPACING = 0.4
@@ -63,7 +64,7 @@ def _by_base(samples: FitSamples, phi: Array) -> list[Array]:
     for axis in range(2):
         signals = np.zeros(samples.signals.shape)
         signals[:, :3] = -samples.rotation_world_sensor[:, axis, :]
-        found.append(payload_columns(signals)[:, :, :10] @ phi)
+        found.append(signal_columns(signals)[:, :, :10] @ phi)
     return found
 
 

@@ -6,9 +6,10 @@ from typing import Literal
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Explanation, ReadingDesign, payload_columns
+from poise.weighing.fitting import Explanation, ReadingDesign
 from poise.weighing.reading import Family, Reading, Repair, Says
 
 _DELAYS = (-0.1, 0.03, 0.1, 0.2, 0.35, 0.55, 0.8)
@@ -51,7 +52,7 @@ FilterKind = Literal["first", "second", "mean"]
 
 
 def _late(samples: FitSamples, values: Array) -> Array:
-    return payload_columns(_at(samples.seconds, samples.signals, samples.seconds - values[0]))
+    return signal_columns(_at(samples.seconds, samples.signals, samples.seconds - values[0]))
 
 
 def _at(seconds: Array, signals: Array, wanted: Array) -> Array:
@@ -78,7 +79,7 @@ def _filtered(kind: FilterKind) -> ReadingDesign:
         grid = np.arange(seconds[0], seconds[-1] + _GRID, _GRID)
         even = _at(seconds, samples.signals, grid)
         smooth = _low_pass(kind, even, float(np.exp(np.clip(values[0], *_LOG_TIMES))) / _GRID)
-        return payload_columns(_at(grid, smooth, seconds))
+        return signal_columns(_at(grid, smooth, seconds))
 
     return design
 

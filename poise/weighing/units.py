@@ -3,9 +3,10 @@
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Explanation, ReadingDesign, explain, payload_columns
+from poise.weighing.fitting import Explanation, ReadingDesign, explain
 from poise.weighing.reading import Reading, Repair
 
 _FORCES = {"kgf": 1 / 9.80665, "lbf": 1 / 4.4482216, "kN": 1e-3, "daN": 0.1, "mN": 1e3, "gf": 1e3 / 9.80665}
@@ -36,7 +37,7 @@ def _free_ratio(samples: FitSamples) -> tuple[float, float]:
 
     def alone(rows: slice) -> Explanation:
         def design(part: FitSamples, values: Array) -> Array:
-            columns = payload_columns(part.signals)
+            columns = signal_columns(part.signals)
             del values
             keep = np.zeros(6)
             keep[rows] = 1.0
@@ -59,7 +60,7 @@ def _free_ratio(samples: FitSamples) -> tuple[float, float]:
 def _scaled(factor: float, rows: slice) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         del values
-        columns = payload_columns(samples.signals)
+        columns = signal_columns(samples.signals)
         columns[:, rows, :10] *= factor
         return columns
 

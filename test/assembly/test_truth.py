@@ -190,8 +190,7 @@ def test_a_centre_of_mass_exactly_over_an_edge_is_margin_zero():
     table = scenes.fixed_box("table", (1, 1, 1), (0, 0, 0.5))
     over = Assembly((table, scenes.box("cube", (1, 1, 1), (0.5, 0, 1.5))), scenes.GRAVITY, 0.5)
     found = assess(over, [Push("cube", (1, 0, 2), (0, 0, -1)), Push("cube", (0.2, 0, 2), (0, 0, -1))])
-    assert found.stable
+    assert not found.stable  # any disturbance topples it
     assert found.margin == 0
     assert found.falling == ("cube",)
-    assert found.results[0].robustness == 0
-    assert found.results[1].robustness == np.inf
+    assert [result.robustness for result in found.results] == [0, 0]

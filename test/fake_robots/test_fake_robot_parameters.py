@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+import yaml
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -16,7 +17,8 @@ from poise.fake_robots.faults import parse_faults
 from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source
 from poise.nodes.parameters import declare_parameters
 
-BAG = str(Path(__file__).parents[2] / "bags" / "kuka_at_rest.mcap")
+ROOT = Path(__file__).parents[2]
+BAG = str(ROOT / "bags" / "kuka_at_rest.mcap")
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +45,15 @@ def test_a_bag_or_an_arm_is_made(context):
     arm = source_of(context, {"mode": "arm", "robot": "ridgeback_ur10", "payload.mass": 1.0, "trajectory": "fourier"})
     assert isinstance(arm, SimulatedArm)
     assert set(arm.topics) == {"robot_description", "joint_states", "wrench", "odom"}
+
+
+def test_the_installed_parameter_file_finds_its_bag_from_any_folder(context, tmp_path, monkeypatch):
+    (tmp_path / "share").mkdir()
+    (tmp_path / "share" / "poise").symlink_to(ROOT)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    content = yaml.safe_load((ROOT / "config" / "fake_robot_replay.yaml").read_text())
+    assert "wrench" in source_of(context, content["/**"]["ros__parameters"]).topics
 
 
 def test_the_payload_is_given_about_its_centre_of_mass(context):

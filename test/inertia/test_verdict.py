@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from poise.inertia import InertialParameters, identify
 from poise.inertia.estimators import solve
 from poise.inertia.estimators.information import InformationAccumulator
-from poise.inertia.model import NoiseLevels, regressor
+from poise.inertia.model import NoiseLevels, RejectedInterval, regressor
 from poise.inertia.verdict import ExtremeReadings, Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import open_recording
 from poise.robot import SensorMotion
@@ -157,3 +157,20 @@ def test_recordings_of_a_real_arm_pass_and_agree_within_their_uncertainty() -> N
     one, other = answers
     apart = abs(one.parameters.mass - other.parameters.mass)
     assert apart < 3 * np.hypot(one.mass_std, other.mass_std)
+
+
+def test_averaged_bins_keep_the_sums_a_delay_moves_the_motion_alone_and_spans_are_left_out():
+    moved = motion()
+    bins = SampleBins(GRAVITY)
+    bins.add(moved, wrenches(moved, 5))
+    fine = bins.samples
+    coarse = fine.averaged(np.floor(fine.seconds / 0.1))
+    assert coarse.counts.sum() == len(moved)
+    np.testing.assert_allclose(coarse.counts @ coarse.signals, fine.counts @ fine.signals)
+    np.testing.assert_allclose(coarse.counts @ coarse.wrench, fine.counts @ fine.wrench)
+    later = fine.delayed(0.04)
+    assert later.wrench is fine.wrench
+    np.testing.assert_allclose(later.signals[5:100], fine.signals[3:98], atol=1e-6)
+    assert fine.delayed(np.nan) is fine
+    outside = fine.outside([RejectedInterval(fine.stamps[10], fine.stamps[19], 10, "external_contact")])
+    np.testing.assert_array_equal(np.flatnonzero(~outside), np.arange(10, 20))

@@ -17,7 +17,7 @@ class Diagnostics:
 
     def __init__(self, graph: Graph) -> None:
         self._graph = graph
-        self._messages = graph.collect("diagnostics", DiagnosticArray)
+        self._messages = graph.collect("/diagnostics", DiagnosticArray)
 
     @property
     def conditions(self) -> list[str]:

@@ -131,7 +131,7 @@ def test_an_identification_on_request_names_the_cause_and_withholds_the_number()
 
 def test_the_payload_of_a_simulated_arm_is_weighed_from_its_joint_states(start_node, graph):
     estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
-    diagnostics = graph.collect("diagnostics", DiagnosticArray)
+    diagnostics = graph.collect("/diagnostics", DiagnosticArray)
     start_node("inertial_estimator", {"method": "ols"})
     graph.wait_for(lambda: graph.node.count_publishers("inertial_estimate"), what="the estimator")
     com, inertia = [0.02, -0.01, 0.12], [0.004, 0.0, 0.0, 0.005, 0.0, 0.003]
@@ -223,7 +223,7 @@ class Feeder:
 def watched(start_node, graph):
     """A static estimator that reads tf, a feeder for it, its estimates and its diagnostics."""
     estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
-    diagnostics = graph.collect("diagnostics", DiagnosticArray)
+    diagnostics = graph.collect("/diagnostics", DiagnosticArray)
     start_node("inertial_estimator", {"method": "static", "motion_source": "tf", "max_force": 200.0})
     return Feeder(graph), estimates, diagnostics
 
@@ -282,7 +282,7 @@ def test_before_there_is_an_answer_the_message_says_why_and_holds_no_number(watc
 
 
 def test_joint_states_of_another_robot_are_not_read_as_this_ones(start_node, graph):
-    diagnostics = graph.collect("diagnostics", DiagnosticArray)
+    diagnostics = graph.collect("/diagnostics", DiagnosticArray)
     estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
     start_node("inertial_estimator", {"motion_source": "joint_states"})
     feeder = Feeder(graph)
@@ -303,7 +303,7 @@ def test_joint_states_of_another_robot_are_not_read_as_this_ones(start_node, gra
     [("<robot", "XML"), (find_urdf("fr3").read_text().replace("ft_sensor", "wrist"), "ft_sensor")],
 )
 def test_a_robot_description_that_cannot_be_used_is_told(start_node, graph, description, named):
-    diagnostics = graph.collect("diagnostics", DiagnosticArray)
+    diagnostics = graph.collect("/diagnostics", DiagnosticArray)
     node = start_node("inertial_estimator", {"motion_source": "joint_states"})
     feeder = Feeder(graph)
     feeder.description.publish(String(data=description))
@@ -313,7 +313,7 @@ def test_a_robot_description_that_cannot_be_used_is_told(start_node, graph, desc
 
 
 def test_without_wrench_and_without_kinematics_the_diagnostics_say_what_is_missing(start_node, graph):
-    diagnostics = graph.collect("diagnostics", DiagnosticArray)
+    diagnostics = graph.collect("/diagnostics", DiagnosticArray)
     start_node("inertial_estimator")
     graph.wait_for(lambda: "no wrench yet" in status(diagnostics)["message"], what="no wrench")
     publisher = graph.node.create_publisher(WrenchStamped, "wrench", 10)

@@ -66,6 +66,8 @@ def test_launch_files_parameters_and_bags_are_shared() -> None:
         assert list((share / "config").glob(f"{node}*.yaml"))
     assert (share / "package.xml").is_file()
     assert (share / "bags" / "manifest.yaml").is_file()
+    assert (share / "scenes" / "tray.yaml").is_file()
+    assert (share / "scenes" / "placement" / "cube.yaml").is_file()
 
 
 def test_a_pip_installed_node_runs_as_ros2_run_would_start_it(

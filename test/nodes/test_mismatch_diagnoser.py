@@ -38,7 +38,7 @@ def diagnoser(start_node, model, **params):
 def test_a_running_robot_is_examined(graph, start_node, model, bias):
     """A bias is named with its size; without one there is nothing to name in the wrench."""
     reports = graph.collect("mismatch_report", MismatchReport, LATCHED)
-    states = graph.collect("diagnostics", DiagnosticArray)
+    states = graph.collect("/diagnostics", DiagnosticArray)
     diagnoser(start_node, model)
     start_node("fake_robot", ARM | PAYLOAD | {"sensor_bias": bias})
     graph.wait_for(lambda: reports, PATIENCE, "a report")
@@ -122,7 +122,7 @@ def test_what_makes_no_sense_ends_the_node_with_one_line(graph, start_node, para
 
 def test_a_node_in_the_midst_of_an_examination_ends_at_once(graph, start_node, model):
     node = diagnoser(start_node, model, effects=[*FEW, "slosh", "grasp_compliance", "loose_part"])
-    states = graph.collect("diagnostics", DiagnosticArray)
+    states = graph.collect("/diagnostics", DiagnosticArray)
     start_node("fake_robot", ARM | PAYLOAD)
     graph.wait_for(
         lambda: any(each.status[0].message == "examining" for each in states if "mismatch" in each.status[0].name),

@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode
 from poise.inertia import InertialParameters
-from poise.inertia.model import motion_signals
+from poise.inertia.model import motion_signals, signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
 from poise.weighing import causes_of, find_causes, is_withheld, repaired_wrench, with_causes
-from poise.weighing.fitting import explain, impossible_payload, payload_columns, plain_design
+from poise.weighing.fitting import explain, impossible_payload, plain_design
 
 LOAD = InertialParameters(1.2, np.array([0.02, -0.03, 0.08]), np.diag([6e-3, 5e-3, 3e-3]))
 BIAS = np.array([5.0, -3.0, 8.0, 0.2, -0.1, 0.3])
@@ -46,7 +46,7 @@ def motion():
 
 
 MOTION = motion()
-CLEAN = payload_columns(MOTION.signals)[:, :, :10] @ LOAD.phi
+CLEAN = signal_columns(MOTION.signals)[:, :, :10] @ LOAD.phi
 NOISE = np.random.default_rng(3).normal(size=CLEAN.shape) * np.repeat([0.03, 0.001], 3)
 READ = CLEAN + BIAS + NOISE
 
@@ -67,7 +67,7 @@ def base_axes():
 def weight(phi):
     signals = np.zeros_like(MOTION.signals)
     signals[:, :3] = MOTION.gravity_in_sensor
-    return payload_columns(signals)[:, :, :10] @ phi
+    return signal_columns(signals)[:, :, :10] @ phi
 
 
 def clipped():
@@ -91,7 +91,7 @@ def base_drives():
     course = 0.8 * np.sin(2.2 * SECONDS)
     signals = np.zeros_like(MOTION.signals)
     signals[:, :3] = -course[:, None] * MOTION.rotation_world_sensor[:, 0, :]
-    return READ + payload_columns(signals)[:, :, :10] @ LOAD.phi
+    return READ + signal_columns(signals)[:, :, :10] @ LOAD.phi
 
 
 def touched():
@@ -176,7 +176,7 @@ def test_at_rest_a_torque_in_newton_millimetres_is_seen_by_its_centre_of_mass():
     still = MOTION.signals[rows].copy()
     still[:, :3], still[:, 3:12] = MOTION.gravity_in_sensor[rows], 0.0
     held = replace(MOTION.select(rows), signals=still)
-    wrench = payload_columns(still)[:, :, :10] @ LOAD.phi + BIAS + NOISE[rows]
+    wrench = signal_columns(still)[:, :, :10] @ LOAD.phi + BIAS + NOISE[rows]
     assert find_causes(replace(held, wrench=wrench * np.repeat([1, 1000], 3)))[0].code is ErrorCode.TORQUE_UNIT
     assert find_causes(replace(held, wrench=wrench)) == ()
 

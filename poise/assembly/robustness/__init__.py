@@ -13,6 +13,7 @@ from poise.assembly.robustness.block_answers import (
     ask_single_patch,
     both_factors,
     check_elastic,
+    coupled_questions,
     limit_factors,
     patch_factors,
 )
@@ -45,6 +46,7 @@ __all__ = [
     "assess",
     "both_factors",
     "check_elastic",
+    "coupled_questions",
     "limit_factors",
     "motion_probability",
     "patch_factors",

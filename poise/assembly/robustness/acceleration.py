@@ -12,7 +12,7 @@ from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Loads, Mechanism
 from poise.errors import ErrorCode, InputError
 from poise.geometry import unit
-from poise.types import Array
+from poise.types import Array, Mask
 
 _FASTEST = 1000.0
 """Accelerations above this are not computed, m/s2."""
@@ -37,6 +37,8 @@ class AccelerationLimits:
         angular_acceleration: rad/s2, either way about an axis along z of the assembly's frame, from rest.
         angular_speed: rad/s, about the same axis, when steady.
         complete: the deadline left time for all; otherwise the limits are what is certified.
+        doubtful: (D,) elastic contacts, which must confirm limits where contact forces have a choice, were not asked in
+            time: the limit is what was confirmed by then.
     """
 
     directions: Array
@@ -47,6 +49,7 @@ class AccelerationLimits:
     angular_acceleration: float
     angular_speed: float
     complete: bool
+    doubtful: Mask
 
     def tilts(self, gravity: float) -> Array:
         """(D,) how far the base may be tilted so that `directions`, if level, point uphill, rad.
@@ -97,24 +100,28 @@ def acceleration_limits(
     clock = Deadline.after(deadline)
     asked = _directions(directions)
     analysis = Analysis.of(assembly)
-    analysis.require_stable(clock)
+    stands = not analysis.require_stable(clock).doubtful
     all_directions = np.concatenate([asked, np.vstack([np.eye(3), -np.eye(3)]), _around(_AROUND)])
     tolerance = np.where(np.arange(len(all_directions)) < len(asked) + 6, _TOLERANCE, _TOLERANCE_AROUND)
     limits = np.full(len(all_directions), _FASTEST)
     movers: list[Callable[[], tuple[str, ...]] | None] = [None] * len(asked)
-    complete = True
+    doubtful = np.full(len(asked), not stands)
+    complete = stands
     for block in analysis.blocks:
-        found, mechanisms, done = _block_limits(block, all_directions, tolerance, clock)
+        found, mechanisms, checked, done = _block_limits(block, all_directions, tolerance, clock)
+        doubtful |= ~checked[: len(asked)]
         complete &= done
         lower = found < limits
         for row in np.flatnonzero(lower[: len(asked)]).tolist():
             movers[row] = mechanisms(row)
         limits = np.where(lower, found, limits)
+    if not stands:
+        limits[:] = 0.0
     normals, offsets = _polytope(all_directions * limits[:, None])
     angular, speed, done = _turning(analysis, axis, clock) if turning else (np.nan, np.nan, True)
     names = tuple(() if mover is None else mover() for mover in movers)
     shown = np.where(limits >= _FASTEST, np.inf, limits)[: len(asked)]
-    return AccelerationLimits(asked, shown, names, normals, offsets, angular, speed, complete and done)
+    return AccelerationLimits(asked, shown, names, normals, offsets, angular, speed, complete and done, doubtful)
 
 
 def _share(value: float, most: float) -> float:
@@ -151,28 +158,28 @@ Movers = Callable[[int], Callable[[], tuple[str, ...]]]
 
 def _block_limits(
     block: BlockAnalysis, directions: Array, tolerance: Array, deadline: Deadline
-) -> tuple[Array, Movers, bool]:
-    """Limits (D,) of one block, m/s2, what moves first at each, and whether all are known to the tolerance (D,)."""
+) -> tuple[Array, Movers, Mask, bool]:
+    """Limits (D,) of one block, m/s2, and what moves first at each; which were checked; whether all are known."""
     objects = block.structure.assembly.objects
     gravity = np.asarray(block.structure.assembly.gravity)
-    if block.geometry.statically_determinate and not block.solvers.self_stress:
+    known = np.ones(len(directions), dtype=bool)
+    if block.geometry.statically_determinate:
         members = block.block.members[0]
         masses = np.array([objects[place].mass for place in members])
         com = masses @ np.array([objects[place].com_in_world for place in members]) / masses.sum()
         cone = GravityCone(block.interfaces[0], block.block.supports[0][1] == 0, com)
         limits, _ = cone.factors(gravity, -directions)
         names = tuple(objects[place].id for place in members)
-        return limits, lambda _: lambda: names, True
+        return limits, lambda _: lambda: names, known, True
     limits, numbers, mechanisms, complete = _bounded(block, directions, tolerance, deadline)
-    if block.solvers.self_stress:
-        # Slow: the directions around are left out of the polytope.
-        wanted = tolerance < _TOLERANCE_AROUND
-        limits, complete = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline, complete)
+    # Slow: the directions around are left out of the polytope.
+    wanted = tolerance < _TOLERANCE_AROUND
+    limits, known = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline)
 
     def movers(row: int) -> Callable[[], tuple[str, ...]]:
         return lambda: tuple(objects[place].id for place in mechanisms[numbers[row]].velocities)
 
-    return limits, movers, complete
+    return limits, movers, known, complete and bool(known.all())
 
 
 def _inertial_loads(block: BlockAnalysis) -> Array:
@@ -225,18 +232,13 @@ def _bounded(
         wanted = [directions[int(gap.argmax())]]
 
 
-def _elastic(
-    block: BlockAnalysis, directions: Array, limits: Array, deadline: Deadline, complete: bool
-) -> tuple[Array, bool]:
-    """Limits lowered to what elastic contacts hold, where a block might lean on self-stress."""
+def _elastic(block: BlockAnalysis, directions: Array, limits: Array, deadline: Deadline) -> tuple[Array, Mask]:
+    """Limits (D,) lowered to what elastic contacts hold, and for which that is known (D,)."""
     loads = _inertial_loads(block)
-    checked = np.zeros_like(limits)
+    checked, known = np.zeros_like(limits), np.ones(len(limits), dtype=bool)
     for row in np.flatnonzero(limits > 0).tolist():
-        if deadline.passed:
-            return checked, False
-        checked[row], known = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
-        complete &= known
-    return checked, complete
+        checked[row], known[row] = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
+    return checked, known
 
 
 def _polytope(points: Array) -> tuple[Array, Array]:

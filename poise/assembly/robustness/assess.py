@@ -6,11 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
+from poise.assembly.robustness.block_answers import coupled_questions
 from poise.assembly.robustness.limit_loads import LimitLoads, Movement
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly, RigidObject
 from poise.assembly.statics import Analysis, Deadline, Loads, Push, loads_of
-from poise.types import Array
+from poise.types import Array, Mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,12 +22,15 @@ class Robustness:
         robustness: N; inf when no force along this line moves anything. The factor on all forces, for several.
         lower, upper: N; certified by the model: lower <= truth <= upper.
         checked: elastic contacts with Coulomb friction hold 98 % of it, or lowered it to what they hold.
+        doubtful: contact forces have a choice here and elastic contacts were not asked: under `default` for lack of
+            time, and then `lower` is what was confirmed by then; other models never ask, and `lower` is their own.
     """
 
     robustness: float
     lower: float
     upper: float
     checked: bool
+    doubtful: bool
     _evidence: "_Evidence" = field(repr=False)
 
     def __repr__(self) -> str:
@@ -95,6 +99,7 @@ class Assessment:
         falling: ids of what falls, or is on the verge of it.
         results: one per push; all 0 when the assembly does not stand.
         complete: the deadline left time for all; otherwise bounds may be 0 and inf.
+        doubtful: whether it stands was not checked in time: `stable` is then False, and `margin` at most 0.
     """
 
     stable: bool
@@ -102,6 +107,7 @@ class Assessment:
     falling: tuple[str, ...]
     results: tuple[Robustness, ...]
     complete: bool = True
+    doubtful: bool = False
 
     def __repr__(self) -> str:
         state = "stable" if self.stable else f"unstable: {', '.join(self.falling)}"
@@ -132,18 +138,26 @@ def assess(
     loads = loads_of(analysis.assembly, pushes, analysis.structure.margin)
     # In a hurry the pushes go first: whether any contact forces balance is known soon.
     limit_loads = LimitLoads.start(loads.count)
-    if all(block.solvers.balance.margin >= 0 for block in analysis.blocks):
+    if all(block.solvers.balance.margin > 0 for block in analysis.blocks):
         limit_loads = solve(analysis, loads, clock)
     found = analysis.stability(clock)
-    if not found.stable:
+    coupled = coupled_questions(analysis, loads)
+    if found.doubtful:
+        limit_loads.lower[:] = 0.0
+        limit_loads.checked &= ~coupled
+    elif not found.stable:
         limit_loads = LimitLoads.start(loads.count)
         limit_loads.lower[:] = limit_loads.upper[:] = 0.0
-    results = robustness(limit_loads, loads, analysis.assembly.objects)
-    return Assessment(found.stable, found.margin, found.falling, results, limit_loads.complete and found.complete)
+        coupled[:] = False
+    results = robustness(limit_loads, loads, analysis.assembly.objects, coupled & ~limit_loads.checked)
+    complete = limit_loads.complete and not found.doubtful
+    return Assessment(found.stable, found.margin, found.falling, results, complete, found.doubtful)
 
 
-def robustness(limit_loads: LimitLoads, loads: Loads, objects: tuple[RigidObject, ...]) -> tuple[Robustness, ...]:
-    """Results of a model, one per question."""
+def robustness(
+    limit_loads: LimitLoads, loads: Loads, objects: tuple[RigidObject, ...], doubtful: Mask
+) -> tuple[Robustness, ...]:
+    """Results of a model, one per question; some (Q,) doubtful."""
     # Where elastic contacts hold less than limit analysis allows, or time ran out, the lower bound is what is known.
     lowered = limit_loads.lower < 0.999 * limit_loads.upper
     values = np.where(lowered, limit_loads.lower, limit_loads.upper)
@@ -152,9 +166,10 @@ def robustness(limit_loads: LimitLoads, loads: Loads, objects: tuple[RigidObject
         limit_loads.lower.tolist(),
         limit_loads.upper.tolist(),
         limit_loads.checked.tolist(),
+        doubtful.tolist(),
         strict=True,
     )
     return tuple(
-        Robustness(value, min(lower, upper), upper, checked, _Evidence(limit_loads, loads, question, objects))
-        for question, (value, lower, upper, checked) in enumerate(rows)
+        Robustness(value, min(lower, upper), upper, checked, doubt, _Evidence(limit_loads, loads, question, objects))
+        for question, (value, lower, upper, checked, doubt) in enumerate(rows)
     )

@@ -71,6 +71,15 @@ def ask_single_patch(limit_loads: LimitLoads, block: BlockAnalysis, questions: I
         limit_loads.limit_by(int(questions[row]), factor, factor, mechanism)
 
 
+def coupled_questions(analysis: Analysis, loads: Loads) -> Mask:
+    """(Q,) questions that load a block in which contact forces have a choice."""
+    found = np.zeros(loads.count, dtype=bool)
+    for block in analysis.blocks:
+        if not block.geometry.statically_determinate:
+            found[loads.question[block.bodies_of(loads.place) >= 0]] = True
+    return found
+
+
 def check_elastic(
     limit_loads: LimitLoads,
     analysis: Analysis,
@@ -79,23 +88,26 @@ def check_elastic(
     deadline: Deadline,
     nearly: float = CHECKED_SHARE,
 ) -> None:
-    """Check some questions (Q,) with elastic contacts, and lower the lower bounds that they do not withstand."""
-    if not wanted.any():
-        return
+    """Check some questions (Q,) with elastic contacts, and lower the lower bounds that they do not withstand.
+
+    Those for which there is no time keep as a lower bound what was confirmed by then.
+    """
+    known = wanted.copy()
     total = sum(block.geometry.units.weight for block in analysis.blocks) or 1.0
     for block in analysis.blocks:
+        if block.geometry.statically_determinate and nearly < 1:  # its answers are exact
+            continue
         questions, block_loads = block.loads(loads)
         for row in np.flatnonzero(wanted[questions]).tolist():
-            if deadline.passed:
-                limit_loads.complete = False
-                return
             question, load = int(questions[row]), block_loads[row]
             above = nearly * min(float(limit_loads.upper[question]), CHECKED_WEIGHTS * total)
-            factor, complete = block.solvers.coulomb.factor(load, above, deadline)
-            limit_loads.complete &= complete
+            factor, in_time = block.solvers.coulomb.factor(load, above, deadline)
+            known[question] &= in_time
             if factor < above:
                 limit_loads.lower[question] = min(float(limit_loads.lower[question]), factor)
+            if factor < above and in_time:
                 gravity = block.geometry.gravity.ravel()
                 fall = block.solvers.coulomb.settle(gravity + 1.02 * factor * load, deadline=deadline)
                 limit_loads.mechanisms[question] = Mechanism(block, fall.displacement)
-    limit_loads.checked |= wanted
+    limit_loads.complete &= bool(known[wanted].all())
+    limit_loads.checked |= known

@@ -69,9 +69,9 @@ class _Step:
 
     @cached_property
     def margin(self) -> float:
-        """N; -inf, too, when the deadline passed before it was known."""
+        """N; -inf, too, when the deadline passed before it was known. Nothing stands at 0."""
         found = self.left.stability(self.clock)
-        return found.margin if found.complete else -np.inf
+        return -np.inf if found.doubtful else found.margin
 
 
 def _steps(analysis: Analysis, clock: Deadline) -> list[_Step]:
@@ -82,7 +82,7 @@ def _steps(analysis: Analysis, clock: Deadline) -> list[_Step]:
             break
         name = analysis.assembly.objects[place].id
         step = _Step(name, analysis.without(name), clock)
-        if step.margin >= 0:
+        if step.margin > 0:
             steps.append(step)
     carrying = _carrying(analysis)
     return sorted(steps, key=lambda step: (step.name in carrying, -step.margin))
@@ -158,7 +158,7 @@ def _free(analysis: Analysis, target: str, clock: Deadline) -> Disassembly:
             waiting.pop()
             continue
         step = _Step(waiting[-1], left.without(waiting[-1]), clock)
-        if step.margin >= 0:
+        if step.margin > 0:
             steps.append(step)
             waiting.pop()
             continue

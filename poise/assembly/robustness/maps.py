@@ -93,30 +93,21 @@ def robustness_map(
             INTERPENETRATION, FLOATING.
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
-    start, clock = time.perf_counter(), Deadline.after(deadline)
-    name = model or DEFAULT_MODEL
+    start, clock, name = time.perf_counter(), Deadline.after(deadline), model or DEFAULT_MODEL
     _check_request(name, surface if isinstance(surface, int) else len(surface.points))
     analysis = Analysis.of(assembly)
-    analysis.require_stable(clock)
+    stands = not analysis.require_stable(clock).doubtful
     if isinstance(surface, int):
         surface = sample_surface(analysis.structure, surface)
     bounds, complete, doubtful = _bounded(analysis, surface, tolerance, name, clock)
+    if not stands:
+        bounds.upper[:], doubtful[:], complete = np.inf, True, False
     smallest = _FOR_EVER / _weight(analysis)
     with np.errstate(divide="ignore"):
         lower, upper = (1 / np.where(bound > smallest, bound, 0.0) for bound in (bounds.upper, bounds.lower))
-    return RobustnessMap(
-        analysis,
-        surface,
-        lower,
-        upper,
-        bounds.block,
-        bounds.mechanism,
-        tuple(bounds.mechanisms),
-        doubtful,
-        complete,
-        bounds.solves,
-        time.perf_counter() - start,
-    )
+    mechanisms, seconds = tuple(bounds.mechanisms), time.perf_counter() - start
+    known = lower, upper, bounds.block, bounds.mechanism, mechanisms
+    return RobustnessMap(analysis, surface, *known, doubtful, complete, bounds.solves, seconds)
 
 
 def _check_request(model: str, count: int) -> None:

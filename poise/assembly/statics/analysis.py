@@ -138,16 +138,18 @@ class Stability:
         margin: N by which every interface could press less and still hold; 0 on the verge of moving; negative when it
             falls: how hard every interface would have to pull, or how much of the weight nothing carries.
         falling: ids of what falls, or is on the verge of it.
-        complete: elastic contacts were asked wherever contact forces have a choice.
+        doubtful: elastic contacts were not asked in time where contact forces have a choice; the margin is then at
+            most 0, although some contact forces keep everything at rest.
     """
 
     margin: float
     falling: tuple[str, ...]
-    complete: bool
+    doubtful: bool
 
     @property
     def stable(self) -> bool:
-        return self.margin >= 0
+        """It stands, with something to spare: what is on the verge of moving does not."""
+        return self.margin > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,20 +207,23 @@ class Analysis:
         objects = self.assembly.objects
         margin = -np.inf if self.structure.floating else np.inf
         falling = [objects[place].id for place in self.structure.floating]
-        complete = True
+        doubtful = False
         for block in self.blocks:
             standing, known = block.solvers.standing(deadline)
-            complete &= known
+            if not known:
+                doubtful, margin = True, min(margin, 0.0)
+                continue
             margin = min(margin, standing.margin * block.geometry.units.weight)
             if standing.margin <= 0:
                 falling += [objects[place].id for place in Mechanism(block, standing.twist).velocities]
-        return Stability(margin, tuple(dict.fromkeys(falling)), complete)
+        return Stability(margin, tuple(dict.fromkeys(falling)), doubtful and not falling)
 
-    def require_stable(self, deadline: Deadline = NO_DEADLINE) -> None:
-        """Raise NoAnswerError UNSTABLE, with what falls and by what margin, when the assembly does not stand."""
+    def require_stable(self, deadline: Deadline = NO_DEADLINE) -> Stability:
+        """How it stands; raise NoAnswerError UNSTABLE, with what falls and by what margin, when it does not."""
         found = self.stability(deadline)
-        if not found.stable:
+        if not (found.stable or found.doubtful):
             raise unstable(found.falling, found.margin)
+        return found
 
 
 def unstable(falling: Sequence[str], margin: float) -> NoAnswerError:

@@ -4,7 +4,7 @@ import numpy as np
 
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.model import ENTRIES, N_MOTION, N_UNKNOWNS
+from poise.inertia.model import N_UNKNOWNS, signal_columns
 from poise.types import Array, Mask
 
 LOAD_ACCURACY = 0.01
@@ -75,7 +75,7 @@ def lasting_covariance(blocks: MomentBlocks, sums: Array, covariance: Array, wei
         weight: (6, 6) of a sample.
         variances: (2,) of the errors, of force and torque.
     """
-    regressor = np.asarray((sums @ ENTRIES.reshape(-1, N_MOTION).T).reshape(-1, 6, N_UNKNOWNS))
+    regressor = signal_columns(sums)
     gain = covariance @ regressor.swapaxes(1, 2) @ weight  # (B, 16, 6): change of the answer per error of a block
     seconds = (blocks.start + blocks.end) * 0.5e-9
     seconds -= seconds[0]

@@ -41,6 +41,7 @@ from poise.inertia.model.signals import (
     normal_equations,
     residual_covariance,
     residual_moments,
+    signal_columns,
 )
 from poise.inertia.model.solution import EstimateFinding, InertialSolution, RejectedInterval, root_mean_square
 from poise.inertia.model.wrench_regressor import regressor
@@ -83,5 +84,6 @@ __all__ = [
     "residual_covariance",
     "residual_moments",
     "root_mean_square",
+    "signal_columns",
     "symmetric",
 ]

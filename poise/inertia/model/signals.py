@@ -67,6 +67,11 @@ def _unknowns_by_signal() -> Array:
 ENTRIES = _unknowns_by_signal()
 
 
+def signal_columns(signals: Array) -> Array:
+    """(N, 6, 16) the design [A, 1] of phi and bias, from signals (N, 13)."""
+    return np.asarray((signals @ ENTRIES.reshape(-1, N_MOTION).T).reshape(-1, 6, N_UNKNOWNS))
+
+
 def mixed(weights: Array, values: Array) -> Array:
     """(..., A, B) weighted sums of values (L, A, B) with weights (..., L)."""
     rows, columns = values.shape[1:]

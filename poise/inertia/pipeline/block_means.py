@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from poise.inertia.estimators import LEAST_NOISE
-from poise.inertia.model import ENTRIES, motion_signals
+from poise.inertia.model import motion_signals, signal_columns
 from poise.recording import interpolate
 from poise.robot import SensorMotion
 from poise.types import Array, Indices, Mask, Stamps
@@ -113,7 +113,7 @@ def block_means(motion: SensorMotion, wrench: Array, gravity: Array, delay: floa
     return BlockMeans(
         stamps[first],
         stamps[np.append(first[1:], len(stamps)) - 1],
-        np.einsum("ipc,bc->bip", ENTRIES[:, :10], mean),
+        signal_columns(mean)[:, :, :10],
         np.add.reduceat(wrench, first) / sizes[:, None],
         turning > _TURNING**2,
         np.maximum(white / np.sqrt(np.median(sizes)), least),

@@ -14,12 +14,11 @@ import numpy as np
 from poise.errors import ErrorCode
 from poise.inertia.model import (
     EstimateFinding,
-    RejectedInterval,
 )
 from poise.inertia.verdict.clipping import ExtremeReadings
 from poise.inertia.verdict.samples import FitSamples
 from poise.inertia.verdict.slow_residual import LEVER, PARTS, Fit, SlowResidual, sizes
-from poise.types import Array, Mask
+from poise.types import Array
 
 _LEAST_BINS = 20
 """Slow averages from which on a fit is judged."""
@@ -143,9 +142,9 @@ class FitVerdict:
 
 def judge(fit: Fit, samples: FitSamples, extremes: ExtremeReadings | None = None) -> FitVerdict:
     """Test a fit on its samples, and on the extreme readings."""
-    used = _used(samples, fit.rejected)
+    used = samples.outside(fit.rejected)
     slow = SlowResidual(fit, samples, used)
-    if len(slow.counts) < _LEAST_BINS:
+    if len(slow.samples) < _LEAST_BINS:
         return FitVerdict()
     share = 1.0 - float(samples.counts[used].sum() / samples.counts.sum())
     tests = [*_load_tests(slow), *_gravity_tests(slow, samples.gravity), _rejected_test(share, fit.only_contact)]
@@ -181,14 +180,6 @@ def _of_share(fit: Fit, share: float) -> Array:
     return result
 
 
-def _used(samples: FitSamples, rejected: Sequence[RejectedInterval]) -> Mask:
-    """(B,) bins that do not lie within a rejected span."""
-    outside = np.ones(len(samples), dtype=bool)
-    for span in rejected:
-        outside &= (samples.stamps < span.start) | (samples.stamps > span.end)
-    return outside
-
-
 _RESIDUAL = "averages over 0.1 s differ from the payload's wrench by {:.3g} {} rms"
 _HALVES = "the payloads of the two halves of the samples differ by {:.3g} {} rms"
 _DRIFT = "the residual drifts by {:.3g} {} in half of the time"
@@ -199,7 +190,7 @@ def _load_tests(slow: SlowResidual) -> list[FitTest]:
     scale, white = slow.scale, slow.white
     limits, hopeless = _MATERIAL * scale + _SLACK, _HOPELESS * scale + 2 * _SLACK
     drift = sizes(slow.drift.values[None])
-    few = np.sqrt(16.0 / len(slow.counts)) * white  # noise of an answer in the prediction
+    few = np.sqrt(16.0 / len(slow.samples)) * white  # noise of an answer in the prediction
     checks = (
         ("residual", sizes(slow.residual), limits + 3 * white, hopeless + 6 * white, _RESIDUAL),
         ("halves", slow.halves(), limits + 6 * few, hopeless + 12 * few, _HALVES),

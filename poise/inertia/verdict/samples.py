@@ -1,12 +1,13 @@
 """The samples of a weighing, averaged in bins of time: enough to judge its fit, and never more than a fixed number."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.inertia.model import motion_signals
+from poise.inertia.model import N_MOTION, RejectedInterval, motion_signals
 from poise.robot import SensorMotion
 from poise.types import Array, Mask, Stamps
 
@@ -60,6 +61,37 @@ class FitSamples:
     def acceleration_in_sensor(self) -> Array:
         """(B, 3) m/s2 of the sensor's origin, without gravity."""
         return np.asarray(self.gravity_in_sensor - self.signals[:, :3])
+
+    def outside(self, spans: Sequence[RejectedInterval]) -> Mask:
+        """(B,) bins that do not lie within a span."""
+        result = np.ones(len(self), dtype=bool)
+        for span in spans:
+            result &= (self.stamps < span.start) | (self.stamps > span.end)
+        return result
+
+    def delayed(self, delay: float) -> "FitSamples":
+        """With the motion at the time at which the wrenches were measured, `delay` s before; NaN: as it is."""
+        if not delay or not np.isfinite(delay) or not len(self):
+            return self
+        motion = np.column_stack([self.signals, self.rotation_world_sensor.reshape(-1, 9)])
+        then = self.seconds - delay
+        moved = np.column_stack([np.interp(then, self.seconds, column) for column in motion.T])
+        return replace(self, signals=moved[:, :N_MOTION], rotation_world_sensor=moved[:, N_MOTION:].reshape(-1, 3, 3))
+
+    def averaged(self, keys: Array) -> "FitSamples":
+        """Neighbours with the same key (B,), not negative, as one bin."""
+        if not len(self):
+            return self
+        begins = np.flatnonzero(np.diff(keys, prepend=-1.0))
+        counts = np.add.reduceat(self.counts, begins)
+
+        def mean(rows: Array) -> Array:
+            shape = (-1, *[1] * (rows.ndim - 1))
+            return np.asarray(np.add.reduceat(rows * self.counts.reshape(shape), begins) / counts.reshape(shape))
+
+        stamps = self.stamps[0] + np.rint(mean(self.seconds) * 1e9).astype(np.int64)
+        rotation = mean(self.rotation_world_sensor)
+        return FitSamples(stamps, counts, rotation, mean(self.signals), mean(self.wrench), self.gravity)
 
     def select(self, which: Mask | NDArray[np.int64]) -> "FitSamples":
         """Some of the bins."""

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from poise.inertia.model import ENTRIES, N_MOTION, NoiseLevels, RejectedInterval
+from poise.inertia.model import ENTRIES, NoiseLevels, RejectedInterval, signal_columns
 from poise.inertia.verdict.samples import FitSamples
 from poise.types import Array, Mask
 
@@ -75,16 +75,11 @@ class SlowResidual:
     def __init__(self, fit: Fit, samples: FitSamples, used: Mask) -> None:
         self.fit = fit
         self.unknowns = np.nan_to_num(np.concatenate([fit.phi, fit.bias]))
-        motion = np.concatenate([samples.signals, samples.rotation_world_sensor.reshape(-1, 9)], axis=1)
-        moved = _delayed(motion, samples.seconds, float(np.nan_to_num(fit.delay)))
-        rows = np.concatenate([moved, samples.wrench], axis=1)[used] * samples.counts[used, None]
-        begins = np.flatnonzero(np.diff(np.floor(samples.seconds[used] / _SLOW), prepend=-1.0))
-        self.seconds = samples.seconds[used][begins]
-        self.counts = np.add.reduceat(samples.counts[used], begins) if len(begins) else np.zeros(0)
-        rows = np.add.reduceat(rows, begins, axis=0) / self.counts[:, None] if len(begins) else rows
-        self.signals, self.rotation_world_sensor = rows[:, :N_MOTION], rows[:, N_MOTION:-6].reshape(-1, 3, 3)
-        self.residual = rows[:, -6:] - self.signals @ by_signal(self.unknowns).T
-        self.load = self.signals @ by_signal(np.append(self.unknowns[:10], np.zeros(6))).T
+        bins = np.floor(samples.seconds[used] / _SLOW)
+        self.samples = samples.delayed(fit.delay).select(used).averaged(bins)
+        self._design = signal_columns(self.samples.signals)
+        self.load = self._design[:, :, :10] @ self.unknowns[:10]
+        self.residual = self.samples.wrench - self._design @ self.unknowns
 
     @cached_property
     def scale(self) -> Array:
@@ -95,21 +90,21 @@ class SlowResidual:
     @property
     def white(self) -> Array:
         """(2,) rms of the averages that white noise of the sensor makes; 0 for single poses."""
-        if np.median(np.diff(self.seconds)) > _POSES:
+        if np.median(np.diff(self.samples.seconds)) > _POSES:
             return np.zeros(2)
         per_sample = np.array([self.fit.noise.force, self.fit.noise.torque]) * np.sqrt(3.0)
-        return np.asarray(per_sample * np.sqrt(np.mean(1.0 / self.counts)))
+        return np.asarray(per_sample * np.sqrt(np.mean(1.0 / self.samples.counts)))
 
     @cached_property
     def _levels(self) -> Array:
         """(6,) standard deviation of the averages, not less than that of a sample's white noise."""
-        least = np.array([self.fit.noise.force, self.fit.noise.torque]) / np.sqrt(self.counts.max())
+        least = np.array([self.fit.noise.force, self.fit.noise.torque]) / np.sqrt(self.samples.counts.max())
         return np.repeat(np.maximum(sizes(self.residual) / np.sqrt(3.0), least), 3)
 
     @cached_property
     def _columns(self) -> Array:
         """(B, 6, 16) of the unknowns, in units of the levels."""
-        return np.asarray(np.einsum("bc,ipc->bip", self.signals, ENTRIES) / self._levels[:, None])
+        return self._design / self._levels[:, None]
 
     def halves(self) -> Array:
         """(2,) by how much the loads that the halves of the samples show differ, rms over all samples."""
@@ -120,7 +115,7 @@ class SlowResidual:
             np.linalg.lstsq(block + ridge, score, rcond=1e-12)[0]
             for block, score in zip(information, scores, strict=True)
         ]
-        return sizes(self.signals @ by_signal(steps[1] - steps[0]).T)
+        return sizes(self._design @ (steps[1] - steps[0]))
 
     def blocks(self, number: int) -> tuple[Array, Array]:
         """(K, 16, 16) information and (K, 16) score, the gradient at the fit, of blocks of the recording in time."""
@@ -132,21 +127,32 @@ class SlowResidual:
         left = np.concatenate([self._columns, columns / self._levels[:, None]], axis=2)
         information, scores = _normal(left, self.residual / self._levels, PARTS)
         total = information.sum(axis=0)
-        # What the samples do not show of the payload stays as it is.
-        total[:10, :10] += np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-6
+        total[:10, :10] += self._stays
         total[range(16, count), range(16, count)] += spread**-2.0
         inverse = np.linalg.pinv(total, rcond=1e-14, hermitian=True)
-        both, alone = inverse @ scores.sum(axis=0), np.linalg.pinv(total[:16, :16], rcond=1e-14, hermitian=True)
+        both = inverse @ scores.sum(axis=0)
         left_over = scores - information @ both
         scatter = inverse @ left_over.T
         variances = np.maximum(np.diag(inverse), np.sum(scatter**2, axis=1) * PARTS / (PARTS - 1))
-        shift = both[:10] - (alone @ scores.sum(axis=0)[:16])[:10]
-        return Extension(both[16:count], np.sqrt(variances[16:count].clip(min=0.0)), np.asarray(shift))
+        return Extension(both[16:], np.sqrt(variances[16:].clip(min=0.0)), both[:10] - self._step)
+
+    @cached_property
+    def _stays(self) -> Array:
+        """(10, 10) information that keeps what the samples do not show of the payload."""
+        return np.asarray(np.linalg.pinv(np.nan_to_num(self.fit.covariance, nan=1e-9)) * 1e-6)
+
+    @cached_property
+    def _step(self) -> Array:
+        """(10,) from phi to the least squares of the averages without further parameters."""
+        information, scores = self.blocks(PARTS)
+        total = information.sum(axis=0)
+        total[:10, :10] += self._stays
+        return np.asarray((np.linalg.pinv(total, rcond=1e-14, hermitian=True) @ scores.sum(axis=0))[:10])
 
     @cached_property
     def drift(self) -> Extension:
         """A bias that drifts at a constant rate: (6,) N and N m in half of the time."""
-        time = np.linspace(-1.0, 1.0, len(self.signals))[:, None, None]
+        time = np.linspace(-1.0, 1.0, len(self.samples))[:, None, None]
         return self.extended(time * np.eye(6), np.repeat(np.maximum(self.scale, 1e-3), 3))
 
     @cached_property
@@ -162,19 +168,14 @@ class SlowResidual:
     @cached_property
     def lever(self) -> Extension:
         """(3,) kg m: the first moment that the force shows, less that which the torque shows."""
-        columns = self._columns[:, :, 1:4] * self._levels[:, None]
+        columns = self._design[:, :, 1:4].copy()
         columns[:, 3:] = 0.0
         return self.extended(columns, np.full(3, max(abs(float(self.unknowns[0])), 1e-3)))
 
     @property
     def _by_gravity(self) -> Array:
         """(B, 6, 3) the load's wrench for one m/s2 along each axis of the world."""
-        return by_signal(self.unknowns)[:, :3] @ np.swapaxes(self.rotation_world_sensor, 1, 2)
-
-
-def by_signal(unknowns: Array) -> Array:
-    """(6, 13) the wrench that each signal makes."""
-    return np.asarray(np.einsum("p,ipc->ic", unknowns, ENTRIES))
+        return np.asarray((self.unknowns @ ENTRIES)[:, :3] @ self.samples.rotation_world_sensor.swapaxes(1, 2))
 
 
 def sizes(wrench: Array) -> Array:
@@ -191,10 +192,3 @@ def _normal(columns: Array, right: Array, number: int) -> tuple[Array, Array]:
         for left, measured in zip(np.array_split(columns, number), np.array_split(right, number), strict=True)
     ]
     return np.array([left.T @ left for left, _ in parts]), np.array([left.T @ values for left, values in parts])
-
-
-def _delayed(motion: Array, seconds: Array, delay: float) -> Array:
-    """Rows (B, k) of the motion at the time at which the wrenches were measured."""
-    if not delay:
-        return motion
-    return np.column_stack([np.interp(seconds - delay, seconds, column) for column in motion.T])
