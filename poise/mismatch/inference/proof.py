@@ -124,7 +124,7 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         without = [state.fitted(problem, _others(whole.parts, part), WARM_STEPS) for part in whole.parts]
         proofs = _compared(problem, whole, without)
         lacking = [
-            implausible(problem.recorded, [part]) or _immaterial(problem.recorded, part, proof) or proof.lacking
+            implausible(problem.recorded, [part]) or immaterial(problem.recorded, part, proof) or proof.lacking
             for part, proof in zip(whole.parts, proofs, strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -135,7 +135,7 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         best = without[weakest]
 
 
-def _immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof) -> str:
+def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof) -> str:
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
     if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + _EXCESS:
         return "the residual is within the noise without it"
@@ -195,7 +195,7 @@ def _proof(problem: Problem, length: int, whole: HypothesisFit, without: Hypothe
         local=float(share @ energy) / length,
         evidence=whole.log_evidence - without.log_evidence,
         excess=_excess(problem, whole, without),
-        elsewhere=_elsewhere(fitted[1], energy, share),
+        elsewhere=elsewhere(fitted[1], energy, share),
     )
 
 
@@ -207,7 +207,7 @@ def _excess(problem: Problem, whole: HypothesisFit, without: HypothesisFit) -> f
     return float(np.sum(added * np.minimum((left / scale) ** 2, _SPIKE**2)) / max(float(added.sum()), 1e-300)) - 1.0
 
 
-def _elsewhere(left: Array, energy: Array, share: Array) -> float:
+def elsewhere(left: Array, energy: Array, share: Array) -> float:
     """Largest energy above that of noise of a residual (C, N) in a window outside an event, relative to the event's."""
     acts = share > _ACTS * share.max()
     count, outside = int(acts.sum()), ~acts

@@ -120,7 +120,7 @@ class MotionOnEfforts(_OnEfforts):
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """From the accelerations that explain the residual (M, J) of the efforts."""
-        by_motion, seconds = self._by_acceleration(recorded)
+        by_motion, seconds = self.by_acceleration(recorded)
         square = np.einsum("mjx,mjy->mxy", by_motion, by_motion)
         square += 0.01 * float(np.trace(square.mean(axis=0))) * np.eye(2) + 1e-12 * np.eye(2)
         level = np.linalg.solve(square, np.einsum("mjx,mj->mx", by_motion, residual)[:, :, None])[:, :, 0]
@@ -128,7 +128,7 @@ class MotionOnEfforts(_OnEfforts):
             yield {**start, "splines": float(min(start["splines"], self._splines))}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        by_motion, seconds = self._by_acceleration(recorded)
+        by_motion, seconds = self.by_acceleration(recorded)
         rows, rates = self._motion.rates(seconds, nonlinear)
         out = np.zeros((*by_motion.shape[:2], 2 * self._splines))
         waves = rates[:, None, :, None] * by_motion[rows, :, None, :]
@@ -147,7 +147,7 @@ class MotionOnEfforts(_OnEfforts):
         return super().untestable(recorded) or ("" if known else "the mass of the arm is not known")
 
     @staticmethod
-    def _by_acceleration(recorded: RecordedMotion) -> tuple[Array, Array]:
+    def by_acceleration(recorded: RecordedMotion) -> tuple[Array, Array]:
         """(M, J, 2) efforts by the acceleration of the base along x and y of the world, and their stamps (M,)."""
         track = recorded.effort
         if track is None or track.by_tilt is None:
