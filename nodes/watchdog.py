@@ -35,8 +35,8 @@ _WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
 """All may be changed; they count from the next goal on."""
 _LOST = 0.5
 """s without a sign of life after which a watchdog with a moving arm counts as lost."""
-_TAKE = 0.01
-"""s between looks for goals: the events executor of rclpy 7.1 ends at a guard condition."""
+_MOMENT = 0.01
+"""s between looks for the executor of a node that is still being made."""
 _AGAIN = 1.0
 """s between two starts of the process."""
 _PATIENCE = struct.pack("ll", 0, 500_000)
@@ -107,7 +107,7 @@ class ProcessWatchdog:
         self._names: tuple[str, ...] = ()
         self._sent: SentStop | None = None
         self._heard: deque[Word] = deque()
-        node.create_timer(_TAKE, guarded(node, self._take))
+        self._take_words = guarded(node, self._take)
         self._thread = threading.Thread(target=self._serve, name="watchdog", daemon=True)
         self._thread.start()
 
@@ -262,6 +262,10 @@ class ProcessWatchdog:
             self._sent = SentStop(error, word.values["excess"])
         elif word.what in ("goal", "cancel"):
             self._heard.append(word)
+            while self._node.executor is None and not self._closing:  # the node is still being made
+                time.sleep(_MOMENT)
+            if self._node.executor is not None:  # the events executor takes no guard conditions
+                self._node.executor.create_task(self._take_words)
 
     def _say(self, what: str, body: bytes = b"", **values: Any) -> None:
         if self._link is not None:

@@ -37,7 +37,9 @@ _ALIVE = 0.1
 """s between two signs of life while an arm moves."""
 _FAREWELL = 0.3
 """s for the last results to leave."""
-_STEP = 0.5
+_STEP = 0.2
+_PRIORITY, _NICE = 10, -10
+"""Of this process, in real time or else among the others; controllers of ros2_control have 50."""
 _BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Matches every publisher; a lost joint state is no harm here."""
 _STAMP = struct.Struct("<iI")
@@ -86,6 +88,8 @@ class WatchdogNode(Node):
     def __init__(self, link: WatchdogLink, setup: dict[str, Any]) -> None:
         super().__init__(setup["node"], namespace=setup["namespace"], start_parameter_services=False)
         self._link, self._setup = link, setup
+        self.ended = False
+        """The node that started this process is gone."""
         self._lock = threading.RLock()
         self._watch: MotionWatch | None = None
         self._motions: dict[int, LoadedMotion] = {}
@@ -222,7 +226,9 @@ class WatchdogNode(Node):
         for key in list(self._goals):
             self._conclude(key, "aborted", self._farewell())
         time.sleep(_FAREWELL)
-        rclpy.try_shutdown()
+        self.ended = True
+        time.sleep(_FAREWELL + _STEP)  # the context did not shut down by then
+        os._exit(0)
 
     def _do_open(self, word: Word) -> None:
         self._open = word.values["open"]
@@ -292,12 +298,20 @@ class WatchdogNode(Node):
             self._link.send(what, body, **values)
 
 
+def before_others() -> None:
+    """Run before the other programs of a loaded machine, as controllers do, where the user may (limits `rtprio`)."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))
+    except OSError:
+        with contextlib.suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, 0, _NICE)
+
+
 def main() -> None:
     """Run beside the node that started this process; the argument is the descriptor of a socket."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends when the node has ended
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, -10)
+    before_others()
     link = WatchdogLink(int(sys.argv[1]))
     setup = link.receive()
     if setup is None:
@@ -308,10 +322,10 @@ def main() -> None:
     executor.add_node(node)
     for work in (node.look, node.obey):
         threading.Thread(target=work, daemon=True).start()
-    while rclpy.ok():
+    while not node.ended:
         with contextlib.suppress(Exception):
             executor.spin_once(timeout_sec=_STEP)
-    sys.stdout.flush()
+    rclpy.try_shutdown()  # the others of the graph see it leave
     os._exit(0)
 
 

@@ -35,6 +35,7 @@ COMMANDS = {
     "mismatch": ("mismatch", "Identify the physical effects that a recording shows and the simulation lacks."),
     "simulate": ("simulate", "Simulate the sensor and the joints along a motion and write a recording."),
     "run": ("run", "Start a ROS 2 node of Poise; works without ros2cli."),
+    "keystore": ("keystore", "Make an SROS 2 keystore with the least permissions that nodes need."),
 }
 """Subcommand -> (file in poise/commands that defines it, first line of its help)."""
 

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -66,7 +67,14 @@ class NodeProgram:
         """Start it; with `full_disk` every write to a file fails."""
         file = self.folder / f"{self.name}.yaml"
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": self.parameters}}))
-        command = [str(Path(sys.prefix) / "lib" / "poise" / self.name), "--ros-args", "--params-file", str(file)]
+        leash = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []  # it ends with the benchmark
+        command = [
+            *leash,
+            str(Path(sys.prefix) / "lib" / "poise" / self.name),
+            "--ros-args",
+            "--params-file",
+            str(file),
+        ]
         for remap in self._remaps:
             command += ["-r", remap]
         with self._log.open("ab") as sink:
@@ -102,9 +110,9 @@ class NodeProgram:
         os.killpg(self.pid, number)
 
     def kill(self) -> None:
-        """End it by SIGKILL, and wait."""
+        """End it by SIGKILL, and wait; processes that it started go on."""
         if self.is_running:
-            self.send(signal.SIGKILL)
+            os.kill(self.pid, signal.SIGKILL)
         if self.process is not None:
             self.process.wait()
 

@@ -275,12 +275,13 @@ class Planner(Subject):
     def parameters(self) -> dict[str, Any]:
         return {"candidates": 10_000, "attempts": 1_000_000, "support": "objects"}
 
-    def _goal(self, deadline: float) -> PlaceObject.Goal:
+    def goal(self, deadline: float) -> PlaceObject.Goal:
+        """A box to be placed on a cube."""
         item = assembly_message(Assembly((CUBE_ON_FLOOR.objects[0], box("parcel", (0.2, 0.2, 0.2), 0.1))), "tray")
         return PlaceObject.Goal(assembly=[cube_message()], object=item.objects[1], seed=5, deadline=deadline)
 
     def ask(self, observer: Observer, timeout: float) -> None:
-        goal = self._goal(1.0)
+        goal = self.goal(1.0)
         result = observer.act(PlaceObject, "place_object", goal, timeout)
         if result.error.code not in (ErrorCode.OK, ErrorCode.DEADLINE):
             observer.rest(0.1)
@@ -292,7 +293,7 @@ class Planner(Subject):
     def begin(self, observer: Observer) -> None:
         client = observer.actor(PlaceObject, "place_object")
         observer.until(client.server_is_ready, "action place_object")
-        observer.begin(client, self._goal(6.0))
+        observer.begin(client, self.goal(6.0))
         observer.rest(0.3)
 
 

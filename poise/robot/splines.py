@@ -65,12 +65,12 @@ class Grid:
     def locate(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
         """Knot interval of each time (N,), and the powers (N, 6) 1, u, ..., u^5 of its place u in it."""
         scaled = (seconds - self.origin) / self.spacing
-        start = np.clip(np.floor(scaled).astype(np.intp), 0, self.intervals - 1)
-        powers = np.empty((len(seconds), _ORDER))
-        powers[:, 0] = 1.0
+        start = np.minimum(np.maximum(np.floor(scaled).astype(np.intp), 0), self.intervals - 1)
+        place, powers = scaled - start, np.empty((_ORDER, len(seconds)))
+        powers[0] = 1.0
         for k in range(1, _ORDER):
-            np.multiply(powers[:, k - 1], scaled - start, out=powers[:, k])
-        return start, powers
+            np.multiply(powers[k - 1], place, out=powers[k])
+        return start, powers.T
 
     def polynomials(self, derivative: int) -> Array:
         """(6, 6 - derivative) coefficients in u of the derivative of the six B-splines on a knot interval."""
@@ -127,9 +127,8 @@ class Design:
         band, size = np.zeros((_ORDER, self.grid.size)), self.grid.size
         difference = np.array([-1.0, 3.0, -3.0, 1.0])
         strength = _RIDGE * max(len(self.seconds) / self.grid.intervals, 1.0)
-        for i in range(4):
-            for j in range(i, 4):
-                band[j - i, i : size - 3 + i] += strength * difference[i] * difference[j]
+        for d in range(4):
+            band[d, : size - d] = strength * np.convolve(np.ones(size - 3), difference[: 4 - d] * difference[d:])
         return band
 
     def project(self, rows: Array, derivative: int) -> Array:
@@ -143,11 +142,11 @@ class Design:
     def evaluate(self, coefficients: Array, derivative: int) -> Array:
         """(N, K) B @ coefficients (size, K)."""
         rows = self.evaluate_rows(coefficients, derivative)
-        return np.asarray(rows.reshape(-1, coefficients.shape[1])[self._slots])
+        return np.asarray(rows.reshape(-1, coefficients.shape[1]).take(self._slots, axis=0))
 
     def evaluate_rows(self, coefficients: Array, derivative: int) -> Array:
         """B @ coefficients (size, K) in rows, see `padded`."""
-        return np.asarray(self._weight_rows(derivative) @ coefficients[self._windows])
+        return np.asarray(self._weight_rows(derivative) @ coefficients.take(self._windows, axis=0))
 
     def places(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
         """See `SplineFit._weights`; those of the last few arrays of times are kept, which must not be changed."""
@@ -274,7 +273,7 @@ class SplineFit:
     def derivatives(self, seconds: Array) -> Array:
         """(3, M, K) value, first and second derivative at (M,) times."""
         start, weights = self._weights(seconds)
-        values = (weights @ self.coefficients[start[:, None] + _PLACES]).swapaxes(0, 1)
+        values = (weights @ self.coefficients.take(start[:, None] + _PLACES, axis=0)).swapaxes(0, 1)
         values[0] += self._offset
         return np.asarray(values)
 
