@@ -108,7 +108,7 @@ def beliefs(
 def probability_of_none(state: HypothesisSearch) -> float:
     """Probability that nothing of the library is there."""
     evidence = {
-        names: (value - _PER_EFFECT * len(names)) / _NONE_TEMPERATURE for names, value in _evidences(state).items()
+        names: value / _NONE_TEMPERATURE - _PER_EFFECT * len(names) for names, value in _evidences(state).items()
     }
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())
