@@ -137,7 +137,7 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     none = np.zeros((*track.measured.shape, 0))
     links = none if track.links is None else track.links.efforts
     tilt = none if track.by_tilt is None else track.by_tilt
-    rest = none if track.by_rest is None else track.by_rest[:, :, None]
+    rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None]),)
     return (
         CalibrationGroup("payload", payload),
         CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
@@ -145,7 +145,7 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
         CalibrationGroup("offset", offset, channel=each, channels=count),
         CalibrationGroup("links", links * tolerance.link_mass),
         CalibrationGroup("tilt", tilt * tolerance.base_tilt),
-        CalibrationGroup("rest", rest),
+        *rest,
     )
 
 
