@@ -1,5 +1,6 @@
 """The benchmark's own node: it feeds, calls and watches the node under test."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from typing import Any
@@ -69,9 +70,15 @@ class Observer:
         """
         client = self._client(kind, name)
         self.until(client.service_is_ready, f"service {name}", timeout)
-        future = client.call_async(request)
-        self.until(future.done, f"an answer of {name}", timeout)
-        return future.result()
+        end, futures = time.monotonic() + timeout, list[Any]()
+        while not any(future.done() for future in futures):  # a call may be lost while the two find each other
+            left = end - time.monotonic()
+            if left <= 0:
+                raise TooLateError(f"an answer of {name}")
+            futures.append(client.call_async(request))
+            with contextlib.suppress(TooLateError):
+                self.until(lambda: any(future.done() for future in futures), name, min(left, max(timeout / 4, 2.0)))
+        return next(future.result() for future in futures if future.done())
 
     def act(self, kind: Any, name: str, goal: Any, timeout: float = PATIENCE) -> Any:
         """The result of a goal; None for one that was refused.
