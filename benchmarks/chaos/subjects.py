@@ -196,12 +196,16 @@ class Identification(_Weighing):
         client, phases = observer.actor(IdentifyPayload, "identify_payload"), list[str]()
         observer.until(client.server_is_ready, "action identify_payload")
         goal = IdentifyPayload.Goal(motion=IdentifyPayload.Goal.MOTION_STOP_AND_GO)
-        moving, ended = lambda: "moving" in phases and not self.arm_is_at_rest, lambda: True
-        while not moving():
+        goals: list[Any] = []
+
+        def ended() -> bool:
+            return not goals or goals[-1].done()
+
+        while not ("moving" in phases and not self.arm_is_at_rest):
             if ended():  # a goal before the node knows the robot is refused
                 handle = observer.begin(client, goal, lambda said: phases.append(said.feedback.phase))
-                ended = handle.get_result_async().done
-            observer.until(lambda: moving() or ended(), "the motion")
+                goals.append(handle.get_result_async())
+            observer.until(lambda: ("moving" in phases and not self.arm_is_at_rest) or ended(), "the motion")
 
 
 class Diagnoser(Subject):
