@@ -237,7 +237,8 @@ def _elastic(block: BlockAnalysis, directions: Array, limits: Array, deadline: D
     loads = _inertial_loads(block)
     checked, known = np.zeros_like(limits), np.ones(len(limits), dtype=bool)
     for row in np.flatnonzero(limits > 0).tolist():
-        checked[row], known[row] = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
+        found = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
+        checked[row], known[row] = found.value, found.known
     return checked, known
 
 
