@@ -7,7 +7,7 @@ from poise.assembly.contact import ContactBlock, Interface, Structure
 from poise.assembly.statics.block import BlockGeometry, block_geometry, gravity_wrenches
 from poise.assembly.statics.coulomb import CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
-from poise.assembly.statics.equilibrium import Standing, has_self_stress, stability
+from poise.assembly.statics.equilibrium import Standing, stability
 from poise.assembly.statics.limit import limit_program
 from poise.assembly.statics.load_factor import LoadFactorProgram
 from poise.assembly.statics.patch import PatchProgram
@@ -78,10 +78,6 @@ class BlockSolvers:
     @cached_property
     def coulomb(self) -> CoulombBlock:
         return CoulombBlock(self.geometry, self.interfaces)
-
-    @cached_property
-    def self_stress(self) -> bool:
-        return has_self_stress(self.geometry)
 
     @cached_property
     def balance(self) -> Standing:

@@ -5,7 +5,7 @@ nothing presses the walls to the cube. Here normal forces arise only where bodie
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,8 +18,8 @@ from poise.assembly.statics.elastic_contacts import ElasticContacts
 from poise.types import Array, Mask
 
 # A body stands when the catch carries less than this share of its load; its load counts as this share of all at least.
-_CARRIED, _LEAST_LOAD = 2e-4, 1e-2
-_FALLS = 1e-2
+_CARRIED, _LEAST_LOAD = 5e-5, 1e-2
+_FALLS = 1e-3
 """A body of whose load the catch carries more than this share is not held by any further rounds."""
 _SETTLED = 1e-7
 """What may be left of the equations, per load."""
@@ -27,8 +27,9 @@ _SETTLED = 1e-7
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 40, 3, 4
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
-_PROBES = 25
-"""Load factors that are tried at most."""
+_PROBES, _EXACT = 25, 3
+"""Load factors that are tried at most, and of these how many for an answer within the tolerance: later, ten times the
+tolerance is enough, since what it stands counts."""
 FACTOR_TOLERANCE = 0.004
 """Relative tolerance of the load factor at which a block collapses."""
 
@@ -90,8 +91,7 @@ class CoulombBlock:
             deadline: when it passes, the state is not `known`.
         """
         contacts, bounds = self.contacts, np.full(len(self.contacts.stiffness), np.inf)
-        found = None if start is None else self._newton(load, start, deadline)
-        if found is not None and found.settled:
+        if start is not None and (found := self._newton(load, start, deadline)).settled:
             return found
         u = self._tresca(load, bounds, _solve(contacts.glued, load))
         for attempt in range(_ATTEMPTS):
@@ -102,9 +102,12 @@ class CoulombBlock:
                 pressed = contacts.pressed(contacts.relative(u))
                 bounds = pressed if attempt < _ATTEMPTS // 2 else (bounds + pressed) / 2
                 u = self._tresca(load, bounds, u)
-            if (carried := self._carried(load, u)) > _FALLS:
+            found = self._state(load, u)
+            if found.settled:
+                return found
+            if (carried := self._share(contacts.catch * u, load)) > _FALLS:
                 return ElasticState(False, carried, u)
-        return ElasticState(False, max(self._carried(load, u), _CARRIED), u, settled=False)
+        return found
 
     @cached_property
     def pressed_at_rest(self) -> Mask:
@@ -112,18 +115,32 @@ class CoulombBlock:
         contacts, gravity = self.contacts, np.linalg.norm(self.geometry.gravity, axis=1)
         normal = contacts.forces(contacts.relative(self.rest.displacement), None)[:, 0]
         loads = np.append(gravity, np.inf)[self.geometry.supports].min(axis=1)
-        return np.bincount(contacts.interface, normal) > _IDLE * loads
+        return np.asarray(np.bincount(contacts.interface, normal) > _IDLE * loads)
 
     @cached_property
     def rest(self) -> ElasticState:
         """The state under gravity alone."""
         return self.settle(self.geometry.gravity.ravel())
 
-    def factor(self, load: Array, above: float, deadline: Deadline = NO_DEADLINE) -> ElasticFactor:
+    def factor(
+        self,
+        load: Array,
+        above: float,
+        deadline: Deadline = NO_DEADLINE,
+        expected: float = np.inf,
+        tolerance: float = FACTOR_TOLERANCE,
+    ) -> ElasticFactor:
         """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
 
-        Where it does not stand, the catch carries what is too much. The power of the motion tells how much that is
-        and so where the next factor is tried; only factors at which it stands count.
+        Where it does not stand, the catch carries what is too much. How much that is follows from the power of
+        the motion, and from that the factor that is tried next; only factors at which it stands count.
+
+        Args:
+            load: in the block's units.
+            above: no more than this is asked.
+            deadline: when it passes, the factor is what was found by then, and not known.
+            expected: a factor below `above` that is enough when the block stands at it, as that of a load nearby.
+            tolerance: relative, of the factor.
         """
         gravity, contacts = self.geometry.gravity.ravel(), self.contacts
         if deadline.passed:
@@ -131,32 +148,41 @@ class CoulombBlock:
         state = self.rest
         if not state.stands:
             return ElasticFactor(0.0, True, state.displacement)
-        low, high, factor, fall = 0.0, above, above, None
-        for _ in range(_PROBES):
+        # Below this share of the weight nothing is resolved.
+        least = min(above, float(np.linalg.norm(gravity)) / (float(np.linalg.norm(load)) or 1.0)) / 10
+        low, high, factor, fall = 0.0, above, min(above, expected), None
+        for tries in range(_PROBES):
             probe = self.settle(gravity + factor * load, state.displacement, deadline)
             if not probe.known:
                 return ElasticFactor(low, False, fall)
             if probe.stands:
-                low, state, ahead = factor, probe, high
+                if not tries:
+                    return ElasticFactor(factor, True)
+                low, state, estimate = factor, probe, (low + high) / 2
             else:
                 high, fall, u = factor, probe.displacement, probe.displacement
                 power = float(load @ u)
-                over = contacts.catch * float(u @ u) / power if probe.settled and power > 0 else 0.0
-                ahead = factor - over
-            if high - low <= FACTOR_TOLERANCE * max(low, FACTOR_TOLERANCE * above):
+                good = probe.settled and power > 0
+                estimate = (factor - contacts.catch * float(u @ u) / power) * (1 - tolerance) if good else 0.0
+            near = tolerance if tries < _EXACT else 10 * tolerance
+            if high - low <= near * max(low, least):
                 break
-            # Just below the estimate while it helps, else in the middle.
-            wanted = ahead * (1 - FACTOR_TOLERANCE / 2)
-            helps = not probe.stands and low < wanted < factor
-            factor = wanted if helps else (low + high) / 2
+            middle = (low + high) / 2 if high < 4 * max(low, least) else float(np.sqrt(high * max(low, least)))
+            factor = estimate if low < estimate < factor or probe.stands else middle
         return ElasticFactor(low, True, fall)
 
-    def _carried(self, load: Array, u: Array) -> float:
-        """The share of a body's load that the catch carries, the largest of all bodies."""
+    def _share(self, part: Array, load: Array) -> float:
+        """The share that a part (6 n,) is of the load on a body, the largest of all bodies."""
         loads = np.linalg.norm(load.reshape(-1, 6), axis=1)
         least = _LEAST_LOAD * float(np.linalg.norm(loads)) or 1.0
-        carried = self.contacts.catch * np.linalg.norm(u.reshape(-1, 6), axis=1)
-        return float((carried / np.maximum(loads, least)).max())
+        return float((np.linalg.norm(part.reshape(-1, 6), axis=1) / np.maximum(loads, least)).max())
+
+    def _state(self, load: Array, u: Array) -> ElasticState:
+        """The state at a displacement; settled when contacts that slip as Coulomb says leave next to nothing."""
+        contacts = self.contacts
+        left = self._share(contacts.left(u, load, contacts.relative(u)), load)
+        unbalanced = left + self._share(contacts.catch * u, load)
+        return ElasticState(unbalanced <= _CARRIED, unbalanced, u, left <= _CARRIED / 2)
 
     def _newton(self, load: Array, start: Array, deadline: Deadline) -> ElasticState:
         """The state in which contacts, slipping as Coulomb says, carry a load; not settled when stuck on the way."""
@@ -166,10 +192,9 @@ class CoulombBlock:
             rest = contacts.left(u, load, relative)
             return float(np.linalg.norm(rest)), rest
 
-        u, rest = self._descend(start, left, None, _SETTLED / 10 * size, _STEPS, deadline)
-        residual = float(np.linalg.norm(rest)) / size
-        unbalanced, settled = residual + self._carried(load, u), residual <= _SETTLED
-        return ElasticState(settled and unbalanced <= _CARRIED, unbalanced, u, settled, settled or not deadline.passed)
+        u = self._descend(start, left, None, _SETTLED / 10 * size, _STEPS, deadline)
+        found = self._state(load, u)
+        return found if found.settled else replace(found, known=not deadline.passed)
 
     def _tresca(self, load: Array, bounds: Array, start: Array) -> Array:
         """The displacement (6 n,) of least energy with friction limited to the bounds (P,)."""
@@ -178,7 +203,7 @@ class CoulombBlock:
         def energy(u: Array, relative: Array) -> tuple[float, Array]:
             return contacts.energy(u, load, relative, bounds), contacts.left(u, load, relative, bounds)
 
-        return self._descend(start, energy, bounds, _SETTLED / 10 * size, _TRESCA_STEPS, NO_DEADLINE)[0]
+        return self._descend(start, energy, bounds, _SETTLED / 10 * size, _TRESCA_STEPS, NO_DEADLINE)
 
     def _descend(
         self,
@@ -188,8 +213,8 @@ class CoulombBlock:
         enough: float,
         steps: int,
         deadline: Deadline,
-    ) -> tuple[Array, Array]:
-        """Damped Newton steps that lessen a merit; the displacement and what is left there.
+    ) -> Array:
+        """The displacement after damped Newton steps that lessen a merit.
 
         Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
         bond of the contacts, shortens it.
@@ -212,7 +237,7 @@ class CoulombBlock:
                 damping = max(10 * damping, 1e-4)
                 if damping > 10:
                     break
-        return u, rest
+        return u
 
 
 def _solve(matrix: Array | Sparse, right: Array) -> Array:
