@@ -139,6 +139,7 @@ if not CORE_ONLY:
         (f"share/{PACKAGE}", ["package.xml"]),
         (f"share/{PACKAGE}/launch", files("launch", "*.launch.py")),
         (f"share/{PACKAGE}/config", files("config", "*")),
+        (f"share/{PACKAGE}/config/sros2", files("config/sros2", "*")),
     ]
     scripts += [f"{name} = {target}" for name, target in NODES.items()]
     if "bdist_wheel" in sys.argv:  # pip and uv pass this command; colcon builds poise_msgs as a package

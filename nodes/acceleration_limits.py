@@ -1,6 +1,5 @@
 """Node: how fast the base under an assembly may accelerate, published whenever the assembly or the payload changes."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from poise.nodes.runtime import LATCHED, guarded, run, to_message
 from poise.recording import stamp_of
 from poise_msgs.msg import AccelerationLimits as AccelerationLimitsMessage
 from poise_msgs.msg import Assembly as AssemblyMessage
-from poise_msgs.msg import InertialEstimate
+from poise_msgs.msg import InertialEstimate, ObjectIds
 
 _TURN_STEP, _TILT_STEP = 0.01, 0.002
 """Changes of rad/s or rad/s2, and of rad, below which nothing is published again."""
@@ -149,15 +148,15 @@ class AccelerationLimitsNode(Node):
             if error is not None and error.code == ErrorCode.UNSTABLE:
                 count = self._values["azimuths"]
                 message.azimuths, message.limits = _azimuths(count), [0.0] * count
-                message.tilts, message.first_to_move = (
-                    [0.0] * count,
-                    [json.dumps(error.data.get("objects", []))] * count,
-                )
+                movers = ObjectIds(ids=list(error.data.get("objects", [])))
+                message.tilts, message.first_to_move = [0.0] * count, [movers] * count
+                message.doubtful = [False] * count
             return message
         left = limits.while_turning(base.speed, base.acceleration)
         message.azimuths, message.limits = _azimuths(len(left.limits)), left.limits.tolist()
         message.tilts = limits.tilts(self._gravity).tolist()
-        message.first_to_move = [json.dumps(names) for names in limits.first_to_move]
+        message.first_to_move = [ObjectIds(ids=list(names)) for names in limits.first_to_move]
+        message.doubtful = np.asarray(getattr(limits, "doubtful", np.zeros(len(limits.limits), dtype=bool))).tolist()
         message.normals = [Vector3(x=x, y=y, z=z) for x, y, z in left.normals.tolist()]
         message.offsets = left.offsets.tolist()
         message.angular_acceleration, message.angular_speed = limits.angular_acceleration, limits.angular_speed

@@ -1,7 +1,5 @@
 """Assembly, pushes and answers of the core <-> the messages of these names."""
 
-import array
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ from shape_msgs.msg import Mesh as MeshMessage
 from shape_msgs.msg import MeshTriangle, SolidPrimitive
 
 from poise.assembly import Assembly, Box, Cylinder, FrictionPair, Mesh, Push, RigidObject
-from poise.assembly.robustness import Robustness, RobustnessMap
+from poise.assembly.robustness import Robustness
 from poise.assembly.scene import read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
@@ -23,10 +21,13 @@ from poise_msgs.msg import AssemblyObject
 from poise_msgs.msg import FrictionPair as FrictionPairMessage
 from poise_msgs.msg import Push as PushMessage
 from poise_msgs.msg import Robustness as RobustnessMessage
-from poise_msgs.msg import RobustnessMap as RobustnessMapMessage
 
 _MAX_OBJECTS = 2000
 """Of an assembly in a message: finding what touches takes time with its square."""
+NO_FRICTION = -1.0
+"""The friction of an assembly message in which it is not given."""
+_NAMED = 8
+"""Objects with an assumption that are named one by one."""
 _MODES = {
     "none": RobustnessMessage.MODE_NONE,
     "slip": RobustnessMessage.MODE_SLIP,
@@ -45,13 +46,18 @@ def assembly_of(message: AssemblyMessage, folders: Sequence[Path] = ()) -> Assem
     Raises:
         InputError: as `poise.assembly.read_scene`, naming the object.
     """
-    gravity = message.gravity
+    gravity = _xyz(message.gravity)
+    if not any(gravity):
+        raise InputError(
+            ErrorCode.BAD_INPUT,
+            "gravity is not given (0 0 0): give it in the frame of the assembly, m/s2",
+        )
     if len(message.objects) > _MAX_OBJECTS:
         raise InputError(ErrorCode.BAD_INPUT, f"{len(message.objects)} objects; an assembly has {_MAX_OBJECTS} at most")
     return Assembly(
         objects_of(message, folders),
-        np.array([gravity.x, gravity.y, gravity.z]),
-        message.friction,
+        np.array(gravity),
+        None if message.friction == NO_FRICTION else message.friction,
         pairs_of(message),
     )
 
@@ -80,15 +86,32 @@ def object_of(message: AssemblyObject, folders: Sequence[Path] = ()) -> RigidObj
     }
     if not message.fixed:
         content["mass"] = inertia.m
-    com = _xyz(inertia.com)
-    if not np.isnan(com).all():
-        content["com"] = com
     moments = [inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz]
-    if not np.isnan(moments).all() and any(moments):
-        content["inertia"] = moments
+    for name, values, given in (
+        ("com", _xyz(inertia.com), message.com_given),
+        ("inertia", moments, message.inertia_given),
+    ):
+        if given:
+            content[name] = values
+        elif np.any(np.nan_to_num(values)) and not message.fixed:
+            raise InputError(
+                ErrorCode.BAD_INPUT,
+                f"object {message.id}: {name} is {values}, but {name}_given is false: set {name}_given, or leave it 0",
+            )
     if len(message.covariance):
         content["covariance"] = list(message.covariance)
     return read_object(content)
+
+
+def assumptions_of(assembly: Assembly) -> list[str]:
+    """What an assembly does not give and what is used instead, one sentence each."""
+    found = []
+    for name, used in (("com", "taken at the centroid"), ("inertia", "taken as that of uniform density")):
+        ids = [item.id for item in assembly.objects if not item.fixed and getattr(item, name) is None]
+        found += [f"{one}: {name} not given; {used}" for one in ids[:_NAMED]]
+        if len(ids) > _NAMED:
+            found.append(f"{len(ids) - _NAMED} more objects: {name} not given; {used}")
+    return found
 
 
 def _xyz(vector: Any) -> list[float]:
@@ -135,7 +158,7 @@ def _allowed(uri: str, folders: Sequence[Path], where: str) -> str:
 
 def assembly_message(assembly: Assembly, frame_id: str) -> AssemblyMessage:
     """Turn an assembly into a message; meshes are sent in full, or by their package:// URI."""
-    message = AssemblyMessage(friction=float(assembly.friction))
+    message = AssemblyMessage(friction=NO_FRICTION if assembly.friction is None else float(assembly.friction))
     message.header.frame_id = frame_id
     gravity = message.gravity
     gravity.x, gravity.y, gravity.z = np.asarray(assembly.gravity).tolist()
@@ -163,6 +186,7 @@ def _object_message(item: RigidObject) -> AssemblyObject:
         message.shape = AssemblyObject.SHAPE_MESH
         message.mesh = mesh_message(shape)
     inertia.m = float(item.mass)
+    message.com_given, message.inertia_given = item.com is not None, item.inertia is not None
     com = [np.nan] * 3 if item.com is None else np.asarray(item.com).tolist()
     inertia.com.x, inertia.com.y, inertia.com.z = com
     moments = [np.nan] * 6 if item.inertia is None else np.asarray(item.inertia)[np.triu_indices(3)].tolist()
@@ -213,6 +237,7 @@ def robustness_message(result: Robustness) -> RobustnessMessage:
         upper=float(result.upper),
         mode=_MODES[result.mode],
         checked=bool(result.checked),
+        doubtful=bool(getattr(result, "doubtful", False)),
         moves=list(result.moves),
     )
     for values in result.mechanism.tolist():
@@ -220,31 +245,3 @@ def robustness_message(result: Robustness) -> RobustnessMessage:
         twist.linear.x, twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y, twist.angular.z = values
         message.mechanism.append(twist)
     return message
-
-
-def map_message(found: RobustnessMap, frame_id: str) -> RobustnessMapMessage:
-    """Turn a map into a message; its arrays are copied whole."""
-    surface, objects = found.surface, found.analysis.assembly.objects
-    # The points that collapse in the same way share their movers.
-    _, first, way = np.unique(np.stack([found.mechanism, found.block]), axis=1, return_index=True, return_inverse=True)
-    names = [found.moves(int(point)) for point in first]
-    movers = sorted({json.dumps(ids) for ids in names if ids})
-    number = np.array([movers.index(json.dumps(ids)) if ids else -1 for ids in names], dtype=np.int32)
-    message = RobustnessMapMessage(
-        ids=[item.id for item in objects],
-        object=array.array("I", surface.place.astype(np.uint32).tobytes()),
-        points=_doubles(surface.points),
-        directions=_doubles(surface.directions),
-        lower=_doubles(found.lower),
-        upper=_doubles(found.upper),
-        moves=array.array("i", number[way.ravel()].tobytes()),
-        movers=movers,
-        doubtful=found.doubtful.tolist(),
-        complete=bool(found.complete),
-    )
-    message.header.frame_id = frame_id
-    return message
-
-
-def _doubles(values: Any) -> "array.array[float]":
-    return array.array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())

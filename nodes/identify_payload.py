@@ -4,9 +4,6 @@ import time
 from dataclasses import replace
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -26,11 +23,14 @@ from poise.inertia.estimators import check_method
 from poise.inertia.model import NoiseLevels, Parts
 from poise.inertia.pipeline import LiveEstimator
 from poise.nodes.estimate_message import estimate_message, no_estimate_message
+from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.payload_causes import CauseSearch, CheckedAnswer
 from poise.nodes.payload_shape import accuracy_of
-from poise.nodes.runtime import end_goal, guarded, to_message
+from poise.nodes.readiness import READY_TIMEOUT, Readiness
+from poise.nodes.runtime import coded, end_goal, guarded, to_message
 from poise.nodes.trajectory_message import trajectory_message
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, watch_limits
 from poise.recording import stamp_of
 from poise.robot import RobotModel
 from poise.types import Array
@@ -56,6 +56,7 @@ _PARAMETERS = (
     Parameter("stop_and_go_dwell", 0.75, "time at rest in each pose, s", (0.1, 10.0)),
     Parameter("listen_duration", 3.0, "s of samples for MOTION_NONE", (0.1, 600.0)),
     Parameter("expected_mass", 1.0, "approximate mass of the payload for planning motions, kg", (1e-3, 1e3)),
+    READY_TIMEOUT,
     Parameter("excitation_seed", 0, "seed of the search for the optimal motion", (0, 2**31 - 1)),
 )
 
@@ -97,43 +98,39 @@ class IdentifyPayload:
         node: the inertial_estimator, with its `live` estimator.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: ArmNode) -> None:
         self._node, self._live = node, node.live
         self._values = declare_parameters(node, _PARAMETERS)
         self._arm = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
-        self._goal: ServerGoalHandle | None = None
+        self._goal: WatchedGoal | None = None
         self._session: Session | None = None
         self._ticks = 0
         self._told: SessionPhase | None = None
         self._joints: Any = None
         self._timer: Any = None
         self._causes = CauseSearch()
-        self._server = ActionServer(
-            node,
-            Action,
-            "identify_payload",
-            self._conclude_busy,  # every goal is given its own callback when it ends
-            handle_accepted_callback=guarded(node, self._accept),
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self.watchdog = ProcessWatchdog(node, Action, "identify_payload", self._accept)
 
     # -- a goal comes ------------------------------------------------------------------------------------------
 
-    def _accept(self, goal: ServerGoalHandle) -> None:
+    def _accept(self, goal: WatchedGoal) -> None:
         if self._goal is not None:
             goal.execute(self._conclude_busy)
             return
-        try:
-            session = self._begin(goal.request)
-        except Exception as failure:  # of any kind: the caller must not wait for ever
-            error = failure if isinstance(failure, PoiseError) else PoiseError(ErrorCode.INTERNAL, repr(failure))
-            goal.execute(lambda handle: self._conclude(handle, error, None))
-            return
-        self._goal, self._session, self._ticks, self._told = goal, session, 0, None
+        self._goal, self._session, self._ticks, self._told = goal, None, 0, None
+        self._waiting = Readiness(self._values["ready_timeout"])
         self._joints = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, self._on_joint_state), 100
         )
         self._timer = self._node.create_timer(_TICK, guarded(self._node, self._tick))
+        self._tick()
+
+    def halt(self, reason: str) -> None:
+        """Stop the arm and end the goal."""
+        if self._session is not None:
+            self._session.cancel(time.monotonic(), reason)
+        elif self._goal is not None:
+            self._end(PoiseError(ErrorCode.CANCELLED, reason))
 
     def _begin(self, request: Action.Goal) -> Session:
         """What the goal asks for.
@@ -153,10 +150,12 @@ class IdentifyPayload:
                 raise InputError(
                     ErrorCode.BAD_INPUT, f"goal: {name} is {getattr(request, name)}: give 0 for the default"
                 )
+        limits = self._limits(request)
         model = self._model()
         parts = self._node.parts_of(request.object[0]) if request.object else self._live.parts
-        guard, limits = self._guard(model, request, parts), self._limits(request)
+        guard = self._guard(model, request, parts)
         duration = request.duration or self._values["listen_duration"]
+        watchdog = None
         if request.motion == Action.Goal.MOTION_NONE:
             task = IdentificationTask(None, guard, limits, duration)
         else:
@@ -166,9 +165,11 @@ class IdentifyPayload:
                     "no controller listens on joint_trajectory: remap it to the arm's, or start it",
                 )
             task = IdentificationTask(self._planner(model, request, guard, limits, parts), guard, limits)
+            watchdog = self.watchdog
+            watchdog.watch(self._goal, model.joint_names, watch_limits(self._node, needs_wrench=True))
         accuracy = accuracy_of(request.object[0]) if request.object else None
         scale = LivePayloadEstimator(self._live, request.method, parts, accuracy)
-        return Session(model, task, scale, self._send, time.monotonic())
+        return Session(model, task, scale, self._send, time.monotonic(), watchdog)
 
     def _model(self) -> RobotModel:
         if self._live.problem is not None:
@@ -235,7 +236,10 @@ class IdentifyPayload:
 
     def _tick(self) -> None:
         goal, session = self._goal, self._session
-        if goal is None or session is None:
+        if goal is None:
+            return
+        if session is None:
+            self._wait(goal)
             return
         now = time.monotonic()
         if goal.is_cancel_requested:
@@ -248,6 +252,22 @@ class IdentifyPayload:
         elif session.phase is not self._told or self._ticks % _FEEDBACK_TICKS == 0:
             self._told = session.phase
             goal.publish_feedback(self._feedback(session))
+
+    def _wait(self, goal: WatchedGoal) -> None:
+        """Begin as soon as the robot is known."""
+        if goal.is_cancel_requested:
+            self._end(PoiseError(ErrorCode.CANCELLED, "the goal was cancelled"))
+            return
+        try:
+            self._session = self._begin(goal.request)
+        except Exception as failure:  # of any kind: the caller must not wait for ever
+            error = coded(failure)
+            if not self._waiting.may_change(error):
+                self._end(error)
+                return
+        self._ticks += 1
+        if self._ticks % _FEEDBACK_TICKS == 1:
+            goal.publish_feedback(Action.Feedback(phase=SessionPhase.WAITING.value))
 
     def _feedback(self, session: Session) -> Action.Feedback:
         feedback = Action.Feedback(phase=session.phase.value, progress=float(session.progress))
@@ -264,20 +284,19 @@ class IdentifyPayload:
 
     # -- and ends ----------------------------------------------------------------------------------------------
 
-    def _end(self) -> None:
+    def _end(self, error: PoiseError | None = None) -> None:
         """Close everything that was opened for the goal, then let it have its result."""
         goal, session = self._goal, self._session
         self._goal = self._session = None
+        self.watchdog.rest()
         self._node.destroy_timer(self._timer)
         self._node.destroy_subscription(self._joints)
-        answer = None if session.answer is None else self._causes.take()
-        error = session.error if answer is None else session.error or answer.error
+        answer = None if session is None or session.answer is None else self._causes.take()
+        error = error or (session and session.error) or (answer and answer.error)
         self._live.end_window(keep=answer is not None and answer.error is None)
         goal.execute(lambda handle: self._conclude(handle, error, answer))
 
-    def _conclude(
-        self, goal: ServerGoalHandle, error: PoiseError | None, answer: CheckedAnswer | None
-    ) -> Action.Result:
+    def _conclude(self, goal: WatchedGoal, error: PoiseError | None, answer: CheckedAnswer | None) -> Action.Result:
         result = Action.Result(error=to_message(error))
         if answer is not None:
             result.estimate = answer.message
@@ -287,6 +306,6 @@ class IdentifyPayload:
         end_goal(goal, answer is not None and answer.error is None)
         return result
 
-    def _conclude_busy(self, goal: ServerGoalHandle) -> Action.Result:
+    def _conclude_busy(self, goal: WatchedGoal) -> Action.Result:
         busy = InputError(ErrorCode.BUSY, "another identification is running: cancel it, or wait for its end")
         return self._conclude(goal, busy, None)

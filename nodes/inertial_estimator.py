@@ -5,7 +5,6 @@ from dataclasses import replace
 
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
@@ -20,6 +19,7 @@ from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
+from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run, subscribe, topic_hint
@@ -33,7 +33,7 @@ _SOLVING = 0.2
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class InertialEstimator(Node):
+class InertialEstimator(ArmNode):
     """Subscribes to wrench, joint_states, robot_description, odom, tf; publishes inertial_estimate and diagnostics."""
 
     def __init__(self) -> None:
@@ -70,6 +70,12 @@ class InertialEstimator(Node):
         self.create_timer(1.0 / values["publish_rate"], guarded(self, self._publish))
         self.create_timer(1.0, guarded(self, self._diagnose))
         self._action = IdentifyPayload(self)
+        self.watchdog = self._action.watchdog
+        self.start()
+
+    def halt(self, reason: str) -> None:
+        """Stop the arm and end the goal."""
+        self._action.halt(reason)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         force, torque = message.wrench.force, message.wrench.torque

@@ -3,13 +3,8 @@
 import threading
 import time
 from functools import partial
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_msgs.msg import String
@@ -17,8 +12,8 @@ from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
-from poise.excitation.execution import stop_along
 from poise.nodes.jobs import Jobs, run_with_jobs
+from poise.nodes.lifecycle import ArmNode
 from poise.nodes.object_scanner_parameters import (
     SCANNER_PARAMETERS,
     near_of,
@@ -27,23 +22,20 @@ from poise.nodes.object_scanner_parameters import (
     sweep_options,
 )
 from poise.nodes.parameters import declare_parameters
+from poise.nodes.readiness import Readiness
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
-from poise.nodes.trajectory_message import trajectory_message
+from poise.nodes.sweep_execution import SweepExecution
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.recording import image_of, stamp_of
-from poise.robot import RobotModel
 from poise.scanning import RobotLog, ScanSession, camera_of, frame_of_cloud, scan_session, transform_of
 from poise.shape import independent_parts, segment
-from poise.simulation import WaypointTrajectory, read_trajectory
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject
 
-_TICK = 0.05
-_FEEDBACK_TICKS = 4
-_WAYPOINT_PERIOD = 0.1
-"""s between waypoints of the sweep."""
-_STOP_TIME = 0.5
-"""s in which a cancelled sweep slows down along its path; ros2_control refuses a message without points."""
+_TICK = 0.02
+_FEEDBACK_TICKS = 10
+_STILL_ENDING = "scan: a cancelled scan is still ending; call again"
 _SETTLE = 1.0
 """s that joint states may come after the last frame."""
 _COLLECTING = 0.8
@@ -52,15 +44,7 @@ DEPTH, INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_t
 COLOUR, _CLOUD = "camera/color/image_raw", "camera/depth/color/points"
 
 
-class SweepExecution(NamedTuple):
-    """The motion that was commanded: of which joints, and when it began, s of the monotonic clock."""
-
-    names: tuple[str, ...]
-    motion: WaypointTrajectory
-    begun: float
-
-
-class ObjectScanner(Node):
+class ObjectScanner(ArmNode):
     """Serves scan_object; publishes segmented_object (latched) and the object's frame on tf_static.
 
     Camera topics are listened to only while a goal is running. Computing belongs to the thread of the jobs.
@@ -72,11 +56,14 @@ class ObjectScanner(Node):
         sweep_options(self._values)  # invalid parameters are reported at the start
         near_of(self._values)
         self._robot = RobotLog()
-        self._goal: ServerGoalHandle | None = None
+        self._goal: WatchedGoal | None = None
         self._session: ScanSession | None = None
         self._sweep: SweepExecution | None = None
         self._answer: tuple[PoiseError | None, SegmentedObject | None] | None = None
+        self._error: PoiseError | None = None
+        self._readiness = Readiness(0.0)
         self._share, self._ticks, self._taken, self._ended = 0.0, 0, 0, 0.0
+        self._computing = False
         self._cancelled = threading.Event()
         self._listening: list[Any] = []
         self._frames: dict[str, Any] = {}
@@ -88,14 +75,8 @@ class ObjectScanner(Node):
         self.create_subscription(TFMessage, "tf_static", guarded(self, self._on_tf_static), TF_STATIC)
         self._jobs = Jobs(self, 1)
         self.create_timer(_TICK, guarded(self, self._tick))
-        self._server = ActionServer(
-            self,
-            ScanObject,
-            "scan_object",
-            self._conclude_busy,  # every goal is given its own callback when it ends
-            handle_accepted_callback=guarded(self, self._accept),
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self.watchdog = ProcessWatchdog(self, ScanObject, "scan_object", self._accept)
+        self.start()
 
     def destroy_node(self) -> None:
         """End the thread before the node goes."""
@@ -108,6 +89,8 @@ class ObjectScanner(Node):
 
     def _on_joint_state(self, message: JointState) -> None:
         self._robot.add_joint_state(stamp_of(message), message.name, message.position)
+        if self._sweep is not None:
+            self._sweep.add_joint_state(message)
 
     def _on_description(self, message: String) -> None:
         self._robot.description = message.data
@@ -145,68 +128,98 @@ class ObjectScanner(Node):
 
     # -- a goal ----------------------------------------------------------------------------------------------------
 
-    def _accept(self, goal: ServerGoalHandle) -> None:
+    def _accept(self, goal: WatchedGoal) -> None:
         if self._goal is not None:
             goal.execute(self._conclude_busy)
             return
-        try:
-            command = None if goal.request.stationary else self._sweep_command()
-        except PoiseError as error:
-            goal.execute(lambda handle, error=error: self._conclude(handle, error, None))
-            return
-        options = session_options(self._values, goal.request)
         self._goal, self._answer, self._share, self._ended = goal, None, 0.0, 0.0
         self._cancelled.clear()
+        self._error = self._session = self._sweep = None
+        self._readiness = Readiness(self._values["ready_timeout"])
+        if goal.request.stationary or not self._values["sweep"]:
+            self._begin_to_look(goal)
+        self._tick()
+
+    def halt(self, reason: str) -> None:
+        """Stop the arm and end the goal."""
+        if self._goal is not None:
+            self._cancelled.set()
+            self._fail(NoAnswerError(ErrorCode.CANCELLED, f"scan: {reason}"))
+
+    def _begin_to_look(self, goal: WatchedGoal) -> None:
+        options = session_options(self._values, goal.request)
         self._session = ScanSession(options, self._values["depth_unit"], time.monotonic())
         self._listen()
-        self._sweep = command
-        if command is not None:
-            self._arm.publish(trajectory_message(command.names, command.motion))
 
-    def _sweep_command(self) -> SweepExecution | None:
-        """The motion of the parameter `sweep`; None when another program moves the arm.
+    def _await_robot(self, goal: WatchedGoal) -> None:
+        """Begin to prepare the sweep as soon as the robot is known.
 
         Raises:
-            InputError: TOPIC_MISSING, ROBOT_DESCRIPTION_MISSING, NOT_FOLLOWING when the arm is not where it begins.
+            PoiseError: it does not become known in time.
         """
-        if not self._values["sweep"]:
-            return None
-        if not self._arm.get_subscription_count():
-            raise InputError(ErrorCode.TOPIC_MISSING, "no controller listens on joint_trajectory: remap or start it")
-        if not self._robot.description:
-            raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description to sweep with")
-        model = RobotModel.from_urdf(self._robot.description, self._values["hand_frame"])
-        motion = read_trajectory(Path(self._values["sweep"]), model)
-        states = self._robot.joints(model.joint_names).position
-        away = float(np.abs(states[-1] - motion.at(np.zeros(1)).position[0]).max())
-        if away > self._values["start_tolerance"]:
-            raise InputError(
-                ErrorCode.NOT_FOLLOWING,
-                f"the arm is {away:.2f} rad away from where the sweep begins: bring it there first (start_tolerance)",
-            )
-        times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / _WAYPOINT_PERIOD)) + 1)
-        return SweepExecution(model.joint_names, WaypointTrajectory(times, *motion.at(times)), time.monotonic())
+        try:
+            self._sweep = SweepExecution(self, self._arm, self.watchdog, goal, self._values, self._robot.description)
+        except PoiseError as error:
+            if not self._readiness.may_change(error):
+                raise
+            return
+        if not self._jobs.do(self._sweep.prepare):
+            raise NoAnswerError(ErrorCode.BUSY, _STILL_ENDING)
 
     def _tick(self) -> None:
-        goal, session = self._goal, self._session
+        goal = self._goal
         if goal is None:
             return
-        if goal.is_cancel_requested and not self._cancelled.is_set():
-            self._cancelled.set()
-            if session is not None:
-                self._stop(NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled"))
-        elif session is not None and session.enough(time.monotonic()) and self._settled(session):
-            self._compute(session, goal)
-        if self._answer is not None:
+        try:
+            self._advance(goal)
+        except Exception as failure:  # of any kind: the caller must get an answer, and the arm must stop
+            self._fail(coded(failure))
+        if self._error is not None:
+            self._await_stop(self._error)
+        if self._answer is not None and (self._error is not None or self._sweep is None or self._sweep.over):
             self._end()
             return
         self._ticks += 1
-        if self._ticks % _FEEDBACK_TICKS == 0 and session is not None:
-            self._tell(goal, session.count, _COLLECTING * session.progress)
-        elif self._ticks % _FEEDBACK_TICKS == 0:
-            self._tell(goal, self._taken, _COLLECTING + (1 - _COLLECTING) * self._share)
+        if self._ticks % _FEEDBACK_TICKS == 0:
+            self._report(goal)
 
-    def _tell(self, goal: ServerGoalHandle, frames: int, progress: float) -> None:
+    def _advance(self, goal: WatchedGoal) -> None:
+        session, sweep = self._session, self._sweep
+        if self._error is not None or self._answer is not None:
+            return
+        if goal.is_cancel_requested and not self._cancelled.is_set():
+            self._cancelled.set()
+            if not self._computing:
+                raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
+        if session is None and sweep is None and not self._computing:
+            self._await_robot(goal)
+        if sweep is not None:
+            begun = sweep.begun
+            sweep.tick(time.monotonic())
+            if sweep.begun and not begun:
+                self._begin_to_look(goal)
+        if session is not None and session.enough(time.monotonic()) and self._settled(session):
+            self._compute(session, goal)
+
+    def _fail(self, error: PoiseError) -> None:
+        """End a goal that still moves or takes frames, as soon as the arm has its stop."""
+        if self._error is None:
+            self._session, self._error = None, error
+            self._cancelled.set()
+            if self._sweep is not None:
+                self._sweep.stopping(time.monotonic())
+
+    def _await_stop(self, error: PoiseError) -> None:
+        remark = "" if self._sweep is None else self._sweep.stop(error, time.monotonic())
+        if remark is not None:
+            self._answer = type(error)(error.code, error.message + remark), None
+
+    def _report(self, goal: WatchedGoal) -> None:
+        session, frames, progress = self._session, self._taken, 0.0
+        if session is not None:
+            frames, progress = session.count, _COLLECTING * session.progress
+        elif self._computing:
+            progress = _COLLECTING + (1 - _COLLECTING) * self._share
         goal.publish_feedback(ScanObject.Feedback(frames=frames, progress=float(progress)))
 
     def _settled(self, session: ScanSession) -> bool:
@@ -215,19 +228,12 @@ class ObjectScanner(Node):
         self._ended = self._ended or now
         return self._robot.newest >= session.newest or now - self._ended > _SETTLE
 
-    def _stop(self, error: PoiseError) -> None:
-        """End a goal that still takes frames."""
-        self._session, self._answer = None, (error, None)
-        if self._sweep is not None:
-            at = time.monotonic() - self._sweep.begun
-            self._arm.publish(trajectory_message(self._sweep.names, stop_along(self._sweep.motion, at, _STOP_TIME)))
-
-    def _compute(self, session: ScanSession, goal: ServerGoalHandle) -> None:
-        self._session, self._taken = None, session.count
+    def _compute(self, session: ScanSession, goal: WatchedGoal) -> None:
+        self._session, self._taken, self._computing = None, session.count, True
         self._hush()
         name, robot = goal.request.id or self._values["object_id"], self._robot.copy()
         if not self._jobs.do(lambda: self._work(session, robot, name)):
-            self._answer = NoAnswerError(ErrorCode.BUSY, "scan: a cancelled scan is still ending; call again"), None
+            self._answer = NoAnswerError(ErrorCode.BUSY, _STILL_ENDING), None
 
     def _hush(self) -> None:
         for subscription in self._listening:
@@ -236,19 +242,21 @@ class ObjectScanner(Node):
 
     def _end(self) -> None:
         goal, (error, message) = self._goal, self._answer
-        self._goal = self._session = self._answer = None
+        self._goal = self._session = self._answer = self._error = self._sweep = None
+        self._taken, self._computing = 0, False
+        self.watchdog.rest()
         self._hush()
         goal.execute(lambda handle: self._conclude(handle, error, message))
 
     def _conclude(
-        self, goal: ServerGoalHandle, error: PoiseError | None, message: SegmentedObject | None
+        self, goal: WatchedGoal, error: PoiseError | None, message: SegmentedObject | None
     ) -> ScanObject.Result:
         end_goal(goal, message is not None)
         if message is not None:
             return ScanObject.Result(object=message, error=to_message(None))
         return ScanObject.Result(error=to_message(error))
 
-    def _conclude_busy(self, goal: ServerGoalHandle) -> ScanObject.Result:
+    def _conclude_busy(self, goal: WatchedGoal) -> ScanObject.Result:
         busy = InputError(ErrorCode.BUSY, "another scan is running: cancel it, or wait for its end")
         return self._conclude(goal, busy, None)
 

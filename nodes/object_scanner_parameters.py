@@ -6,6 +6,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.nodes.parameters import Parameter
+from poise.nodes.readiness import READY_TIMEOUT
 from poise.robot import Mounting
 from poise.scanning import MOST_FRAMES, STATIONARY_FRAMES, ScanOptions, SessionOptions, SweepOptions
 
@@ -32,6 +33,7 @@ SCANNER_PARAMETERS = (
     Parameter(
         "near", _NOWHERE, "of several objects, the one nearest to this point in the robot's base, m; NaN: to the middle"
     ),
+    READY_TIMEOUT,
     Parameter("voxel", 0.0015, "spacing of the points, m", (2e-4, 0.05)),
     Parameter("farthest", 1.2, "largest depth that is used, m", (0.1, 5.0)),
     Parameter("refine", "auto", "refine poses by ICP: if views disagree (auto), always or never", _REFINE),

@@ -24,14 +24,17 @@ from poise.manipulation import (
     Tolerances,
     Transfer,
     TransferExecution,
+    TransferStep,
     plan_transfer,
     require_room,
     standing_at,
     steps_of,
+    with_stops,
 )
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, watch_limits
 from poise.placement import Options, Placement, PlacementPlanner, PlacementProgress
 from poise.recording import stamp_of
 from poise.simulation import WaypointTrajectory
@@ -88,6 +91,7 @@ class Carrying:
         self._begun = time.monotonic()
         self.start: Array | None = None
         self._transfer: Transfer | None = None
+        self._steps: tuple[TransferStep, ...] = ()
         self.playing: TransferExecution | None = None
 
     def found_start(self, now: float) -> bool:
@@ -121,7 +125,14 @@ class Carrying:
         found = planner.plan(analysis, item, wanted, seed, report)
         seconds = min(self._values["ways_seconds"], seconds_left(due, "a way was looked for"))
         limits = Limits(speed=self._values["speed"])
-        self._transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
+        transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
+        held = transfer.grasp.object_tcp.inverse().act(item.pose.undo(item.com_in_world))
+        steps = steps_of(transfer, self._values["speed"])
+        self._steps = with_stops(steps, self._arm, held, transfer.ends.hold)
+        for step in self._steps:
+            if step.stops is not None:
+                self.robot.commanded.load(step.stops)
+        self._transfer = transfer
         return found
 
     def play(self, name: str, now: float) -> None:
@@ -130,7 +141,7 @@ class Carrying:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
         values = self._values
         tolerances = Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
-        self.playing = TransferExecution(name, steps_of(self._transfer, values["speed"]), self.robot, tolerances, now)
+        self.playing = TransferExecution(name, self._steps, self.robot, tolerances, now)
 
     def stop(self) -> None:
         """Stop the arm, also in the middle of a motion."""
@@ -169,8 +180,8 @@ class PlaceExecution:
         }
         node.create_subscription(String, "robot_description", guarded(node, self._on_description), LATCHED)
 
-    def open(self) -> Carrying:
-        """Begin to listen for a goal.
+    def open(self, goal: WatchedGoal, watchdog: ProcessWatchdog) -> Carrying:
+        """Begin to listen for a goal, with the watchdog of its motions.
 
         Raises:
             InputError: ROBOT_DESCRIPTION_MISSING, or what is wrong with it; TOPIC_MISSING without controllers.
@@ -182,7 +193,8 @@ class PlaceExecution:
                 raise InputError(
                     ErrorCode.TOPIC_MISSING, f"no controller listens on {name}: remap it to the robot's, or start it"
                 )
-        robot = RobotPort(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip)
+        robot = RobotPort(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip, watchdog)
+        watchdog.watch(goal, self._arm.joint_names, watch_limits(self._node))
         self._listening = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, partial(_hear, robot)), 100
         )

@@ -7,20 +7,20 @@ from pathlib import Path
 
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped
-from rclpy.action import ActionServer, CancelResponse
-from rclpy.action.server import ServerGoalHandle
-from rclpy.node import Node
 
 from poise.assembly import Analysis, load_scene
 from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import package_file
 from poise.manipulation import TransferExecution
-from poise.nodes.assembly_message import assembly_message, assembly_of, object_of, pose_message
+from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of, pose_message
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
+from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
+from poise.nodes.readiness import READY_TIMEOUT, Readiness
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.placement import (
     CRITERIA,
     DEFAULT_PLANNER,
@@ -51,6 +51,7 @@ PLACEMENT_PLANNER_PARAMETERS = (
     Parameter(
         "robust", False, "require stability under errors of 2 mm, 2 degrees, 20 % of friction and 10 % of the mass"
     ),
+    READY_TIMEOUT,
     Parameter("refine", False, "then move the object as long as the criterion improves"),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
@@ -68,15 +69,14 @@ class PlacementTask:
         carrying: the robot that puts it there; None: it is only planned.
     """
 
-    def __init__(
-        self, goal: ServerGoalHandle, assembly: AssemblyMessage, due: float, carrying: Carrying | None
-    ) -> None:
+    def __init__(self, goal: WatchedGoal, assembly: AssemblyMessage, due: float, carrying: Carrying | None) -> None:
         self.goal, self.assembly, self.due, self.carrying = goal, assembly, due, carrying
         self.accepted = time.monotonic()
         self.seconds: float | None = None
         self.progress = PlacementProgress(0, None, None)
         self.abandoned = self.begun = self.done = False
         self.error: PoiseError | None = None
+        self.assumptions: list[str] = []
 
     def report(self, progress: PlacementProgress) -> bool:
         """Called by the planner; False ends it."""
@@ -102,7 +102,7 @@ class PlacementTask:
         return message, math.nan if score is None else float(score.least)
 
 
-class PlacementPlannerNode(Node):
+class PlacementPlannerNode(ArmNode):
     """Serves `place_object` (poise_msgs/PlaceObject), one goal at a time; subscribes to assembly (latched).
 
     Planning belongs to the thread of the jobs; a timer answers the caller, in time also when the thread is not done,
@@ -128,19 +128,14 @@ class PlacementPlannerNode(Node):
             self._heard = assembly_message(load_scene(package_file(values["scene"])), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
+        self._waiting: tuple[WatchedGoal, Readiness] | None = None
         self._last_feedback, self._last_stage = 0.0, ""
         self._execution = PlaceExecution(self)
         self._jobs = Jobs(self, 1)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
         self.create_timer(_TICK, guarded(self, self._tick))
-        self._server = ActionServer(
-            self,
-            Action,
-            "place_object",
-            self._conclude_busy,  # every goal is given its own callback when it ends
-            handle_accepted_callback=guarded(self, self._accept),
-            cancel_callback=lambda _: CancelResponse.ACCEPT,
-        )
+        self.watchdog = ProcessWatchdog(self, Action, "place_object", self._accept)
+        self.start()
 
     def destroy_node(self) -> None:
         """End the thread before the node goes."""
@@ -155,23 +150,45 @@ class PlacementPlannerNode(Node):
     def _on_assembly(self, message: AssemblyMessage) -> None:
         self._heard = message
 
-    def _accept(self, goal: ServerGoalHandle) -> None:
-        if self._task is not None:
+    def halt(self, reason: str) -> None:
+        """Stop the arm and end the goal."""
+        waiting, task = self._waiting, self._task
+        if waiting is not None:
+            self._refuse(waiting[0], PoiseError(ErrorCode.CANCELLED, reason))
+        elif task is not None:
+            task.goal.is_cancel_requested = True
+
+    def _accept(self, goal: WatchedGoal) -> None:
+        if self._task is not None or self._waiting is not None:
             goal.execute(self._conclude_busy)
             return
+        self._waiting = goal, Readiness(min(self._values["ready_timeout"], goal.request.deadline or math.inf))
+        self._try(goal, self._waiting[1])
+
+    def _try(self, goal: WatchedGoal, readiness: Readiness) -> None:
+        """Begin with a goal as soon as what it needs is there."""
+        if goal.is_cancel_requested:
+            self._refuse(goal, _cancelled(goal))
+            return
         try:
-            self._task = self._begin(goal)
+            task = self._begin(goal)
         except Exception as failure:  # of any kind: the caller must get an answer
             error = coded(failure)
-            goal.execute(lambda handle: _result(handle, error))
+            if not readiness.may_change(error):
+                self._refuse(goal, error)
             return
-        if self._task.ready:
+        self._waiting, self._task = None, task
+        if task.ready:
             self._begin_to_plan()
+
+    def _refuse(self, goal: WatchedGoal, error: PoiseError) -> None:
+        self._waiting = None
+        goal.execute(lambda handle: _result(handle, error))
 
     def _begin_to_plan(self) -> None:
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
 
-    def _begin(self, goal: ServerGoalHandle) -> PlacementTask:
+    def _begin(self, goal: WatchedGoal) -> PlacementTask:
         """What the goal asks for.
 
         Raises:
@@ -186,15 +203,20 @@ class PlacementPlannerNode(Node):
             raise InputError(
                 ErrorCode.EMPTY, "no assembly has come on the topic assembly; publish it, or send it along"
             )
-        carrying = self._execution.open() if request.execute else None
+        carrying = self._execution.open(goal, self.watchdog) if request.execute else None
         return PlacementTask(goal, message, time.monotonic() + seconds, carrying)
 
     def _tick(self) -> None:
         """Answer the goal when it ends; otherwise continue it and publish feedback."""
+        now = time.monotonic()
+        if self._waiting is not None:
+            self._try(*self._waiting)
+        if self._waiting is not None and now > self._last_feedback + _FEEDBACK_PERIOD:
+            self._last_feedback = now
+            self._waiting[0].publish_feedback(Action.Feedback(stage="waiting", best_robustness=math.nan))
         task = self._task
         if task is None:
             return
-        now = time.monotonic()
         try:
             if task.carrying is not None and task.carrying.playing is not None:
                 self._play(task, task.carrying.playing, now)
@@ -218,8 +240,7 @@ class PlacementPlannerNode(Node):
         if task.done and (task.error is not None or task.carrying is None):
             self._end(task, task.error)
         elif task.goal.is_cancel_requested:
-            name = task.goal.request.object.id
-            self._end(task, PoiseError(ErrorCode.CANCELLED, f"placing {name} was cancelled; nothing was changed"))
+            self._end(task, _cancelled(task.goal))
         elif task.done and task.carrying is not None:
             task.carrying.play(task.goal.request.object.id, now)
         elif now > task.due + ANSWER_GRACE:
@@ -236,9 +257,10 @@ class PlacementPlannerNode(Node):
         task.abandoned = True
         self._task = None
         self._execution.close()
+        self.watchdog.rest()
         task.goal.execute(lambda goal: _result(goal, error, task))
 
-    def _conclude_busy(self, goal: ServerGoalHandle) -> Action.Result:
+    def _conclude_busy(self, goal: WatchedGoal) -> Action.Result:
         busy = NoAnswerError(ErrorCode.BUSY, "another object is being placed: cancel it, or wait for its end")
         return _result(goal, busy)
 
@@ -264,6 +286,7 @@ class PlacementPlannerNode(Node):
             request.object.pose = PoseMessage()  # ignored
         item = object_of(request.object, self._folders)
         analysis = self._analysis(task.assembly)
+        task.assumptions = assumptions_of(analysis.assembly.with_object(item))
         if task.carrying is not None:
             return task.carrying.plan(self._planner, analysis, item, self._options, request.seed, task.due, task.report)
         left = seconds_left(task.due, "the first pose")
@@ -280,6 +303,10 @@ class PlacementPlannerNode(Node):
         return self._known[1]
 
 
+def _cancelled(goal: WatchedGoal) -> PoiseError:
+    return PoiseError(ErrorCode.CANCELLED, f"placing {goal.request.object.id} was cancelled; nothing was changed")
+
+
 def _feedback(task: PlacementTask) -> Action.Feedback:
     pose, robustness = task.best()
     return Action.Feedback(
@@ -287,12 +314,12 @@ def _feedback(task: PlacementTask) -> Action.Feedback:
     )
 
 
-def _result(goal: ServerGoalHandle, error: PoiseError | None, task: PlacementTask | None = None) -> Action.Result:
+def _result(goal: WatchedGoal, error: PoiseError | None, task: PlacementTask | None = None) -> Action.Result:
     """What a goal gets in the end; sets its status, too."""
     result = Action.Result(robustness=math.nan)
     if task is not None:
         result.seconds = task.seconds or time.monotonic() - task.accepted
-        result.iterations = task.progress.iteration
+        result.iterations, result.assumptions = task.progress.iteration, task.assumptions
         result.pose, result.robustness = task.best()
     result.error = to_message(error)
     end_goal(goal, error is None)

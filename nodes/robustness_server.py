@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
@@ -25,13 +27,14 @@ from poise.nodes.assembly_markers import MOST_DRAWN, cleared, map_markers, mecha
 from poise.nodes.assembly_message import (
     assembly_message,
     assembly_of,
-    map_message,
+    assumptions_of,
     objects_of,
     pairs_of,
     pushes_of,
     robustness_message,
 )
 from poise.nodes.jobs import Jobs, run_with_jobs
+from poise.nodes.map_message import map_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
 from poise.nodes.transforms import add_transforms
@@ -78,19 +81,21 @@ class RobustnessServer(Node):
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._frame_id: str = values["frame_id"]
         self._analysis: Analysis | None = None
+        self._version = 0
         self._problem: PoiseError | None = None
         self._recent: Analysis | None = None
         self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
         self._answered: tuple[Sequence[Robustness], RobustnessMap | None] = (), None
         self._drawn = True
         self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
+        self._clouds = self.create_publisher(PointCloud2, "robustness_map", LATCHED)
         self._marker_arrays = self.create_publisher(MarkerArray, "robustness_markers", LATCHED)
         if values["scene"]:
             self._keep(Analysis.of(load_scene(package_file(values["scene"]))))
         self._jobs = Jobs(self, values["waiting"])
         self._jobs.serve(AssessRobustness, "assess_robustness", self._assess, self._seconds)
         self._jobs.serve(PlanDisassembly, "plan_disassembly", self._plan, self._seconds)
-        self._jobs.serve(SetAssembly, "set_assembly", self._set, lambda _: self._longest)
+        self._jobs.serve(SetAssembly, "set_assembly", self._set, self._seconds)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
         self.create_timer(_MARKER_PERIOD, guarded(self, self._draw_soon))
         if values["poses_from_tf"]:
@@ -130,8 +135,12 @@ class RobustnessServer(Node):
         response.seconds = time.perf_counter() - start
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
         response.robustness = [robustness_message(result) for result in found.results]
+        response.version = 0 if request.assembly else self._version
+        response.assumptions = assumptions_of(analysis.assembly)
         if mapped is not None:
-            response.map = [map_message(mapped, self._frame_of(request))]
+            header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame_of(request))
+            response.map = [map_message(mapped, header)]
+            self._clouds.publish(response.map[0].cloud)
         if analysis is self._analysis and found.stable:
             self._remember(found.results, mapped)
         if not (found.stable or found.doubtful):
@@ -144,14 +153,24 @@ class RobustnessServer(Node):
         analysis = self._analysis_for(request)
         found = plan_disassembly(analysis, request.target or None, max(deadline - time.monotonic(), 0.0))
         response.seconds = time.perf_counter() - start
+        response.version = 0 if request.assembly else self._version
+        response.assumptions = assumptions_of(analysis.assembly)
         response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
         if not found.complete:
             raise _late("what is not marked safe was not looked into")
 
     def _set(self, request: SetAssembly.Request, response: SetAssembly.Response, deadline: float) -> None:
+        response.version = self._version
+        if request.expected_version not in (0, self._version):
+            raise InputError(
+                ErrorCode.BAD_INPUT,
+                f"expected_version {request.expected_version}: the assembly is version {self._version} by now; read it "
+                "from the topic assembly, and send the change again",
+            )
         analysis = self._changed(request)
         self._frame_id = request.assembly.header.frame_id or self._frame_id
         self._keep(analysis)
+        response.version, response.assumptions = self._version, assumptions_of(analysis.assembly)
         found = analysis.stability(Deadline(deadline))
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
         if found.doubtful:
@@ -191,6 +210,7 @@ class RobustnessServer(Node):
     def _keep(self, analysis: Analysis, publish: bool = True) -> None:
         """Make an analysis the one for calls without an assembly, and publish its assembly."""
         self._analysis, self._problem = analysis, None
+        self._version += 1
         self._answered = (), None
         self._drawn = False
         if publish:

@@ -1,22 +1,21 @@
 """A scanned and segmented object as poise_msgs/SegmentedObject, and where its frame is as a transform."""
 
-from array import array
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, TransformStamped
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import PointCloud2
 from shape_msgs.msg import Mesh, MeshTriangle
 
 from poise.inertia.model import InertialParameters, parts_of_solid
+from poise.nodes.clouds import point_cloud
 from poise.nodes.estimate_message import inertia_message, time_message
 from poise.scanning import Scan
 from poise.shape import Segmentation, part_surface
 from poise_msgs.msg import Part, SegmentedObject
 
-_FIELDS = (("x", "<f4", 7), ("y", "<f4", 7), ("z", "<f4", 7), ("rgb", "<u4", 7), ("label", "<u4", 6), ("seen", "u1", 2))
-"""Name, type and number of the type in sensor_msgs/PointField; rgb is packed into a float, as RViz wants it."""
+_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4"), ("label", "<u4"), ("seen", "u1")])
 
 
 def segmented_message(
@@ -60,21 +59,14 @@ def object_transform(base: str, frame: str, stamp: int, scanned: Scan) -> Transf
 
 
 def _cloud(header: Any, scanned: Scan, labels: Any) -> PointCloud2:
-    rows = np.zeros(len(scanned.points), [(name, kind) for name, kind, _ in _FIELDS])
+    rows = np.zeros(len(scanned.points), _POINT)
     for axis, column in zip("xyz", (scanned.points - scanned.foot).T, strict=True):
         rows[axis] = column
     if scanned.colours is not None:
         red, green, blue = np.round(255 * np.clip(scanned.colours, 0, 1)).astype(np.uint32).T
         rows["rgb"] = red << 16 | green << 8 | blue
     rows["label"], rows["seen"] = labels, scanned.seen
-    size = rows.dtype.itemsize
-    cloud = PointCloud2(header=header, height=1, width=len(rows), point_step=size, row_step=size * len(rows))
-    cloud.fields = [
-        PointField(name=name, offset=rows.dtype.fields[name][1], datatype=kind, count=1) for name, _, kind in _FIELDS
-    ]
-    cloud.is_dense = True
-    cloud.data = array("B", rows.tobytes())
-    return cloud
+    return point_cloud(header, rows, packed=("rgb",))
 
 
 def _mesh(vertices: Any, triangles: Any) -> Mesh:

@@ -35,6 +35,7 @@ COMMANDS = {
     "mismatch": ("mismatch", "Identify the physical effects that a recording shows and the simulation lacks."),
     "simulate": ("simulate", "Simulate the sensor and the joints along a motion and write a recording."),
     "run": ("run", "Start a ROS 2 node of Poise; works without ros2cli."),
+    "keystore": ("keystore", "Make an SROS 2 keystore with the least permissions that nodes need."),
 }
 """Subcommand -> (file in poise/commands that defines it, first line of its help)."""
 
@@ -126,6 +127,8 @@ def run(arguments: list[str]) -> int:
 
 def main() -> None:
     """Run the command line; exit 0 done, 2 bad input, 3 no answer, 1 internal error."""
+    # Before numpy is imported: matrices are small here, and threads that wait for each other cost more than they do.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(run(sys.argv[1:]))
 
 

@@ -26,7 +26,7 @@ LEVELS = (
     {"assembly", "inertia", "scanning"},
     {"robot"},
     {"shape", "recording", "force_torque"},
-    {"geometry"},
+    {"geometry", "keystore"},
     {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another

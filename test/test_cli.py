@@ -376,3 +376,21 @@ def test_a_reader_that_leaves_early_gets_no_traceback():
     )
     assert ended.stdout == "{\n"
     assert ended.stderr == ""
+
+
+@pytest.mark.parametrize("module", ["poise.cli", "poise.nodes"])
+def test_one_thread_multiplies_matrices_unless_the_user_wants_more(module):
+    """Threads of OpenBLAS that wait for each other made `poise mismatch` use five times the CPU."""
+    code = f"""if True:
+        import contextlib, importlib, os, sys
+        module = importlib.import_module("{module}")
+        with contextlib.suppress(SystemExit):
+            sys.argv = ["poise", "--version"]
+            getattr(module, "main", lambda: None)()
+        assert "numpy" not in sys.modules, "too late for the variable"
+        print(os.environ["OPENBLAS_NUM_THREADS"])
+    """
+    for given, expected in (({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")):
+        clean = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+        done = subprocess.run([sys.executable, "-c", code], env=clean | given, capture_output=True, text=True)
+        assert done.stdout.split()[-1] == expected, done.stderr

@@ -7,7 +7,7 @@
 - `plan`: the complete planning; `plan_file`: a plan as YAML. `execution`: the supervised execution of a plan.
 """
 
-from poise.excitation.certificate import Certificate, certify, slowed
+from poise.excitation.certificate import Certificate, certify, joint_peaks, slowed
 from poise.excitation.hand import HandMotion, hand_motion
 from poise.excitation.information import Information, PayloadBelief
 from poise.excitation.limits import COLLABORATIVE_SPEED, Guard, MotionLimits, tool_centre
@@ -28,6 +28,7 @@ __all__ = [
     "SearchEffort",
     "certify",
     "hand_motion",
+    "joint_peaks",
     "plan_excitation",
     "plan_stop_and_go",
     "slowed",

@@ -90,6 +90,12 @@ def certify(model: RobotModel, motion: WaypointTrajectory, guard: Guard) -> Cert
     )
 
 
+def joint_peaks(motion: WaypointTrajectory) -> tuple[Array, Array]:
+    """(J,) twice: bounds of the speed (rad/s or m/s) and acceleration of each joint at every instant of a motion."""
+    rate, change = (np.maximum(np.abs(least), np.abs(greatest)) for least, greatest in _polynomial_bounds(motion)[1:3])
+    return np.asarray(rate), np.asarray(change)
+
+
 def slowed(motion: WaypointTrajectory, factor: float) -> WaypointTrajectory:
     """The same path, stretched in time."""
     velocity, acceleration = np.asarray(motion.velocity), np.asarray(motion.acceleration)

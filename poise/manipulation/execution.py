@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
-from poise.excitation.execution import ExecutionOptions, Jointed, JointWatch, stop_along
+from poise.excitation.execution import CommandedArm, ExecutionOptions, Jointed, JointWatch, ReadyStops, Watchdog
 from poise.manipulation.carrying import Transfer
 from poise.manipulation.gripper import FingerWatch, Gripper
 from poise.simulation import WaypointTrajectory
@@ -32,7 +32,8 @@ class TransferStep(NamedTuple):
         motion: of the arm, from rest to rest; None: the fingers move.
         opening: m, of the fingers.
         holding: the object is in the hand.
-        stop_time: s that a stop may take at least.
+        stop_time: s that a stop takes where none is ready.
+        stops: of the motion, chosen ahead; None: they are chosen when the transfer begins, without regard to limits.
     """
 
     name: str
@@ -40,6 +41,7 @@ class TransferStep(NamedTuple):
     opening: float
     holding: bool
     stop_time: float = _STOP_TIME
+    stops: ReadyStops | None = None
 
     @property
     def stage(self) -> str:
@@ -99,6 +101,7 @@ class RobotPort:
         gripper: its hand's.
         move: takes a motion of the arm and its begin, ns of the joint states' clock.
         grip: takes a position of the gripper's joint.
+        watchdog: stops the arm when this program cannot; None: only this program does.
     """
 
     def __init__(
@@ -107,9 +110,11 @@ class RobotPort:
         gripper: Gripper,
         move: Callable[[WaypointTrajectory, int], None],
         grip: Callable[[float], None],
+        watchdog: Watchdog | None = None,
     ) -> None:
         self.joint_names, self.gripper, self.move, self.grip = arm.joint_names, gripper, move, grip
         self.joints, self.fingers = JointWatch(arm), FingerWatch(gripper)
+        self.commanded = CommandedArm(self.joints, lambda command: self.move(*command), watchdog)
 
     def add_joint_state(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
         """Take a joint state; arm and gripper may have their own."""
@@ -125,6 +130,8 @@ class RobotPort:
         problem = self.joints.problem(now)
         if problem is None and not self.joints.at_rest():
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
+        if problem is None and not self.commanded.ready:
+            problem = PoiseError(ErrorCode.BUSY, "the watchdog of the arm's motion is not ready: send the goal again")
         if problem is None:
             return self.joints.position.copy()
         if now - since > _OPTIONS.patience:
@@ -146,11 +153,12 @@ class TransferExecution:
     def __init__(
         self, name: str, steps: Sequence[TransferStep], robot: RobotPort, tolerances: Tolerances, now: float
     ) -> None:
-        self._name, self._left, self._robot, self._tolerances = name, list(steps), robot, tolerances
+        self._name, self._robot, self._tolerances = name, robot, tolerances
+        self._left = [_ready(step) for step in steps]
         self._start = next(step.motion.position[0] for step in steps if step.motion is not None)
         self._step: TransferStep | None = None
         self._since = self._ticked = self._trusting_until = now
-        self._begin = self._sent = 0  # ns on the joint states' clock: of the motion, and when it was sent
+        self._sent = 0  # ns on the joint states' clock when the motion was sent
         self._gripped: float | None = None  # where the fingers were when they were commanded to move
         self._felt = robot.fingers.position is not None
         self.stage, self.done = "picking", False
@@ -163,7 +171,11 @@ class TransferExecution:
         if now - self._ticked > _OPTIONS.held_up:  # messages wait that would prove the joints alive
             self._trusting_until = now + _OPTIONS.stale
         self._ticked = now
+        if self.error is not None:
+            self._stop(self.error, now)
+            return
         try:
+            self._robot.commanded.check()
             if now >= self._trusting_until and (problem := self._robot.joints.problem(now)) is not None:
                 raise problem
             if self._step is None:
@@ -178,9 +190,9 @@ class TransferExecution:
 
     def cancel(self, now: float) -> None:
         """Command the arm to stop, and end."""
-        if not self.done:
-            self._conclude(ErrorCode.CANCELLED, f"the arm stopped while {self.stage} {self._name}; {self._hand}")
-            self._stop(now, on_path=True)
+        if not self.done and self.error is None:
+            words = f"the arm stopped while {self.stage} {self._name}; {self._hand}"
+            self._conclude(PoiseError(ErrorCode.CANCELLED, words), now)
 
     # -- step by step ------------------------------------------------------------------------------------------
 
@@ -193,6 +205,7 @@ class TransferExecution:
             )
 
     def _next(self, now: float) -> None:
+        self._robot.commanded.ended()
         if not self._left:
             self.done = True
             return
@@ -203,8 +216,7 @@ class TransferExecution:
             self._robot.grip(self._target(step))
         else:
             self._sent = self._robot.joints.stamp
-            self._begin = self._robot.joints.clock(now) + round(_OPTIONS.lead * 1e9)
-            self._robot.move(step.motion, self._begin)
+            self._robot.commanded.move(_stops_of(step), now)
 
     def _target(self, step: TransferStep) -> float:
         return self._robot.gripper.position(step.opening, step.holding)
@@ -221,7 +233,7 @@ class TransferExecution:
                 ErrorCode.SENSOR_STALE,
                 f"the clock of joint_states was set back during {name}: fix that clock and send the goal again",
             )
-        seconds = (joints.stamp - self._begin) * 1e-9
+        seconds = (joints.stamp - self._robot.commanded.begin) * 1e-9
         there = motion.at(np.array([seconds]))
         off = np.abs(joints.position - there.position[0])
         on_the_way = seconds < motion.duration
@@ -271,37 +283,39 @@ class TransferExecution:
 
     def _fail(self, error: PoiseError, now: float) -> None:
         state = "rests" if self._step is None or self._step.motion is None else "was commanded to stop"
-        self._conclude(
-            error.code, f"{error.message}; the arm {state} while {self.stage} {self._name}, and {self._hand}"
-        )
-        self._stop(now, on_path=error.code is not ErrorCode.NOT_FOLLOWING)
+        words = f"{error.message}; the arm {state} while {self.stage} {self._name}, and {self._hand}"
+        self._conclude(PoiseError(error.code, words), now)
 
-    def _conclude(self, code: ErrorCode, message: str) -> None:
-        self.error, self.done = PoiseError(code, message), True
+    def _conclude(self, error: PoiseError, now: float) -> None:
+        self.error, self._since = error, now
+        self._stop(error, now)
 
-    def _stop(self, now: float, on_path: bool) -> None:
-        """Stop along the path, which is free, or in place when the arm is off it or that fails.
+    def _stop(self, error: PoiseError, now: float) -> None:
+        """Stop along the path, which is free, or in place when the arm is off it or that fails; then it is done.
 
         Never raises. An arm at rest gets no command.
         """
-        step = self._step
-        if step is None or step.motion is None:
-            return
-        failure: Exception | None = None
-        for along in (True, False) if on_path else (False,):
-            try:
-                self._send_stop(step.motion, step.stop_time, now, along)
-                return
-            except Exception as error:
-                failure = error
-        if self.error is not None:
-            self._conclude(self.error.code, f"{self.error.message}; the stop could not be sent: {failure!r}")
+        arm = self._robot.commanded
+        if arm.moving:
+            off_path = error.code is ErrorCode.NOT_FOLLOWING
+            sent = arm.hold(now) if off_path else arm.stop(error, now)
+            if not sent and arm.failure is None and now - self._since < _OPTIONS.stopping:
+                return  # the watchdog was asked
+            if not sent and not arm.hold(now):
+                error = PoiseError(error.code, f"{error.message}; the stop could not be sent: {arm.failure!r}")
+        if arm.excess:
+            error = PoiseError(error.code, f"{error.message}; no stop kept the limits: {arm.excess}")
+        arm.ended()
+        self.error, self.done = error, True
 
-    def _send_stop(self, motion: WaypointTrajectory, stop_time: float, now: float, along: bool) -> None:
-        joints = self._robot.joints
-        stamp = joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
-        if along:
-            stop = stop_along(motion, (stamp - self._begin) * 1e-9, stop_time)
-        else:
-            stop = WaypointTrajectory(np.array([0.0, _STOP_TIME]), np.stack([joints.position] * 2))
-        self._robot.move(stop, stamp)
+
+def _ready(step: TransferStep) -> TransferStep:
+    if step.motion is None or step.stops is not None:
+        return step
+    return step._replace(stops=ReadyStops.judged(step.motion, lambda *_: "", (step.stop_time,)))
+
+
+def _stops_of(step: TransferStep) -> ReadyStops:
+    if step.stops is None:
+        raise PoiseError(ErrorCode.INTERNAL, f"the motion {step.name} has no stops")
+    return step.stops

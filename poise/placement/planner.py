@@ -174,7 +174,7 @@ class _Search:
         self.iteration = 0
         assembly, shape = validator.analysis.assembly, validator.item.shape.polyhedron
         self._up = -unit(assembly.gravity)
-        friction = max([assembly.friction, *(pair.coefficient for pair in assembly.friction_pairs)])
+        friction = assembly.largest_friction
         self._fit = SupportCheck(shape.vertices, features.com, shape.convex, friction, -self._up)
 
     @property

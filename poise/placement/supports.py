@@ -136,7 +136,9 @@ def find_supports(
     middle, reach = _extent(analysis, points, scale)
     nearness = np.exp(-np.sum((points - middle) ** 2, axis=1) / reach**2)
     supports = Supports(places, points, normals, robustness, nearness, sharp, _REACH * scale)
-    supports.trust[normals @ up < 1 / np.hypot(1, analysis.assembly.friction)] = _STEEP
+    assembly = analysis.assembly
+    friction = assembly.largest_friction if assembly.friction is None else assembly.friction
+    supports.trust[normals @ up < 1 / np.hypot(1, friction)] = _STEEP
     return supports
 
 

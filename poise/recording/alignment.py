@@ -154,12 +154,18 @@ def interpolate_rotations(
 def _slerp(low: Array, high: Array, share: Array) -> Array:
     """Turn from low towards high by a share (K, 1) of the way."""
     try:
-        start = Rotation.from_matrix(low)
-        turn = (start.inv() * Rotation.from_matrix(high)).as_rotvec()
+        first, second = Rotation.from_matrix(low).as_quat(), Rotation.from_matrix(high).as_quat()
     except ValueError as error:
         sentence = f"a matrix to interpolate is not a rotation ({error}): orthonormalise it first"
         raise InputError(ErrorCode.BAD_INPUT, sentence) from error
-    return np.asarray((start * Rotation.from_rotvec(share * turn)).as_matrix())
+    second = np.where(np.sum(first * second, axis=1, keepdims=True) < 0, -second, second)
+    apart, along = (np.linalg.norm(ends, axis=1, keepdims=True) for ends in (second - first, second + first))
+    angle = 2 * np.arctan2(apart, along)
+    size = np.sin(angle)
+    before, after = (
+        np.divide(np.sin(part * angle), size, out=part.copy(), where=size > 0) for part in (1 - share, share)
+    )
+    return np.asarray(Rotation.from_quat(before * first + after * second).as_matrix())
 
 
 def resample(stream: StreamT, wanted: Stamps, *, max_gap: float, clock_offset: float = 0.0) -> tuple[StreamT, Reasons]:

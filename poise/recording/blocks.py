@@ -136,10 +136,11 @@ def decompress(payload: bytes, compression: str, length: int) -> bytes:
 def _decompress_zstd(payload: bytes, limit: int) -> bytes:
     """Decompress in pieces: the claimed length is never allocated before that much has come."""
     source = zstandard.ZstdDecompressor().stream_reader(payload)
-    content = bytearray()
-    while len(content) < limit and (piece := source.read(min(PIECE, limit - len(content)))):
-        content += piece
-    return bytes(content)
+    pieces: list[bytes] = []
+    while limit > 0 and (piece := source.read(min(PIECE, limit))):
+        pieces.append(piece)
+        limit -= len(piece)
+    return b"".join(pieces)  # a single piece is not copied
 
 
 class MessageRows:

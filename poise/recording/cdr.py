@@ -112,6 +112,8 @@ def decode(message_type: str, data: bytes, starts: Indices, sizes: Indices) -> I
         alike = sizes[pending] == sizes[pending[0]]
         batch = _decode_first(message_type, data, starts, sizes, pending[alike])
         yield batch
+        if len(batch.index) == len(pending):
+            return
         pending = np.setdiff1d(pending, batch.index, assume_unique=True)
     for index in pending:
         yield _decode_first(message_type, data, starts, sizes, np.array([index]))
@@ -127,7 +129,9 @@ def _decode_first(
         layout = layout_of(message_type, data[start : start + size])
     except (struct.error, UnicodeDecodeError, ValueError) as error:
         raise UndecodableError(first, str(error)) from error
-    rows = np.frombuffer(data, dtype=np.uint8)[starts[candidates, None] + np.arange(size)]
+    # An item of `size` bytes at every offset: a message is copied as one item.
+    items: npt.NDArray[np.void] = np.ndarray(len(data) - size + 1, dtype=f"V{size}", buffer=data, strides=(1,))
+    rows = items[starts[candidates]].view(np.uint8).reshape(-1, size)
     same = (rows[:, layout.fixed] == rows[0, layout.fixed]).all(axis=1)
     return Batch(candidates[same], _columns(layout, rows[same]))
 

@@ -289,10 +289,10 @@ class Recording:
 
     def _batches(self, topic: Topic) -> Iterator[Batch]:
         """Decode a topic block by block; the batches' indices count through all of its messages, in file order."""
-        chosen = [number for number, other in enumerate(self._topics) if other[:2] == topic[:2]]
+        chosen = np.array([other[:2] == topic[:2] for other in self._topics])
         done = 0
         for block, numbers in self._blocks:
-            entries = block.messages[np.isin(numbers, chosen)]
+            entries = block.messages[chosen[numbers]]
             if not len(entries):
                 continue
             try:

@@ -144,10 +144,11 @@ def _derivatives(
 
 def _answer(out: Derivatives, rows: slice, smoother: Smoother, inside: slice, errors: bool) -> None:
     """Write the derivatives of one stretch, and set those at rest to zero."""
-    for column in range(smoother.values.shape[1]):
+    rests = find_rests(smoother.seconds, smoother.values, smoother.spacing)
+    for column, at_rest in enumerate(rests):
         values = smoother.at(column, inside)
         covariance = smoother.covariance(column, inside) if errors else out.covariance[rows, column]
-        for rest in find_rests(smoother.seconds, smoother.values[:, column], smoother.spacing[column]):
+        for rest in at_rest:
             still = slice(max(rest.begin - inside.start, 0), max(rest.end - inside.start, 0))
             values[:, still] = np.array([[rest.level], [0.0], [0.0]])
             covariance[still] = np.diag(np.square(rest.sigma))

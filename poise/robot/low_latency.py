@@ -58,7 +58,8 @@ class LowLatencyMotion:
         breaks = np.flatnonzero(steps > GAP_INTERVALS * np.median(steps[steps > 0]))
         begin = int(breaks[-1]) + 1 if len(breaks) else 0
         known = self._samples.stamps
-        late = stamps[begin:] > (known[-1] if len(known) else stamps[begin] + _LAG)
+        edge = stamps[begin] + _LAG  # after a gap, too, accelerations are far more uncertain
+        late = stamps[begin:] > (max(known[-1], edge) if len(known) else edge)
         wanted = begin + np.flatnonzero(late & (stamps[begin:] <= ready))
         if len(stamps) - begin < MIN_STRETCH or not len(wanted):
             return

@@ -91,8 +91,8 @@ def resample(seconds: Array, values: Array, wanted: Array, rates: Array | None =
         blend = _Blend(seconds[part], values[part], None if rates is None else rates[part])
         noise = np.maximum(noise, blend.noise)
         found, errors = blend(wanted[inside])
-        for column, samples in enumerate(values[part].T):
-            for rest in find_rests(seconds[part], samples, blend.spacing[column]):
+        for column, rests in enumerate(find_rests(seconds[part], values[part], blend.spacing)):
+            for rest in rests:
                 ends = seconds[part][[rest.begin, rest.end - 1]]
                 still = (wanted[inside] >= ends[0]) & (wanted[inside] <= ends[1])
                 found[:, still, column] = np.array([[rest.level], [0.0], [0.0]])
@@ -132,7 +132,9 @@ class _Blend:
         )
         slopes, weight = _trusted(seconds, rates, plain, best, self.noise)
         self._fits = (
-            plain if slopes is None else [fit.with_slopes(slice(None), fit.slope_sums(slopes), weight) for fit in plain]
+            plain
+            if slopes is None
+            else [fit.with_slopes(columns, fit.slope_sums(slopes), np.full(len(columns), weight)) for fit in plain]
         )
         self._score = np.stack([self._local(fit, values) for fit in self._fits])
         self._misfits = [self._misfit(fit, values) for fit in self._fits]

@@ -1,12 +1,12 @@
 """Where a sampled signal stands still: statistical tests that its mean does not change."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from poise.types import Array
+from poise.types import Array, Mask
 
 _BIN_SECONDS, _BIN_SAMPLES = 0.05, 8
 """Samples are averaged over bins of this length, or of this many samples if that is longer."""
@@ -42,8 +42,8 @@ class Rest:
     sigma: tuple[float, float, float]
 
 
-def find_rests(seconds: Array, values: Array, spacing: float) -> list[Rest]:
-    """Stretches of one signal at rest.
+def find_rests(seconds: Array, values: Array, spacing: Array) -> list[list[Rest]]:
+    """Stretches of each signal at rest.
 
     A stretch is at rest when the means of its bins agree with a constant, locally and as a whole, and show neither
     trend nor curvature. Levels that follow each other in small steps are a slow motion that a quantised encoder shows
@@ -51,42 +51,72 @@ def find_rests(seconds: Array, values: Array, spacing: float) -> list[Rest]:
 
     Args:
         seconds: (N,) not descending.
-        values: (N,) rad or m.
-        spacing: s between the knots of the spline that suits the motion. Stretches of less than 1.5 of them are turning
-            points. A rest keeps `_MARGIN` of them away from motion: motion shows in the noise some time after it began.
+        values: (N, J) rad or m.
+        spacing: (J,) s between the knots of the spline that suits the motion. Stretches of less than 1.5 of them are
+            turning points. A rest keeps `_MARGIN` of them away from motion: motion shows in the noise some time after
+            it began.
     """
     period = float(seconds[-1] - seconds[0]) / max(len(seconds) - 1, 1)
     size = max(_BIN_SAMPLES, round(_BIN_SECONDS / period)) if period > 0 else _BIN_SAMPLES
-    bins = len(values) // size
-    if bins < _BINS:
-        return []
-    rows, times = values[: bins * size].reshape(bins, size), seconds[: bins * size].reshape(bins, size)
-    means, step = rows.mean(axis=1), _encoder_step(values)
-    quiet = _lower_quartile(_about_line(times, rows)) / _quartile_share(size - 2)
-    rounding = float(np.finfo(np.float64).eps * np.abs(means).max())
-    noise = max(quiet, step**2 / 12.0, rounding**2, 1e-300)
+    count = len(values) // size
+    if count < _BINS:
+        return [[] for _ in spacing]
+    columns = np.ascontiguousarray(values.T)
+    rows = columns[:, : count * size].reshape(-1, count, size)
+    bins = _Bins(rows.mean(axis=2), rows.var(axis=2, ddof=1), size, period)
+    quiet = _lower_quartile(_about_line(seconds[: count * size].reshape(count, size), rows))
+    quiet /= _quartile_share(size - 2)
+    step = _encoder_step(columns)
+    rounding = np.finfo(np.float64).eps * np.abs(bins.means).max(axis=1)
+    noise = np.maximum.reduce([quiet, step**2 / 12.0, rounding**2, np.full(len(step), 1e-300)])
+    agree = sliding_window_view(bins.means, _BINS, axis=1).var(axis=2) * _BINS * size <= _LOCAL_LIMIT * noise[:, None]
+    return [
+        _rests_of(seconds, columns[k], bins.column(k), agree[k], float(spacing[k]), float(noise[k]), float(step[k]))
+        if agree[k].any()
+        else []
+        for k in range(len(columns))
+    ]
+
+
+@dataclass(frozen=True)
+class _Bins:
+    """Means and variances of the samples of bins, (J, B) or (B,), samples in a bin, and s between samples."""
+
+    means: Array
+    variances: Array
+    size: int
+    period: float
+
+    def column(self, k: int) -> "_Bins":
+        return replace(self, means=self.means[k], variances=self.variances[k])
+
+
+def _rests_of(
+    seconds: Array, values: Array, bins: _Bins, agree: Mask, spacing: float, noise: float, step: float
+) -> list[Rest]:
+    """Of one signal (N,), whose means agree with a constant over the `_BINS` bins that begin where `agree` says."""
+    size, last = bins.size, len(bins.means)
     shortest = min(_SHORTEST * spacing, 0.8 * float(seconds[-1] - seconds[0]))
     found = [
         (a, b)
-        for a, b in _constant_runs(means, rows.var(axis=1, ddof=1), noise, size)
-        if (b - a) * size * period >= shortest
+        for a, b in _constant_runs(bins.means, bins.variances, agree, noise, size)
+        if (b - a) * size * bins.period >= shortest
     ]
     creeping = _are_stairs(
-        [float(means[a:b].mean()) for a, b in found], [(b - a) * size for a, b in found], noise, step
+        [float(bins.means[a:b].mean()) for a, b in found], [(b - a) * size for a, b in found], noise, step
     )
-    away = math.ceil(_MARGIN * spacing / period)
+    away = math.ceil(_MARGIN * spacing / bins.period)
     bounds = [
-        (a * size + away if a else 0, b * size - away if b < bins else len(values))
+        (a * size + away if a else 0, b * size - away if b < last else len(values))
         for (a, b), slow in zip(found, creeping, strict=True)
         if not slow
     ]
     return [_rest(seconds, values, (begin, end), noise, step) for begin, end in bounds if end - begin >= size]
 
 
-def _constant_runs(means: Array, variances: Array, noise: float, size: int) -> list[tuple[int, int]]:
+def _constant_runs(means: Array, variances: Array, agree: Mask, noise: float, size: int) -> list[tuple[int, int]]:
     """Runs of bins, first and last plus one, at one level; short interruptions that fit the level are part of a run."""
     still = np.zeros(len(means), dtype=bool)
-    agree = sliding_window_view(means, _BINS).var(axis=1) * _BINS * size <= _LOCAL_LIMIT * noise
     limit = 1.5 * noise * (1.0 + _SIGMAS * np.sqrt(2.0 / (size - 1)))
     for first in np.flatnonzero(agree):
         still[first : first + _BINS] |= (variances[first : first + _BINS] <= limit).all()
@@ -118,23 +148,23 @@ def _quartile_share(freedom: int) -> float:
     return float((1.0 - spread - 0.6745 * np.sqrt(spread)) ** 3)
 
 
-def _lower_quartile(values: Array) -> float:
-    """The 25th percentile of (B,), between samples where need be, as `np.percentile` has it but ten times faster."""
-    ordered = np.sort(values)
-    place = 0.25 * (len(ordered) - 1)
+def _lower_quartile(values: Array) -> Array:
+    """(J,) the 25th percentile of (J, B), between samples where need be, as `np.percentile` has it but faster."""
+    ordered = np.sort(values, axis=1)
+    place = 0.25 * (values.shape[1] - 1)
     below = int(place)
     if below == place:
-        return float(ordered[below])
-    low, high, share = ordered[below], ordered[below + 1], place - below
-    return float(low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share))
+        return ordered[:, below]
+    low, high, share = ordered[:, below], ordered[:, below + 1], place - below
+    return np.asarray(low + (high - low) * share if share < 0.5 else high - (high - low) * (1 - share))
 
 
 def _about_line(times: Array, rows: Array) -> Array:
-    """(B,) variance of the samples (B, S) of each bin about a line."""
-    time, off = times - times.mean(axis=1, keepdims=True), rows - rows.mean(axis=1, keepdims=True)
+    """(J, B) variance of the samples (J, B, S) of each bin about a line, at times (B, S)."""
+    time, off = times - times.mean(axis=1, keepdims=True), rows - rows.mean(axis=2, keepdims=True)
     square = np.maximum(np.sum(time**2, axis=1), 1e-30)
-    left = np.sum(off**2, axis=1) - np.sum(time * off, axis=1) ** 2 / square
-    return np.asarray(np.maximum(left, 0.0) / (rows.shape[1] - 2))
+    left = np.sum(off**2, axis=2) - np.sum(time * off, axis=2) ** 2 / square
+    return np.asarray(np.maximum(left, 0.0) / (rows.shape[2] - 2))
 
 
 def _is_constant(means: Array, variance: float) -> bool:
@@ -150,11 +180,13 @@ def _is_constant(means: Array, variance: float) -> bool:
     return bool(off @ off <= variance * (freedom + _SIGMAS * np.sqrt(2.0 * freedom) + 6.0))
 
 
-def _encoder_step(values: Array) -> float:
-    """Resolution of a quantised signal; 0 when consecutive samples are hardly ever equal."""
-    steps = np.abs(np.diff(values))
-    positive = steps[steps > 1e-12 * max(float(np.abs(values).max()), 1e-300)]
-    return float(positive.min()) if 0 < len(positive) < 0.8 * len(steps) else 0.0
+def _encoder_step(values: Array) -> Array:
+    """(J,) resolution of quantised signals (J, N); 0 when consecutive samples are hardly ever equal."""
+    steps = np.abs(np.diff(values, axis=1))
+    moves = steps > 1e-12 * np.maximum(np.abs(values).max(axis=1), 1e-300)[:, None]
+    count = np.count_nonzero(moves, axis=1)
+    least = np.min(steps, axis=1, where=moves, initial=np.inf)
+    return np.where((count > 0) & (count < 0.8 * steps.shape[1]), least, 0.0)
 
 
 def _rest(seconds: Array, values: Array, bounds: tuple[int, int], noise: float, step: float) -> Rest:

@@ -38,14 +38,13 @@ class Smoother:
         self._pieces: dict[tuple[int | None, ...], Array] = {}
         design = _designs(seconds)
         self._plain = cache(lambda m: SplineFit(design(m), values))
-        columns = range(values.shape[1])
-        self._fit: list[Callable[[int], SplineFit]] = [self._column(k) for k in columns]
-        measured = [rates is not None and bool(np.isfinite(rates[:, k]).all()) for k in columns]
+        columns = np.arange(values.shape[1])
+        self._fit = [_column(self._plain, k) for k in range(values.shape[1])]
         scores = cache(lambda m: self._plain(m).score())
         if together:
             self._chosen = [self._intervals(spacing, lambda m: float(scores(m).sum()))] * len(columns)
         else:
-            self._chosen = [self._chosen_for(k, scores, rates if measured[k] else None, spacing) for k in columns]
+            self._chosen = self._each_chosen(scores, rates, spacing)
         self.spacing = np.array([design(m).grid.spacing for m in self._chosen])
 
     def at(self, column: int, inside: slice) -> Array:
@@ -77,41 +76,46 @@ class Smoother:
             self._pieces[key] = samples[part]
         return self._pieces[key]
 
-    def _column(self, column: int) -> Callable[[int], SplineFit]:
-        return cache(lambda m: self._plain(m).select(slice(column, column + 1)))
-
-    def _chosen_for(
-        self, column: int, scores: Callable[[int], Array], rates: Array | None, spacing: float | None
-    ) -> int:
-        """Knot intervals of one column, which follows its measured rates too where they are worth it."""
+    def _each_chosen(self, scores: Callable[[int], Array], rates: Array | None, spacing: float | None) -> list[int]:
+        """Knot intervals of each column; columns follow their measured rates too where these are worth it."""
+        score: list[Callable[[int], float]] = [partial(_entry, scores, k) for k in range(len(self._fit))]
         if spacing is not None:
-            plain = self._intervals(spacing, lambda m: float(scores(m)[column]))
-            if rates is not None:
-                self._follow_rates(column, rates, plain)
-            return plain
-        rung = self._coarse(lambda m: float(scores(m)[column]))
-        fit = None if rates is None else self._follow_rates(column, rates, self._rung(rung))
-        if fit is None:
-            return self._rung(self._near(rung, lambda m: float(scores(m)[column])))
-        return self._rung(self._near(rung, lambda m: float(fit(m).score().sum())))
+            chosen = [self._given(spacing)] * len(score)
+            self._follow_rates(rates, chosen)
+            return chosen
+        rungs = [self._coarse(each) for each in score]
+        followed = self._follow_rates(rates, [self._rung(rung) for rung in rungs])
+        score = [own or plain for own, plain in zip(followed, score, strict=True)]
+        return [self._rung(self._near(rung, each)) for rung, each in zip(rungs, score, strict=True)]
 
-    def _follow_rates(self, column: int, rates: Array, plain: int) -> Callable[[int], SplineFit] | None:
-        """Let a column follow its measured rates too; None when they are not worth it."""
-        best = self._plain(plain)
-        sums = self._sums(rates)
-        scatter = float(sums(plain)[1][column]) / len(rates)
+    def _follow_rates(self, rates: Array | None, plain: list[int]) -> list[Callable[[int], float] | None]:
+        """Let the columns follow their measured rates too, where these are worth it; the scores of those that do.
+
+        Args:
+            rates: (N, K); a column with NaN is not followed.
+            plain: (K,) knot intervals for the positions alone.
+        """
+        result: list[Callable[[int], float] | None] = [None] * len(plain)
+        if rates is None:
+            return result
+        finite = np.asarray(np.isfinite(rates).all(axis=0))
+        slopes = np.nan_to_num(rates)
+        sums = cache(lambda m: self._plain(m).slope_sums(slopes))
+        weights = np.array([self._rate_weight(k, m, sums) if finite[k] else 0.0 for k, m in enumerate(plain)])
+        which = np.flatnonzero(weights)
+        followed = cache(lambda m: self._plain(m).with_slopes(which, sums(m), weights[which]))
+        scores = cache(lambda m: followed(m).score())
+        for place, k in enumerate(which):
+            self._fit[k], result[k] = _column(followed, place), partial(_entry, scores, place)
+        return result
+
+    def _rate_weight(self, column: int, m: int, sums: Callable[[int], tuple[Array, Array]]) -> float:
+        """s2, variance of a column's positions over that of its rates; 0 when these are not worth it."""
+        best = self._plain(m)
+        scatter = float(sums(m)[1][column]) / len(self._at)
         weight = float(best.sigma[column] ** 2) / scatter if scatter > 0 else 0.0
         band, rate_band = best.information
-        if weight * rate_band < _WORTHWHILE * band:
-            return None
-        fit = cache(lambda m: self._plain(m).with_slopes(slice(column, column + 1), sums(m), weight))
-        self._fit[column] = fit
-        return fit
-
-    def _sums(self, rates: Array) -> Callable[[int], tuple[Array, Array]]:
-        if not hasattr(self, "_made"):
-            self._made = cache(lambda m: self._plain(m).slope_sums(np.nan_to_num(rates)))
-        return self._made
+        return weight if weight * rate_band >= _WORTHWHILE * band else 0.0
 
     def _interior(self, m: int) -> slice:
         edge = min(round(3 * len(self._at) / m), len(self._at) // 4)
@@ -122,12 +126,11 @@ class Smoother:
         return max(len(self._at) * 2 // 3 - DEGREE, 1)
 
     def _intervals(self, spacing: float | None, score: Callable[[int], float]) -> int:
-        most = self._most()
-        duration = float(self._at[-1] - self._at[0])
-        if spacing is not None:
-            return min(max(round(duration / spacing), 1), most)
+        return self._given(spacing) if spacing is not None else self._rung(self._near(self._coarse(score), score))
 
-        return self._rung(self._near(self._coarse(score), score))
+    def _given(self, spacing: float) -> int:
+        """Knot intervals for a spacing in s."""
+        return min(max(round(float(self._at[-1] - self._at[0]) / spacing), 1), self._most())
 
     def _rung(self, rung: int) -> int:
         """Knot intervals: 2^(rung / 4), within what is possible."""
@@ -147,6 +150,15 @@ class Smoother:
                 rung, best = rung + way, least
                 least = score(self._rung(rung + way)) if step > 1 else math.inf
         return rung
+
+
+def _column(fit: Callable[[int], SplineFit], column: int) -> Callable[[int], SplineFit]:
+    """The fits of one column."""
+    return cache(lambda m: fit(m).select(np.array([column])))
+
+
+def _entry(values: Callable[[int], Array], place: int, m: int) -> float:
+    return float(values(m)[place])
 
 
 def _designs(seconds: Array) -> Callable[[int], Design]:

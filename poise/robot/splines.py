@@ -43,9 +43,6 @@ _PHASES = 6
 _KEPT = 4
 """Arrays of times whose places are kept."""
 
-_MANY = 100
-"""Rows from which one einsum is faster than as many small matrix products."""
-
 
 @dataclass(frozen=True)
 class Grid:
@@ -68,12 +65,12 @@ class Grid:
     def locate(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
         """Knot interval of each time (N,), and the powers (N, 6) 1, u, ..., u^5 of its place u in it."""
         scaled = (seconds - self.origin) / self.spacing
-        start = np.clip(np.floor(scaled).astype(np.intp), 0, self.intervals - 1)
-        powers = np.empty((len(seconds), _ORDER))
-        powers[:, 0] = 1.0
+        start = np.minimum(np.maximum(np.floor(scaled).astype(np.intp), 0), self.intervals - 1)
+        place, powers = scaled - start, np.empty((_ORDER, len(seconds)))
+        powers[0] = 1.0
         for k in range(1, _ORDER):
-            np.multiply(powers[:, k - 1], scaled - start, out=powers[:, k])
-        return start, powers
+            np.multiply(powers[k - 1], place, out=powers[k])
+        return start, powers.T
 
     def polynomials(self, derivative: int) -> Array:
         """(6, 6 - derivative) coefficients in u of the derivative of the six B-splines on a knot interval."""
@@ -120,14 +117,18 @@ class Design:
         return self._bands[derivative]
 
     @cached_property
+    def normal(self) -> "_Normal":
+        """What the values alone say of the coefficients."""
+        return _Normal(self.band(0) + self.ridge)
+
+    @cached_property
     def ridge(self) -> Array:
         """(6, size) added to the normal matrix, in lower form: settles knot intervals without samples."""
         band, size = np.zeros((_ORDER, self.grid.size)), self.grid.size
         difference = np.array([-1.0, 3.0, -3.0, 1.0])
         strength = _RIDGE * max(len(self.seconds) / self.grid.intervals, 1.0)
-        for i in range(4):
-            for j in range(i, 4):
-                band[j - i, i : size - 3 + i] += strength * difference[i] * difference[j]
+        for d in range(4):
+            band[d, : size - d] = strength * np.convolve(np.ones(size - 3), difference[: 4 - d] * difference[d:])
         return band
 
     def project(self, rows: Array, derivative: int) -> Array:
@@ -141,13 +142,11 @@ class Design:
     def evaluate(self, coefficients: Array, derivative: int) -> Array:
         """(N, K) B @ coefficients (size, K)."""
         rows = self.evaluate_rows(coefficients, derivative)
-        return np.asarray(rows.reshape(-1, coefficients.shape[1])[self._slots])
+        return np.asarray(rows.reshape(-1, coefficients.shape[1]).take(self._slots, axis=0))
 
     def evaluate_rows(self, coefficients: Array, derivative: int) -> Array:
         """B @ coefficients (size, K) in rows, see `padded`."""
-        windows = coefficients[self._windows]
-        weights = self._weight_rows(derivative)
-        return np.asarray(weights @ windows if len(weights) < _MANY else np.einsum("rli,rik->rlk", weights, windows))
+        return np.asarray(self._weight_rows(derivative) @ coefficients.take(self._windows, axis=0))
 
     def places(self, seconds: Array) -> tuple[NDArray[np.intp], Array]:
         """See `SplineFit._weights`; those of the last few arrays of times are kept, which must not be changed."""
@@ -196,17 +195,15 @@ class SplineFit:
         self.grid = design.grid
         self._design = design
         self._offset = values.mean(axis=0)  # so that the ridge and the rounding do not see where zero is
-        self._set_normal_matrix(design.band(0))
+        self._normal = design.normal
         right = design.padded(values - self._offset)
-        self.coefficients = self._solve(design.project(right, 0))
+        self.coefficients = self._normal.solve(design.project(right, 0))
         right -= design.evaluate_rows(self.coefficients, 0)
         gradient = design.project(right, 0)
-        step = self._solve(gradient)  # takes away what squaring the condition number cost
+        step = self._normal.solve(gradient)  # takes away what squaring the condition number cost
         self.coefficients = self.coefficients + step
-        product = _times(design.band(0), step)
-        self._gradient = gradient - product
         self.degrees_of_freedom = len(values) - self.grid.size
-        self.square_sum = np.einsum("rlk,rlk->k", right, right) + np.einsum("ik,ik->k", step, product - 2.0 * gradient)
+        self.square_sum = np.einsum("rlk,rlk->k", right, right) - np.einsum("ik,ik->k", step, gradient)
 
     @property
     def information(self) -> tuple[float, float]:
@@ -218,30 +215,33 @@ class SplineFit:
         left = self._design.padded(slopes) - self._design.evaluate_rows(self.coefficients, 1)
         return self._design.project(left, 1), np.einsum("rlk,rlk->k", left, left)
 
-    def with_slopes(self, columns: slice, sums: tuple[Array, Array], weight: float) -> "SplineFit":
-        """The fit of some columns that also follows measured first derivatives.
+    def with_slopes(self, columns: NDArray[np.intp], sums: tuple[Array, Array], weights: Array) -> "SplineFit":
+        """The fits of some columns that also follow measured first derivatives.
 
         Args:
-            columns: which.
+            columns: (C,) which.
             sums: of `slope_sums`.
-            weight: variance of the values over variance of the slopes, s2.
+            weights: (C,) variance of the values over variance of the slopes, s2.
         """
         fit = self.select(columns)
-        gradient, square = fit._gradient + weight * sums[0][:, columns], weight * sums[1][columns]
         fit.__dict__.pop("_inverse_windows", None)
-        fit._set_normal_matrix(self._design.band(0) + weight * self._design.band(1))
-        step = fit._solve(gradient)
+        gradient, square = weights * sums[0][:, columns], weights * sums[1][columns]
+        bands = self._design.normal.band[:, None] + weights[:, None] * self._design.band(1)[:, None]
+        fit._normal = _Normal(bands.reshape(_ORDER, -1))  # one column after the other: LAPACK solves them in one call
+        step = fit._normal.solve(gradient.T.reshape(-1, 1)).reshape(len(columns), -1).T
         fit.coefficients = fit.coefficients + step
         fit.square_sum = np.maximum(fit.square_sum + square - np.einsum("ik,ik->k", step, gradient), 0.0)
         fit.degrees_of_freedom = 2 * (self.degrees_of_freedom + self.grid.size) - self.grid.size
         return fit
 
-    def select(self, columns: slice) -> "SplineFit":
-        """The fit of some columns."""
+    def select(self, columns: NDArray[np.intp]) -> "SplineFit":
+        """The fit of some columns (C,); of one alone where each has followed its own slopes."""
         fit = object.__new__(SplineFit)
         fit.__dict__.update(self.__dict__)
-        for name in ("_offset", "coefficients", "square_sum", "_gradient"):
+        for name in ("_offset", "coefficients", "square_sum"):
             setattr(fit, name, getattr(self, name)[..., columns])
+        if self._normal.size > self.grid.size:
+            fit._normal = self._normal.part(int(columns[0]), self.grid.size)
         return fit
 
     @property
@@ -273,21 +273,22 @@ class SplineFit:
     def derivatives(self, seconds: Array) -> Array:
         """(3, M, K) value, first and second derivative at (M,) times."""
         start, weights = self._weights(seconds)
-        values = (weights @ self.coefficients[start[:, None] + _PLACES]).swapaxes(0, 1)
+        values = (weights @ self.coefficients.take(start[:, None] + _PLACES, axis=0)).swapaxes(0, 1)
         values[0] += self._offset
         return np.asarray(values)
 
     def gains(self, seconds: Array) -> Array:
         """(M, 3, 3) covariance of value, first and second derivative at (M,) times, for unit noise of the samples."""
         start, weights = self._weights(seconds)
-        half = np.einsum("ndi,nij->ndj", weights, self._inverse_windows[start])
-        return np.asarray(np.einsum("ndj,nej->nde", half, weights))
+        return np.asarray(weights @ self._inverse_windows[start] @ weights.swapaxes(1, 2))
 
     def usual_gains(self) -> Array:
         """(3,) variance of value, first and second derivative amid evenly spaced samples of unit noise."""
         middle = self.grid.intervals // 2
         low, high = max(middle - _DECAY, 0), min(middle + _ORDER + _DECAY, self.grid.size)
-        window = self._inverse(low, high)[middle - low : middle - low + _ORDER, middle - low : middle - low + _ORDER]
+        window = self._normal.inverse(low, high)[
+            middle - low : middle - low + _ORDER, middle - low : middle - low + _ORDER
+        ]
         places = self.grid.origin + self.grid.spacing * (middle + (np.arange(_PHASES) + 0.5) / _PHASES)
         weights = self._weights(places)[1]
         return np.asarray(np.einsum("ndi,ij,ndj->d", weights, window, weights) / _PHASES)
@@ -307,33 +308,45 @@ class SplineFit:
         for left in range(0, self.grid.intervals, block):
             right = min(left + block, self.grid.intervals)
             low, high = max(left - _DECAY, 0), min(right + _ORDER + _DECAY, self.grid.size)
-            inverse = self._inverse(low, high)
+            inverse = self._normal.inverse(low, high)
             rows = np.arange(left, right)[:, None] - low + np.arange(_ORDER)
             windows[left:right] = inverse[rows[:, :, None], rows[:, None, :]]
         return windows
 
-    def _set_normal_matrix(self, band: Array) -> None:
-        self._band = band + self._design.ridge
-        self._scale = 1.0 / np.sqrt(self._band[0])
-        self._factor = _cholesky(_scaled(self._band, self._scale))
 
-    def _solve(self, right: Array) -> Array:
+class _Normal:
+    """A positive band matrix (6, size) in lower form, scaled to a unit diagonal."""
+
+    def __init__(self, band: Array) -> None:
+        self.band = band
+        self.size = band.shape[1]
+        self._scale = 1.0 / np.sqrt(band[0])
+
+    @cached_property
+    def _factor(self) -> Array:
+        return _cholesky(_scaled(self.band, self._scale))
+
+    def solve(self, right: Array) -> Array:
+        """(size, K) of right sides (size, K)."""
         scale = self._scale[:, None]
         return np.asarray(scale * lapack.dpbtrs(self._factor, scale * right, lower=1)[0])
 
-    def _inverse(self, low: int, high: int) -> Array:
+    def inverse(self, low: int, high: int) -> Array:
+        """Of the rows and columns `low` to `high` alone."""
         n = high - low
         scale = self._scale[low:high]
-        band = _scaled(self._band[:, low:high], scale)
+        band = _scaled(self.band[:, low:high], scale)
         inverse = lapack.dpbtrs(_cholesky(band), np.eye(n), lower=1)[0]
         return np.asarray(scale[:, None] * inverse * scale)
+
+    def part(self, number: int, size: int) -> "_Normal":
+        """One of several matrices of equal size along the diagonal."""
+        return _Normal(self.band[:, number * size : (number + 1) * size])
 
 
 def _sums(left: Array, right: Array) -> Array:
     """(R, I, K) sums over the samples (R, L) of products of left (R, L, I) and right (R, L, K)."""
-    if len(left) < _MANY:
-        return np.asarray(np.swapaxes(left, 1, 2) @ right)
-    return np.asarray(np.einsum("rli,rlk->rik", left, right))
+    return np.asarray(np.swapaxes(left, 1, 2) @ right)
 
 
 def _cholesky(band: Array) -> Array:
@@ -348,14 +361,4 @@ def _scaled(band: Array, scale: Array) -> Array:
     out = band * scale
     for d in range(_ORDER):
         out[d, : len(scale) - d] *= scale[d:]
-    return np.asarray(out)
-
-
-def _times(band: Array, vectors: Array) -> Array:
-    """(size, K) the symmetric matrix of a lower band (6, size) times vectors (size, K)."""
-    out = band[0, :, None] * vectors
-    for d in range(1, _ORDER):
-        part = band[d, : len(vectors) - d, None]
-        out[d:] += part * vectors[:-d]
-        out[:-d] += part * vectors[d:]
     return np.asarray(out)

@@ -128,24 +128,26 @@ def _linear(samples: FitSamples, matrix: Array, values: Array, usable: Mask | No
 def _weighted(matrix: Array, wrench: Array, usable: Mask | None) -> tuple[Array, Array, Array]:
     """Unknowns (P,), roots of the weights (N, 6) and residual (N, 6) of iteratively reweighted least squares."""
     used = np.ones(wrench.shape) if usable is None else usable.astype(np.float64)
+    flat = matrix.reshape(-1, matrix.shape[2])
     size = np.maximum(np.std(wrench.reshape(-1, 2, 3), axis=(0, 2)), _LEAST)
     root = used / np.repeat(size, 3)
     for _ in range(_ROUNDS):
-        unknowns = _solved(matrix, wrench, root)
-        residual = wrench - matrix @ unknowns
+        unknowns = _solved(flat, wrench.ravel(), np.square(root).ravel())
+        residual = wrench - (flat @ unknowns).reshape(wrench.shape)
         norm = np.linalg.norm((used * residual).reshape(-1, 2, 3), axis=2) / np.sqrt(3)
         size = np.maximum(np.median(norm, axis=0) / 0.89, _LEAST)
         root = used * np.repeat(np.minimum(1.0, np.sqrt(_HUBER * size / np.maximum(norm, 1e-12))) / size, 3, axis=1)
     return unknowns, root, residual
 
 
-def _solved(matrix: Array, wrench: Array, root: Array) -> Array:
-    rows = (matrix * root[:, :, None]).reshape(-1, matrix.shape[2])
-    normal = rows.T @ rows
+def _solved(rows: Array, right: Array, weights: Array) -> Array:
+    """(P,) unknowns of rows (R, P) with right sides (R,) and weights (R,)."""
+    weighted = rows.T * weights
+    normal = weighted @ rows
     scale = np.sqrt(np.diag(normal))
     scale[scale == 0] = 1.0
     normal = normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    return np.asarray(np.linalg.solve(normal, rows.T @ (wrench * root).ravel() / scale) / scale)
+    return np.asarray(np.linalg.solve(normal, weighted @ right / scale) / scale)
 
 
 def _slopes(samples: FitSamples, design: ReadingDesign, found: Explanation) -> Array:

@@ -172,7 +172,7 @@ def test_a_stop_that_exceeds_the_limits_is_sent_and_named_in_the_result(guard, s
     stage = Rehearsal(PAYLOADS["drill"].phi, weighs=False)
     session = stage.run(ready(swing), guard, strict, events=[(1.6, lambda session, now: session.cancel(now))])
     assert session.error.code == ErrorCode.CANCELLED
-    assert "no stop kept the limits: speed 0.2" in session.error.message
+    assert "no stop kept the limits: speed 0.1" in session.error.message
     assert "of 0.1 m/s" in session.error.message
     assert len(stage.commands) == 2
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from simulated_motion import GRAVITY, LOAD, fr3, swing
 
+from poise.errors import InputError
 from poise.inertia import identify
 from poise.inertia.model import regressor
-from poise.inertia.pipeline import FLUSH_AFTER, LiveEstimator, LiveOptions
+from poise.inertia.pipeline import FLUSH_AFTER, LiveEstimator, LiveOptions, status_of
 from poise.recording import JointStream, PoseStream, WrenchStream, open_recording, write_recording
 from poise.robot import BaseMotion, RobotModel, find_urdf, sensor_motion
 
@@ -74,3 +75,46 @@ def test_odometry_is_used_live_as_in_a_recording(streams, tmp_path):
 def test_without_odometry_the_drive_is_not_seen(streams):
     error = abs(live(streams, odometry=False).phi[0] - LOAD.phi[0])
     assert error > 5 * abs(live(streams).phi[0] - LOAD.phi[0])
+
+
+def test_odometry_that_is_no_pose_does_not_move_the_base_and_a_base_whose_odometry_stops_is_reported(streams):
+    estimator = LiveEstimator(LiveOptions())
+    estimator.set_robot_description(URDF, 0.0)
+    joints, wrench = streams["joint_states"], streams["wrench"]
+    pose = np.eye(3), np.zeros(3)
+
+    def hear(count):
+        for k in range(count):
+            stamp, now = int(joints.stamps[k]), k * 0.01
+            estimator.add_joint_state(stamp, joints.names, joints.position[k], [], now)
+            estimator.add_wrench(stamp, wrench.frame_id, wrench.wrench_in_sensor[k], now)
+
+    for turn, shift in (
+        pose,
+        (np.eye(3), [np.nan, 0, 0]),
+        (np.full((3, 3), np.nan), pose[1]),
+        (2 * np.eye(3), pose[1]),
+    ):
+        estimator.add_odometry(START, turn, shift, 0.0)
+    assert (estimator.base_moves, estimator.invalid_odometry) == (False, 3)
+    hear(20)
+    assert "joint_states" in estimator.estimator.motion_words
+    estimator.add_odometry(START, np.eye(3), [0.1, 0, 0], 0.0)
+    hear(300)
+    assert status_of(estimator, 3.0).message.startswith("no odometry for 3.0 s, and the base has moved")
+    estimator.reset()
+    hear(300)
+    estimator.update(3.0 + 2 * FLUSH_AFTER)
+    assert estimator.n_samples > 100
+
+
+def test_an_invalid_robot_description_does_not_replace_a_valid_one(streams):
+    estimator = LiveEstimator(LiveOptions())
+    wrench = streams["wrench"]
+    estimator.add_wrench(START, wrench.frame_id, wrench.wrench_in_sensor[0], 0.0)
+    estimator.set_robot_description(URDF, 0.0)
+    known = estimator.joints
+    with pytest.raises(InputError):
+        estimator.set_robot_description("<robot", 0.1)
+    assert estimator.joints is known
+    assert estimator.problem is None

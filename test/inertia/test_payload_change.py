@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from ordinary_work import START, Nuisance, Work, work
+from scipy.spatial.transform import Rotation
 
-from poise.inertia.bayes.change import PayloadChange
+from poise.inertia import InertialParameters
+from poise.inertia.bayes.change import ContinuousEstimator, PayloadChange
 from poise.inertia.model.problem import NoiseLevels
+from poise.inertia.model.wrench_regressor import regressor
 from poise.inertia.pipeline.online import OnlineEstimator
 from poise.robot.sources import JointSource
 
@@ -64,3 +68,61 @@ def test_pushes_and_a_drifting_bias_are_no_other_payload():
     online, reported = watch(measured)
     assert not reported
     assert online.estimate().parameters.mass == pytest.approx(measured.payloads[0, 0], abs=0.03)
+
+
+def samples(payload: ArrayLike, seconds: float, begin: float, rng: np.random.Generator, force: float = 0.05):
+    """Stamps, and rows for a `ContinuousEstimator`: a sensor at 100 Hz that turns at 0.4 rad/s, and holds a payload."""
+    at = np.arange(begin, begin + seconds, 0.01)
+    turn = Rotation.from_rotvec(np.outer(0.8 * np.sin(0.5 * at), [1.0, 0.4, 0.0]))
+    specific = turn.inv().apply([0.0, 0.0, -9.81])
+    still = np.zeros((len(at), 3))
+    wrench = np.einsum("nij,j->ni", regressor(specific, still, still), payload)
+    wrench += rng.normal(size=wrench.shape) * np.repeat([force, force / 20], 3)
+    return START + np.round(at * 1e9).astype(np.int64), np.hstack([specific, still, still, wrench]), turn
+
+
+def fed(estimator: ContinuousEstimator, stamps, rows) -> None:
+    """In portions of 50 ms."""
+    for begin in range(0, len(stamps), 5):
+        estimator.add_rows(stamps[begin : begin + 5], rows[begin : begin + 5])
+
+
+LIGHT, HELD = (InertialParameters(mass, [0.0, 0.0, 0.05], 1e-5 * np.eye(3)).phi for mass in (0.02, 0.045))
+
+
+def test_a_change_of_a_light_payload_is_noticed_and_dated():
+    rng = np.random.default_rng(5)
+    estimator = ContinuousEstimator(None, NoiseLevels(0.05, 0.0025))
+    fed(estimator, *samples(LIGHT, 4.0, 0.0, rng)[:2])
+    fed(estimator, *samples(HELD, 2.5, 4.0, rng)[:2])
+    (change,) = estimator.changes
+    assert change.since == pytest.approx(START + 4_000_000_000, abs=300_000_000)
+    assert change.mass_after == pytest.approx(0.045, abs=0.01)
+
+
+def test_a_push_that_lifts_more_than_the_payload_is_no_payload():
+    rng = np.random.default_rng(6)
+    estimator = ContinuousEstimator(None, NoiseLevels(0.05, 0.0025))
+    fed(estimator, *samples(HELD, 4.0, 0.0, rng)[:2])
+    stamps, rows, turn = samples(HELD, 2.0, 4.0, rng)
+    rows[:, 9:12] += turn.inv().apply([0.0, 0.0, 1.0])  # N, upwards; the payload weighs 0.44 N
+    fed(estimator, stamps, rows)
+    assert not estimator.changes
+
+
+def test_a_vertical_push_that_is_taken_for_a_payload_leaves_a_doubt_until_the_sensor_has_turned():
+    rng = np.random.default_rng(7)
+    heavy = 20 * HELD
+    estimator = ContinuousEstimator(None, NoiseLevels(0.05, 0.0025))
+    fed(estimator, *samples(heavy, 4.0, 0.0, rng)[:2])
+    stamps, rows, turn = samples(heavy, 1.0, 4.0, rng)
+    rows[:, 9:12] += turn.inv().apply([0.0, 0.0, 3.0])
+    fed(estimator, stamps, rows)
+    assert estimator.changes
+    solution, doubt = estimator.solve(), estimator.doubt
+    spread = np.sqrt(doubt.spread(solution.phi)[0, 0] + solution.covariance[0, 0])
+    assert abs(solution.phi[0] - 0.9) < 3 * spread
+    fed(estimator, *samples(heavy, 4.0, 5.0, rng)[:2])
+    assert estimator.doubt is None
+    solution = estimator.solve()
+    assert abs(solution.phi[0] - 0.9) < 3 * np.sqrt(solution.covariance[0, 0])

@@ -21,7 +21,7 @@ def samples(count: int) -> tuple[np.ndarray, list[np.ndarray]]:
     return (times * 1e9).astype(np.int64), [gravity, linear, omega, alpha, wrench]
 
 
-@pytest.mark.parametrize("count", [255, 256, 257, 700])
+@pytest.mark.parametrize("count", [511, 512, 513, 1100])
 def test_one_by_one_is_the_same_as_all_at_once(count) -> None:
     stamps, values = samples(count)
     values[4][7] = np.nan  # is rejected in both
@@ -48,7 +48,8 @@ def test_single_samples_lists_and_portions_keep_their_order() -> None:
     mixed.add(stamps[0], *(value[0] for value in values))
     mixed.add(int(stamps[1]), *(value[1].tolist() for value in values))
     mixed.add(stamps[2], *(value[2] for value in values))
-    mixed.add(stamps[3:], *(value[3:] for value in values))
+    mixed.add(stamps[3], *(np.repeat(value[3], 2)[::2] for value in values))  # with gaps between the numbers
+    mixed.add(stamps[4:], *(value[4:] for value in values))
     np.testing.assert_allclose(mixed.solve().phi, at_once.solve().phi, rtol=1e-12)
     assert mixed.solve().n_samples == at_once.solve().n_samples
 
@@ -58,3 +59,12 @@ def test_a_single_sample_of_wrong_shape_is_refused_at_once() -> None:
     estimator = PoiseEstimator()
     with pytest.raises((InputError, ValueError)):
         estimator.add(stamps[0], *(value[0] for value in values[:4]), np.zeros(5))
+
+
+def test_a_single_sample_of_whole_numbers_is_not_read_as_floats() -> None:
+    values = [np.array(row) for row in ([0, 0, -10], [0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, -13, 1, 0, 0])]
+    whole, floats = PoiseEstimator(), PoiseEstimator()
+    for step in range(4):
+        whole.add(step * 10_000_000, *values)
+        floats.add(step * 10_000_000, *(value.astype(float) for value in values))
+    np.testing.assert_array_equal(whole.solve().phi, floats.solve().phi)

@@ -149,6 +149,7 @@ def test_no_place_says_which_test_turned_away_how_many(start_node, graph, caller
     caller.ready()
     pedestal = assembly_message(Assembly((box("pedestal", (0.1, 0.1, 0.5), (0, 0, 0.25), fixed=True),)), FRAME)
     odd = wanted()
+    odd.com_given = True
     odd.inertia.com.x, odd.inertia.com.y, odd.inertia.com.z = 1.0, 1.1, 1.2
     for item in (odd, wanted(3.0, 3.0, 3.0)):
         done = caller.result(caller.send(assembly=[pedestal], object=item, deadline=50.0))

@@ -1,6 +1,5 @@
 """robustness_server in a real graph: its answers, the assembly it keeps, and the code of everything gone wrong."""
 
-import json
 import math
 
 import numpy as np
@@ -22,6 +21,7 @@ from assembly_calls import (
 )
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointField
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -90,14 +90,25 @@ def test_a_map_is_certified_to_its_tolerance_and_names_what_moves(server, graph)
     answer = ask(graph, assess(assembly=message(CUBE, LID), map_points=500, map_tolerance=0.05))
     assert answer.error.code == ErrorCode.OK
     (found,) = answer.map
-    lower, upper = np.array(found.lower), np.array(found.upper)
+    points = records(found.cloud)
+    lower, upper = points["lower"], points["upper"]
     assert found.complete
-    assert len(found.object) == len(found.moves) == len(found.points) // 3 == len(lower)
+    assert 450 < len(points) == found.cloud.width <= 500
+    np.testing.assert_allclose(np.linalg.norm([points[f"normal_{axis}"] for axis in "xyz"], axis=0), 1, atol=1e-6)
     assert np.all(upper[np.isfinite(upper)] <= 1.05 * lower[np.isfinite(upper)] + 1e-9)
-    movers = [json.loads(names) for names in found.movers]
-    for number, moving in zip(found.object, found.moves, strict=True):
-        assert moving < 0 or found.ids[number] in movers[moving]
-    assert found.header.frame_id == FRAME
+    for point in points:
+        assert point["mover"] < 0 or found.ids[point["object"]] in found.movers[point["mover"]].ids
+    assert found.header.frame_id == found.cloud.header.frame_id == FRAME
+
+
+def records(cloud):
+    """The points of a cloud as NumPy records."""
+    kinds = {PointField.FLOAT32: "<f4", PointField.FLOAT64: "<f8", PointField.UINT32: "<u4", PointField.INT32: "<i4"}
+    names, formats = zip(*((field.name, kinds.get(field.datatype, "u1")) for field in cloud.fields), strict=True)
+    offsets = [field.offset for field in cloud.fields]
+    return np.frombuffer(
+        cloud.data, {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
+    )
 
 
 def test_the_order_of_disassembly_begins_at_the_top(server, graph):

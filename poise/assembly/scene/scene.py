@@ -99,7 +99,7 @@ class Assembly:
     Args:
         objects: all bodies, fixed ones included.
         gravity: (3,) m/s2, in the assembly's frame.
-        friction: Coulomb coefficient of pairs that `friction_pairs` does not name.
+        friction: Coulomb coefficient of pairs that `friction_pairs` does not name; None: it names all that touch.
         friction_pairs: single pairs.
 
     Raises:
@@ -108,7 +108,7 @@ class Assembly:
 
     objects: tuple[RigidObject, ...]
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
-    friction: float = 0.5
+    friction: float | None = 0.5
     friction_pairs: tuple[FrictionPair, ...] = ()
 
     def __post_init__(self) -> None:
@@ -120,7 +120,8 @@ class Assembly:
             raise InputError(ErrorCode.BAD_INPUT, "objects: none is fixed; mark the floor or tray with fixed: true")
         if not np.all(np.isfinite(self.gravity)):
             raise InputError(ErrorCode.NOT_FINITE, f"gravity {self.gravity} is not finite")
-        _check_friction("friction", self.friction)
+        if self.friction is not None:
+            _check_friction("friction", self.friction)
         for pair in self.friction_pairs:
             where = f"friction_pairs of {pair.objects[0]} and {pair.objects[1]}"
             _check_friction(where, pair.coefficient)
@@ -144,9 +145,25 @@ class Assembly:
         return {frozenset(pair.objects): pair for pair in self.friction_pairs}
 
     def friction_between(self, first: str, second: str) -> float:
-        """Coulomb coefficient between two objects, by id."""
+        """Coulomb coefficient between two objects, by id.
+
+        Raises:
+            InputError: BAD_INPUT when it is not given.
+        """
         pair = self._pairs.get(frozenset((first, second)))
-        return self.friction if pair is None else pair.coefficient
+        if pair is not None:
+            return pair.coefficient
+        if self.friction is None:
+            raise InputError(
+                ErrorCode.BAD_INPUT,
+                f"friction of {first} and {second} is not given: give a friction pair, or friction for all pairs",
+            )
+        return self.friction
+
+    @property
+    def largest_friction(self) -> float:
+        """The largest coefficient of any pair."""
+        return max(self.friction or 0.0, *(pair.coefficient for pair in self.friction_pairs), 0.0)
 
     def place_of(self, name: str) -> int:
         """The place of an id in `objects`.

@@ -49,10 +49,11 @@ def read_scene(content: Any, folder: Path = Path()) -> Assembly:
     scene = _mapping(content, "scene", _SCENE_KEYS)
     objects = _list(scene.get("objects"), "objects")
     pairs = _list(scene.get("friction_pairs", []), "friction_pairs")
+    friction = scene.get("friction", 0.5)
     return Assembly(
         objects=tuple(read_object(entry, folder, f"objects[{i}]") for i, entry in enumerate(objects)),
         gravity=_numbers(scene.get("gravity", [0, 0, -STANDARD_GRAVITY]), 3, "gravity"),
-        friction=_number(scene.get("friction", 0.5), "friction"),
+        friction=None if friction is None else _number(friction, "friction"),
         friction_pairs=tuple(_pair(entry, f"friction_pairs[{i}]") for i, entry in enumerate(pairs)),
     )
 
@@ -104,7 +105,7 @@ def scene_content(assembly: Assembly) -> dict[str, Any]:
     """The content of a scene file, as plain lists and numbers."""
     content: dict[str, Any] = {
         "gravity": np.asarray(assembly.gravity).tolist(),
-        "friction": float(assembly.friction),
+        "friction": None if assembly.friction is None else float(assembly.friction),
         "objects": [_object_content(item) for item in assembly.objects],
     }
     if assembly.friction_pairs:

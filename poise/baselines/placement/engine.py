@@ -34,7 +34,7 @@ class Engine:
         self._mujoco = _mujoco()
         self.assembly, self._damping = assembly, damping
         self._moving = [item for item in assembly.objects if not item.fixed]
-        friction = assembly.friction if friction is None else friction
+        friction = assembly.largest_friction if friction is None else friction
         self.model = self._spec(step, friction).compile()
         self.data = self._mujoco.MjData(self.model)
         self.step = step

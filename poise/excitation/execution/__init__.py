@@ -1,9 +1,11 @@
 """Execution of a planned motion: the arm is supervised, and stopped along its path after a fault.
 
 - `session`: `Session`, one identification from goal to answer. `joint_watch`: the state of the arm from joint states.
-- `stops`: stops that are certified before the motion begins. `options`: times and tolerances.
+- `stops`: stops that are certified before the motion begins. `commanded`: motions are sent with their stops ready.
+- `options`: times and tolerances.
 """
 
+from poise.excitation.execution.commanded import CommandedArm, SentStop, TimedMotion, Watchdog
 from poise.excitation.execution.joint_watch import Jointed, JointWatch
 from poise.excitation.execution.options import ExecutionOptions
 from poise.excitation.execution.session import (
@@ -12,22 +14,26 @@ from poise.excitation.execution.session import (
     Plan,
     Session,
     SessionPhase,
-    TimedMotion,
 )
-from poise.excitation.execution.stops import ReadyStops, Stop, brake, stop_along
+from poise.excitation.execution.stops import Judge, ReadyStops, Stop, brake, joint_judge, stop_along
 
 __all__ = [
+    "CommandedArm",
     "ExecutionOptions",
     "IdentificationTask",
     "JointWatch",
     "Jointed",
+    "Judge",
     "PayloadEstimatorPort",
     "Plan",
     "ReadyStops",
+    "SentStop",
     "Session",
     "SessionPhase",
     "Stop",
     "TimedMotion",
+    "Watchdog",
     "brake",
+    "joint_judge",
     "stop_along",
 ]

@@ -19,6 +19,8 @@ class ExecutionOptions:
         off_path: rad or m that an arm may be off its path, besides `lag`.
         lag: s of the joint's speed that an arm may be behind.
         stopping: s that an arm may take to come to rest.
+        holding: s of a command to stay in place.
+        answer: s that a watchdog may take to send a stop that it was asked for; then the program sends it itself.
     """
 
     patience: float = 2.0
@@ -32,3 +34,5 @@ class ExecutionOptions:
     off_path: float = 0.03
     lag: float = 0.15
     stopping: float = 3.0
+    holding: float = 0.4
+    answer: float = 0.05

@@ -8,19 +8,19 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
+from poise.excitation.execution.commanded import CommandedArm, TimedMotion, Watchdog
 from poise.excitation.execution.joint_watch import JointWatch
 from poise.excitation.execution.options import ExecutionOptions
 from poise.excitation.execution.stops import ReadyStops
 from poise.inertia import InertialEstimate
 from poise.robot import RobotModel
-from poise.simulation import WaypointTrajectory
 from poise.types import Cancelled, Progress
 
 Plan = Callable[[Progress, Cancelled], ExcitationPlan]
@@ -58,13 +58,6 @@ class PayloadEstimatorPort(Protocol):
         """When the last wrench arrived, s of the clock of `now`; None: never."""
 
 
-class TimedMotion(NamedTuple):
-    """A motion for the arm that begins at `stamp` ns of the joint states' clock."""
-
-    motion: WaypointTrajectory
-    stamp: int
-
-
 @dataclass(frozen=True)
 class IdentificationTask:
     """What an identification has to do.
@@ -93,6 +86,7 @@ class Session:
         estimator: estimates the payload.
         send: sends a command to the arm.
         now: s of a monotonic clock, which all calls share.
+        watchdog: stops the arm when this program cannot.
     """
 
     def __init__(
@@ -102,10 +96,12 @@ class Session:
         estimator: PayloadEstimatorPort,
         send: Callable[[TimedMotion], None],
         now: float,
+        watchdog: Watchdog | None = None,
     ) -> None:
-        self._model, self._task, self._estimator, self._send = model, task, estimator, send
+        self._model, self._task, self._estimator = model, task, estimator
         self._options = task.options
         self.joints = JointWatch(model)
+        self._arm = CommandedArm(self.joints, send, watchdog)
         self.phase, self.progress = SessionPhase.WAITING, 0.0
         self.error: PoiseError | None = None
         self.answer: InertialEstimate | None = None
@@ -114,10 +110,6 @@ class Session:
         self._trusting_until = now
         self._stop_planning = threading.Event()
         self._planned: list[tuple[ExcitationPlan, ReadyStops] | PoiseError] = []
-        self._stops: ReadyStops | None = None
-        self._stop_sent = False
-        self._stop_failure: Exception | None = None
-        self._begin = 0  # ns of the motion on the joint states' clock
         self._steps = {
             SessionPhase.WAITING: self._wait,
             SessionPhase.PLANNING: self._await_plan,
@@ -171,6 +163,10 @@ class Session:
             if late:
                 raise problem
             return
+        if self._task.plan is not None and not self._arm.ready:
+            if late:
+                raise PoiseError(ErrorCode.BUSY, "the watchdog of the arm's motion is not ready: send the goal again")
+            return
         if self._task.plan is None:
             self._estimator.begin()
             self._enter(SessionPhase.LISTENING, now)
@@ -191,6 +187,7 @@ class Session:
             made = plan(advance, self._stop_planning.is_set)
             task = self._task
             stops = ReadyStops.prepare(self._model, made.motion, task.guard, task.limits, self._stop_planning.is_set)
+            self._arm.load(stops)
             self._planned.append((made, stops))
         except PoiseError as error:
             self._planned.append(error)
@@ -214,24 +211,25 @@ class Session:
                 f"{name} has moved by {away.max():.3f} while the motion was planned: stop the program that moves it",
             )
         self._estimator.begin()
-        self.planned, self._stops = planned
-        self._begin = self.joints.clock(now) + round(self._options.lead * 1e9)
-        self._send(TimedMotion(self.planned.motion, self._begin))
+        self.planned, stops = planned
+        self._arm.move(stops, now)
         self._enter(SessionPhase.MOVING, now)
 
     def _watch(self, now: float) -> None:
+        self._arm.check()
         self._require_streams(now)
         plan = self._the_plan()
-        seconds = (self.joints.stamp - self._begin) * 1e-9
+        seconds = (self.joints.stamp - self._arm.begin) * 1e-9
         self._require_on_path(seconds)
         self.progress = 0.3 + 0.6 * float(np.clip(seconds / plan.motion.duration, 0.0, 1.0))
         if seconds >= plan.motion.duration + self._options.settle:
+            self._arm.ended()
             self._enter(SessionPhase.SETTLING, now)
 
     def _settle(self, now: float) -> None:
         """Wait until the last samples are in the window."""
         self.progress = 0.95
-        end = self._begin + round((self._the_plan().motion.duration + 0.8 * self._options.settle) * 1e9)
+        end = self._arm.begin + round((self._the_plan().motion.duration + 0.8 * self._options.settle) * 1e9)
         if not self._estimator.settled(end) and now - self._since < self._options.patience:
             self._require_streams(now)
             return
@@ -249,18 +247,18 @@ class Session:
         self._enter(SessionPhase.DONE, now)
 
     def _await_rest(self, now: float) -> None:
-        if not self._stop_sent:
-            self._try_to_stop(now)
-        if (
-            self.joints.age(now) < self._options.stale
-            and now - self._since > self._options.stop_lead
-            and self.joints.at_rest()
-        ):
-            self._enter(SessionPhase.DONE, now)
+        self._stop(now)
+        rests = self.joints.age(now) < self._options.stale and self.joints.at_rest()
+        if rests and now - self._since > self._options.stop_lead:
+            self._finish(now)
         elif now - self._since > self._options.stopping:
-            failure = "" if self._stop_failure is None else f"the stop could not be sent: {self._stop_failure!r}; "
+            failure = "" if self._arm.stopped else f"the stop could not be sent: {self._arm.failure!r}; "
             self._amend(f"{failure}the arm was not seen to come to rest")
-            self._enter(SessionPhase.DONE, now)
+            self._finish(now)
+
+    def _finish(self, now: float) -> None:
+        self._arm.ended()
+        self._enter(SessionPhase.DONE, now)
 
     # -- problems -----------------------------------------------------------------------------------------------
 
@@ -271,22 +269,14 @@ class Session:
             self._enter(SessionPhase.DONE, now)
             return
         self._enter(SessionPhase.STOPPING, now)
-        self._try_to_stop(now)
+        self._stop(now)
 
-    def _try_to_stop(self, now: float) -> None:
+    def _stop(self, now: float) -> None:
         """Send the next stop that is ready. If that fails, the next tick tries again."""
-        if self._stops is None or self.error is None:
+        if self._arm.stopped or self.error is None:
             return
-        try:
-            stamp = self.joints.clock(now) + round(self._options.stop_lead * 1e9)
-            stop = self._stops.after((stamp - self._begin) * 1e-9)
-            self._send(TimedMotion(stop.motion, self._begin + round(stop.begin * 1e9)))
-        except Exception as error:
-            self._stop_failure = error
-            return
-        self._stop_sent = True
-        if stop.excess:
-            self._amend(f"no stop kept the limits: {stop.excess}")
+        if self._arm.stop(self.error, now) and self._arm.excess:
+            self._amend(f"no stop kept the limits: {self._arm.excess}")
 
     def _amend(self, remark: str) -> None:
         error = self.error or PoiseError(ErrorCode.CANCELLED, "")

@@ -1,13 +1,13 @@
 """Stops an arm along the path it is on; all stops of a motion are certified before the motion begins."""
 
 from bisect import bisect_left
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from poise.errors import ErrorCode, PoiseError
-from poise.excitation import Guard, MotionLimits, certify
+from poise.excitation import Guard, MotionLimits, certify, joint_peaks
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
@@ -20,6 +20,11 @@ _WAYPOINT_SPACING = 0.02
 """s between the waypoints of a stop: quintics through them stay on the path."""
 _HARDER = 1.25
 """Factor on the limit of joint acceleration: a stop may be harder than the motion."""
+_SHARED = 1 + 1e-6
+"""Rounding that a limit may be exceeded by."""
+
+Judge = Callable[[WaypointTrajectory, float], str]
+"""Names the limits that a stop exceeds, in words, or gives an empty text: `judge(stop, begin)`, s of the motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +63,22 @@ class ReadyStops:
         limits: MotionLimits,
         cancelled: Callable[[], bool] = lambda: False,
     ) -> "ReadyStops":
-        """Certify a stop every `STOP_SPACING` s of a motion.
+        """Certify a stop of a motion with guarded points every `STOP_SPACING` s.
+
+        Raises:
+            PoiseError: CANCELLED.
+        """
+        return cls.judged(motion, _guarded(model, guard, limits), cancelled=cancelled)
+
+    @classmethod
+    def judged(
+        cls,
+        motion: WaypointTrajectory,
+        judge: Judge,
+        times: Sequence[float] = _STOP_TIMES,
+        cancelled: Callable[[], bool] = lambda: False,
+    ) -> "ReadyStops":
+        """Choose a stop every `STOP_SPACING` s of a motion, as `shortest_stop`.
 
         Raises:
             PoiseError: CANCELLED.
@@ -68,8 +88,13 @@ class ReadyStops:
         for begin in np.linspace(0.0, motion.duration, count + 1).tolist():
             if cancelled():
                 raise PoiseError(ErrorCode.CANCELLED, "cancelled while the stops were certified")
-            stops.append(brake(model, motion, begin, guard, limits))
+            stops.append(shortest_stop(motion, begin, judge, times))
         return cls(motion, tuple(stops))
+
+    @property
+    def motion(self) -> WaypointTrajectory:
+        """The one that they stop."""
+        return self._motion
 
     def after(self, at: float) -> Stop:
         """The first stop that begins at `at` s of the motion or later; before and after the motion: hold the pose."""
@@ -80,26 +105,69 @@ class ReadyStops:
 
 
 def brake(model: RobotModel, motion: WaypointTrajectory, at: float, guard: Guard, limits: MotionLimits) -> Stop:
+    """`shortest_stop` from `at` s of a motion with guarded points on."""
+    return shortest_stop(motion, at, _guarded(model, guard, limits))
+
+
+def shortest_stop(motion: WaypointTrajectory, at: float, judge: Judge, times: Sequence[float] = _STOP_TIMES) -> Stop:
     """The shortest stop from `at` s of a motion on, along its path, that keeps the limits; at rest already: staying.
 
-    If none of `_STOP_TIMES` keeps them, the longest is returned, and its `excess` names what it exceeds.
+    If none keeps them, the fastest is returned, and its `excess` names what it exceeds.
+
+    Args:
+        motion: what is stopped.
+        at: s of it.
+        judge: of the limits.
+        times: s that a stop may take, ascending.
     """
-    for stop_time in _STOP_TIMES:
+    fastest: Stop | None = None
+    for stop_time in times:
         stop = stop_along(motion, at, stop_time)
-        excess = _excess(model, stop, guard, limits)
-        if not excess:
-            break
-    return Stop(at, stop, excess)
+        found = Stop(at, stop, judge(stop, at))
+        if not found.excess:
+            return found
+        fastest = fastest or found
+    if fastest is None:
+        raise PoiseError(ErrorCode.INTERNAL, "a stop needs a time")
+    return fastest
 
 
-def _excess(model: RobotModel, stop: WaypointTrajectory, guard: Guard, limits: MotionLimits) -> str:
-    found = certify(model, stop, guard)
-    over = []
-    if found.acceleration > _HARDER * limits.acceleration:
-        over.append(f"joint acceleration {found.acceleration:.3g} of {_HARDER * limits.acceleration:.3g} rad/s2")
-    if found.speed > limits.speed * (1 + 1e-6):
-        over.append(f"speed {found.speed:.4g} of {limits.speed:.4g} m/s")
-    return ", ".join(over)
+def _guarded(model: RobotModel, guard: Guard, limits: MotionLimits) -> Judge:
+    def judge(stop: WaypointTrajectory, _: float) -> str:
+        found = certify(model, stop, guard)
+        over = []
+        if found.acceleration > _HARDER * limits.acceleration:
+            over.append(f"joint acceleration {found.acceleration:.3g} of {_HARDER * limits.acceleration:.3g} rad/s2")
+        if found.speed > limits.speed * _SHARED:
+            over.append(f"speed {found.speed:.4g} of {limits.speed:.4g} m/s")
+        return ", ".join(over)
+
+    return judge
+
+
+_JOINT_ACCELERATION = MotionLimits().acceleration
+
+
+def joint_judge(names: Sequence[str], velocity_limit: Array, acceleration: float = _JOINT_ACCELERATION) -> Judge:
+    """A judge of stops by the limits of the joints alone, which hold at every instant of a stop.
+
+    Args:
+        names: of the joints (J).
+        velocity_limit: (J,) rad/s or m/s.
+        acceleration: rad/s2 or m/s2 of a motion; a stop may be harder than that by a quarter.
+    """
+
+    def judge(stop: WaypointTrajectory, _: float) -> str:
+        rate, change = joint_peaks(stop)
+        fast, hard = int(np.argmax(rate / velocity_limit)), int(np.argmax(change))
+        over = []
+        if change[hard] > _HARDER * acceleration:
+            over.append(f"acceleration {change[hard]:.3g} of {_HARDER * acceleration:.3g} rad/s2 of {names[hard]}")
+        if rate[fast] > velocity_limit[fast] * _SHARED:
+            over.append(f"speed {rate[fast]:.3g} of {velocity_limit[fast]:.3g} rad/s of {names[fast]}")
+        return ", ".join(over)
+
+    return judge
 
 
 def stop_along(motion: WaypointTrajectory, at: float, stop_time: float) -> WaypointTrajectory:

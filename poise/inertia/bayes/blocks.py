@@ -60,6 +60,11 @@ class MomentBlocks:
         moments[..., N_MOTION:, N_MOTION:] = self.moments[..., N_MOTION:, N_MOTION:]
         return MomentBlocks(moments, self.counts / self.sizes[:, None], self.sizes, self.start, self.end)
 
+    def mixed(self, weights: Array) -> Array:
+        """(B, 19, 19) sums for one delay, by the weights (L,) of the lags."""
+        rows = self.moments.reshape(*self.moments.shape[:2], -1)
+        return np.asarray((weights @ rows).reshape(-1, *self.moments.shape[2:]))
+
     def in_pairs(self) -> "MomentBlocks":
         """Every two neighbours as one; there has to be an even number."""
         return MomentBlocks(

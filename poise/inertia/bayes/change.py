@@ -1,21 +1,24 @@
 """Weighing for hours: the estimate improves during ordinary work, and starts again when the payload has changed."""
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from poise.errors import NoAnswerError
-from poise.inertia.bayes.estimator import EXTERNAL_CONTACT, BayesSolution, PoiseEstimator
-from poise.inertia.model import NoiseLevels, Parts
+from poise.inertia.bayes.blocks import MomentBlocks
+from poise.inertia.bayes.estimator import BayesSolution, PoiseEstimator
+from poise.inertia.bayes.expectation import Contradiction, Expectation
+from poise.inertia.model import N_MOTION, NoiseLevels, Parts
 from poise.types import Array, Stamps
 
 _BLOCK = 50_000_000
 """ns: a change begins within one, and only the next one is all of the new payload."""
 
-_WINDOWS = (5, 6, 8)
-"""Blocks, the newest of which may have begun just now, in which a change shows."""
+_WINDOWS, _LONG_WINDOWS = (5, 6, 8), (12, 18, 27, 40)
+"""Blocks, the newest of which may have begun just now, in which a change shows; small changes need longer ones."""
 
 LEAST = 240_000_000
 """ns that they span; a knock is over before."""
@@ -26,7 +29,7 @@ _CERTAIN = 14.0
 _SUSPICIOUS = 3.0
 """Below this, what came last may become part of what is expected at once; above, when it is no change for long."""
 
-_LEAST_CHANGE, _LEAST_SHARE = 0.03, 0.1
+_LEAST_CHANGE, _LEAST_SHARE = 0.015, 0.1
 """kg, and share of the mass, by which payloads differ that count as two; models of a motion err by less."""
 
 _SIGMAS = 4.0
@@ -35,17 +38,24 @@ _SIGMAS = 4.0
 _EXPLAINED = 8.0
 """Standard deviations by which a block may differ from the new payload and still be held for it."""
 
-_LOOK, _REFERENCE, _PATIENCE = 50_000_000, 1_000_000_000, 600_000_000
-"""ns between looks for a change, and between what they compare with; and of doubt that was no change after all."""
+_LOOK, _LONG_LOOK = 50_000_000, 200_000_000
+"""ns between looks for a change in short and in long windows."""
 
-_MOST_REJECTED = 0.2
-"""Share of the samples with which a bias is still that of the sensor; a press and an arm that is shaken give it."""
+_REFERENCE, _PATIENCE = 1_000_000_000, 600_000_000
+"""ns between what they compare with; and of doubt that was no change after all."""
 
-_MEMORY = 2_000_000_000
-"""ns of samples, for a new beginning."""
+_MEMORY = 2_500_000_000
+"""ns of samples, for a new beginning; and of answers that samples are compared with."""
 
-_SPREAD_AFTER, _LEAST_SPREAD = 3.0, 0.1
-"""Of the bias after a change: in units of how well it was known before, but at least this share of a sample's noise."""
+_SPREAD_AFTER, _LEAST_SPREAD = 3.0, np.array([0.01, 0.0005])
+"""Of the bias after a change: in units of how well it was known before, but at least what sensors creep, N and N m."""
+
+_EVEN, _IMITATED = 0.5, 0.125
+"""Probability of another payload before it is certain; and of a contact that imitates the new payload: its force must
+point along gravity."""
+
+_TURNED, _LONG_AGO = np.cos(np.radians(30)), 3_000_000_000
+"""Cosine of the angle between attitudes, and ns, after which a contact no longer imitates a payload."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +74,32 @@ class PayloadChange:
     mass_after: float
 
 
+@dataclass(frozen=True, eq=False)
+class PayloadDoubt:
+    """Another payload than the estimated one may be held.
+
+    Args:
+        phi: (10,) of it. covariance: (10, 10).
+        probability: of it.
+    """
+
+    phi: Array
+    covariance: Array
+    probability: float
+
+    def spread(self, phi: Array) -> Array:
+        """(10, 10) covariance that the doubt adds to an estimate phi (10,)."""
+        apart = self.phi - phi
+        return np.asarray(self.probability * (np.outer(apart, apart) + self.covariance))
+
+
 class ContinuousEstimator:
     """A `PoiseEstimator` that notices when the payload has changed, and then starts again.
 
     A change differs from a push by what explains it: the newest blocks contradict the payload, and another payload
     explains them. The new one begins without a shape (see `hold`), but with the bias as it was known. A push that lasts
-    and does not turn with the sensor is taken for a payload. A slow leak is not noticed.
+    and points along gravity is taken for a payload; until the sensor has turned, the `doubt` says so. A slow leak is
+    not noticed.
 
     Args:
         parts: of the object held at the beginning; None when there is none, or its shape is not known.
@@ -82,14 +112,20 @@ class ContinuousEstimator:
         self._options = options
         self._tare = np.zeros(6)
         self._memory: deque[tuple[Stamps, Array]] = deque()
-        self._since = self._looked = self._sure = np.iinfo(np.int64).min
+        self._since = self._looked = self._looked_long = self._sure = np.iinfo(np.int64).min
+        self._expected: deque[Expectation] = deque()
         self._solved: int | None = None
-        self._mass: float | None = None
+        self._other: Contradiction | None = None
+        self._before: Expectation | None = None
         self._estimator = PoiseEstimator(parts, noise, block=_BLOCK, **options)
 
     def hold(self, parts: Parts | None) -> None:
         """Set the shape of what is held since the last change; to be called while its samples are remembered."""
         self._restart(self._since, parts, self._estimator.noise)
+
+    def believe(self, noise: NoiseLevels) -> None:
+        """Set the noise of samples from now on; what is known of the bias stays."""
+        self._estimator.noise = replace(self._estimator.noise, force=noise.force, torque=noise.torque)
 
     def add_rows(self, stamps: Stamps, rows: Array) -> PayloadChange | None:
         """Add samples, see `PoiseEstimator.add_rows`.
@@ -124,12 +160,24 @@ class ContinuousEstimator:
     @property
     def mass(self) -> float | None:
         """kg that newer samples are compared with; None before there is an answer."""
-        return self._mass
+        if self._expected:
+            return self._expected[-1].mass
+        return self.changes[-1].mass_after if self.changes else None
 
     @property
     def since(self) -> int:
         """ns from which on samples are of the payload held now."""
         return self._since
+
+    @property
+    def doubt(self) -> PayloadDoubt | None:
+        """What else may be held than what was estimated from all samples since the last change; None: nothing."""
+        if self._other is not None:
+            return PayloadDoubt(self._other.phi, self._other.covariance, _EVEN)
+        if self._before is not None:
+            before = self._before
+            return PayloadDoubt(before.unknowns[:10], before.covariance[:10, :10], _IMITATED)
+        return None
 
     def solve(self) -> BayesSolution:
         """Estimate the payload held now.
@@ -142,53 +190,69 @@ class ContinuousEstimator:
 
     def _look(self, now: int) -> PayloadChange | None:
         """Compare the newest samples with the expected ones, and update the expectation from time to time."""
-        most = 0.0
-        for count in _WINDOWS:
-            begin = (now // _BLOCK - count + 1) * _BLOCK
-            if self._solved is None or begin <= self._solved:
+        doubtful, other = False, None
+        blocks = self._estimator.blocks
+        for begin, known in self._windows(now):
+            late = blocks.select(blocks.start >= begin)
+            if not len(late) or late.end[-1] - late.start[0] < LEAST:
                 continue
-            found = self._estimator.contradiction(begin, LEAST)
-            if found is None:
-                continue
-            most = max(most, found.log_odds)
-            before = float(self._known.phi[0])
-            least = max(_LEAST_CHANGE, _LEAST_SHARE * before)
-            differs = abs(found.mass - before) > max(least, _SIGMAS * self._known.covariance[0, 0] ** 0.5)
-            if differs and found.log_odds > _CERTAIN and found.surprise < _EXPLAINED and found.fits:
-                change = PayloadChange(now, begin, before, found.mass)
+            found = known.contradiction(late)
+            if _is_other(found, known) and found.log_odds > _CERTAIN:
+                change = PayloadChange(now, found.since, known.mass, float(found.phi[0]))
                 self.changes.append(change)
-                self._begin(begin)
-                self._mass = found.mass
+                self._begin(found.since, known)
                 return change
-        if most < _SUSPICIOUS:
+            doubtful |= found.log_odds > _SUSPICIOUS
+            if found.fits and found.log_odds > max(_SUSPICIOUS, 0.0 if other is None else other.log_odds):
+                other = found
+        self._other = other
+        if not doubtful:
             self._sure = now
-        settled = most < _SUSPICIOUS or now - self._sure > _PATIENCE
+            if self._before is not None and _settled(blocks):
+                self._before = None
+        settled = not doubtful or now - self._sure > _PATIENCE
         if settled and self._solved is not None and now - self._solved > _REFERENCE:
             self._expect(now)
         return None
 
+    def _windows(self, now: int) -> Iterator[tuple[int, Expectation]]:
+        """Begins of the newest samples, ns, each with the newest answer that contains none of them."""
+        counts: tuple[int, ...] = _WINDOWS
+        if now - self._looked_long >= _LONG_LOOK or self._other is not None:
+            self._looked_long, counts = now, _WINDOWS + _LONG_WINDOWS
+        for count in counts:
+            begin = (now // _BLOCK - count + 1) * _BLOCK
+            known = next((each for each in reversed(self._expected) if each.stamp < begin), None)
+            if known is not None:
+                yield begin, known
+
     def _expect(self, now: int) -> None:
         """Solve, and compare later samples with the answer."""
         try:
-            solution = self._estimator.solve()
+            self._estimator.solve()
         except NoAnswerError:  # too early
             return
-        self._solved, self._mass = now, float(solution.phi[0])
-        self._known = solution
+        self._solved = now
+        known = self._estimator.expectation
+        if known is not None:
+            self._expected.append(known)
+        while len(self._expected) > 1 and self._expected[1].stamp < now - _MEMORY:
+            self._expected.popleft()
 
-    def _begin(self, since: int) -> None:
+    def _begin(self, since: int, known: Expectation) -> None:
         """Start over from a stamp on, with nothing but the bias; without it, if it was learnt in contact."""
-        self._since = since
-        if _touched(self._known):
+        self._since, self._before, self._other = since, known, None
+        self._expected.clear()
+        if known.touched:
             self._tare = np.zeros(6)
             self._restart(since, None, replace(self._estimator.noise, force_bias=np.inf, torque_bias=np.inf))
             return
-        self._tare = self._tare + self._known.bias
-        deviation = np.sqrt(np.diag(self._known.bias_covariance).reshape(2, 3).max(axis=1))
+        self._tare = self._tare + known.unknowns[10:]
+        deviation = np.sqrt(np.diag(known.covariance)[10:].reshape(2, 3).max(axis=1))
         noise = self._estimator.noise
-        spread = np.maximum(_SPREAD_AFTER * deviation, _LEAST_SPREAD * np.array([noise.force, noise.torque]))
-        known = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
-        self._restart(since, None, known)
+        spread = np.maximum(_SPREAD_AFTER * deviation, _LEAST_SPREAD)
+        spread_noise = replace(noise, force_bias=float(spread[0]), torque_bias=float(spread[1]))
+        self._restart(since, None, spread_noise)
 
     def _restart(self, since: int, parts: Parts | None, noise: NoiseLevels) -> None:
         self._estimator = PoiseEstimator(parts, noise, block=_BLOCK, **self._options)
@@ -201,7 +265,16 @@ class ContinuousEstimator:
         self._estimator.add_rows(stamps, rows - np.concatenate([np.zeros(9), self._tare]))
 
 
-def _touched(solution: BayesSolution) -> bool:
-    """A notable share of the samples was rejected, so that the bias may be that of a contact."""
-    rejected = sum(span.n_samples for span in solution.rejected if span.reason == EXTERNAL_CONTACT)
-    return rejected > _MOST_REJECTED * (solution.n_samples + rejected)
+def _is_other(found: Contradiction, known: Expectation) -> bool:
+    """Another payload explains what contradicts the known one, and differs notably from it."""
+    least = max(_LEAST_CHANGE, _LEAST_SHARE * known.mass, _SIGMAS * known.mass_std)
+    return found.fits and found.surprise < _EXPLAINED and abs(float(found.phi[0]) - known.mass) > least
+
+
+def _settled(blocks: MomentBlocks) -> bool:
+    """The samples of a payload are from attitudes, or long enough, that a contact would no longer imitate it."""
+    if blocks.end[-1] - blocks.start[0] > _LONG_AGO:
+        return True
+    specific = blocks.moments[:, 0, N_MOTION - 1, :3]
+    directions = specific / np.linalg.norm(specific, axis=1, keepdims=True).clip(min=1e-9)
+    return bool((directions @ directions.T).min() < _TURNED)

@@ -85,11 +85,11 @@ class ClockComparison:
         before, span = when[right - 1], when[right] - when[right - 1]
         share = (wanted - before) / np.maximum(span, 1)
         found = (share >= 0) & (share <= 1) & (span <= LARGEST_GAP)
+        moved = np.diff(signals, axis=0).take(right - 1, axis=0)  # in place and without gaps: these arrays are large
+        moved *= share[..., None]
+        moved += signals.take(right - 1, axis=0)
         both = np.empty((*wanted.shape, N_SIGNALS))
-        both[..., :N_MOTION] = np.diff(signals, axis=0)[right - 1]  # in place: these arrays are large
-        both[..., :N_MOTION] *= share[..., None]
-        both[..., :N_MOTION] += signals[right - 1]
-        both[..., N_MOTION:] = rows[chosen, WRENCH]
+        both[..., :N_MOTION], both[..., N_MOTION:] = moved, rows[chosen, WRENCH]
         both[~found] = 0.0
         self._moments[part] += both.swapaxes(1, 2) @ both
         self._counts[part] += found.sum(axis=1)

@@ -40,7 +40,7 @@ _ARM = 0.05
 _PRIOR = np.concatenate([[10.0], np.full(3, 1.0), np.full(6, 0.1), np.full(3, 100.0), np.full(3, 5.0)])
 """kg, kg m, kg m2, N, N m: of what a sensor holds and reads, at most."""
 
-_REACH = 1.0
+MOST_REACH = 1.0
 """m, beyond which nothing is held."""
 
 _SAME_ATTITUDE = 0.05 * STANDARD_GRAVITY
@@ -185,7 +185,7 @@ def consistent_part(means: MomentMeans, unknowns: Array, distances_before: Array
     found, deviations = _settled(means, unknowns)
     distances = means.distances(found)
     score, free = means.explained(distances), distances < LIMIT
-    bodies = (found[:, 0] > 0) & (np.linalg.norm(found[:, 1:4], axis=1) < _REACH * found[:, 0])
+    bodies = (found[:, 0] > 0) & (np.linalg.norm(found[:, 1:4], axis=1) < MOST_REACH * found[:, 0])
     possible = bodies & (deviations < _KNOWN * found[:, 0]) & (free @ means.weights > _LEAST_SHARE)
     best = int(np.argmax(np.where(possible, score, 0.0)))
     if not possible[best] or score[best] < before + _BETTER:

@@ -13,6 +13,7 @@ from poise.inertia.bayes.averaging import ModelAverage
 from poise.inertia.bayes.blocks import BLOCK, MomentBlocks
 from poise.inertia.bayes.consistent_part import ConsistentPart, away_from_contact, in_contact
 from poise.inertia.bayes.delay import LAG_STEP, LagGrid
+from poise.inertia.bayes.expectation import Expectation
 from poise.inertia.bayes.findings import (
     not_shown,
     nothing_held,
@@ -25,7 +26,7 @@ from poise.inertia.bayes.first_guess import blob, states_of_shape
 from poise.inertia.bayes.hypotheses import bias_variances, hypotheses_for_blob, hypotheses_for_shape
 from poise.inertia.bayes.mass_model import MassModel
 from poise.inertia.bayes.recorder import BlockRecorder
-from poise.inertia.bayes.search import Contradiction, PosteriorSearch
+from poise.inertia.bayes.search import PosteriorSearch
 from poise.inertia.bayes.single_samples import SingleSamples
 from poise.inertia.model import (
     NOT_FINITE,
@@ -177,7 +178,8 @@ class PoiseEstimator:
         given = (gravity_in_sensor, linear_acceleration, angular_velocity, angular_acceleration, wrench)
         if not self._one.take(stamps, given):
             self._add_waiting()
-            self._add_many(stamps, *given)
+            if not self._one.take(stamps, given):
+                self._add_many(stamps, *given)
 
     def _add_waiting(self) -> None:
         """Check and sum the samples that came one by one."""
@@ -238,7 +240,7 @@ class PoiseEstimator:
             NoAnswerError: TOO_FEW_SAMPLES when fewer than three samples can be used.
         """
         self.noise = noise or self.noise
-        blocks = self._blocks
+        blocks = self.blocks
         if blocks.sizes.sum() < 3:
             counts = ", ".join(f"{count} {reason}" for reason, count in self._log.counts.items())
             raise NoAnswerError(
@@ -258,26 +260,16 @@ class PoiseEstimator:
         return self._solution(self._search, None if model is None else self.parts, part)
 
     @property
-    def _blocks(self) -> MomentBlocks:
+    def blocks(self) -> MomentBlocks:
+        """The samples so far; valid until more are added."""
         self._add_waiting()
         blocks = self._recorder.blocks
         return blocks.averaged() if self._averaged else blocks
 
-    def contradiction(self, since: int, least: int) -> Contradiction | None:
-        """How much better another payload than the last one solved for would explain the blocks from a stamp on.
-
-        Args:
-            since: ns.
-            least: ns that they have to span.
-
-        Returns:
-            None when they do not, or nothing was solved for.
-        """
-        blocks = self._blocks
-        late = blocks.select(blocks.start >= since)
-        if self._search is None or not len(late) or late.end[-1] - late.start[0] < least:
-            return None
-        return self._search.contradiction(late)
+    @property
+    def expectation(self) -> Expectation | None:
+        """What newer samples are compared with, by the last solution; None before there is one."""
+        return None if self._search is None else self._search.expectation
 
     def _prior(self, blocks: MomentBlocks, mass_model: MassModel | None) -> ModelAverage:
         """What may be true of the object, and where to begin."""

@@ -1,14 +1,14 @@
 """Weights, delay, outliers and noise depend on the answer and the answer on them: rounds until they agree."""
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from poise.inertia.bayes.averaging import ModelAverage, Posterior, SolverEffort
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.bayes.consistent_part import LIMIT, ConsistentPart, MeanCheck, MomentMeans, consistent_part
+from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
+from poise.inertia.bayes.expectation import Expectation
 from poise.inertia.bayes.lasting import assumed_variances, lasting_covariance, lasting_variances
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
@@ -37,32 +37,8 @@ STILL = 0.3
 _SAME_NOISE = 0.1
 """Relative change of a variance that does not matter."""
 
-
-_HEAVY, REACH = 0.3, 0.15
-"""kg and m: a payload changes by so much, or by its own mass."""
-
-_DIFFERENT, _DRIFT = 0.02, 0.5
-"""The same payload looks different by this share of itself, and of the noise of a sample."""
-
-_YOUNG, _LOOK = 0.15, 0.1
-"""After one second an answer is good to this share of the payload, after two to half of it; s it is from at least."""
-
-
-@dataclass(frozen=True)
-class Contradiction:
-    """Newer samples against an answer.
-
-    Args:
-        log_odds: of another payload against the same one.
-        mass: of the other one, kg.
-        surprise: standard deviations by which its worst block differs from it.
-        fits: the means of all blocks are as close to it as those of a payload without contact, see `MeanCheck`.
-    """
-
-    log_odds: float
-    mass: float
-    surprise: float
-    fits: bool
+_MOST_REJECTED = 0.2
+"""Share of the samples with which a bias is still that of the sensor; a press and an arm that is shaken give it."""
 
 
 class PosteriorSearch:
@@ -148,31 +124,21 @@ class PosteriorSearch:
         added = lasting_covariance(used, sums, self.posterior.covariance, weight, variances)
         return np.asarray(known + added)
 
-    def contradiction(self, blocks: MomentBlocks) -> Contradiction:
-        """How much better another payload would explain blocks that came later.
-
-        The same payload may look a little different: biases drift, models of the motion err, and an inertia that was
-        learnt in slow motion is a guess, so that only mass and first moment count.
-        """
-        moments = mixed_blocks(self._at_delay, blocks)
-        total, count = moments.sum(axis=0), float(self._at_delay @ blocks.counts.sum(axis=0))
-        normal = normal_equations(total, count, self._residual_covariance, self.noise)
-        mass = float(self._phi[0])
-        units = np.array([1.0] + [REACH] * 3 + [REACH**2] * 6)
-        change = max(_HEAVY, mass) * units
-        drift = _DRIFT * self.noise.wrench * np.sqrt(np.repeat(self._sample * self.slow, 3))
-        seconds = max((self.blocks.end[-1] - self.blocks.start[0]) * 1e-9, _LOOK)
-        different = max(_DIFFERENT, _YOUNG / seconds) * mass
-        slack = np.concatenate([different * units[:4], change[4:], drift])
-        change = np.concatenate([change[:4], np.zeros(12)])
-        gradient = normal.vector - normal.information @ self.posterior.unknowns
-        expected = self.covariance + np.diag(slack**2)
-        same, _ = _explained(expected, normal.information, gradient)
-        other, step = _explained(expected + np.diag(change**2), normal.information, gradient)
-        unknowns = self.posterior.unknowns + step
-        left = residuals(moments, blocks.sizes, unknowns, self._residual_covariance)
-        fits = MeanCheck(left.means, blocks.sizes, self.noise).distances(unknowns) < LIMIT
-        return Contradiction(other - same, float(unknowns[0]), float(left.surprise.max()), bool(fits.all()))
+    @property
+    def expectation(self) -> Expectation:
+        """What newer samples of the same payload are compared with."""
+        rejected = int(self.blocks.sizes[~self.keep].sum())
+        return Expectation(
+            stamp=int(self.blocks.end[-1]),
+            seconds=float(self.blocks.end[-1] - self.blocks.start[0]) * 1e-9,
+            unknowns=self.posterior.unknowns,
+            covariance=self.covariance,
+            noise=self.noise,
+            inflation=self._sample * self.slow,
+            residual=self._residual_covariance,
+            lags=self._at_delay,
+            touched=rejected > _MOST_REJECTED * self.blocks.sizes.sum(),
+        )
 
     @property
     def judged(self) -> MeanCheck:
@@ -185,7 +151,7 @@ class PosteriorSearch:
         distances = check.distances(unknowns)
         if not check.doubted(distances):
             return None
-        moments = mixed_blocks(self._at_delay, self.blocks)
+        moments = self.blocks.mixed(self._at_delay)
         return consistent_part(MomentMeans.of(moments, check), unknowns, distances)
 
     @property
@@ -256,7 +222,7 @@ class PosteriorSearch:
         """What the answer leaves of each block."""
         unknowns = self.posterior.unknowns
         self.found = residuals(
-            mixed_blocks(self._at_delay, self.blocks), self.blocks.sizes, unknowns, self._residual_covariance
+            self.blocks.mixed(self._at_delay), self.blocks.sizes, unknowns, self._residual_covariance
         )
 
     def _judge(self) -> bool:
@@ -276,20 +242,6 @@ class PosteriorSearch:
         if other_blocks or other_noise:  # a hypothesis that was dropped may have been dropped for noise
             self.average.consider()
         return other_blocks or other_noise
-
-
-def mixed_blocks(weights: Array, blocks: MomentBlocks) -> Array:
-    """(B, 19, 19) sums of blocks, for one delay."""
-    moments = blocks.moments
-    rows = moments.reshape(*moments.shape[:2], -1)
-    return np.asarray((weights @ rows).reshape(-1, *moments.shape[2:]))
-
-
-def _explained(covariance: Array, information: Array, gradient: Array) -> tuple[float, Array]:
-    """Log evidence of a deviation from an answer that is uncertain by (16, 16), and the deviation (16,)."""
-    system = np.eye(16) + covariance @ information
-    step = np.asarray(np.linalg.solve(system, covariance @ gradient), dtype=np.float64)
-    return float(gradient @ step - np.linalg.slogdet(system)[1]) / 2, step
 
 
 def _differ(one: Array, other: Array) -> bool:

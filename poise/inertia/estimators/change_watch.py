@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from poise.inertia.bayes import LOAD_ACCURACY, ContinuousEstimator, PayloadChange, sample_rows
+from poise.inertia.bayes import LOAD_ACCURACY, ContinuousEstimator, PayloadChange, PayloadDoubt, sample_rows
 from poise.inertia.estimators.accelerometer import OFFSET_SPREAD, Accelerometer
 from poise.inertia.estimators.entry import EstimatorEntry
+from poise.inertia.estimators.noise import NoiseMeter
 from poise.inertia.estimators.streaming import Prior, SampleEvidence
 from poise.inertia.model import InertialSolution, NoiseLevels, Parts
 from poise.robot import SensorMotion
@@ -19,21 +20,22 @@ _REACH = 0.1
 """m from the sensor, where payloads have their centre of mass."""
 
 WATCH_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05)
-"""The levels that changes are judged by where none are given: those of a usual arm, its sensor zeroed."""
+"""The levels that changes are judged by where none are given and too few samples show them."""
 
 
 class ChangeWatch:
     """`ContinuousEstimator` as a `StreamingEstimator`.
 
     Args:
-        prior: what is known before the first sample; its noise has no NaN.
+        prior: what is known before the first sample; samples show the noise where it is NaN.
     """
 
     def __init__(self, prior: Prior) -> None:
         self._given = prior
         limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
         options = prior.options | {"load_accuracy": LOAD_ACCURACY} | limits
-        self._estimator = ContinuousEstimator(prior.parts, prior.noise, **options)
+        self._estimator = ContinuousEstimator(prior.parts, prior.noise.filled(WATCH_NOISE), **options)
+        self._meter = NoiseMeter()
         self._parts = prior.parts
         self._n_changes = 0
 
@@ -50,6 +52,11 @@ class ChangeWatch:
         """Nothing is held, as far as is known."""
         mass = self._estimator.mass
         return mass is not None and mass < _EMPTY_HAND
+
+    @property
+    def doubt(self) -> PayloadDoubt | None:
+        """What else may be held than what is estimated; None: nothing."""
+        return self._estimator.doubt
 
     def hold(self, parts: Parts) -> None:
         """Set the shape of the payload; soon after a change."""
@@ -71,6 +78,8 @@ class ChangeWatch:
 
     def add(self, motion: SensorMotion, wrench: Array) -> None:
         """See `StreamingEstimator`."""
+        self._meter.add(wrench)
+        self._estimator.believe(self._given.noise.filled(self._meter.levels(None, WATCH_NOISE)))
         self._estimator.add_rows(motion.stamps, sample_rows(motion, wrench, self._given.gravity))
 
     def solve(self, evidence: SampleEvidence) -> InertialSolution:

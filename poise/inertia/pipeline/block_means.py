@@ -106,7 +106,7 @@ def block_means(motion: SensorMotion, wrench: Array, gravity: Array, delay: floa
     first = np.flatnonzero(np.diff(number, prepend=-1))
     sizes = np.diff(np.append(first, len(stamps)))
     mean = np.add.reduceat(signals, first) / sizes[:, None]
-    turning = np.add.reduceat(np.sum(motion.angular_velocity_in_sensor**2, axis=1), first) / sizes
+    turning = mean[:, [6, 9, 11]].sum(axis=1)  # of omega omega
     jumps = np.diff(wrench, axis=0)
     white = np.median(np.abs(jumps), axis=0).reshape(2, 3).mean(axis=1) / (0.6745 * np.sqrt(2)) if len(jumps) else 0.0
     least = np.array([LEAST_NOISE.force, LEAST_NOISE.torque])
@@ -231,6 +231,9 @@ class _Layout:
         counts = [int(term.labels.max()) + 1 for term in terms]
         self.spread = np.concatenate([np.tile(term.spread, count) for term, count in zip(terms, counts, strict=True)])
         self._matrix = np.concatenate([term.matrix for term in terms], axis=2)
+        _, kinds = np.unique(np.stack([term.labels for term in terms], axis=1), axis=0, return_inverse=True)
+        self._alike = [np.flatnonzero(kinds == kind) for kind in range(int(kinds.max()) + 1)]
+        """Blocks with the same unknowns."""
         first = np.cumsum([0, *(len(term.spread) * count for term, count in zip(terms, counts, strict=True))])
         self._rows = np.concatenate(
             [
@@ -242,11 +245,12 @@ class _Layout:
 
     def normal(self, wrench: Array, weight: Array) -> tuple[Array, Array]:
         """(P, P) and (P,) of the wrenches (B, 6) with weights (B, 6)."""
-        design = self._matrix * weight[:, :, None]
-        back = design.swapaxes(1, 2)
+        design, right = self._matrix * weight[:, :, None], wrench * weight
         information, vector = np.zeros((len(self.spread), len(self.spread))), np.zeros(len(self.spread))
-        np.add.at(information, (self._rows[:, :, None], self._rows[:, None, :]), back @ design)
-        np.add.at(vector, self._rows, (back @ (wrench * weight)[:, :, None])[:, :, 0])
+        for some in self._alike:
+            where, rows = self._rows[some[0]], design[some].reshape(-1, design.shape[2])
+            information[np.ix_(where, where)] += rows.T @ rows
+            vector[where] += rows.T @ right[some].ravel()
         return information, vector
 
     def predicted(self, unknowns: Array) -> Array:

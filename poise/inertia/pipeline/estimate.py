@@ -1,10 +1,12 @@
 """The result of an identification: the payload with its covariance, and the samples that it rests on."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.errors import ErrorCode
+from poise.inertia.bayes import PayloadDoubt
 from poise.inertia.estimators import AccelerometerErrors
 from poise.inertia.model import (
     EstimateFinding,
@@ -16,6 +18,9 @@ from poise.inertia.model import (
 from poise.inertia.verdict import FitSamples, FitVerdict
 from poise.robot import SensorMotion
 from poise.types import Array
+
+_APART = 3.0
+"""Standard deviations from which on another payload is worth a finding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +134,22 @@ class InertialEstimate:
             fit=fit,
             samples=samples,
         )
+
+    def doubted(self, doubt: PayloadDoubt | None) -> "InertialEstimate":
+        """With the uncertainty that another payload may be held; a finding says so if it is notable."""
+        if doubt is None:
+            return self
+        covariance = self.covariance + doubt.spread(self.phi)
+        apart = float(abs(doubt.phi[0] - self.parameters.mass))
+        if apart < _APART * self.mass_std:
+            return replace(self, covariance=covariance)
+        sentence = (
+            f"the newest samples may be of a payload of {doubt.phi[0]:.4f} kg instead of {self.parameters.mass:.4f} kg,"
+            " or something else touches it; the uncertainty covers both: turn the load in free space"
+        )
+        evidence = {"other_mass": float(doubt.phi[0]), "probability": doubt.probability}
+        found = EstimateFinding(ErrorCode.IN_CONTACT, sentence, evidence)
+        return replace(self, covariance=covariance, findings=(*self.findings, found))
 
     @property
     def mass_std(self) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
-from poise.geometry import STANDARD_GRAVITY, Pose
+from poise.geometry import STANDARD_GRAVITY, Pose, are_rotations
 from poise.inertia.bayes import SHAPE_ACCURACY, PayloadChange
 from poise.inertia.estimators import AUTO, DEFAULT_METHOD, check_method, estimator_named
 from poise.inertia.model import UNKNOWN_NOISE, NoiseLevels, Parts
@@ -106,7 +106,8 @@ class LiveEstimator:
         """Joint states that wait for a robot description."""
         self._recent_joints: deque[tuple[int, Sequence[str], ArrayLike, ArrayLike]] = deque(maxlen=_RECENT)
         self._odometry: deque[tuple[int, Array, Array]] = deque(maxlen=_RECENT)
-        self._base_moves = False
+        self.base_moves, self.invalid_odometry = False, 0
+        """Odometry has shown motion and is needed from then on; poses of it that were left out."""
         self.heard: dict[str, float] = {}
         """When a wrench and usable kinematics came last."""
         self._wrench_frame = ""
@@ -140,9 +141,11 @@ class LiveEstimator:
         self._flushed = False
 
     def set_robot_description(self, text: str, now: float) -> None:
-        """Take a URDF; another one than before starts the estimate afresh."""
+        """Take a URDF. Another one than before starts the estimate afresh; an invalid one raises InputError."""
         if text == self._description or self.options.motion_source == _FRAMES:
             return
+        if self.joints is not None:
+            RobotModel.from_urdf(text, self.sensor_frame)
         self._description = text
         if self._uses(self.joints):
             self.estimator = None
@@ -166,21 +169,22 @@ class LiveEstimator:
                 self._choose(self.joints)
 
     def add_odometry(self, stamp: int, rotation: ArrayLike, translation: ArrayLike, now: float) -> None:
-        """Take the pose of the root link in the world, (3, 3) and (3,) m.
-
-        As in a recording, odometry counts once it shows motion that the joint states do not contain.
-        """
+        """Take the pose of the root link in the world, (3, 3) and (3,) m; it counts once it shows motion."""
         if self.options.motion_source == _FRAMES:
             return
         turn, shift = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
+        if not (are_rotations(turn) and np.isfinite(shift).all()):
+            self.invalid_odometry += 1
+            return
+        self.heard["odometry"] = now
         self._odometry.append((stamp, turn, shift))
-        if self._base_moves:
+        if self.base_moves:
             if self.joints is not None:
                 self.joints.add_odometry([stamp], turn[None], shift[None])
             return
         _, first_turn, first_shift = self._odometry[0]
-        self._base_moves = not (np.array_equal(turn, first_turn) and np.array_equal(shift, first_shift))
-        if self._base_moves and self.joints is not None:
+        self.base_moves = not (np.array_equal(turn, first_turn) and np.array_equal(shift, first_shift))
+        if self.base_moves and self.joints is not None:
             self.early_joints.extend(self._recent_joints)
             self._recent_joints.clear()
             self.joints = None
@@ -250,6 +254,10 @@ class LiveEstimator:
         """Forget all samples: another payload, of this shape in the sensor frame; None: not known."""
         self._early.clear()
         self.parts = parts
+        if self.base_moves:  # until odometry shows motion again
+            self.base_moves, self.joints, self.estimator = False, None, None
+            self._odometry.clear()
+            self._read_description(0.0)
         if self.estimator is not None:
             self.estimator.reset(parts)
 
@@ -332,14 +340,14 @@ class LiveEstimator:
             return
         try:
             robot = RobotModel.from_urdf(self._description, self.sensor_frame)
-            if self._base_moves:
+            if self.base_moves:
                 robot = robot_on_odometry(robot, self._description, self._has_joints)
             self.joints = JointSource(robot)
             self.problem = None
         except InputError as error:
             self.problem = error
             return
-        if self._base_moves:
+        if self.base_moves:
             for stamp, turn, shift in self._odometry:
                 self.joints.add_odometry([stamp], turn[None], shift[None])
         while self.early_joints:

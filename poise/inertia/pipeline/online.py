@@ -13,7 +13,6 @@ from poise.inertia.bayes import SHAPE_ACCURACY, PayloadChange
 from poise.inertia.estimators import (
     DEFAULT_METHOD,
     WATCH,
-    WATCH_NOISE,
     Accelerometer,
     ChangeWatch,
     EstimatorEntry,
@@ -141,7 +140,7 @@ class OnlineEstimator:
     def _begin(self, method: str, prior: Prior) -> None:
         self._running = EstimatorGroup(method, self._pipeline, prior)
         if self._continuous:
-            self._watch = self._pipeline(WATCH, replace(prior, noise=prior.noise.filled(WATCH_NOISE)))
+            self._watch = self._pipeline(WATCH, prior)
 
     def change_source(self, source: MotionSource) -> None:
         """Take the motion from another source from now on; estimates and waiting wrenches stay."""
@@ -288,6 +287,8 @@ class OnlineEstimator:
             found = watch.estimate(self.frame_id)
         else:
             found = running.estimate(self.frame_id)
+        if self._changes is not None:
+            found = found.doubted(self._changes.doubt)
         if not self.foreign_wrenches:
             return found
         return replace(found, findings=(*found.findings, _foreign_frames(self.foreign_wrenches, self.frame_id)))

@@ -43,6 +43,13 @@ def _judge(live: LiveEstimator, now: float) -> tuple[Level, str]:
         return Level.ERROR, "the wrenches name no frame: set the parameter sensor_frame" + f", of {there}" * bool(there)
     if live.problem is not None and live.estimator is None:
         return Level.ERROR, live.problem.message
+    odometry = live.heard.get("odometry")
+    if live.base_moves and odometry is not None and now - odometry > _SILENCE:
+        return (
+            Level.ERROR,
+            f"no odometry for {now - odometry:.1f} s, and the base has moved: publish odom, or call reset_estimate when"
+            " the base stands",
+        )
     if kinematics is None:
         return Level.ERROR, _no_kinematics(live)
     if now - wrench > _SILENCE:
@@ -96,6 +103,7 @@ def _values(live: LiveEstimator, now: float) -> dict[str, str]:
         "wrenches_of_other_frames": str(live.foreign_wrenches.total()),
         "joint_states_of_others": str(live.joints.foreign if live.joints else 0),
         "kinematics_not_finite": str(live.frames.not_finite + (live.joints.not_finite if live.joints else 0)),
+        "invalid_odometry": str(live.invalid_odometry),
         "clock_jumps": str(live.estimator.clock_jumps if live.estimator else 0),
     }
     if live.problem is not None:

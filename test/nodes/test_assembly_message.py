@@ -1,0 +1,70 @@
+"""Assemblies as messages: what is not given is never taken as zero, and every default is stated."""
+
+import math
+
+import numpy as np
+import pytest
+from assembly_calls import CUBE, FLOOR, FRAME, LID, message
+from geometry_msgs.msg import Vector3
+
+from poise.assembly import Analysis, Assembly, FrictionPair, RigidObject
+from poise.errors import ErrorCode, InputError
+from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of
+from poise_msgs.msg import Assembly as AssemblyMessage
+
+KNOWN = RigidObject("cube", CUBE.shape, CUBE.pose, mass=1.0, com=np.array([0.0, 0.1, 0.2]), inertia=0.2 * np.eye(3))
+
+
+def test_a_new_message_gives_neither_friction_nor_gravity_nor_com_nor_inertia():
+    new = AssemblyMessage(objects=message(CUBE).objects)
+    assert new.friction == -1.0
+    with pytest.raises(InputError, match="gravity is not given"):
+        assembly_of(new)
+    new.gravity.z = -9.81
+    there = assembly_of(new)
+    assert (there.friction, there.objects[1].com, there.objects[1].inertia) == (None, None, None)
+    with pytest.raises(InputError, match="friction of floor and cube is not given") as raised:
+        Analysis.of(there)
+    assert raised.value.code == ErrorCode.BAD_INPUT
+    new.friction_pairs = assembly_message(
+        Assembly((FLOOR, CUBE), friction_pairs=(FrictionPair(("floor", "cube"), 0.3),)), FRAME
+    ).friction_pairs
+    assert Analysis.of(assembly_of(new)).structure.interfaces[0].friction == 0.3
+
+
+def test_an_unset_com_is_the_centroid_and_zero_is_zero_when_it_is_given():
+    sent = message(KNOWN).objects[1]
+    assert (sent.com_given, sent.inertia_given) == (True, True)
+    there = message(CUBE)
+    there.objects[1].com_given = True
+    with pytest.raises(InputError, match=r"com: .* not finite"):  # as a scene without a centre of mass sends it
+        assembly_of(there)
+    there.objects[1].inertia.com = Vector3()
+    assert assembly_of(there).objects[1].com.tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "value"), [("com", "y", 0.1), ("com", "x", math.inf), ("inertia", "ixx", 1.0)]
+)
+def test_a_value_without_its_flag_is_refused(name, entry, value):
+    there = message(CUBE)
+    inertia = there.objects[1].inertia
+    setattr(inertia.com if name == "com" else inertia, entry, value)
+    with pytest.raises(InputError, match=f"object cube: {name} is .* but {name}_given is false") as raised:
+        assembly_of(there)
+    assert raised.value.code == ErrorCode.BAD_INPUT
+
+
+def test_every_default_is_stated_and_many_are_counted():
+    assert assumptions_of(Assembly((FLOOR, KNOWN))) == []
+    assert assumptions_of(Assembly((FLOOR, KNOWN, LID))) == [
+        "lid: com not given; taken at the centroid",
+        "lid: inertia not given; taken as that of uniform density",
+    ]
+    many = [RigidObject(f"c{i}", CUBE.shape, CUBE.pose, mass=1.0, inertia=np.eye(3)) for i in range(20)]
+    assert assumptions_of(Assembly((FLOOR, *many)))[-1] == "12 more objects: com not given; taken at the centroid"
+
+
+def test_friction_that_is_not_given_survives_the_message():
+    there = Assembly((FLOOR, CUBE), friction=None, friction_pairs=(FrictionPair(("floor", "cube"), 0.3),))
+    assert assembly_of(assembly_message(there, FRAME)).friction is None
