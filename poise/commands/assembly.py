@@ -76,16 +76,13 @@ def robustness(
     analysis = open_scene(scene)
     if surface:
         found_map = robustness_map(analysis, points, tolerance, model, _MAP_SECONDS if deadline is None else deadline)
-        target = json_target or f"{scene.stem}_map.json"
-        write_json(target, _map_json(found_map))
-        _print_map(found_map, target, json_target)
+        _print_map(found_map, json_target or f"{scene.stem}_map.json", json_target)
         draw_map(found_map, picture, rerun, json_target)
         return
     pushes = [] if queries is None else read_pushes(queries)
     start = time.perf_counter()
     found = assess(analysis, pushes, model, deadline)
-    seconds = time.perf_counter() - start
-    write_json(json_target, _assessment_json(analysis, found, model, seconds))
+    write_json(json_target, _assessment_json(analysis, found, model, time.perf_counter() - start))
     _print_assessment(found, pushes, json_target)
     if not found.complete:
         warn(_LATE)
@@ -250,6 +247,7 @@ def _print_assessment(found: Assessment, pushes: list[Question], json_target: st
 
 
 def _print_map(found: RobustnessMap, target: str, json_target: str | None) -> None:
+    write_json(target, _map_json(found))
     people = console(json_target)
     if not len(found.upper):
         raise NoAnswerError(ErrorCode.EMPTY, "the scene has no movable surface to push")

@@ -23,7 +23,7 @@ def row(inside, size=(0.2, 0.1, 0.1), count=3, gap=0.0):
 
 @pytest.mark.parametrize("inside", [0.003, 0.01])
 def test_an_outer_brick_topples_over_the_edge_as_if_it_were_alone(inside):
-    """g times (distance of its centre from the edge) / (its height above it); limit analysis allows up to 5 times more."""
+    """g times (distance of its centre from the edge) / (its height above it); limit analysis allows 5 times as much."""
     found = acceleration_limits(row(inside), ALONG, turning=False)
     assert found.limits == pytest.approx([G * inside / 0.05] * 2, rel=0.02)
     assert not found.doubtful.any()
