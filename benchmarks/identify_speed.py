@@ -9,10 +9,13 @@ report. Exits with 1 when the median misses the goal. Writes out/benchmarks/iden
 
 import argparse
 import json
+import os
 import sys
 import tempfile
 import time
 from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as `poise` does
 
 import numpy as np
 from rich.console import Console

@@ -16,13 +16,16 @@ from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_of
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.payload import weighed
+from poise.nodes.payload import require_usable, weighed
+from poise.nodes.request_checks import check_assembly
 from poise.nodes.runtime import LATCHED, guarded, run, to_message
 from poise.recording import stamp_of
 from poise_msgs.msg import AccelerationLimits as AccelerationLimitsMessage
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import InertialEstimate, ObjectIds
 
+_MOST, _MOST_SPEED = 1e6, 1e3
+"""m/s2 or rad/s2, and rad/s, above which limits are sent as these."""
 _TURN_STEP, _TILT_STEP = 0.01, 0.002
 """Changes of rad/s or rad/s2, and of rad, below which nothing is published again."""
 
@@ -41,6 +44,7 @@ ACCELERATION_LIMITS_PARAMETERS = (
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),
     Parameter("payload", "", "id of the object that gets the payload of inertial_estimate; empty: none"),
+    Parameter("payload_age", 5.0, "age of its newest sample up to which an estimate is used, s", (0.1, 1e6)),
     Parameter("payload_pose", [0.0] * 6 + [1.0], "pose x y z qx qy qz qw of that object in the sensor's frame"),
 )
 
@@ -76,13 +80,22 @@ class AccelerationLimitsNode(Node):
         self._frame_id = message.header.frame_id
         self._structure = self._published = None
         try:
+            check_assembly(message)
             self._structure = Structure.of(assembly_of(message, self._folders))
         except PoiseError as error:
             self._publisher.publish(self._message(error))
 
     def _on_estimate(self, message: InertialEstimate) -> None:
-        if message.error.code == ErrorCode.OK:
-            self._estimate, self._published = message, None
+        """Keep the weight of the payload as it was when it was grasped last.
+
+        What the hand weighs after the payload has changed (`since` moves on) is another one, or none.
+        """
+        kept = self._estimate
+        if message.error.code != ErrorCode.OK or (kept is not None and message.since != kept.since):
+            return
+        age = (self.get_clock().now().nanoseconds - stamp_of(message)) * 1e-9
+        require_usable(message, age, self._values["payload_age"])
+        self._estimate, self._published = message, None
 
     def _on_odom(self, message: Odometry) -> None:
         stamp = stamp_of(message)
@@ -153,14 +166,17 @@ class AccelerationLimitsNode(Node):
                 message.doubtful = [False] * count
             return message
         left = limits.while_turning(base.speed, base.acceleration)
-        message.azimuths, message.limits = _azimuths(len(left.limits)), left.limits.tolist()
+        message.azimuths, message.limits = _azimuths(len(left.limits)), np.minimum(left.limits, _MOST).tolist()
         message.tilts = limits.tilts(self._gravity).tolist()
         message.first_to_move = [ObjectIds(ids=list(names)) for names in limits.first_to_move]
-        message.doubtful = np.asarray(getattr(limits, "doubtful", np.zeros(len(limits.limits), dtype=bool))).tolist()
+        message.doubtful = limits.doubtful.tolist()
         message.normals = [Vector3(x=x, y=y, z=z) for x, y, z in left.normals.tolist()]
         message.offsets = left.offsets.tolist()
-        message.angular_acceleration, message.angular_speed = limits.angular_acceleration, limits.angular_speed
+        message.angular_acceleration = min(limits.angular_acceleration, _MOST)
+        message.angular_speed = min(limits.angular_speed, _MOST_SPEED)
         message.turning_speed, message.turning_acceleration = float(base.speed), float(base.acceleration)
+        if not all(value >= 0 for value in (*message.limits, message.angular_acceleration, message.angular_speed)):
+            raise PoiseError(ErrorCode.INTERNAL, "the limits contradict themselves and were withheld; please report it")
         return message
 
 

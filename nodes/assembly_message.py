@@ -237,7 +237,7 @@ def robustness_message(result: Robustness) -> RobustnessMessage:
         upper=float(result.upper),
         mode=_MODES[result.mode],
         checked=bool(result.checked),
-        doubtful=bool(getattr(result, "doubtful", False)),
+        doubtful=bool(result.doubtful),
         moves=list(result.moves),
     )
     for values in result.mechanism.tolist():

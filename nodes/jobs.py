@@ -1,8 +1,9 @@
-"""Long service calls: processed one at a time in a worker thread, answered when done, or refused."""
+"""Long service calls: taken in by the executor, processed by threads in the order of their deadlines, or refused."""
 
 import contextlib
+import heapq
+import itertools
 import os
-import queue
 import sys
 import threading
 import time
@@ -30,77 +31,143 @@ _CROWD = 4
 _THREAD = "poise jobs"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
+class Task:
+    """What a call asks for.
+
+    Args:
+        work: `work(job, thread)` returns the response; what it raises becomes the response's error.
+        heavy: it may take long: one thread is kept free of such tasks when there are several threads.
+        alone: no other task with this mark runs at the same time.
+        size: bytes that it keeps while it waits.
+    """
+
+    work: Callable[["Job", int], Any]
+    heavy: bool = False
+    alone: bool = False
+    size: int = 0
+
+
+@dataclass(eq=False)
 class Job:
     """One call that waits or is processed.
 
     Args:
-        work: fills a response; an error it raises becomes the response's code.
-        kind: of the service.
-        due: when the caller is answered DEADLINE, done or not; on the monotonic clock, s.
+        kind: of the service; None: nothing waits for an answer.
+        deadline: of the computation; on the monotonic clock, s.
+        task: what it asks for.
+        complete: called with each response that refuses it.
         answer: of the caller.
     """
 
-    work: Callable[[Any], None]
     kind: Any
-    due: float
+    deadline: float
+    task: Task | None = None
+    complete: Callable[[Any], None] | None = None
     answer: "Future[Any]" = field(default_factory=Future)
+    _claimed: bool = False
+    _lock: Any = field(default_factory=threading.Lock)
+
+    @property
+    def due(self) -> float:
+        """When the caller is answered DEADLINE, done or not."""
+        return self.deadline + ANSWER_GRACE
+
+    def claim(self) -> bool:
+        """Whether the caller still waits; if so, only `finish` answers from now on, so that a change can be made."""
+        with self._lock:
+            if self.answer.done():
+                return False
+            self._claimed = True
+            return True
 
     def finish(self, response: Any) -> None:
         """Answer, unless it was answered before."""
         with contextlib.suppress(InvalidStateError):
             self.answer.set_result(response)
 
-    def refuse(self, code: ErrorCode, message: str) -> None:
-        """Answer with an error."""
+    def refuse(self, code: ErrorCode, message: str, by_clock: bool = False) -> None:
+        """Answer with an error; by the clock only what has not been claimed."""
+        if self.kind is None:
+            return
         response = self.kind.Response()
         response.error.code, response.error.message = int(code), message
-        self.finish(response)
+        if self.complete is not None:
+            self.complete(response)
+        with self._lock:
+            if not (by_clock and self._claimed):
+                self.finish(response)
 
 
 class Jobs:
-    """A worker thread that runs one job at a time, so that shared data needs no locks.
+    """Threads that process calls, the one with the earliest deadline first.
 
     Every call gets exactly one answer: the work's, BUSY when too many wait, DEADLINE when it is still not done a while
-    after that (one long solve cannot be interrupted), CANCELLED when the node goes.
+    after that, CANCELLED when the node goes. rclpy does not say who calls. Therefore heavy and other calls are kept
+    apart: each kind has its own queue, and the first thread takes no heavy ones unless it is the only one.
 
     Args:
         node: whose services these are.
         most: calls that may wait.
+        most_heavy: heavy calls that may wait; None: as many as `most`.
+        threads: that process calls; with one, shared data needs no locks.
+        most_bytes: of the calls that wait.
     """
 
-    def __init__(self, node: Node, most: int) -> None:
-        self._node = node
-        self._waiting: queue.Queue[Job | None] = queue.Queue(most)
+    def __init__(
+        self, node: Node, most: int, most_heavy: int | None = None, threads: int = 1, most_bytes: float = float("inf")
+    ) -> None:
+        self._node, self.most = node, most
+        self._most = {False: most, True: most if most_heavy is None else most_heavy}
+        self._most_bytes = most_bytes
+        self._waiting: dict[bool, list[tuple[float, int, Job]]] = {False: [], True: []}
+        self._bytes = 0
+        self._counter = itertools.count()
+        self._changed = threading.Condition()
+        self._idle = [True] * threads
+        self._alone = self._closed = False
         self._open: set[Job] = set()
         self._answers = Answers(node, _THREAD)
         node.create_timer(_STEP, self._answer_overdue)
-        self._thread = threading.Thread(target=self._run, name=_THREAD, daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=self._run, args=(number,), name=_THREAD, daemon=True) for number in range(threads)
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def serve(
-        self, kind: Any, name: str, work: Callable[[Any, Any, float], None], seconds: Callable[[Any], float]
+        self,
+        kind: Any,
+        name: str,
+        task: Callable[[Any], Task],
+        seconds: Callable[[Any], float],
+        complete: Callable[[Any], None] | None = None,
     ) -> None:
         """Create a service.
 
         Args:
             kind: its type; responses have a field `error`.
             name: of the service.
-            work: `work(request, response, deadline)` fills the response, in the thread, by a moment of the monotonic
-                clock; what it raises becomes the response's error.
+            task: called in the executor with a request; an error that it raises is answered at once.
             seconds: that a request allows for it.
+            complete: called with each response that refuses a call.
         """
 
         def receive(request: Any, _: Any) -> "Future[Any]":
-            deadline = time.monotonic() + seconds(request)
-            job = Job(lambda response: work(request, response, deadline), kind, deadline + ANSWER_GRACE)
-            job.answer.add_done_callback(lambda _: self._open.discard(job))
-            self._open.add(job)
+            arrived = time.monotonic()
             self._answers.note_call()
+            job = Job(kind, arrived, complete=complete)
+            self._open.add(job)
+            job.answer.add_done_callback(lambda _: self._open.discard(job))
             try:
-                self._waiting.put_nowait(job)
-            except queue.Full:
-                job.refuse(ErrorCode.BUSY, f"{self._waiting.maxsize} calls wait already; call again later")
+                job.deadline = arrived + seconds(request)
+                job.task = task(request)
+            except Exception as error:
+                known = self._reported(error)
+                job.refuse(known.code, known.message)
+                return job.answer
+            if reason := self._refusal(job):
+                job.refuse(ErrorCode.BUSY, f"{reason}; call again later")
             return job.answer
 
         service = self._node.create_service(kind, name, receive, qos_profile=_SERVICE_QOS)
@@ -116,53 +183,110 @@ class Jobs:
     def _crowded(self) -> bool:
         return len(self._open) >= _CROWD
 
+    @property
+    def state(self) -> dict[str, int]:
+        """How many calls wait and run, by name."""
+        with self._changed:
+            waiting, heavy = len(self._waiting[False]), len(self._waiting[True])
+            return {"waiting": waiting, "waiting_heavy": heavy, "running": self._idle.count(False)}
+
     def do(self, work: Callable[[], None]) -> bool:
         """Run `work` between the calls; False when too many calls wait."""
-        try:
-            self._waiting.put_nowait(Job(lambda _: work(), None, float("inf")))
-        except queue.Full:
-            return False
-        return True
+        return self.add(Task(lambda *_: work()), float("inf"))
+
+    def add(self, task: Task, seconds: float) -> bool:
+        """Run a task for which nothing waits, within a time, s; False when too many calls wait."""
+        return not self._refusal(Job(None, time.monotonic() + seconds, task))
 
     def close(self) -> None:
-        """Answer CANCELLED to waiting calls and end the thread; a running job ends by itself or with the process."""
+        """Answer CANCELLED to waiting calls and end the threads; running jobs end by themselves or with the process."""
         for job in list(self._open):
             job.refuse(ErrorCode.CANCELLED, "the node shuts down; call again when it is back")
-        with contextlib.suppress(queue.Empty):
-            while True:
-                self._waiting.get_nowait()
-        self._waiting.put(None)
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
         self._answers.close()
-        self._thread.join(1.0)
+        for thread in self._threads:
+            thread.join(1.0)
 
-    def _run(self) -> None:
-        while (job := self._waiting.get()) is not None:
-            if job.answer.done():
-                continue
-            response = None if job.kind is None else job.kind.Response()
-            error = self._done(job, response)
-            if response is not None:
-                if error is not None:
-                    response.error.code, response.error.message = int(error.code), error.message
+    def _refusal(self, job: Job) -> str:
+        """Let a job wait; if it cannot, why."""
+        task = job.task
+        if task is None:
+            return "there is nothing to do"
+        with self._changed:
+            waiting = self._waiting[task.heavy]
+            if len(waiting) >= self._most[task.heavy]:
+                return f"{len(waiting)} calls wait already"
+            if self._bytes + task.size > self._most_bytes:
+                return f"calls of {self._bytes / 1e6:.0f} MB wait already"
+            self._bytes += task.size
+            heapq.heappush(waiting, (job.deadline, next(self._counter), job))
+            self._changed.notify_all()
+        return ""
+
+    def _take(self, number: int) -> Job | None:
+        """The next job for a thread; None to wait."""
+        if len(self._idle) == 1:
+            order = [False, True]
+        elif number == 0:
+            order = [False]
+        else:  # while a thread before this one is idle, that one takes what is not heavy: its caches are warm
+            order = [True] if any(self._idle[:number]) else [True, False]
+        for heavy in order:
+            waiting = self._waiting[heavy]
+            for entry in sorted(waiting) if self._alone else waiting[:1]:
+                job = entry[2]
+                if job.task is not None and not (job.task.alone and self._alone):
+                    waiting.remove(entry)
+                    heapq.heapify(waiting)
+                    return job
+        return None
+
+    def _run(self, number: int) -> None:
+        while True:
+            with self._changed:
+                while not self._closed and (job := self._take(number)) is None:
+                    self._changed.wait()
+                if self._closed:
+                    return
+                task = job.task
+                self._bytes -= task.size
+                self._idle[number] = False
+                self._alone |= task.alone
+                if any(self._waiting.values()):
+                    self._changed.notify_all()
+            try:
+                if not job.answer.done():
+                    self._answer(job, task, number)
+            finally:
+                with self._changed:
+                    self._idle[number] = True
+                    self._alone &= not task.alone
+                    self._changed.notify_all()
+
+    def _answer(self, job: Job, task: Task, number: int) -> None:
+        try:
+            response = task.work(job, number)
+        except Exception as error:
+            known = self._reported(error)
+            job.refuse(known.code, known.message)
+        else:
+            if job.kind is not None:
                 job.finish(response)
 
-    def _done(self, job: Job, response: Any) -> PoiseError | None:
-        """Run the work; return its error, None for success."""
-        try:
-            job.work(response)
-        except PoiseError as error:
-            return error
-        except Exception as error:
-            if rclpy.ok():
-                self._node.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=1.0)
-            return coded(error)
-        return None
+    def _reported(self, error: Exception) -> PoiseError:
+        """The error that the caller gets; an unexpected one is logged, too."""
+        if (not isinstance(error, PoiseError) or error.code == ErrorCode.INTERNAL) and rclpy.ok():
+            self._node.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=1.0)
+        return coded(error)
 
     def _answer_overdue(self) -> None:
         now = time.monotonic()
         for job in list(self._open):
             if now > job.due:
-                job.refuse(ErrorCode.DEADLINE, "the deadline passed before anything was certified; allow more time")
+                message = "the deadline passed before anything was certified; allow more time"
+                job.refuse(ErrorCode.DEADLINE, message, by_clock=True)
 
 
 def run_with_jobs(make_node: Callable[[], Node], args: list[str] | None = None) -> None:

@@ -9,10 +9,11 @@ from poise.nodes.clouds import point_cloud
 from poise_msgs.msg import ObjectIds
 from poise_msgs.msg import RobustnessMap as RobustnessMapMessage
 
-_POINT = np.dtype(
+MAP_POINT = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z", "normal_x", "normal_y", "normal_z")]
     + [("lower", "<f8"), ("upper", "<f8"), ("object", "<u4"), ("mover", "<i4"), ("doubtful", "u1")]
 )
+"""One point of the cloud."""
 
 
 def map_message(found: RobustnessMap, header: Any) -> RobustnessMapMessage:
@@ -28,7 +29,7 @@ def map_message(found: RobustnessMap, header: Any) -> RobustnessMapMessage:
     names = [found.moves(int(point)) for point in first]
     movers = sorted({ids for ids in names if ids})
     number = np.array([movers.index(ids) if ids else -1 for ids in names], dtype=np.int32)
-    rows = np.zeros(len(surface.points), _POINT)
+    rows = np.zeros(len(surface.points), MAP_POINT)
     for axis, place, direction in zip("xyz", surface.points.T, surface.directions.T, strict=True):
         rows[axis], rows[f"normal_{axis}"] = place, direction
     rows["lower"], rows["upper"], rows["doubtful"] = found.lower, found.upper, found.doubtful

@@ -33,7 +33,7 @@ class WatchLimits:
     """
 
     silence: float = 0.5
-    unattended: float = 0.5
+    unattended: float = 5.0
     over_speed: float = 1.5
     force: float = 0.0
     lead: float = 0.06

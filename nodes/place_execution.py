@@ -10,10 +10,12 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.geometry import Pose
 from poise.manipulation import (
     Arm,
     Gripper,
@@ -26,17 +28,21 @@ from poise.manipulation import (
     TransferExecution,
     TransferStep,
     plan_transfer,
+    pose_of,
     require_room,
+    se3_of,
     standing_at,
     steps_of,
     with_stops,
 )
 from poise.nodes.parameters import Parameter, declare_parameters
-from poise.nodes.runtime import LATCHED, coded, guarded
+from poise.nodes.runtime import LATCHED, TF_STATIC, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
+from poise.nodes.transforms import add_transforms
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, watch_limits
 from poise.placement import Options, Placement, PlacementPlanner, PlacementProgress
 from poise.recording import stamp_of
+from poise.robot import FrameTree
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
@@ -44,7 +50,7 @@ _ARM_TOPIC, _GRIPPER_TOPIC = "joint_trajectory", "gripper_trajectory"
 
 PLACE_EXECUTION_PARAMETERS = (
     Parameter("tcp_frame", "tcp", "execute: frame of robot_description between the finger tips, z out of the hand"),
-    Parameter("base", [0.0] * 4, "execute: pose of the robot's base in the assembly's frame, x y z m and yaw rad"),
+    Parameter("base", [0.0] * 4, "where tf has no base: its pose in the assembly's frame, x y z m and yaw rad"),
     Parameter("speed", 0.5, "execute: largest speed of the tool, m/s", (0.01, 2.0)),
     Parameter("ways_seconds", 10.0, "execute: time limit for planning paths of the arm, s", (0.1, 3600.0)),
     Parameter("arrival_tolerance", 0.003, "execute: largest error of a joint at the end of a motion, rad", (1e-5, 0.1)),
@@ -92,6 +98,7 @@ class Carrying:
         self.start: Array | None = None
         self._transfer: Transfer | None = None
         self._steps: tuple[TransferStep, ...] = ()
+        self._grasp: Pose | None = None
         self.playing: TransferExecution | None = None
 
     def found_start(self, now: float) -> bool:
@@ -133,7 +140,14 @@ class Carrying:
             if step.stops is not None:
                 self.robot.commanded.load(step.stops)
         self._transfer = transfer
+        self._grasp = pose_of(se3_of(item.pose) * transfer.grasp.object_tcp)
         return found
+
+    def planned(self) -> tuple[Pose | None, list[tuple[str, JointTrajectory]]]:
+        """The tool frame at the grasp, in the assembly's frame, and the motion of each stage; None before the plan."""
+        names = self._arm.joint_names
+        motions = [(step.name, trajectory_message(names, step.motion)) for step in self._steps if step.motion]
+        return self._grasp, motions
 
     def play(self, name: str, now: float) -> None:
         """Begin to move."""
@@ -179,9 +193,23 @@ class PlaceExecution:
             name: node.create_publisher(JointTrajectory, name, 10) for name in (_ARM_TOPIC, _GRIPPER_TOPIC)
         }
         node.create_subscription(String, "robot_description", guarded(node, self._on_description), LATCHED)
+        self._frames = FrameTree(one_parent=False, keep=False)
+        take = partial(add_transforms, self._frames)
+        node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
+        node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
 
-    def open(self, goal: WatchedGoal, watchdog: ProcessWatchdog) -> Carrying:
-        """Begin to listen for a goal, with the watchdog of its motions.
+    @property
+    def known(self) -> bool:
+        """There is a robot to plan for."""
+        return self._arm is not None
+
+    def to_plan(self, frame: str) -> Carrying:
+        """Begin to listen for a goal that is only planned; the assembly's frame."""
+        self._stand(frame)
+        return self._listen(RobotPort(self._arm, self._gripper, lambda *_: None, lambda _: None))
+
+    def open(self, goal: WatchedGoal, watchdog: ProcessWatchdog, frame: str) -> Carrying:
+        """Begin to listen for a goal, with the watchdog of its motions; the assembly's frame.
 
         Raises:
             InputError: ROBOT_DESCRIPTION_MISSING, or what is wrong with it; TOPIC_MISSING without controllers.
@@ -193,8 +221,23 @@ class PlaceExecution:
                 raise InputError(
                     ErrorCode.TOPIC_MISSING, f"no controller listens on {name}: remap it to the robot's, or start it"
                 )
+        self._stand(frame)
         robot = RobotPort(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip, watchdog)
         watchdog.watch(goal, self._arm.joint_names, watch_limits(self._node))
+        return self._listen(robot)
+
+    def pose(self, frame: str, reference: str) -> Pose | None:
+        """By tf; None when nothing joins the frames."""
+        return Pose.identity() if frame == reference else self._frames.pose(frame, reference)
+
+    def _stand(self, frame: str) -> None:
+        """The arm's base in a frame: by tf, or where tf does not have it, by the parameter."""
+        found = self._frames.pose(self._arm.model.frames[1].name, frame)
+        base = self._base if found is None else found
+        if not np.allclose(se3_of(base).homogeneous, self._arm.base.homogeneous, atol=1e-6):
+            self._arm = replace(self._arm, base=se3_of(base))
+
+    def _listen(self, robot: RobotPort) -> Carrying:
         self._listening = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, partial(_hear, robot)), 100
         )

@@ -12,6 +12,7 @@ from poise.assembly import Analysis, load_scene
 from poise.assembly.statics import analysis_after
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import package_file
+from poise.geometry import Pose
 from poise.manipulation import TransferExecution
 from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of, pose_message
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
@@ -77,11 +78,23 @@ class PlacementTask:
         self.abandoned = self.begun = self.done = False
         self.error: PoiseError | None = None
         self.assumptions: list[str] = []
+        self.remarks: list[str] = []
+        self.object_frame = Pose.identity()
 
     def report(self, progress: PlacementProgress) -> bool:
         """Called by the planner; False ends it."""
         self.progress = progress
         return not self.abandoned
+
+    @property
+    def moves(self) -> bool:
+        """The arm moves, too."""
+        return bool(self.goal.request.execute)
+
+    def without_arm(self, error: PoiseError) -> None:
+        """Plan the placement alone; the answer says why."""
+        self.carrying = None
+        self.remarks = [f"the motion of the arm is not planned: {error.message}"]
 
     @property
     def ready(self) -> bool:
@@ -162,7 +175,7 @@ class PlacementPlannerNode(ArmNode):
         if self._task is not None or self._waiting is not None:
             goal.execute(self._conclude_busy)
             return
-        self._waiting = goal, Readiness(min(self._values["ready_timeout"], goal.request.deadline or math.inf))
+        self._waiting = goal, Readiness(min(self._values["ready_timeout"], self._seconds(goal)))
         self._try(goal, self._waiting[1])
 
     def _try(self, goal: WatchedGoal, readiness: Readiness) -> None:
@@ -171,7 +184,7 @@ class PlacementPlannerNode(ArmNode):
             self._refuse(goal, _cancelled(goal))
             return
         try:
-            task = self._begin(goal)
+            task = self._begin(goal, readiness.begun)
         except Exception as failure:  # of any kind: the caller must get an answer
             error = coded(failure)
             if not readiness.may_change(error):
@@ -188,14 +201,17 @@ class PlacementPlannerNode(ArmNode):
     def _begin_to_plan(self) -> None:
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
 
-    def _begin(self, goal: WatchedGoal) -> PlacementTask:
-        """What the goal asks for.
+    def _seconds(self, goal: WatchedGoal) -> float:
+        return float(goal.request.deadline or self._values["deadline"])
+
+    def _begin(self, goal: WatchedGoal, accepted: float) -> PlacementTask:
+        """What the goal asks for, accepted at s of the monotonic clock.
 
         Raises:
             InputError: when it makes no sense, or there is no assembly.
         """
         request = goal.request
-        seconds = request.deadline or self._values["deadline"]
+        seconds = self._seconds(goal)
         if not 0 < seconds < math.inf:
             raise InputError(ErrorCode.BAD_INPUT, f"goal: deadline {request.deadline} s; give 0 for the node's")
         message = request.assembly[0] if request.assembly else self._heard
@@ -203,8 +219,20 @@ class PlacementPlannerNode(ArmNode):
             raise InputError(
                 ErrorCode.EMPTY, "no assembly has come on the topic assembly; publish it, or send it along"
             )
-        carrying = self._execution.open(goal, self.watchdog) if request.execute else None
-        return PlacementTask(goal, message, time.monotonic() + seconds, carrying)
+        frame, carrying = message.header.frame_id, None
+        with_arm = request.execute or (self._execution.known and request.object.pose != PoseMessage())
+        joined = self._execution.pose(request.object_frame_id or frame, frame) if with_arm else Pose.identity()
+        if joined is None:
+            raise InputError(
+                ErrorCode.FRAME_UNKNOWN, f"goal: tf does not connect {request.object_frame_id} with {frame}"
+            )
+        if request.execute:
+            carrying = self._execution.open(goal, self.watchdog, frame)
+        elif with_arm:
+            carrying = self._execution.to_plan(frame)
+        task = PlacementTask(goal, message, accepted + seconds, carrying)
+        task.object_frame = joined
+        return task
 
     def _tick(self) -> None:
         """Answer the goal when it ends; otherwise continue it and publish feedback."""
@@ -237,7 +265,7 @@ class PlacementPlannerNode(ArmNode):
             self._end(task, playing.error)
 
     def _await_plan(self, task: PlacementTask, now: float) -> None:
-        if task.done and (task.error is not None or task.carrying is None):
+        if task.done and (task.error is not None or not task.moves):
             self._end(task, task.error)
         elif task.goal.is_cancel_requested:
             self._end(task, _cancelled(task.goal))
@@ -246,8 +274,18 @@ class PlacementPlannerNode(ArmNode):
         elif now > task.due + ANSWER_GRACE:
             best = "the best so far comes along" if task.progress.best is not None else "nothing was found by then"
             self._end(task, NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed, and {best}; allow more time"))
-        elif not task.ready and task.carrying is not None and task.carrying.found_start(now):
+        elif not task.ready and task.carrying is not None and self._found_start(task, task.carrying, now):
             self._begin_to_plan()
+
+    def _found_start(self, task: PlacementTask, carrying: Carrying, now: float) -> bool:
+        """Whether it is known where the arm rests, or that the goal has to be planned without it."""
+        try:
+            return carrying.found_start(now)
+        except PoiseError as error:
+            if task.moves:
+                raise
+            task.without_arm(error)
+            return True
 
     def _stop_arm(self) -> None:
         if self._task is not None and self._task.carrying is not None:
@@ -285,10 +323,18 @@ class PlacementPlannerNode(ArmNode):
         if task.carrying is None:
             request.object.pose = PoseMessage()  # ignored
         item = object_of(request.object, self._folders)
+        item = replace(item, pose=task.object_frame @ item.pose)
         analysis = self._analysis(task.assembly)
         task.assumptions = assumptions_of(analysis.assembly.with_object(item))
         if task.carrying is not None:
-            return task.carrying.plan(self._planner, analysis, item, self._options, request.seed, task.due, task.report)
+            try:
+                return task.carrying.plan(
+                    self._planner, analysis, item, self._options, request.seed, task.due, task.report
+                )
+            except NoAnswerError as error:
+                if task.moves or error.code is not ErrorCode.UNREACHABLE:
+                    raise
+                task.without_arm(error)
         left = seconds_left(task.due, "the first pose")
         return self._planner.plan(analysis, item, replace(self._options, deadline=left), request.seed, task.report)
 
@@ -321,6 +367,11 @@ def _result(goal: WatchedGoal, error: PoiseError | None, task: PlacementTask | N
         result.seconds = task.seconds or time.monotonic() - task.accepted
         result.iterations, result.assumptions = task.progress.iteration, task.assumptions
         result.pose, result.robustness = task.best()
+        result.assumptions = [*result.assumptions, *task.remarks]
+        grasp, motions = (None, []) if task.carrying is None else task.carrying.planned()
+        if grasp is not None:
+            result.grasp.header.frame_id, result.grasp.pose = task.assembly.header.frame_id, pose_message(grasp)
+        result.stages, result.trajectories = [name for name, _ in motions], [motion for _, motion in motions]
     result.error = to_message(error)
     end_goal(goal, error is None)
     return result

@@ -25,7 +25,9 @@ class Readiness:
     """
 
     def __init__(self, patience: float) -> None:
-        self._until = time.monotonic() + patience
+        self.begun = time.monotonic()
+        """On the monotonic clock, s."""
+        self._until = self.begun + patience
 
     def may_change(self, error: PoiseError) -> bool:
         """Whether to try again later: the reason may go away, and there is time left."""

@@ -1,9 +1,13 @@
-"""From tf messages to a tree of frames."""
+"""From tf messages to a tree of frames, and messages into other frames of that tree."""
 
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import rotation_of_quaternion
+from poise.geometry import Pose, rotation_of_quaternion
 from poise.recording import stamp_of
 from poise.robot import FrameTree
 
@@ -32,3 +36,77 @@ def add_transforms(tree: FrameTree, message: TFMessage, fixed: bool = False) -> 
         tree.add(stamp, stamped.header.frame_id, stamped.child_frame_id, rotation, place, fixed=fixed)
     if wrong is not None:
         raise InputError(ErrorCode.NOT_FINITE, f"tf: the transform of {wrong} is not valid; it was left out")
+
+
+def pose_between(frames: FrameTree, frame: str, reference: str) -> Pose:
+    """The newest pose of a frame in another one.
+
+    Raises:
+        InputError: FRAME_UNKNOWN when tf does not connect them.
+    """
+    pose = Pose.identity() if frame == reference else frames.pose(frame, reference)
+    if pose is None:
+        raise InputError(
+            ErrorCode.FRAME_UNKNOWN,
+            f"tf does not connect {frame} with {reference}, the frame of the assembly: publish the missing transform, "
+            f"or send the poses in {reference}",
+        )
+    return pose
+
+
+def transform_objects(items: Iterable[Any], pose_reference_frame: Pose) -> None:
+    """Change the poses of objects (poise_msgs/AssemblyObject) in place: from a frame into the reference."""
+    for item in items:
+        set_pose(item.pose, pose_reference_frame @ pose_of(item.pose))
+
+
+def transform_pushes(pushes: Iterable[Any], pose_reference_frame: Pose) -> None:
+    """Change points and directions of pushes in place: from a frame into the reference."""
+    for push in pushes:
+        point, direction = push.point, push.direction
+        place = pose_reference_frame.apply(np.array([point.x, point.y, point.z]))
+        point.x, point.y, point.z = place.tolist()
+        turned = pose_reference_frame.rotation @ [direction.x, direction.y, direction.z]
+        direction.x, direction.y, direction.z = turned.tolist()
+
+
+def pose_of(message: Any) -> Pose:
+    """The pose in a geometry_msgs/Pose."""
+    place, turn = message.position, message.orientation
+    return Pose.from_vector([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w])
+
+
+def set_pose(message: Any, pose: Pose) -> None:
+    """Write a pose into a geometry_msgs/Pose."""
+    place, turn = message.position, message.orientation
+    place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w = pose.vector.tolist()
+
+
+def moved_poses(assembly: Any, frames: FrameTree, tolerance: float) -> dict[str, list[float]] | None:
+    """x y z qx qy qz qw of movable objects that tf has elsewhere than a poise_msgs/Assembly, by id.
+
+    Args:
+        assembly: the message; its frame is the reference.
+        frames: frames with the ids of objects are theirs.
+        tolerance: m and rad; smaller motions are left out.
+
+    Returns:
+        None when tf has no frame of an object.
+    """
+    reference, known = assembly.header.frame_id, False
+    moved = {}
+    for item in assembly.objects:
+        pose = None if item.fixed else frames.pose(item.id, reference)
+        if pose is None:
+            continue
+        known = True
+        if _apart(pose_of(item.pose), pose) > tolerance:
+            moved[item.id] = pose.vector.tolist()
+    return moved if known else None
+
+
+def _apart(first: Pose, second: Pose) -> float:
+    """How far two poses are from each other, m or rad, whichever is more."""
+    turn = first.rotation.T @ second.rotation
+    angle = float(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))
+    return max(float(np.linalg.norm(first.translation - second.translation)), angle)

@@ -27,7 +27,7 @@ from poise.nodes.watchdog_link import WatchdogLink, Word
 
 WATCHDOG_PARAMETERS = (
     Parameter("stop_silence", 0.5, "s without joint states (or wrenches) that stop a motion", (0.02, 10.0)),
-    Parameter("stop_unattended", 0.5, "s that this node may be held up before a motion is stopped", (0.1, 10.0)),
+    Parameter("stop_unattended", 5.0, "s that this node may be held up before a motion is stopped", (0.1, 60.0)),
     Parameter("stop_over_speed", 1.5, "a motion stops above this multiple of a joint's planned speed", (1.05, 100.0)),
     Parameter("stop_force", 0.0, "N of change of the force on topic wrench that stop a motion; 0: none", (0.0, 1e5)),
 )
@@ -35,6 +35,8 @@ _WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
 """All may be changed; they count from the next goal on."""
 _LOST = 0.5
 """s without a sign of life after which a watchdog with a moving arm counts as lost."""
+_HELD_UP = 0.1
+"""s between two looks that show that this process was held up."""
 _MOMENT = 0.01
 """s between looks for the executor of a node that is still being made."""
 _AGAIN = 1.0
@@ -94,13 +96,14 @@ class ProcessWatchdog:
             "action": ("poise_msgs", "action", action.__name__),
             "action_name": node.resolve_service_name(name),
             "arguments": _enclave(sys.argv),
+            "domain": node.context.get_domain_id(),
             **{topic: node.resolve_topic_name(topic) for topic in ("joint_trajectory", "joint_states", "wrench")},
         }
         self._keys = itertools.count(1)
         self._link: WatchdogLink | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._closing = self._open = self._up = self._hearing = self._armed = False
-        self._said = 0.0
+        self._said = self._looked = 0.0
         self._goals: dict[str, WatchedGoal] = {}
         self._current = ""
         self._loaded: dict[int, tuple[int, ReadyStops]] = {}
@@ -162,7 +165,11 @@ class ProcessWatchdog:
     @property
     def alive(self) -> bool:
         """It can still stop the motion."""
-        return self._up and (not self._armed or time.monotonic() - self._said < _LOST)
+        now = time.monotonic()
+        if now - self._looked > _HELD_UP:  # what it said may wait to be read
+            self._said = max(self._said, now - _LOST + _HELD_UP)
+        self._looked = now
+        return self._up and (not self._armed or now - self._said < _LOST)
 
     @property
     def sent(self) -> SentStop | None:
@@ -235,6 +242,7 @@ class ProcessWatchdog:
                     [sys.executable, "-m", "poise.nodes.watchdog_process", str(its.fileno())],
                     pass_fds=[its.fileno()],
                     stdin=subprocess.DEVNULL,
+                    start_new_session=True,  # it ends after its node, not with it by Ctrl-C
                 )
             self._link = link = WatchdogLink(ours.detach())
             self._say("setup", open=self._open, **self._setup)

@@ -86,11 +86,11 @@ class WatchdogNode(Node):
     """
 
     def __init__(self, link: WatchdogLink, setup: dict[str, Any]) -> None:
-        super().__init__(setup["node"], namespace=setup["namespace"], start_parameter_services=False)
+        super().__init__(setup["node"], namespace=setup["namespace"])
         self._link, self._setup = link, setup
         self.ended = False
         """The node that started this process is gone."""
-        self._lock = threading.RLock()
+        self._lock, self._watching = threading.RLock(), threading.Event()
         self._watch: MotionWatch | None = None
         self._motions: dict[int, LoadedMotion] = {}
         self._motion: LoadedMotion | None = None
@@ -165,17 +165,18 @@ class WatchdogNode(Node):
     def look(self) -> None:
         """Check the motion, for a thread of its own."""
         while not self._ending:
+            watch = self._watch
+            if watch is None:
+                self._watching.wait(_STEP)
+                continue
             time.sleep(_LOOK)
             with self._lock:
-                watch = self._watch
-                problem = None if watch is None else watch.problem(time.monotonic())
+                problem = watch.problem(time.monotonic())
             if problem is not None:
                 self._try_to_stop(problem)
-            if watch is not None and watch.armed and time.monotonic() > self._said + _ALIVE:
+            if watch.armed and time.monotonic() > self._said + _ALIVE:
                 self._said = time.monotonic()
                 self._say("alive")
-            if watch is None:
-                time.sleep(5 * _LOOK)
 
     def _try_to_stop(self, error: PoiseError) -> None:
         try:
@@ -238,6 +239,7 @@ class WatchdogNode(Node):
             limits = WatchLimits(**word.values["limits"])
             self._watch, self._hearing = MotionWatch(word.values["names"], limits, time.monotonic()), False
             self._motions.clear()
+        self._watching.set()
         if self._listening:
             return
         topics: list[tuple[Any, str, Any]] = [(JointState, "joint_states", self._on_joint_state)]
@@ -252,6 +254,7 @@ class WatchdogNode(Node):
         with self._lock:
             self._watch = self._motion = self._moving_for = None
             self._motions.clear()
+        self._watching.clear()
         for subscription in self._listening:
             self.destroy_subscription(subscription)
         self._listening = []
@@ -316,7 +319,11 @@ def main() -> None:
     setup = link.receive()
     if setup is None:
         return
-    rclpy.init(args=setup.values["arguments"], signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    rclpy.init(
+        args=setup.values["arguments"],
+        domain_id=setup.values["domain"],
+        signal_handler_options=rclpy.SignalHandlerOptions.NO,
+    )
     node = WatchdogNode(link, setup.values)
     executor = EventsExecutor()
     executor.add_node(node)

@@ -8,7 +8,7 @@
 """
 
 from poise.manipulation.arm import Arm, standing_at
-from poise.manipulation.bodies import pose_of
+from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.carrying import Transfer, TransferPhase, plan_transfer
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, steps_of
 from poise.manipulation.gripper import Gripper
@@ -34,6 +34,7 @@ __all__ = [
     "plan_transfer",
     "pose_of",
     "require_room",
+    "se3_of",
     "standing_at",
     "steps_of",
     "with_stops",

@@ -161,7 +161,7 @@ class Reach:
             NoAnswerError: UNREACHABLE, with data `step`: grasping.
         """
         if not self.can_pick():
-            why = f"none of {len(self._firm)} grasps can be reached" if self._firm else "no grasp holds it with room"
+            why = f"none of {len(self._firm)} grasps can be reached" if self._firm else self._no_grasp
             message = f"{self.item.id} cannot be picked up where it lies: {why}; make room there, or move the arm"
             raise NoAnswerError(ErrorCode.UNREACHABLE, message, step="grasping")
 
@@ -216,7 +216,16 @@ class Reach:
         hand, item = self.arm.hand, self.item
         grasps = antipodal_grasps(item.shape, hand, sides)
         holds = [(grasp, hand.acceleration_limit(item, grasp.object_tcp, gravity)) for grasp in grasps]
-        return [(grasp, hold) for grasp, hold in holds if hold > _LEAST_HOLD and self._hand_is_clear(grasp, item)]
+        firm = [(grasp, hold) for grasp, hold in holds if hold > _LEAST_HOLD]
+        self._no_grasp = f"there is no room for the hand at any of its {len(firm)} grasps"
+        if not grasps:
+            self._no_grasp = (
+                f"too wide: it has no flat opposite faces at most {1e3 * hand.widest:.0f} mm apart, as far as the"
+                " fingers open"
+            )
+        elif not firm:
+            self._no_grasp = f"too heavy: with {item.mass:.3g} kg it slips from the fingers at every grasp"
+        return [(grasp, hold) for grasp, hold in firm if self._hand_is_clear(grasp, item)]
 
     def _serving(self, placed: RigidObject, contacts: Array, margins: Margins) -> Iterator[tuple[Grasp, float, End]]:
         """Grasps that it can be picked up with and with room for the hand at the place, in order, and the pick."""

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from assembly_calls import CUBE, FRAME, LATCHED, LID, box, message
 from nav_msgs.msg import Odometry
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from poise.errors import ErrorCode
 from poise_msgs.msg import AccelerationLimits, Assembly, InertialEstimate
+from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 
 pytestmark = pytest.mark.ros
 G, MU = 9.80665, 0.5
@@ -70,12 +72,58 @@ def test_a_weighed_payload_moves_the_limits(limits, graph):
     # Together 1.2 high, the centre of mass at 0.6: topples at g w / h; a lid of 3 kg lifts it to (0.5 + 3 * 1.15) / 4.
     assert before.limits[0] == pytest.approx(G * 0.2 / 0.8, rel=1e-3)
     estimates = graph.node.create_publisher(InertialEstimate, "inertial_estimate", LATCHED)
-    weighed = InertialEstimate(covariance=np.full(100, math.nan))
+    weighed = estimate(graph, covariance=np.full(100, math.nan))
     weighed.inertia.m, weighed.inertia.com.z = 3.0, 0.35
     weighed.inertia.ixx = math.nan
     estimates.publish(weighed)
     after = newest(graph, found, lambda said: said.limits and said.limits[0] != before.limits[0], "the payload")
     assert after.limits[0] == pytest.approx(G * 0.2 / ((0.5 + 3 * 1.15) / 4), rel=1e-3)
+
+
+def estimate(graph, mass=3.0, **values):
+    """Of a payload, weighed now."""
+    found = InertialEstimate(consistent=True, **values)
+    found.inertia.m = mass
+    found.header.stamp = graph.node.get_clock().now().to_msg()
+    return found
+
+
+def test_the_weight_at_the_grasp_is_kept_and_no_estimate_of_an_empty_hand_replaces_it(limits, graph):
+    found, assemblies = limits({"payload": "lid"})
+    assemblies.publish(message(box("cube", (0.4, 1, 1), (0, 0, 0.5)), box("lid", (0.4, 1, 0.2), (0, 0, 1.1))))
+    before = newest(graph, found, lambda said: said.limits, "limits")
+    qos = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    estimates = graph.node.create_publisher(InertialEstimate, "inertial_estimate", qos)
+    graph.wait_for(estimates.get_subscription_count, what="the node")
+    graph.meet()
+    old = estimate(graph, 9.0)
+    old.header.stamp.sec -= 60
+    for unusable in (
+        estimate(graph, 9.0, unidentified=["m"]),
+        estimate(graph, 9.0, findings=[ErrorCodeMessage(code=ErrorCode.NOT_IDENTIFIABLE)]),
+        estimate(graph, -9.0),
+        estimate(graph, 9.0, error=ErrorCodeMessage(code=ErrorCode.SENSOR_STALE)),
+        old,
+    ):
+        estimates.publish(unusable)
+    inconsistent = estimate(graph, 9.0)
+    inconsistent.consistent = False
+    estimates.publish(inconsistent)
+    held = estimate(graph, unidentified=["cx", "cy", "cz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"])
+    held.inertia.com.x = 5.0
+    held.since.sec = 100
+    estimates.publish(held)
+    # Of the grasped lid the mass alone is known: cube and lid topple together, about their common centre of mass.
+    grasped = newest(graph, found, lambda said: said.limits and said.limits[0] != before.limits[0], "the payload")
+    lid, cube = 3.0 * 1.1, 1.0 * 0.5
+    assert grasped.limits[0] == pytest.approx(min(MU * G, G * 0.2 / ((lid + cube) / 4)), rel=1e-3)
+    released = estimate(graph, 2e-5)
+    released.since.sec = 200
+    estimates.publish(released)
+    assemblies.publish(message(box("cube", (0.4, 1, 1), (0, 0, 0.5)), box("lid", (0.4, 1, 0.2), (0, 0, 1.1))))
+    count = len(found)
+    again = newest(graph, found, lambda said: len(found) > count and said.limits, "limits of the next assembly")
+    np.testing.assert_allclose(again.limits, grasped.limits, rtol=1e-9)
 
 
 def test_a_tilted_and_turning_base_leaves_less(limits, graph):

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from action_caller import Caller
 from action_msgs.msg import GoalStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -21,6 +23,7 @@ RADIUS = 0.12
 ARM = {"mode": "arm", "robot": "fr3", "sensor": "ft300", "payload.mass": MASS, "payload.com": COM}
 ARM |= {"payload.inertia": INERTIA}
 NODE = {"tcp_frame": "tcp", "object_radius": RADIUS}
+NODE |= {"stop_unattended": 60.0, "stop_silence": 2.0}  # on machines that do other things
 NODE |= {"noise_linear_acceleration": 0.01, "noise_angular_acceleration": 0.05}
 STOP_AND_GO, EXCITATION = IdentifyPayload.Goal.MOTION_STOP_AND_GO, IdentifyPayload.Goal.MOTION_EXCITATION
 
@@ -153,6 +156,33 @@ def test_goals_that_cannot_be_are_refused_with_codes(start_node, graph, caller) 
         assert caller.result(caller.send(**fields)).result.error.code == ErrorCode.BAD_INPUT, fields
     done = caller.result(caller.send(motion=STOP_AND_GO, object_radius=100.0))
     assert done.result.error.code == ErrorCode.UNREACHABLE
+
+
+def test_a_goal_waits_for_the_robot_and_an_inactive_node_takes_none(start_node, graph, caller) -> None:
+    start_node("inertial_estimator", NODE)
+    caller.ready()
+
+    def change(number: int) -> None:
+        request = ChangeState.Request()
+        request.transition.id = number
+        assert graph.call(ChangeState, "inertial_estimator/change_state", request).success
+
+    def accepted() -> bool:
+        future = caller._client.send_goal_async(IdentifyPayload.Goal())
+        graph.wait_for(future.done, what="an answer")
+        return future.result().accepted
+
+    handle = caller.send(motion=IdentifyPayload.Goal.MOTION_NONE, duration=100.0)
+    wait_for_phase(graph, caller, "waiting")
+    start_node("fake_robot", ARM)
+    wait_for_phase(graph, caller, "listening")
+    change(Transition.TRANSITION_DEACTIVATE)
+    done = caller.result(handle)
+    assert done.result.error.code == ErrorCode.CANCELLED
+    assert "deactivated" in done.result.error.message
+    graph.wait_for(lambda: not accepted(), what="a rejection")
+    change(Transition.TRANSITION_ACTIVATE)
+    graph.wait_for(accepted, what="acceptance")
 
 
 def test_a_sensor_that_falls_silent_stops_the_arm(start_node, graph, caller) -> None:

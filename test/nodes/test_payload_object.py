@@ -17,7 +17,7 @@ def test_a_large_inertia_in_any_attitude_is_accepted(seed):
     rng = np.random.default_rng(seed)
     turn = Rotation.random(random_state=rng).as_matrix()
     inertia = turn @ np.diag([60.0, 80.0, 100.0]) @ turn.T
-    estimate = InertialEstimate()
+    estimate = InertialEstimate(consistent=True)
     estimate.inertia = inertia_message(InertialParameters(40.0, rng.normal(size=3), (inertia + inertia.T) / 2))
     estimate.covariance = np.eye(10).ravel()
     item = RigidObject("crate", Box(np.array([0.5, 0.5, 0.5])), Pose.identity(), mass=1.0)
@@ -25,3 +25,15 @@ def test_a_large_inertia_in_any_attitude_is_accepted(seed):
     np.testing.assert_array_equal(found.inertia, found.inertia.T)
     np.testing.assert_array_equal(found.covariance, found.covariance.T)
     np.testing.assert_allclose(np.linalg.eigvalsh(found.inertia), [60.0, 80.0, 100.0])
+
+
+def test_what_is_not_identified_is_kept():
+    estimate = InertialEstimate(unidentified=["cy", "ixz"], covariance=np.eye(10).ravel())
+    estimate.inertia = inertia_message(InertialParameters(4.0, np.ones(3), 9 * np.eye(3)))
+    com, inertia = np.array([0.0, 0.1, 0.0]), 0.2 * np.eye(3)
+    item = RigidObject(
+        "crate", Box(np.array([0.5, 0.5, 0.5])), Pose.identity(), mass=2.0, com=com, inertia=inertia, covariance=None
+    )
+    found = weighed(item, estimate, Pose.identity())
+    assert (found.mass, found.com.tolist(), found.covariance) == (4.0, com.tolist(), None)
+    np.testing.assert_allclose(found.inertia, 2 * inertia)

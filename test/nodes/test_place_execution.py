@@ -8,8 +8,10 @@ import pytest
 from action_caller import Caller
 from action_msgs.msg import GoalStatus
 from assembly_calls import LATCHED
+from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.assembly import Analysis, Assembly, Cylinder, RigidObject, load_scene
@@ -32,6 +34,7 @@ SCENE = load_scene(Path(__file__).resolve().parents[2] / "docs" / "scenes" / "pl
 CAN = RigidObject("can", Cylinder(0.03, 0.1), Pose.from_vector([-0.1, -0.42, 0.05, 0, 0, 0, 1]), mass=0.3)
 BASE = Pose.from_vector([-0.5, 0, 0, 0, 0, 0, 1])
 PLANNER = {"candidates": 1, "support": "objects", "base": [-0.5, 0.0, 0.0, 0.0], "gripper_joint": FINGERS}
+PLANNER |= {"ready_timeout": 0.2, "stop_unattended": 60.0}
 ROBOT = {"mode": "arm", "robot": "fr3", "rate": 3.0, "joint_rate": 60.0, "joint_noise": 0.0, "gripper_joint": FINGERS}
 ROBOT |= {"sensor": "none", "sensor_rate": 10.0}
 ENDLESS = {"candidates": 10_000, "attempts": 1_000_000}
@@ -83,8 +86,19 @@ def comes_to_rest(graph, states):
 
 
 def test_a_can_is_picked_up_and_put_on_a_cube(start_node, graph, caller):
-    _, states = start_both(start_node, graph, caller)
+    transform = TransformStamped(child_frame_id="base_link")
+    transform.header.frame_id, transform.transform.translation.x = FRAME, -0.5
+    graph.node.create_publisher(TFMessage, "tf_static", LATCHED).publish(TFMessage(transforms=[transform]))
+    _, states = start_both(start_node, graph, caller, PLANNER | {"base": [5.0, 5.0, 0.0, 0.0]})  # tf knows better
+    planned = caller.result(caller.send(**goal(deadline=60.0, execute=False))).result
+    caller.feedback.clear()
     done = caller.result(caller.send(**goal(deadline=60.0)))
+    for result in (planned, done.result):
+        assert result.stages == ["reach", "approach", "lift", "carry", "lower", "retreat", "return"]
+        ends = [[way.points[k].positions for way in result.trajectories] for k in (0, -1)]
+        np.testing.assert_allclose(ends[0][1:], ends[1][:-1], atol=1e-6)  # each begins where the one before ends
+        assert result.grasp.header.frame_id == FRAME
+        assert result.grasp.pose.position.z > 0.0
     assert (done.result.error.message, done.status) == ("", GoalStatus.STATUS_SUCCEEDED)
     graph.wait_for(lambda: caller.feedback[-1].stage == "placing", what="the last stage")
     assert list(dict.fromkeys(one.stage for one in caller.feedback)) == STAGES

@@ -1,0 +1,213 @@
+"""What numbers a request may hold: one table of ranges, checked once, before anything is computed."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from shape_msgs.msg import SolidPrimitive
+
+from poise.errors import ErrorCode, InputError
+from poise.types import Array
+from poise_msgs.srv import SetAssembly
+
+
+class Range(NamedTuple):
+    """Least and greatest value of an entry, its unit, and the code of a value outside and of one that is not finite."""
+
+    least: float
+    greatest: float
+    unit: str
+    code: ErrorCode = ErrorCode.BAD_INPUT
+    not_finite: ErrorCode = ErrorCode.NOT_FINITE
+
+
+RANGES = {
+    "position": Range(-1e4, 1e4, "m"),
+    "size": Range(1e-5, 1e3, "m", ErrorCode.OBJECT_INVALID),
+    "mesh vertex": Range(-1e3, 1e3, "m", ErrorCode.MESH_INVALID),
+    "mesh_scale": Range(1e-6, 1e3, "", ErrorCode.OBJECT_INVALID),
+    "mass": Range(1e-6, 1e6, "kg", ErrorCode.OBJECT_INVALID),
+    "mass per volume of the bounding box": Range(1e-3, 1e5, "kg/m3", ErrorCode.OBJECT_INVALID),
+    "com": Range(-1e3, 1e3, "m"),
+    "inertia": Range(-1e9, 1e9, "kg m2"),
+    "covariance": Range(-1e12, 1e12, "kg, kg m, kg m2 squared"),
+    "gravity": Range(0.1, 100.0, "m/s2"),
+    "friction": Range(0.0, 10.0, ""),
+    "point": Range(-1e4, 1e4, "m"),
+    "length of direction": Range(1e-6, 1e6, ""),
+    "map_tolerance": Range(1e-3, 1.0, "", not_finite=ErrorCode.BAD_INPUT),
+    "deadline": Range(1e-9, 1e9, "s", not_finite=ErrorCode.BAD_INPUT),
+    "characters of an id": Range(1, 255, "", ErrorCode.OBJECT_INVALID),
+}
+"""Entries of requests; docs/robustness_server.md shows the same table."""
+_ROUNDING = 1e-6
+"""Share of its largest entry by which a covariance may miss symmetry and a positive determinant."""
+
+
+class CallLimits(NamedTuple):
+    """The largest numbers of things in one call."""
+
+    objects: int = 2000
+    pushes: int = 10_000
+    map_points: int = 100_000
+    triangles: int = 500_000
+    bytes: int = 64_000_000
+
+
+def check_range(name: str, values: Any, where: str = "") -> None:
+    """Raise unless all values are in the range of this name.
+
+    Args:
+        name: in `RANGES`.
+        values: a number, or an array of any shape.
+        where: what has them, for the message.
+
+    Raises:
+        InputError: NOT_FINITE, BAD_INPUT, OBJECT_INVALID or MESH_INVALID, as the range says.
+    """
+    least, greatest, unit, code, not_finite = RANGES[name]
+    if isinstance(values, float | int):
+        if least <= values <= greatest:
+            return
+        worst = float(values)
+    else:
+        numbers = np.asarray(values, dtype=np.float64).ravel()
+        outside = ~((numbers >= least) & (numbers <= greatest))
+        if not outside.any():
+            return
+        worst = float(numbers[outside][0])
+    if not math.isfinite(worst):
+        raise InputError(not_finite, f"{where}{name} is {worst}, which is not finite")
+    raise InputError(code, f"{where}{name} is {worst:g} {unit}; it may be {least:g} to {greatest:g} {unit}".rstrip())
+
+
+def check_request(request: Any, limits: CallLimits) -> None:
+    """Raise for the first number of a request of the robustness services that is out of its range.
+
+    Raises:
+        InputError: as `check_range`; BAD_INPUT for more of something than `limits` allow.
+    """
+    if request.__class__ is SetAssembly.Request:
+        if request.operation == SetAssembly.Request.REMOVE:
+            _check_count("objects", len(request.assembly.objects), limits.objects)
+        elif request.operation in (SetAssembly.Request.REPLACE, SetAssembly.Request.ADD_OR_MOVE):
+            _check_assembly(request.assembly, limits, whole=request.operation == SetAssembly.Request.REPLACE)
+        else:
+            what = f"operation {request.operation} is none of REPLACE, ADD_OR_MOVE, REMOVE"
+            raise InputError(ErrorCode.BAD_INPUT, what)
+    else:
+        for assembly in request.assembly:
+            _check_assembly(assembly, limits, whole=True)
+    if request.deadline != 0:
+        check_range("deadline", request.deadline)
+    if hasattr(request, "pushes"):
+        _check_count("pushes", len(request.pushes), limits.pushes)
+        _check_count("map_points", request.map_points, limits.map_points)
+        if request.map_tolerance != 0:
+            check_range("map_tolerance", request.map_tolerance)
+        _check_pushes(request.pushes)
+
+
+def check_assembly(message: Any, limits: CallLimits = CallLimits()) -> None:  # noqa: B008  # a value that never changes
+    """Raise for the first number of a poise_msgs/Assembly that is out of its range; as `check_request`."""
+    _check_assembly(message, limits, whole=True)
+
+
+def check_object(message: Any) -> None:
+    """Raise for the first number of a poise_msgs/AssemblyObject that is out of its range; as `check_range`."""
+    check_range("characters of an id", len(message.id), "object: ")
+    where = f"object {message.id}: "
+    check_range("position", _xyz(message.pose.position), where)
+    check_range("position", [*_xyz(message.pose.orientation), message.pose.orientation.w], where)
+    sides = _sides(message, where)
+    if message.fixed:
+        return
+    inertia = message.inertia
+    check_range("mass", inertia.m, where)
+    if sides is not None and np.all(sides > 0):
+        check_range("mass per volume of the bounding box", float(inertia.m / np.prod(sides)), where)
+    if message.com_given:
+        check_range("com", _xyz(inertia.com), where)
+    if message.inertia_given:
+        moments = [inertia.ixx, inertia.ixy, inertia.ixz, inertia.iyy, inertia.iyz, inertia.izz]
+        check_range("inertia", moments, where)
+    if len(message.covariance):
+        check_covariance(message.covariance, where)
+
+
+def check_covariance(values: Sequence[float], where: str = "") -> None:
+    """Raise unless 100 numbers are a symmetric and positive semi-definite matrix.
+
+    Raises:
+        InputError: NOT_FINITE, BAD_INPUT.
+    """
+    if len(values) != 100:
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}covariance: {len(values)} numbers; it has 100, or none")
+    check_range("covariance", values, where)
+    matrix = np.asarray(values, dtype=np.float64).reshape(10, 10)
+    # Mass, first moment and inertia have scales of their own: compare correlations.
+    scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    scaled = matrix / np.maximum(np.outer(scale, scale), 1e-300)
+    flat = scale == 0
+    if (
+        np.any(np.diag(matrix) < 0)
+        or np.any(matrix[flat])
+        or not np.allclose(scaled, scaled.T, atol=_ROUNDING)
+        or np.linalg.eigvalsh((scaled + scaled.T) / 2)[0] < -_ROUNDING
+    ):
+        raise InputError(ErrorCode.BAD_INPUT, f"{where}covariance is not symmetric and positive semi-definite")
+
+
+def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:
+    _check_count("objects", len(message.objects), limits.objects)
+    _check_count("friction_pairs", len(message.friction_pairs), limits.objects**2)
+    _check_count("mesh triangles", sum(len(item.mesh.triangles) for item in message.objects), limits.triangles)
+    gravity = _xyz(message.gravity)
+    if whole or any(gravity):
+        if not any(gravity):
+            raise InputError(ErrorCode.BAD_INPUT, "gravity is not given (0 0 0): give it in the frame of the assembly")
+        check_range("gravity", math.hypot(*gravity))
+    if message.friction != -1.0:
+        check_range("friction", message.friction)
+    for pair in message.friction_pairs:
+        where = f"friction_pairs of {pair.objects[0]} and {pair.objects[1]}: "
+        check_range("friction", [pair.coefficient, pair.coefficient_std], where)
+    for item in message.objects:
+        check_object(item)
+
+
+def _sides(message: Any, where: str) -> Array | None:
+    """(3,) of the bounding box, m; None when it is not known from the message."""
+    if message.shape == message.SHAPE_PRIMITIVE:
+        sizes = list(message.primitive.dimensions)
+        check_range("size", sizes, where)
+        if message.primitive.type == SolidPrimitive.CYLINDER and len(sizes) == 2:
+            width = 2 * sizes[SolidPrimitive.CYLINDER_RADIUS]
+            return np.array([width, width, sizes[SolidPrimitive.CYLINDER_HEIGHT]])
+        return np.array(sizes) if len(sizes) == 3 else None
+    if message.shape == message.SHAPE_URI:
+        check_range("mesh_scale", message.mesh_scale, where)
+        return None
+    vertices = np.array([_xyz(vertex) for vertex in message.mesh.vertices]).reshape(-1, 3)
+    check_range("mesh vertex", vertices, where)
+    return np.ptp(vertices, axis=0) if len(vertices) else None
+
+
+def _check_pushes(pushes: Iterable[Any]) -> None:
+    rows = [(_xyz(push.point), _xyz(push.direction)) for push in pushes]
+    if not rows:
+        return
+    numbers = np.array(rows)
+    check_range("point", numbers[:, 0], "pushes: ")
+    with np.errstate(over="ignore"):
+        check_range("length of direction", np.linalg.norm(numbers[:, 1], axis=1), "pushes: ")
+
+
+def _check_count(name: str, count: int, most: int) -> None:
+    if count > most:
+        raise InputError(ErrorCode.BAD_INPUT, f"{name}: {count} in one call; this server takes {most} at most")
+
+
+def _xyz(vector: Any) -> list[float]:
+    return [vector.x, vector.y, vector.z]

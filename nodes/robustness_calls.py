@@ -1,0 +1,105 @@
+"""A call of the robustness services, as robustness_server passes it to a worker: checked, in one frame, serialized."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.serialization import serialize_message
+
+from poise.errors import ErrorCode, InputError
+from poise.nodes.request_checks import CallLimits, check_request
+from poise.nodes.robustness_worker import MAP_TOLERANCE
+from poise.nodes.transforms import pose_between, transform_objects, transform_pushes
+from poise.robot import FrameTree
+from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.srv import SetAssembly
+
+_SHORT_PUSHES, _SHORT_OBJECTS = 100, 50
+"""Pushes, and objects that a call brings, up to which it is not heavy."""
+
+
+@dataclass(frozen=True)
+class Call:
+    """What a worker is asked, and what the answer presupposes.
+
+    Args:
+        kind: assess, plan or set; move: objects to the poses of tf.
+        request: serialized.
+        frame: of the assembly.
+        uses_present: it is about the assembly that is set, whose frame must still be this one.
+        heavy: it may take long.
+        expected: the version that it changes; 0: any.
+        notes: defaults that were used, in words.
+        poses: of a move, by id.
+    """
+
+    kind: str
+    request: bytes
+    frame: str
+    uses_present: bool
+    heavy: bool = False
+    expected: int = 0
+    notes: tuple[str, ...] = ()
+    poses: dict[str, list[float]] = field(default_factory=dict)
+
+
+def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limits: CallLimits, longest: float) -> Call:
+    """Check a request and transform it.
+
+    Args:
+        kind: assess, plan or set.
+        request: of that service; changed in place.
+        frames: from tf.
+        present_frame: of the assembly that is set.
+        limits: of one call.
+        longest: deadline, s, of calls without one.
+
+    Raises:
+        InputError: as `check_request`; FRAME_UNKNOWN.
+    """
+    check_request(request, limits)
+    notes: list[str] = []
+    if kind == "set":
+        frame, uses_present = _place(request, frames, present_frame, notes)
+        brought = [request.assembly]
+    else:
+        brought, uses_present = request.assembly, not request.assembly
+        frame = present_frame if uses_present else brought[0].header.frame_id
+    if kind == "assess":
+        if request.frame_id and request.frame_id != frame:
+            transform_pushes(request.pushes, pose_between(frames, request.frame_id, frame))
+        if not request.model:
+            notes.append("model not given; the default")
+        if request.map_points and not request.map_tolerance:
+            notes.append(f"map_tolerance not given; {MAP_TOLERANCE:g}")
+    if not request.deadline:
+        notes.append(f"deadline not given; {longest:g} s")
+    elif request.deadline > longest:
+        notes.append(f"deadline {request.deadline:g} s; this server takes {longest:g} s at most")
+    heavy = (
+        kind == "plan"
+        or sum(len(assembly.objects) for assembly in brought) > _SHORT_OBJECTS
+        or (kind == "assess" and (request.map_points > 0 or len(request.pushes) > _SHORT_PUSHES))
+    )
+    serialized = serialize_message(request)
+    if len(serialized) > limits.bytes:
+        what = f"a call of {len(serialized)} bytes; this server takes {limits.bytes} at most"
+        raise InputError(ErrorCode.BAD_INPUT, what)
+    expected = request.expected_version if kind == "set" else 0
+    return Call(kind, serialized, frame, uses_present, heavy, expected, tuple(notes))
+
+
+def _place(request: SetAssembly.Request, frames: FrameTree, present_frame: str, notes: list[str]) -> tuple[str, bool]:
+    """The frame of the assembly after a change, into which its poses are transformed; whether one must be set."""
+    message: AssemblyMessage = request.assembly
+    frame = message.header.frame_id
+    if not frame and request.operation != SetAssembly.Request.REMOVE:
+        notes.append(f"frame_id not given; taken as {present_frame}")
+    if request.operation == SetAssembly.Request.REPLACE:
+        return frame or present_frame, False
+    if frame and frame != present_frame and request.operation == SetAssembly.Request.ADD_OR_MOVE:
+        pose = pose_between(frames, frame, present_frame)
+        transform_objects(message.objects, pose)
+        gravity = message.gravity
+        turned = pose.rotation @ [gravity.x, gravity.y, gravity.z]
+        gravity.x, gravity.y, gravity.z = turned.tolist()
+    return present_frame, True

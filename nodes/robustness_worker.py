@@ -1,0 +1,254 @@
+"""The process behind robustness_server: requests in, responses out, both serialized; the analysis stays warm.
+
+It holds the assembly of one version, and the next one between its computation and the decision of the server.
+"""
+
+import contextlib
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import deserialize_message, serialize_message
+from visualization_msgs.msg import MarkerArray
+
+from poise.assembly import Analysis, assess, plan_disassembly, robustness_map
+from poise.assembly.robustness import Robustness, RobustnessMap
+from poise.assembly.statics import Deadline, analysis_after, unstable
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.geometry import Pose
+from poise.nodes.answer_checks import check_answer
+from poise.nodes.assembly_markers import map_markers, mechanism_markers, scene_markers
+from poise.nodes.assembly_message import (
+    NO_FRICTION,
+    assembly_message,
+    assembly_of,
+    assumptions_of,
+    objects_of,
+    pairs_of,
+    pushes_of,
+    robustness_message,
+)
+from poise.nodes.map_message import map_message
+from poise.nodes.workers import Exchange
+from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
+
+MAP_TOLERANCE = 0.03
+"""Of the bounds of a map, unless the request gives one."""
+_MARKER_SECONDS = 2.0
+"""s that the map of the markers may take."""
+_KINDS = {"assess": AssessRobustness, "plan": PlanDisassembly, "set": SetAssembly, "move": SetAssembly}
+
+Header = dict[str, Any]
+
+
+class RobustnessWorker:
+    """Answers exchanges about the assembly of the version that their header names.
+
+    Args:
+        folders: in which meshes may lie.
+        marker_map_points: of the map in the markers.
+    """
+
+    def __init__(self, folders: Sequence[str], marker_map_points: int) -> None:
+        self._folders = tuple(Path(folder) for folder in folders)
+        self._marker_map_points = marker_map_points
+        self._version = 0
+        self._analysis: Analysis | None = None
+        self._next: tuple[int, Analysis] | None = None
+        self._recent: Analysis | None = None
+        self._results: Sequence[Robustness] = ()
+        self._map: RobustnessMap | None = None
+        self._work: dict[str, Callable[..., None]] = {"assess": self._assess, "plan": self._plan, "set": self._set}
+
+    def __call__(self, header: Header, messages: list[bytes]) -> Exchange:
+        """Answer one exchange; an error becomes that of the response."""
+        work = header["do"]
+        if work == "draw":
+            return {}, [serialize_message(MarkerArray(markers=self._markers(header)))]
+        if work == "hold":
+            return self._learnt(header, messages), []
+        answer: Header = {}
+        extra: list[bytes] = []
+        response = _KINDS[work].Response()
+        try:
+            self._choose(header["version"])
+            if work == "move":
+                self._move(header, response, extra)
+            else:
+                request = deserialize_message(messages[0], _KINDS[work].Request)
+                self._work[work](request, response, header, extra)
+        except PoiseError as error:
+            response.error.code, response.error.message = int(error.code), error.message
+        except MemoryError:
+            response = _KINDS[work].Response()
+            response.error.code = int(ErrorCode.BAD_INPUT)
+            response.error.message = "this call needs more memory than worker_memory: ask for less at once"
+        except Exception as error:
+            answer["log"] = traceback.format_exc()
+            response = _KINDS[work].Response()
+            response.error.code = int(ErrorCode.INTERNAL)
+            response.error.message = f"internal error: {error!r}; please report it"
+        try:
+            check_answer(response)
+        except PoiseError as error:
+            response, extra, self._next = _KINDS[work].Response(), [], None
+            response.error.code, response.error.message = int(error.code), error.message
+            answer["log"] = error.message
+        return answer, [serialize_message(response), *extra]
+
+    def _choose(self, version: int) -> None:
+        """Of the present assembly and the one that was proposed last, keep the one that became this version."""
+        if self._next is not None and self._next[0] == version:
+            self._keep(*self._next)
+        self._next = None
+
+    def _learnt(self, header: Header, messages: list[bytes]) -> Header:
+        """Have the assembly that a message brings, and know whether it stands."""
+        message = deserialize_message(messages[0], AssemblyMessage)
+        analysis = analysis_after(self._analysis, assembly_of(message, self._folders))
+        analysis.stability(Deadline(header["deadline"]))
+        self._keep(header["version"], analysis)
+        return {}
+
+    def _keep(self, version: int, analysis: Analysis) -> None:
+        self._version, self._analysis = version, analysis
+        self._results, self._map = (), None
+
+    def _assess(
+        self, request: AssessRobustness.Request, response: AssessRobustness.Response, header: Header, _: list[bytes]
+    ) -> None:
+        pushes = pushes_of(request.pushes, request.groups)
+        start, deadline = time.perf_counter(), header["deadline"]
+        analysis = self._analysis_for(request)
+        found = assess(analysis, pushes, request.model, max(deadline - time.monotonic(), 0.0))
+        complete, mapped = found.complete, None
+        if request.map_points and found.stable:
+            tolerance = request.map_tolerance or MAP_TOLERANCE
+            left = max(deadline - time.monotonic(), 0.0)
+            mapped = robustness_map(analysis, request.map_points, tolerance, request.model, left)
+            complete &= mapped.complete
+        for result in found.results:
+            _ = result.mode, result.mechanism  # computed when first used: part of the computation, too
+        response.seconds = time.perf_counter() - start
+        response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
+        response.robustness = [robustness_message(result) for result in found.results]
+        response.assumptions = assumptions_of(analysis.assembly)
+        if mapped is not None:
+            response.map = [map_message(mapped, _stamped(AssemblyMessage(), header).header)]
+        if not request.assembly and found.stable:
+            self._results, self._map = found.results or self._results, mapped or self._map
+        if not (found.stable or found.doubtful):
+            raise unstable(found.falling, found.margin)
+        if not complete:
+            raise _late("the bounds are what was certified by then")
+
+    def _plan(
+        self, request: PlanDisassembly.Request, response: PlanDisassembly.Response, header: Header, _: list[bytes]
+    ) -> None:
+        start = time.perf_counter()
+        analysis = self._analysis_for(request)
+        left = max(header["deadline"] - time.monotonic(), 0.0)
+        found = plan_disassembly(analysis, request.target or None, left)
+        response.seconds = time.perf_counter() - start
+        response.assumptions = assumptions_of(analysis.assembly)
+        response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
+        if not found.complete:
+            raise _late("what is not marked safe was not looked into")
+
+    def _set(
+        self, request: SetAssembly.Request, response: SetAssembly.Response, header: Header, extra: list[bytes]
+    ) -> None:
+        self._propose(self._changed(request), response, header, extra)
+
+    def _move(self, header: Header, response: SetAssembly.Response, extra: list[bytes]) -> None:
+        """Move objects to poses, all at once."""
+        analysis = self._present()
+        poses = {name: Pose.from_vector(values) for name, values in header["poses"].items()}
+        moved = [replace(item, pose=poses[item.id]) for item in analysis.assembly.objects if item.id in poses]
+        self._propose(analysis.with_object(*moved), response, header, extra)
+
+    def _propose(self, analysis: Analysis, response: SetAssembly.Response, header: Header, extra: list[bytes]) -> None:
+        """The server decides whether this becomes the assembly of the next version."""
+        found = analysis.stability(Deadline(header["deadline"]))
+        response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
+        response.assumptions = assumptions_of(analysis.assembly)
+        if found.doubtful and header["do"] == "set":
+            raise _late("whether the new assembly stands was not checked in time, and the assembly is as it was")
+        self._next = header["next"], analysis
+        extra.append(serialize_message(_stamped(assembly_message(analysis.assembly, header["frame"]), header)))
+        if not found.stable:
+            raise unstable(found.falling, found.margin)
+
+    def _changed(self, request: SetAssembly.Request) -> Analysis:
+        message = request.assembly
+        if request.operation == SetAssembly.Request.REPLACE:
+            return analysis_after(self._analysis, assembly_of(message, self._folders))
+        analysis = self._present()
+        if request.operation == SetAssembly.Request.ADD_OR_MOVE:
+            _require_setting(message, analysis)
+            return analysis.with_object(*objects_of(message, self._folders), pairs=pairs_of(message))
+        for item in message.objects:
+            analysis = analysis.without(item.id)
+        return analysis
+
+    def _present(self) -> Analysis:
+        if self._analysis is None:
+            raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
+        return self._analysis
+
+    def _analysis_for(self, request: Any) -> Analysis:
+        """Of the assembly that a call brings, else of the one that was set."""
+        if not request.assembly:
+            return self._present()
+        self._recent = analysis_after(self._recent, assembly_of(request.assembly[0], self._folders))
+        return self._recent
+
+    def _markers(self, header: Header) -> list[Any]:
+        """Of the assembly of this version, and of what was answered about it here; none of another version."""
+        self._choose(header["version"])
+        analysis, frame = self._analysis, header["frame"]
+        if analysis is None or self._version != header["version"]:
+            return []
+        if self._map is None and self._marker_map_points and header["map"]:
+            with contextlib.suppress(PoiseError):  # an assembly that does not stand has no map
+                self._map = robustness_map(analysis, self._marker_map_points, deadline=_MARKER_SECONDS)
+        markers = scene_markers(analysis, frame)
+        markers += mechanism_markers(analysis, self._results, frame) if self._results else []
+        return markers + (map_markers(self._map, frame) if self._map is not None else [])
+
+
+def load_type_supports() -> None:
+    """Do what serializing the first messages would do, so that forked workers have it done."""
+    for service in _KINDS.values():
+        for kind in (service.Request, service.Response):
+            deserialize_message(serialize_message(kind()), kind)
+    serialize_message(MarkerArray())
+
+
+def _stamped(message: AssemblyMessage, header: Header) -> AssemblyMessage:
+    """With the frame and the stamp of an exchange."""
+    message.header.frame_id = header["frame"]
+    message.header.stamp.sec, message.header.stamp.nanosec = header["stamp"]
+    return message
+
+
+def _require_setting(message: AssemblyMessage, analysis: Analysis) -> None:
+    """A change of objects gives no other gravity and friction than the assembly has, if it gives them at all."""
+    gravity = np.array([message.gravity.x, message.gravity.y, message.gravity.z])
+    friction = analysis.assembly.friction
+    if gravity.any() and not np.allclose(gravity, analysis.assembly.gravity, atol=1e-6):
+        what = f"gravity {gravity} for {analysis.assembly.gravity}"
+    elif message.friction not in (NO_FRICTION, friction):
+        what = f"friction {message.friction:g} for {friction}"
+    else:
+        return
+    raise InputError(ErrorCode.BAD_INPUT, f"ADD_OR_MOVE with {what}: leave it out, or use REPLACE")
+
+
+def _late(what: str) -> NoAnswerError:
+    return NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed: {what}")
