@@ -1,4 +1,4 @@
-"""The robustness service from outside: round trip beyond the computation, and a hundred calls in flight."""
+"""The robustness service from outside: overhead, calls in flight, one heavy client among others, refused changes."""
 
 import argparse
 import json
@@ -174,6 +174,83 @@ def in_flight(caller: Caller, count: int, rounds: int) -> list[dict[str, Any]]:
     return rows
 
 
+def beside_maps(caller: Caller, calls: int) -> dict[str, Any]:
+    """Round trips of one push, alone and while another client has the largest allowed maps computed, ms."""
+    assembly = SCENES["stack of 3"]
+    message = assembly_message(assembly, "world")
+    client = caller.client(AssessRobustness, "assess_robustness", 1000)
+    caller.call(caller.client(SetAssembly, "set_assembly"), SetAssembly.Request(assembly=message))
+    push = AssessRobustness.Request(pushes=pushes_on(assembly, 1))
+    map_ = AssessRobustness.Request(assembly=[message], map_points=100_000, map_tolerance=0.001, deadline=20.0)
+    trips = {}
+    for name in ("alone", "beside maps"):
+        maps = [client.call_async(map_) for _ in range(10)] if name == "beside maps" else []
+        found = []
+        while len(found) < calls and (not maps or not all(future.done() for future in maps)):
+            found.append(caller.call(client, push)[1] * 1e3)
+        trips[name] = [len(found), *np.quantile(found, (0.5, 0.99)).tolist()]
+        caller.spin(partial(_all_done, maps), 10 * PATIENCE)
+    return trips
+
+
+def after_abuse(caller: Caller, count: int) -> dict[str, Any]:
+    """Clients that call at once, after maps, plans and assemblies that were too much: how the calls end."""
+    message, push = assembly_message(SCENES["stack of 3"], "world"), pushes_on(SCENES["stack of 3"], 1)
+    abused = caller.client(AssessRobustness, "assess_robustness", 1000)
+    blocks = [box(f"b{i}_{j}", (0.2, 0.1, 0.1), (0.2 * i, 0.2 * j, 0.05)) for i in range(40) for j in range(40)]
+    large = assembly_message(Assembly((FLOOR, *blocks)), "world")
+    for request in (
+        AssessRobustness.Request(assembly=[large], map_points=100_000, deadline=1.0),
+        AssessRobustness.Request(assembly=[message], map_points=4_000_000_000),
+        AssessRobustness.Request(assembly=[message], map_points=100_000, map_tolerance=0.001, deadline=0.5),
+    ):
+        caller.call(abused, request)
+    clients = [caller.client(AssessRobustness, "assess_robustness", 1000) for _ in range(count)]
+    request = AssessRobustness.Request(assembly=[message], pushes=push, deadline=5.0)
+    start = time.perf_counter()
+    futures = [client.call_async(request) for client in clients]
+    caller.spin_while_answers_come(futures)
+    seconds = time.perf_counter() - start
+    codes = Counter(ErrorCode(f.result().error.code).name if f.done() else "lost" for f in futures)
+    for client in clients:
+        caller.node.destroy_client(client)
+    return {"answers": dict(codes), "seconds": seconds}
+
+
+def refused_changes(caller: Caller, count: int) -> dict[str, Any]:
+    """Changes that are refused or late, one after the other: how many of them changed the version."""
+    setter = caller.client(SetAssembly, "set_assembly", 1000)
+    good = assembly_message(SCENES["cube"], "world")
+    version = caller.call(setter, SetAssembly.Request(assembly=good))[0].version
+    stack = assembly_message(SCENES["stack of 30"], "world")
+    codes: Counter[str] = Counter()
+    changed = 0
+    for number in range(count):
+        bad = assembly_message(SCENES["cube"], "world")
+        request = SetAssembly.Request(assembly=bad)
+        match number % 5:
+            case 0:
+                request.assembly, request.deadline = stack, 1e-4
+            case 1:
+                bad.objects[1].pose.position.z = 0.3
+            case 2:
+                request.operation, bad.header.frame_id = SetAssembly.Request.ADD_OR_MOVE, "camera"
+            case 3:
+                request.expected_version = version + 1000
+            case _:
+                bad.objects[1].inertia.m = float("nan")
+        answer, _ = caller.call(setter, request)
+        codes[ErrorCode(answer.error.code).name] += 1
+        if answer.error.code != ErrorCode.OK:
+            changed += answer.version != version
+        version = answer.version
+    return {"answers": dict(codes), "changed": changed}
+
+
+def _all_done(futures: list[Any]) -> bool:
+    return all(future.done() for future in futures)
+
+
 def start_server(domain: int, scene: Path) -> subprocess.Popen[bytes]:
     environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "AMENT_PREFIX_PATH": sys.prefix}
     environment.pop("_ROS_WHEELS_BOOTSTRAP_COMPLETE", None)
@@ -186,6 +263,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--calls", type=int, default=100, help="for each round trip")
     parser.add_argument("--rounds", type=int, default=10, help="of a hundred calls in flight")
+    parser.add_argument("--refusals", type=int, default=1000, help="changes that are refused")
     parser.add_argument("--domain", type=int, default=89)
     arguments = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -196,6 +274,9 @@ def main() -> None:
             caller = Caller(arguments.domain)
             trips = overheads(caller, arguments.calls)
             bursts = in_flight(caller, 100, arguments.rounds)
+            others = beside_maps(caller, 10 * arguments.calls)
+            crowd = after_abuse(caller, 200)
+            refusals = refused_changes(caller, arguments.refusals)
         finally:
             server.terminate()
             server.wait(PATIENCE)
@@ -212,9 +293,22 @@ def main() -> None:
     for row in bursts:
         table.add_row(row["client"], row["assembly"], str(row["answers"]), f"{row['seconds']:.3f}")
     console.print(table)
+    table = Table("one push", "calls", "median ms", "99 % ms", title="One client among others")
+    for name, (count, median, most) in others.items():
+        table.add_row(name, str(count), f"{median:.2f}", f"{most:.2f}")
+    console.print(table)
+    console.print(
+        f"200 clients at once, after calls that were too much: {crowd['answers']} in {crowd['seconds']:.2f} s"
+    )
+    console.print(f"refused changes: {refusals['answers']}; {refusals['changed']} changed the assembly")
     result = Path("out/benchmarks/robustness_service.json")
     result.parent.mkdir(parents=True, exist_ok=True)
-    result.write_text(json.dumps({"round_trips": trips, "in_flight": bursts}, indent=1))
+    result.write_text(
+        json.dumps(
+            {"round_trips": trips, "in_flight": bursts, "others": others, "crowd": crowd, "refusals": refusals},
+            indent=1,
+        )
+    )
 
 
 if __name__ == "__main__":

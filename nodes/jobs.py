@@ -27,7 +27,7 @@ ANSWER_GRACE = 0.25
 _STEP = 0.05
 """s between looks for answers that are overdue."""
 _CROWD = 4
-"""Calls in flight beyond which answers are spaced."""
+"""Calls in flight, besides heavy ones, from which on answers are spaced."""
 _THREAD = "poise jobs"
 
 
@@ -181,7 +181,7 @@ class Jobs:
 
     @property
     def _crowded(self) -> bool:
-        return len(self._open) >= _CROWD
+        return sum(job.task is not None and not job.task.heavy for job in list(self._open)) >= _CROWD
 
     @property
     def state(self) -> dict[str, int]:

@@ -1,5 +1,6 @@
 """From tf messages to a tree of frames, and messages into other frames of that tree."""
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -26,8 +27,8 @@ def add_transforms(tree: FrameTree, message: TFMessage, fixed: bool = False) -> 
     wrong = None
     for stamped in message.transforms:
         shift, turn = stamped.transform.translation, stamped.transform.rotation
-        length = turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2
-        if not (abs(length - 1) < 1e-2 and abs(shift.x + shift.y + shift.z) < float("inf")):
+        length = math.hypot(turn.x, turn.y, turn.z, turn.w)  # squares of huge numbers would overflow
+        if not (abs(length - 1) < 5e-3 and abs(shift.x + shift.y + shift.z) < float("inf")):
             wrong = stamped.child_frame_id
             continue
         rotation = rotation_of_quaternion([[turn.x, turn.y, turn.z, turn.w]])

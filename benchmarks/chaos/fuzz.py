@@ -3,6 +3,7 @@
     python -m benchmarks.chaos.fuzz                   # 2,000 calls of services, 100 goals
     python -m benchmarks.chaos.fuzz --count 20000
     python -m benchmarks.chaos.fuzz --quick           # 150 and 10
+    python -m benchmarks.chaos.fuzz --readers 20000   # the functions that read messages, without nodes
 
 Four of five requests are sound ones in which one to three fields are replaced; in the others every field is hostile.
 Exits with 1 for a fault: no answer in time, a node that ended, or an answer that is neither refused nor consistent.
@@ -22,14 +23,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import TransformStamped
 from rich.console import Console
+from tf2_msgs.msg import TFMessage
 
 from benchmarks.chaos.hostile import hostile, numbers_of, spoiled
 from benchmarks.chaos.observer import Observer, TooLateError
 from benchmarks.chaos.processes import TRANSPORT, NodeProgram
 from benchmarks.chaos.subjects import Planner, cube_message, low_push
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, PoiseError
+from poise.nodes.assembly_message import assembly_of, pushes_of
+from poise.nodes.payload_shape import parts_of_message
+from poise.nodes.transforms import add_transforms
+from poise.robot import FrameTree
 from poise_msgs.action import IdentifyPayload, PlaceObject
+from poise_msgs.msg import Assembly, SegmentedObject
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
 
 _DEADLINE = 0.5
@@ -133,6 +141,30 @@ def _ignored(path: str) -> bool:
     return path == "deadline" or "objects[0]" in path or "inertia" in path or "mesh" in path or "covariance" in path
 
 
+def fuzz_readers(count: int, seed: int) -> Counter[str]:
+    """Give hostile messages to the functions that read messages; returns exceptions that are no PoiseError."""
+    rng, faults = random.Random(seed), Counter[str]()
+    readers: tuple[tuple[Any, Callable[[], Any], Callable[[Any], Any]], ...] = (
+        (Assembly, cube_message, assembly_of),
+        (AssessRobustness.Request, _assess_request, lambda request: pushes_of(request.pushes, request.groups)),
+        (SegmentedObject, SegmentedObject, parts_of_message),
+        (TFMessage, lambda: TFMessage(transforms=[TransformStamped()]), lambda tf: add_transforms(FrameTree(), tf)),
+    )
+    for number in range(count):
+        kind, sound, read = readers[number % len(readers)]
+        try:
+            message = spoiled(sound(), rng, rng.randint(1, 3)) if rng.random() < 0.6 else hostile(kind, rng)
+        except AssertionError:
+            continue
+        try:
+            read(message)
+        except PoiseError:
+            continue
+        except Exception as error:  # what is looked for
+            faults[f"{kind.__name__}: {error!r}"[:200]] += 1
+    return faults
+
+
 class Fuzzer:
     """Sends hostile requests, and counts what comes back.
 
@@ -209,7 +241,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--domain", type=int, default=79)
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--readers", type=int, default=0, metavar="COUNT", help="fuzz functions instead of nodes")
     arguments = parser.parse_args()
+    if arguments.readers:
+        faults = fuzz_readers(arguments.readers, arguments.seed)
+        print(f"{sum(faults.values())} faults in {arguments.readers} messages", *faults.most_common(), sep="\n")
+        sys.exit(bool(faults))
     os.environ.update(TRANSPORT)
     count = 150 if arguments.quick else arguments.count
     found = fuzz(count, max(count // 20, 10), arguments.seed, arguments.domain)

@@ -1,5 +1,7 @@
 """The benchmark's own node: it feeds, calls and watches the node under test."""
 
+import contextlib
+import functools
 import time
 from collections.abc import Callable
 from typing import Any
@@ -69,9 +71,19 @@ class Observer:
         """
         client = self._client(kind, name)
         self.until(client.service_is_ready, f"service {name}", timeout)
-        future = client.call_async(request)
-        self.until(future.done, f"an answer of {name}", timeout)
-        return future.result()
+        return self._answered(lambda: client.call_async(request), f"an answer of {name}", timeout)
+
+    def _answered(self, send: Callable[[], Any], what: str, timeout: float) -> Any:
+        """The result of a future; it is sent again, because a call may be lost while the two find each other."""
+        end, futures = time.monotonic() + timeout, list[Any]()
+        while not any(future.done() for future in futures):
+            left = end - time.monotonic()
+            if left <= 0:
+                raise TooLateError(what)
+            futures.append(send())
+            with contextlib.suppress(TooLateError):
+                self.until(lambda: any(future.done() for future in futures), what, min(left, max(timeout / 4, 2.0)))
+        return next(future.result() for future in futures if future.done())
 
     def act(self, kind: Any, name: str, goal: Any, timeout: float = PATIENCE) -> Any:
         """The result of a goal; None for one that was refused.
@@ -107,9 +119,8 @@ class Observer:
         Raises:
             TooLateError: when there is no answer.
         """
-        future = client.send_goal_async(goal, feedback_callback=feedback)
-        self.until(future.done, "the acceptance of a goal", timeout)
-        return future.result()
+        send = functools.partial(client.send_goal_async, goal, feedback_callback=feedback)
+        return self._answered(send, "the acceptance of a goal", timeout)
 
     def inputs_of(self, name: str) -> dict[str, str]:
         """Topics that a node subscribes to, with their types."""

@@ -61,7 +61,7 @@ def right_again(subject: Subject, observer: Observer) -> float:
     begun, before = time.monotonic(), subject.right
     while subject.right == before:
         if time.monotonic() - begun > _PATIENCE:
-            raise TooLateError("a right answer")
+            raise TooLateError(f"a right answer of {subject.node}")
         if subject.stream:
             observer.rest(0.02)
             continue

@@ -1,5 +1,6 @@
 """`poise keystore`: keys, certificates and permissions of SROS 2 for the nodes of Poise."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -41,8 +42,10 @@ def policy_files(nodes: list[str]) -> list[Path]:
     Raises:
         InputError: BAD_INPUT for an unknown node.
     """
-    source = Path(__file__).resolve().parents[2] / "config" / "sros2"
-    shipped = source if source.is_dir() else Path(sys.prefix) / "share" / "poise" / "config" / "sros2"
+    prefixes = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if prefix]
+    shares = [Path(prefix) / "share" / "poise" for prefix in (*prefixes, sys.prefix)]  # colcon installs, pip installs
+    folders = [root / "config" / "sros2" for root in (Path(__file__).resolve().parents[2], *shares)]
+    shipped = next((folder for folder in folders if folder.is_dir()), folders[-1])
     known = {path.name.partition(".")[0]: path for path in sorted(shipped.glob("*.policy.xml"))}
     for node in nodes:
         if node not in known and not node.endswith(".xml"):

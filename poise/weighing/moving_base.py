@@ -5,15 +5,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Explanation, plain_design
-from poise.weighing.reading import Reading
+from poise.weighing.reading import Reading, shows_payload
 
 _SPACING = 0.4
 """s between knots of the acceleration."""
 _MOST_KNOTS = 24
+_FASTEST = 2.5
+"""m/s by which the velocity of a base changes at most; a hose, and a joint's zero that is off, pull on and on."""
 _FLEXIBLE = -60.0
 """Log prior: a free course also explains errors that depend on the pose."""
 
@@ -31,11 +34,40 @@ def moving_base(samples: FitSamples, plain: Explanation) -> list[Reading]:
         extra = [loads[:, :, None] * shape[:, None, :] for loads in _by_base(part, phi)]
         return np.concatenate([plain_design(part, values), *extra], axis=2)
 
-    def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
-        course = found.unknowns[16:].reshape(2, count)
-        return base_sentence(float(np.linalg.norm(course, axis=0).max()))
+    spacing = float(samples.seconds[-1]) / (count - 1)
 
-    return [Reading(ErrorCode.BASE_MOVED, design, says, prior=_FLEXIBLE)]
+    def course(found: Explanation) -> Array:
+        return found.unknowns[16:].reshape(2, count)
+
+    def drives(found: Explanation) -> bool:
+        speed = np.cumsum(course(found) * spacing, axis=1)
+        return shows_payload(found) and bool(np.ptp(speed, axis=1).max() < _FASTEST)
+
+    def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
+        return base_sentence(float(np.linalg.norm(course(found), axis=0).max()))
+
+    def says_pull(found: Explanation) -> tuple[str, Mapping[str, float]]:
+        return _pull_sentence(float(np.linalg.norm(course(found), axis=0).max()), float(found.phi[0]))
+
+    pulled = Reading(
+        ErrorCode.POOR_FIT,
+        design,
+        says_pull,
+        prior=_FLEXIBLE,
+        holds=lambda found: shows_payload(found) and not drives(found),
+    )
+    return [Reading(ErrorCode.BASE_MOVED, design, says, prior=_FLEXIBLE, holds=drives), pulled]
+
+
+def _pull_sentence(largest: float, mass: float) -> tuple[str, Mapping[str, float]]:
+    """For a horizontal force that is `largest` m/s2 times the mass, kg."""
+    angle = float(np.arctan(largest / STANDARD_GRAVITY))
+    return (
+        f"a horizontal force of up to {largest * mass:.2g} N pulls all the time, and a base that it would move would"
+        " drive away: a hose or a cable pulls, or the zero of a joint is off by up to"
+        f" {np.degrees(angle):.1f} degrees: lead the hose so that it does not pull, or calibrate the joints",
+        {"pull": largest * mass, "angle": angle},
+    )
 
 
 def base_sentence(largest: float) -> tuple[str, Mapping[str, float]]:

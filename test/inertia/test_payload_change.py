@@ -119,10 +119,10 @@ def test_a_vertical_push_that_is_taken_for_a_payload_leaves_a_doubt_until_the_se
     rows[:, 9:12] += turn.inv().apply([0.0, 0.0, 3.0])
     fed(estimator, stamps, rows)
     assert estimator.changes
-    solution, doubt = estimator.solve(), estimator.doubt
-    spread = np.sqrt(doubt.spread(solution.phi)[0, 0] + solution.covariance[0, 0])
+    solution = estimator.solve()
+    spread = np.sqrt(sum(each.spread(solution.phi)[0, 0] for each in estimator.doubts) + solution.covariance[0, 0])
     assert abs(solution.phi[0] - 0.9) < 3 * spread
     fed(estimator, *samples(heavy, 4.0, 5.0, rng)[:2])
-    assert estimator.doubt is None
+    assert not estimator.doubts
     solution = estimator.solve()
     assert abs(solution.phi[0] - 0.9) < 3 * np.sqrt(solution.covariance[0, 0])

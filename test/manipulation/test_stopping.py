@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from poise.assembly import Analysis, Assembly, Box, RigidObject
+from poise.errors import NoAnswerError
 from poise.excitation.execution import ReadyStops, joint_judge
-from poise.manipulation import Arm, TransferStep, with_stops
+from poise.geometry import Pose
+from poise.manipulation import Arm, Reach, TransferStep, with_stops
 from poise.simulation import WaypointTrajectory
 
 HELD = np.array([0.02, 0.0, 0.05])
@@ -54,3 +57,16 @@ def test_where_no_stop_keeps_the_limits_the_fastest_is_ready_and_names_them(arm,
     assert middle.motion.duration == pytest.approx(0.15)
     slow = ReadyStops.judged(carry, joint_judge(arm.joint_names, 1e-3 * arm.velocity_limit))
     assert "rad/s of fr3_joint" in slow.after(0.6).excess
+
+
+@pytest.mark.parametrize(
+    ("size", "mass", "word"), [((0.2, 0.2, 0.1), 0.3, "too wide"), ((0.05, 0.05, 0.1), 60.0, "too heavy")]
+)
+def test_why_no_grasp_holds_an_object_is_named(size, mass, word):
+    table = RigidObject(
+        "table", Box(np.array((2.0, 2.0, 0.02))), Pose.from_vector([0, 0, -0.01, 0, 0, 0, 1]), fixed=True
+    )
+    item = RigidObject("box", Box(np.array(size)), Pose.from_vector([0.45, 0, size[2] / 2, 0, 0, 0, 1]), mass=mass)
+    reach = Reach(Arm.load("fr3"), Analysis.of(Assembly((table,), friction=0.5)), item)
+    with pytest.raises(NoAnswerError, match=word):
+        reach.require_pick()

@@ -5,7 +5,7 @@ import random
 import pytest
 from std_msgs.msg import Float64
 
-from benchmarks.chaos.fuzz import SERVICES, fault_of, made
+from benchmarks.chaos.fuzz import SERVICES, fault_of, fuzz_readers, made
 from benchmarks.chaos.fuzz import fuzz as fuzz_nodes
 from benchmarks.chaos.hostile import hostile, numbers_of
 from benchmarks.chaos.run import Row, table_of, trial, write_page
@@ -28,6 +28,10 @@ def test_hostile_requests_are_refused_or_answered_consistently(domain: int) -> N
     assert not found.faults
     assert sum(found.codes.values()) >= 50
     assert sum(number for name, number in found.codes.items() if not name.endswith("OK")) > 20
+
+
+def test_readers_refuse_hostile_messages_by_a_code() -> None:
+    assert not fuzz_readers(1000, 3)
 
 
 def test_hostile_messages_fit_their_types_and_are_equal_for_equal_seeds() -> None:

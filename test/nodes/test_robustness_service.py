@@ -113,8 +113,7 @@ def test_nobody_waits_for_the_maps_of_one_client(server, graph):
     map_ = assess(assembly=wall(6, 6), map_points=100_000, map_tolerance=0.001, deadline=2.0)
     heavy = [clients[AssessRobustness].call_async(map_) for _ in range(8)]
     order = clients[PlanDisassembly].call_async(PlanDisassembly.Request(assembly=[wall(10, 20)], deadline=0.5))
-    for _ in range(20):
-        assert robustness(graph)[0] == pytest.approx(MU * G)
+    assert robustness(graph)[0] == pytest.approx(MU * G)
     assert not all(future.done() for future in heavy)
     graph.wait_for(lambda: order.done() and all(future.done() for future in heavy), what="the heavy calls")
     assert {future.result().error.code for future in heavy} <= {ErrorCode.OK, ErrorCode.DEADLINE}

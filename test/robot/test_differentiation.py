@@ -193,3 +193,24 @@ def test_noise_gain_is_that_of_the_whole_normal_matrix():
     for d, e in ((0, 0), (0, 2), (1, 1), (2, 2)):
         expected = np.einsum("ni,ij,nj->n", basis[d], covariance, basis[e])
         np.testing.assert_allclose(gains[50:-50, d, e], expected[50:-50], rtol=2e-3)
+
+
+@pytest.mark.parametrize("with_rates", [False, True])
+def test_joints_together_are_the_same_as_one_by_one(with_rates):
+    """Splines, measured rates and rests of all joints are solved in one call; none of them sees another."""
+    rng = np.random.default_rng(4)
+    seconds = np.arange(750) * 2e-3 + rng.uniform(-2e-4, 2e-4, 750)
+    stamps = np.round((seconds + 1.0) * 1e9).astype(np.int64)
+    speeds = np.array([0.7, 2.3, 6.0, 0.0])
+    position = np.sin(seconds[:, None] * speeds) + rng.normal(size=(750, 4)) * [1e-5, 1e-4, 1e-6, 1e-5]
+    velocity = speeds * np.cos(seconds[:, None] * speeds) + rng.normal(size=(750, 4)) * [1e-3, 1e-4, 1e-2, 1e-3]
+    rates = velocity if with_rates else None
+    together = differentiate(stamps, position, rates)
+    assert together.at_rest[:, 3].any()
+    for k in range(4):
+        alone = differentiate(stamps, position[:, [k]], None if rates is None else rates[:, [k]])
+        assert alone.knot_spacing[0] == together.knot_spacing[k]
+        np.testing.assert_array_equal(alone.at_rest[:, 0], together.at_rest[:, k])
+        for name in ("position", "velocity", "acceleration", "covariance"):
+            found, expected = getattr(together, name)[:, k], getattr(alone, name)[:, 0]
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())

@@ -94,6 +94,15 @@ def base_drives():
     return READ + signal_columns(signals)[:, :, :10] @ LOAD.phi
 
 
+def joint_off():
+    """Gravity leans by five degrees to a side that follows the pose, as with the zero of a shoulder joint."""
+    side = 1.3 * np.sin(0.45 * SECONDS)
+    leaning = 0.0873 * 9.81 * np.stack([np.cos(side), np.sin(side), np.zeros(len(side))], axis=1)
+    signals = np.zeros_like(MOTION.signals)
+    signals[:, :3] = np.einsum("nji,nj->ni", MOTION.rotation_world_sensor, leaning)
+    return READ + signal_columns(signals)[:, :, :10] @ LOAD.phi
+
+
 def touched():
     on = (SECONDS > 3) & (SECONDS < 8)
     force = np.array([4.0, 3.0, 12.0]) * (1 + 0.4 * np.sin(5 * SECONDS))[:, None]
@@ -127,6 +136,7 @@ KINDS = {
     "grasped": (grasped(), ErrorCode.PAYLOAD_CHANGED),
     "touched": (touched(), ErrorCode.IN_CONTACT),
     "base drives": (base_drives(), ErrorCode.BASE_MOVED),
+    "joint zero": (joint_off(), ErrorCode.POOR_FIT),
 }
 
 

@@ -50,7 +50,7 @@ _MEMORY = 2_500_000_000
 _SPREAD_AFTER, _LEAST_SPREAD = 3.0, np.array([0.01, 0.0005])
 """Of the bias after a change: in units of how well it was known before, but at least what sensors creep, N and N m."""
 
-_EVEN, _IMITATED = 0.5, 0.125
+_EVEN, _IMITATED = 0.5, 0.2
 """Probability of another payload before it is certain; and of a contact that imitates the new payload: its force must
 point along gravity."""
 
@@ -98,7 +98,7 @@ class ContinuousEstimator:
 
     A change differs from a push by what explains it: the newest blocks contradict the payload, and another payload
     explains them. The new one begins without a shape (see `hold`), but with the bias as it was known. A push that lasts
-    and points along gravity is taken for a payload; until the sensor has turned, the `doubt` says so. A slow leak is
+    and points along gravity is taken for a payload; until the sensor has turned, the `doubts` say so. A slow leak is
     not noticed.
 
     Args:
@@ -170,14 +170,15 @@ class ContinuousEstimator:
         return self._since
 
     @property
-    def doubt(self) -> PayloadDoubt | None:
-        """What else may be held than what was estimated from all samples since the last change; None: nothing."""
+    def doubts(self) -> tuple[PayloadDoubt, ...]:
+        """What else may be held than what was estimated from all samples since the last change."""
+        found = []
         if self._other is not None:
-            return PayloadDoubt(self._other.phi, self._other.covariance, _EVEN)
+            found.append(PayloadDoubt(self._other.phi, self._other.covariance, _EVEN))
         if self._before is not None:
-            before = self._before
-            return PayloadDoubt(before.unknowns[:10], before.covariance[:10, :10], _IMITATED)
-        return None
+            phi, covariance = self._before.unknowns[:10], self._before.covariance[:10, :10]
+            found.append(PayloadDoubt(phi, covariance, _IMITATED))
+        return tuple(found)
 
     def solve(self) -> BayesSolution:
         """Estimate the payload held now.

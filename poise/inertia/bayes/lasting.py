@@ -4,7 +4,7 @@ import numpy as np
 
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.bayes.blocks import MomentBlocks
-from poise.inertia.model import N_UNKNOWNS, signal_columns
+from poise.inertia.model import N_UNKNOWNS, NoiseLevels, signal_columns
 from poise.types import Array, Mask
 
 LOAD_ACCURACY = 0.01
@@ -21,6 +21,9 @@ _LEAST_PAIRS, _NOTABLE = 12, 3.0
 
 _SHOWN_AFTER = 2.0
 """s of samples, after which the residuals show lasting errors and nothing is assumed of them."""
+
+_COLOURED = 0.5
+"""Share of the noise of a sample that may last: sensors are filtered, and creep."""
 
 _ARM = 0.05
 """m: lever of the weight at which the torque errs, at least."""
@@ -50,19 +53,23 @@ def lasting_variances(means: Array, blocks: MomentBlocks, keep: Mask) -> Array:
     return np.where(common > _NOTABLE * total / np.sqrt(3 * count), common, 0.0)
 
 
-def assumed_variances(phi: Array, blocks: MomentBlocks, accuracy: float) -> Array:
+def assumed_variances(phi: Array, noise: NoiseLevels, blocks: MomentBlocks, accuracy: float) -> Array:
     """(2,) variance of lasting errors of a load phi (10,) in its first seconds, before the residuals show them.
 
     Args:
         phi: of the load.
+        noise: of a sample.
         blocks: the samples.
-        accuracy: share of the load.
+        accuracy: share of the load; 0: the noise is white, and all there is.
     """
+    if not accuracy:
+        return np.zeros(2)
     seconds = float(blocks.end[-1] - blocks.start[0]) * 1e-9
     unknown = max(1.0 - seconds / _SHOWN_AFTER, 0.0)
     weight = STANDARD_GRAVITY * phi[0]
     moment = STANDARD_GRAVITY * float(np.linalg.norm(phi[1:4])) + weight * _ARM
-    return unknown * (accuracy * np.array([weight, moment])) ** 2
+    by_noise = _COLOURED * np.array([noise.force, noise.torque])
+    return np.asarray(unknown * ((accuracy * np.array([weight, moment])) ** 2 + by_noise**2))
 
 
 def lasting_covariance(blocks: MomentBlocks, sums: Array, covariance: Array, weight: Array, variances: Array) -> Array:

@@ -26,7 +26,7 @@ from poise.types import Array, Indices, Mask
 _COARSE, _FINE = SolverEffort(0.1, 10, 0.0), SolverEffort(0.003, 25, 1e-4)
 """Of the first rounds, and of the last ones."""
 
-_MAX_ROUNDS = 10
+_MAX_ROUNDS = 16
 
 _IMPATIENT = 3
 """Rounds after which noise and blocks are judged by an answer that still moves: perhaps it does because of them."""
@@ -96,7 +96,8 @@ class PosteriorSearch:
             moved = self._moved(before)
             if (number >= _IMPATIENT or not moved) and not self._judge() and not moved:
                 break
-        else:
+        else:  # with the noise that the last judgement found
+            self.posterior = self._solve(self._normals(), _FINE)
             self._compare()
         self.posterior = self.average.with_curvature()
         return self
@@ -115,7 +116,7 @@ class PosteriorSearch:
         moved = self._drifts * np.array([delay.std for delay in self._delays])[:, None]
         known = np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
         shown = lasting_variances(self.found.means, self.blocks, self.keep)
-        variances = np.maximum(shown, assumed_variances(self._phi, self.blocks, self._accuracy))
+        variances = np.maximum(shown, assumed_variances(self._phi, self.noise, self.blocks, self._accuracy))
         if not variances.any():
             return known
         used = self.blocks.select(self.keep)

@@ -54,9 +54,9 @@ class ChangeWatch:
         return mass is not None and mass < _EMPTY_HAND
 
     @property
-    def doubt(self) -> PayloadDoubt | None:
-        """What else may be held than what is estimated; None: nothing."""
-        return self._estimator.doubt
+    def doubts(self) -> tuple[PayloadDoubt, ...]:
+        """What else may be held than what is estimated."""
+        return self._estimator.doubts
 
     def hold(self, parts: Parts) -> None:
         """Set the shape of the payload; soon after a change."""

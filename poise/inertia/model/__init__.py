@@ -44,6 +44,7 @@ from poise.inertia.model.signals import (
     signal_columns,
 )
 from poise.inertia.model.solution import EstimateFinding, InertialSolution, RejectedInterval, root_mean_square
+from poise.inertia.model.spikes import SPIKE, SpikeFilter
 from poise.inertia.model.wrench_regressor import regressor
 
 __all__ = [
@@ -55,6 +56,7 @@ __all__ = [
     "N_UNKNOWNS",
     "OUT_OF_ORDER",
     "PARAMETER_NAMES",
+    "SPIKE",
     "UNKNOWN_NOISE",
     "UPPER",
     "EstimateFinding",
@@ -68,6 +70,7 @@ __all__ = [
     "RejectedInterval",
     "RejectionLog",
     "SampleChecks",
+    "SpikeFilter",
     "about_com_jacobian",
     "believable",
     "frame_change",

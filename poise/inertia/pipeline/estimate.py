@@ -1,5 +1,6 @@
 """The result of an identification: the payload with its covariance, and the samples that it rests on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -135,20 +136,19 @@ class InertialEstimate:
             samples=samples,
         )
 
-    def doubted(self, doubt: PayloadDoubt | None) -> "InertialEstimate":
+    def doubted(self, doubts: Sequence[PayloadDoubt]) -> "InertialEstimate":
         """With the uncertainty that another payload may be held; a finding says so if it is notable."""
-        if doubt is None:
+        if not doubts:
             return self
-        covariance = self.covariance + doubt.spread(self.phi)
-        apart = float(abs(doubt.phi[0] - self.parameters.mass))
-        if apart < _APART * self.mass_std:
+        covariance = self.covariance + np.sum([doubt.spread(self.phi) for doubt in doubts], axis=0)
+        other = max((float(doubt.phi[0]) for doubt in doubts), key=lambda mass: abs(mass - self.phi[0]))
+        if abs(other - self.phi[0]) < _APART * self.mass_std:
             return replace(self, covariance=covariance)
         sentence = (
-            f"the newest samples may be of a payload of {doubt.phi[0]:.4f} kg instead of {self.parameters.mass:.4f} kg,"
-            " or something else touches it; the uncertainty covers both: turn the load in free space"
+            f"the newest samples may be of a payload of {other:.4f} kg instead of {self.phi[0]:.4f} kg, or something"
+            " else touches it; the uncertainty covers both: turn the load in free space"
         )
-        evidence = {"other_mass": float(doubt.phi[0]), "probability": doubt.probability}
-        found = EstimateFinding(ErrorCode.IN_CONTACT, sentence, evidence)
+        found = EstimateFinding(ErrorCode.IN_CONTACT, sentence, {"other_mass": other})
         return replace(self, covariance=covariance, findings=(*self.findings, found))
 
     @property

@@ -17,12 +17,20 @@ from poise.inertia.estimators import (
     model_matrix,
     solve,
 )
-from poise.inertia.model import EstimateFinding, InertialSolution, NoiseLevels, RejectionLog, SampleChecks
+from poise.inertia.model import (
+    SPIKE,
+    EstimateFinding,
+    InertialSolution,
+    NoiseLevels,
+    RejectionLog,
+    SampleChecks,
+    SpikeFilter,
+)
 from poise.inertia.pipeline.estimate import InertialEstimate
 from poise.inertia.verdict import ExtremeReadings, Fit, FitSamples, FitVerdict, SampleBins, judge
 from poise.recording import MAX_LATENESS
 from poise.robot import USED, MotionBuffer, PairingReasons, SensorMotion, StampedBuffer
-from poise.types import Array, Stamps
+from poise.types import Array, Mask, Stamps
 
 _AFTER_JUMP = 10**9
 """ns that pass for the estimator when the clock jumps."""
@@ -72,7 +80,7 @@ class MethodPipeline:
         self.stamp: int | None = None
         self.newest: PairedSamples
         """What the last update brought together."""
-        self._checks = SampleChecks(limits)
+        self._checks, self._spikes = SampleChecks(limits), SpikeFilter()
         self._motion_noise = motion_noise
         self._information, self._noise = InformationAccumulator(), NoiseMeter()
         self._accelerometer = AccelerometerComparison(prior.gravity, prior.accelerometer)
@@ -105,7 +113,7 @@ class MethodPipeline:
         stamps, wrench, waiting = stamps[ready], wrench[ready], (stamps[~ready], wrench[~ready])
         self._waiting.clear()
         self._waiting.extend(*waiting)
-        self.newest = self._paired(stamps, wrench)
+        self.newest = self._paired(stamps, wrench, self._spikes.judge(wrench, waiting[1]))
         used = self.newest.reasons == USED
         self.rejections.add(stamps, self.newest.reasons)
         if used.any():
@@ -134,11 +142,12 @@ class MethodPipeline:
             return
         _check_sign(plain)
 
-    def _paired(self, stamps: Stamps, wrench: Array) -> PairedSamples:
+    def _paired(self, stamps: Stamps, wrench: Array, spikes: Mask) -> PairedSamples:
         if not len(stamps):
             return PairedSamples(stamps, wrench, _NO_MOTION, np.zeros(0, dtype="<U16"))
         motion, reasons = self.buffer.pair(stamps)
         reasons = self._checks.judge(stamps, wrench, motion.angular_velocity_in_sensor, reasons)
+        reasons[spikes & (reasons == USED)] = SPIKE
         return PairedSamples(stamps, wrench, motion, reasons)
 
     def _use(self, motion: SensorMotion, wrench: Array) -> None:

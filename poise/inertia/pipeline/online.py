@@ -288,7 +288,7 @@ class OnlineEstimator:
         else:
             found = running.estimate(self.frame_id)
         if self._changes is not None:
-            found = found.doubted(self._changes.doubt)
+            found = found.doubted(self._changes.doubts)
         if not self.foreign_wrenches:
             return found
         return replace(found, findings=(*found.findings, _foreign_frames(self.foreign_wrenches, self.frame_id)))
