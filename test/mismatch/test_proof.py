@@ -9,6 +9,7 @@ from cases import make_case
 from poise.mismatch.answer import diagnose
 from poise.mismatch.effects import Effect, EffectParameter, Values, effect_named
 from poise.mismatch.inference import EffectProof, FittedEffect, TimeLimit, names, proven, search, wrench_problem
+from poise.mismatch.inference.proof import elsewhere, immaterial
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
@@ -108,15 +109,37 @@ def test_an_effect_that_acts_in_one_part_alone_is_not_named() -> None:
 @pytest.mark.parametrize(
     ("proof", "words"),
     [
-        (EffectProof(6, 6, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0), ""),
-        (EffectProof(6, 6, 1.2, 1.2, 2.0, 1.0, 0.0, 9.0), "does not fall"),
-        (EffectProof(6, 4, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0), "in 4 of 6 parts"),
-        (EffectProof(6, 6, 5.0, 4.9, 40.0, 1.0, 33.0, 9.0), "33 times"),
+        (EffectProof(6, 6, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0, 40.0, 2.0, 0.0), ""),
+        (EffectProof(6, 6, 1.2, 1.2, 2.0, 1.0, 0.0, 9.0, 40.0, 2.0, 0.0), "does not fall"),
+        (EffectProof(6, 4, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0, 40.0, 2.0, 0.0), "in 4 of 6 parts"),
+        (EffectProof(6, 6, 5.0, 4.9, 40.0, 1.0, 33.0, 9.0, 40.0, 2.0, 0.0), "33 times"),
+        (EffectProof(6, 6, 1.2, 1.0, 40.0, 1.0, 0.0, 9.0, 4.0, 2.0, 0.0), "as likely without it"),
     ],
 )
 def test_what_a_proof_lacks_is_said(proof: EffectProof, words: str) -> None:
     assert words in proof.lacking
     assert bool(words) == bool(proof.lacking)
+
+
+@pytest.mark.parametrize(("again", "least", "most"), [(0.0, 0.0, 0.0), (1.0, 0.6, 1.1)])
+def test_an_event_that_is_one_of_several_is_known_by_what_is_left_elsewhere(
+    again: float, least: float, most: float
+) -> None:
+    left = np.random.default_rng(1).normal(size=(6, 900))
+    energy = np.zeros(900)
+    energy[200:280] = 6 * 3.0**2
+    left[:, 600:680] += 3.0 * again
+    assert least <= elsewhere(left, energy, energy / energy.sum()) <= most
+
+
+def test_a_shape_that_follows_noise_is_not_named() -> None:
+    """A spring with a mass has enough parameters to follow noise: its residual must exceed the noise without it."""
+    recorded, mode = make_case(5, duration=8.0).recorded(), effect_named("flexible_mode")
+    assert mode is not None
+    part = FittedEffect(mode, {p.name: max(p.low, 0.1) for p in mode.parameters(recorded)})
+    weak, strong = (EffectProof(6, 6, 1.1, 1.0, 90.0, 0.03, 0.0, 0.6, 90.0, excess, 0.0) for excess in (0.2, 0.9))
+    assert "within the noise" in immaterial(recorded, part, weak)
+    assert not immaterial(recorded, part, strong)
 
 
 def test_a_search_ends_at_its_deadline_and_lists_what_was_not_tried() -> None:

@@ -9,10 +9,11 @@ from field_robots import ARM, Recorded, read, urdf
 from test_effort_recordings import NOISE, PHI, ROBOT, URDF
 
 from poise.mismatch.answer import diagnose, effects_called
-from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import FittedEffect, exceeds_tolerance, wrench_problem
-from poise.mismatch.reading import MeasuredStreams, NominalModel, acting_on_efforts, read_streams
-from poise.mismatch.recorded import RecordedMotion
+from poise.mismatch.effects import UnreportedBaseMotion, effect_named
+from poise.mismatch.inference import FittedEffect, effort_problem, exceeds_tolerance, wrench_problem
+from poise.mismatch.reading import MeasuredStreams, NominalModel, acting_on_efforts, read_streams, with_rest
+from poise.mismatch.reading.load_on_efforts import MotionOnEfforts
+from poise.mismatch.recorded import RecordedMotion, joint_torques
 from poise.robot import RobotModel
 from poise.simulation import FourierTrajectory, IdealRobot, JointMotion, record
 from poise.types import Array
@@ -55,6 +56,65 @@ def test_efforts_follow_the_base_and_the_encoders(name: str) -> None:
     acting = acting_on_efforts(effect)
     assert acting is not None
     assert np.abs(acting.simulate(reading.recorded, values) - change).max() < 0.02 * np.abs(change).max()
+
+
+def test_efforts_follow_a_base_that_accelerates() -> None:
+    """For arm and load, an acceleration of the base is gravity turned: the Newton-Euler algorithm with it added."""
+    reading = read(Recorded(seconds=6.0, effort_noise=0.0).joints())
+    effort, effect = reading.recorded.effort, effect_named("base_motion")
+    assert effort is not None
+    assert effect is not None
+    acting = acting_on_efforts(effect)
+    assert acting is not None
+    values = dict.fromkeys((p.name for p in acting.parameters(reading.recorded)), 0.0)
+    values |= {"start": 1.0, "length": 3.0, "splines": 10.0, "speed_x_4": 0.2, "speed_y_6": -0.1}
+    row = int(np.argmax(np.abs(acting.simulate(reading.recorded, values)).max(axis=1)))
+    rows, rates = UnreportedBaseMotion.rates(effort.seconds, values)
+    speeds = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(10)])
+    acceleration = (rates @ speeds)[list(rows).index(row)]
+    moved = JointMotion(*(part[row : row + 1] for part in (effort.position, effort.velocity, effort.acceleration)))
+    robot = RobotModel.from_urdf(ARM, "link_3")
+    shaken = IdealRobot(robot, np.zeros(10), [-acceleration[0], -acceleration[1], -G]).effort(moved)
+    change = shaken - IdealRobot(robot, np.zeros(10)).effort(moved)
+    assert acting.simulate(reading.recorded, values)[row] == pytest.approx(change[0], abs=1e-3 * np.abs(change).max())
+
+
+def test_a_base_motion_is_named_from_joint_efforts_alone() -> None:
+    reading = read(Recorded(seconds=10.0).joints())
+    effort = reading.recorded.effort
+    assert effort is not None
+    window = (effort.seconds > 5.0) & (effort.seconds < 6.5)
+    speed = 2.0 * np.pi / 1.5
+    push = 0.5 * np.sin(speed * (effort.seconds - 5.0)) * window
+    acting = acting_on_efforts(UnreportedBaseMotion())
+    assert isinstance(acting, MotionOnEfforts)
+    felt = acting.by_acceleration(reading.recorded)[0][:, :, 0] * push[:, None]
+    moved = replace(reading.recorded, effort=replace(effort, measured=effort.measured + felt))
+    library = effects_called(["base_motion", "coulomb_friction", "payload_parameters", "effort_offset"])
+    found = diagnose(moved, reading.model, library=library)
+    assert [each.effect.name for each in found.findings] == ["base_motion"]
+    assert found.findings[0].windows[0] == pytest.approx((5.0, 6.5), abs=0.4)
+
+
+def test_what_the_wrench_names_is_fitted_again_for_the_efforts() -> None:
+    reading = read(Recorded(seconds=6.0).joints())
+    usual, wide = (effort_problem(reading.recorded, reading.model, frozenset(names)) for names in ((), ("tilt",)))
+    bounds = [{g.name: g.bound for g in problem.groups(problem.recorded)} for problem in (usual, wide)]
+    assert bounds[1]["tilt"] > 10.0 * bounds[0]["tilt"]
+    assert {name for name in bounds[0] if bounds[0][name] != bounds[1][name]} == {"tilt"}
+    assert wide.of(wide.recorded).widened == wide.widened
+
+
+def test_what_no_name_explains_of_the_wrench_acts_on_the_joints() -> None:
+    """A force that no effect describes is no error of the links."""
+    reading = read(Recorded(seconds=6.0, effort_noise=0.0).joints())
+    recorded = reading.recorded
+    wrench = np.zeros((len(recorded), 6))
+    wrench[:, 0] = 3.0 * np.sin(recorded.seconds)
+    felt = with_rest(recorded, wrench)
+    assert felt.effort is not None
+    expected = joint_torques(recorded, wrench[:, :, None])[:, :, 0]
+    assert felt.effort.by_rest == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
 
 
 def test_a_drift_that_begins_at_zero_is_a_drift_alone() -> None:

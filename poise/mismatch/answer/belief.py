@@ -1,21 +1,23 @@
 """Confidence of an answer: probabilities of effects, their rivals, and indistinguishable effects."""
 
 import math
-from collections.abc import Mapping
+from collections import Counter
 from dataclasses import dataclass
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import EffectProof, HypothesisSearch
+from poise.mismatch.inference import HypothesisSearch, ProvenModel
 
-_TEMPERATURE = 2.0
-"""divisor of log evidences in the comparison of rivals: no model is exact."""
+_TEMPERATURE = 4.0
+"""Divisor of log evidences in the comparison of rivals: no model is exact, and widths of priors are typical ones."""
+_NONE_TEMPERATURE = 2.0
+"""The same, in the comparison of the nominal model with models that have more effects."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-_WEIGHTS = (1.55, 0.18, -1.29, -0.24)
+_WEIGHTS = (1.55, 0.18, -1.29, -0.24, -1.0)
 """Of `BeliefBasis.terms` in the log odds that a name is true: fitted on answers to cases of two generators by
 `benchmarks.concealed.calibrate`."""
 MAX_PROBABILITY = 0.995
-_ALIKE = 3.0
+_ALIKE = 1.5
 """Difference of log evidence (tempered) below which two hypotheses are indistinguishable."""
 _LEAST_REPORTED = 0.001
 
@@ -44,71 +46,70 @@ class BeliefBasis:
     """The evidence for a name and against it.
 
     Args:
-        evidence: gain (log, base e) of the answer over the best hypothesis without it.
-        share: of its proof, see `EffectProof`.
+        evidence, share: of its proof, see `EffectProof`.
+        rivals: sum over the hypotheses that replace it by another effect: 1 for one that does as well.
         parts: of the answer, named or not.
         beside_unknown: the residual contains an effect that no name explains.
     """
 
     evidence: float
     share: float
+    rivals: float
     parts: int
     beside_unknown: bool
 
     @property
-    def terms(self) -> tuple[float, float, float, float]:
+    def terms(self) -> tuple[float, ...]:
         """The regressors of the log odds: other effects and unknown ones question a name that removes little error."""
         little = -math.log(max(self.share, 1e-3))
-        return 1.0, math.log(max(self.evidence, 0.1)), little * self.beside_unknown, little * (self.parts > 1)
+        evidence, rivals = math.log(max(self.evidence, 1.0)), math.log1p(self.rivals)
+        return 1.0, evidence, little * self.beside_unknown, little * (self.parts > 1), rivals
 
     @property
     def probability(self) -> float:
-        """That the name is true."""
+        """That the name is true; rivals that do as well are as likely."""
         odds = sum(weight * term for weight, term in zip(_WEIGHTS, self.terms, strict=True))
-        return min(1.0 / (1.0 + math.exp(-odds)), MAX_PROBABILITY)
+        return min(1.0 / (1.0 + math.exp(-odds)), 1.0 / (1.0 + self.rivals), MAX_PROBABILITY)
 
 
 def beliefs(
-    state: HypothesisSearch, answer: Names, proofs: Mapping[str, EffectProof], *, beside_unknown: bool
-) -> dict[str, EffectBelief]:
+    state: HypothesisSearch, answer: Names, model: ProvenModel, *, beside_unknown: bool
+) -> tuple[EffectBelief, ...]:
     """A belief for each effect of an answer.
 
     Args:
         state: all hypotheses that were tried.
         answer: the effects of the best hypothesis.
-        proofs: of each of them.
+        model: it, with its proofs; hypotheses with effects that lack a proof are no rivals.
         beside_unknown: the residual contains an effect that no name explains.
     """
-    raw = _evidences(state)
+    dropped = set(model.dropped) - set(answer)
+    raw = {names: value for names, value in _evidences(state).items() if not dropped & set(names)}
     weight = {names: math.exp(min(value - raw[answer], 0.0) / _TEMPERATURE) for names, value in raw.items()}
-    found = {}
-    for name in answer:
-        without = tuple(other for other in answer if other != name)
+    found = []
+    for part, proof in zip(model.fit.parts, model.proofs, strict=True):
+        name = part.effect.name
+        without = Counter(answer) - Counter([name])
         instead = {
-            _stranger(names, without): value
+            next(iter((Counter(names) - without).elements())): value
             for names, value in weight.items()
-            if len(names) == len(answer) and set(without) < set(names) and names != answer
+            if len(names) == len(answer) and not without - Counter(names) and names != answer
         }
-        evidence = raw[answer] - max(value for names, value in raw.items() if name not in _contained(names))
-        basis = BeliefBasis(evidence, proofs[name].share, len(answer), beside_unknown)
-        # Rivals that do as well in its place: no record of earlier names makes one of them likelier than the others.
-        as_well = sum(
-            value
-            for names, value in weight.items()
-            if len(names) == len(answer) and set(without) < set(names) and name not in _contained(names)
-        )
-        probability = min(basis.probability, 1.0 / (1.0 + as_well))
-        lacking = sum(value for names, value in weight.items() if name not in names)
-        others = {rival: (1.0 - probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
+        as_well = sum(value for rival, value in instead.items() if name not in _contained((rival,)))
+        basis = BeliefBasis(proof.evidence, proof.share, as_well, len(answer), beside_unknown)
+        lacking = sum(value for names, value in weight.items() if names.count(name) < answer.count(name))
+        others = {rival: (1.0 - basis.probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
         reported = sorted(((rival, p) for rival, p in others.items() if p > _LEAST_REPORTED), key=lambda pair: -pair[1])
         alike = sorted((rival for rival, value in instead.items() if value > math.exp(-_ALIKE)), key=others.__getitem__)
-        found[name] = EffectBelief(probability, tuple(reported[:5]), tuple(reversed(alike)), basis)
-    return found
+        found.append(EffectBelief(basis.probability, tuple(reported[:5]), tuple(reversed(alike)), basis))
+    return tuple(found)
 
 
 def probability_of_none(state: HypothesisSearch) -> float:
     """Probability that nothing of the library is there."""
-    evidence = {names: (value - _PER_EFFECT * len(names)) / _TEMPERATURE for names, value in _evidences(state).items()}
+    evidence = {
+        names: value / _NONE_TEMPERATURE - _PER_EFFECT * len(names) for names, value in _evidences(state).items()
+    }
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())
     return min(math.exp(evidence[()] - top) / total, MAX_PROBABILITY)
@@ -128,7 +129,3 @@ def _contained(names: Names) -> set[str]:
     """The effects of a hypothesis, and those that they contain."""
     effects = [effect_named(name) for name in names]
     return {*names, *(piece for effect in effects if effect is not None for piece in effect.made_of)}
-
-
-def _stranger(names: Names, known: Names) -> str:
-    return next(name for name in names if name not in known)

@@ -32,13 +32,13 @@ _LIMIT = 0.999
 
 
 def calibration_estimates(problem: Problem, best: HypothesisFit) -> tuple[CalibrationEstimate, ...]:
-    """All observable calibration errors except gains across axes."""
+    """All observable calibration errors except gains across axes, and those that another signal's findings exceed."""
     groups = problem.groups(problem.compose(best.parts)[1], best.parts)
     label = _labels if problem.signal == "wrench" else _effort_labels
     value, spread = best.regression.coefficients(), np.sqrt(np.diag(best.regression.covariance()))
     found, row = [], 0
     for group in groups:
-        labels = list(label(group.name, problem))
+        labels = [] if group.name in problem.widened else list(label(group.name, problem))
         for column in np.flatnonzero(group.seen):
             if column < len(labels):
                 kind, name, size, unit = labels[column]

@@ -39,7 +39,7 @@ from poise.mismatch.inference import (
     tail,
     wrench_problem,
 )
-from poise.mismatch.reading import NominalModel, with_model_effects, without
+from poise.mismatch.reading import NominalModel, with_model_effects, with_rest, without
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array, Mask
 
@@ -209,16 +209,33 @@ def diagnose(
         left = deadline - (time.perf_counter() - begin)
         share = 1.0 / len(signals)
         limit = TimeLimit(_FOR_SEARCH * left / (len(signals) - number), progress, (number * share, share))
-        make = wrench_problem if signal == "wrench" else effort_problem
-        # The joints carry what the wrench showed of load, base and encoders.
-        known = [each.component for one in examined for each in one.findings if each.effect.layer != "sensor"]
-        examined.append(_examined(make(with_model_effects(recorded, known, events=True), model), last, library, limit))
+        problem = wrench_problem(recorded, model) if signal == "wrench" else _efforts(recorded, model, examined)
+        examined.append(_examined(problem, last, library, limit))
     missing = {
         effect.name: f"the recording has no {'wrench' if effect.signal == 'wrench' else 'joint efforts'}"
         for effect in (all_effects() if library is None else library)
         if effect.signal not in signals
     }
     return Diagnosis(tuple(examined), time.perf_counter() - begin, missing)
+
+
+def _efforts(recorded: RecordedMotion, model: NominalModel, examined: Sequence[SignalDiagnosis]) -> Problem:
+    """The joint efforts beside what the wrench showed of load, base and encoders.
+
+    An effect must not be named for what the wrench's names leave: their parameters are fitted again, those of names
+    that could replace them too, and what no name explains of the wrench acts on the joints as well.
+    """
+    widened: set[str] = set()
+    for one in examined:
+        known = [each for each in one.findings if each.effect.layer != "sensor"]
+        recorded = with_model_effects(recorded, [each.component for each in known], events=True)
+        likely = {each.effect.name for each in known} | {rival for each in one.findings for rival in each.belief.alike}
+        widened |= {effect.widens for effect in all_effects() if effect.name in likely}
+        if one.unknown is not None:
+            named = [part for part in one.best.parts if not isinstance(part.effect, Dependence)]
+            explained = one.problem.predicted(one.problem.compose(named)[1]) + one.best.calibrated
+            recorded = with_rest(recorded, one.problem.measured - explained)
+    return effort_problem(recorded, model, frozenset(widened))
 
 
 def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
@@ -234,8 +251,7 @@ def _examined(
         # The last of several recordings is not used before the proof.
         held = _at_stamps(problem.recorded, last, problem.seconds)
         seen = replace(problem, judged=~held)
-        make = wrench_problem if problem.signal == "wrench" else effort_problem
-        looked = make(without(problem.recorded, last), problem.model)
+        looked = problem.of(without(problem.recorded, last))
     state, best = search(looked, library, limit)
     model, final, best, proof = _proven(state, best, seen, held)
     nominal = fit(final, ()) if best.parts else best

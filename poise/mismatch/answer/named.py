@@ -53,21 +53,22 @@ class NamedEffect:
 def named_effects(
     problem: Problem, state: HypothesisSearch, best: HypothesisFit, model: ProvenModel, *, beside_unknown: bool
 ) -> list[NamedEffect]:
-    proofs = {part.effect.name: proof for part, proof in zip(best.parts, model.proofs, strict=True)}
-    confidence = beliefs(state, names(best), proofs, beside_unknown=beside_unknown) if best.parts else {}
+    confidence = beliefs(state, names(best), model, beside_unknown=beside_unknown) if best.parts else ()
     inputs = problem.compose(best.parts)[0]
     found = [
         NamedEffect(
             part.effect,
             part.values,
             covariance,
-            confidence[part.effect.name],
+            belief,
             quantities(part, recorded, covariance),
             part.effect.windows(recorded, part.values),
             part.effect.sentence(recorded, part.values),
-            proofs[part.effect.name],
+            proof,
         )
-        for part, recorded, covariance in zip(best.parts, inputs, best.covariance, strict=True)
+        for part, recorded, covariance, belief, proof in zip(
+            best.parts, inputs, best.covariance, confidence, model.proofs, strict=True
+        )
         if not isinstance(part.effect, Dependence)
     ]
     return sorted(found, key=lambda each: -each.belief.probability)

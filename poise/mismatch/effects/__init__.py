@@ -9,6 +9,7 @@ from functools import cache
 
 from poise.mismatch.effects.accelerometer_input import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.effects.base import LAYERS, Effect, EffectParameter, Values
+from poise.mismatch.effects.base_motion import FEWEST_SPLINES, MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.effects.base_tilt import tilt_columns
 from poise.mismatch.effects.joint_offset import joint_columns
 from poise.mismatch.effects.payload_parameters import PAYLOAD_PARAMETERS
@@ -17,12 +18,15 @@ from poise.mismatch.effects.sensor_rotation import rotation_columns
 from poise.registry import entries_of
 
 __all__ = [
+    "FEWEST_SPLINES",
     "GAIN_LEVER",
     "LAYERS",
+    "MAX_SPLINES",
     "PAYLOAD_PARAMETERS",
     "SLOWEST_VIBRATION",
     "Effect",
     "EffectParameter",
+    "UnreportedBaseMotion",
     "Values",
     "all_effects",
     "effect_named",

@@ -1,6 +1,7 @@
 """Base motion: for a while the base moves horizontally, and odometry does not report it."""
 
 from collections.abc import Iterable
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from poise.mismatch.effects.starts import bursts, smoothed
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array
 
-_FEWEST, MAX_SPLINES = 10, 36
+FEWEST_SPLINES, MAX_SPLINES = 10, 36
 """Number of splines of a speed: few for a single move, many for a base that keeps swaying."""
 _FINEST = 0.4
 """s between the knots of a swaying motion."""
@@ -40,29 +41,35 @@ class UnreportedBaseMotion(Effect):
     needs = ("load",)
     transfers = False
     free_course = True
+    defaults: ClassVar[Values] = {"speed_": 0.0}
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
         first, last = float(recorded.seconds[0]), float(recorded.seconds[-1])
         when = (
             EffectParameter("start", "s", low=first - 1.0, high=last, linear=False),
             EffectParameter("length", "s", low=0.1, high=max(recorded.duration, 1.0), linear=False, log=True),
-            EffectParameter("splines", "", low=_FEWEST, high=MAX_SPLINES, linear=False, choice=True, hidden=True),
+            EffectParameter(
+                "splines", "", low=FEWEST_SPLINES, high=MAX_SPLINES, linear=False, choice=True, hidden=True
+            ),
         )
         speeds = (EffectParameter(f"speed_{a}_{k}", "m/s", 0.2, hidden=True) for k in range(MAX_SPLINES) for a in "xy")
         return (*when, *speeds)
 
     def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
         """Bursts of the horizontal acceleration that the residual force implies."""
-        level = shaking(recorded, residual)[:, :2]
+        yield from self.moves(recorded, shaking(recorded, residual)[:, :2])
+
+    def moves(self, recorded: RecordedMotion, level: Array) -> Iterable[Values]:
+        """Windows and numbers of splines from a horizontal acceleration (N, 2) in the world."""
         calm = np.stack([smoothed(recorded, part, 0.1) for part in level.T], axis=1)
         found = list(bursts(recorded, calm, count=8))
         for begin, end in sorted({_chained(found, found[0]), found[0]}) if found else ():
             length = min(end - begin + 2 * _MARGIN, 0.98 * max(recorded.duration, 1.0))
-            for splines in sorted({_FEWEST, min(max(round(length / _FINEST), _FEWEST), MAX_SPLINES)}):
+            for splines in sorted({FEWEST_SPLINES, min(max(round(length / _FINEST), FEWEST_SPLINES), MAX_SPLINES)}):
                 yield {"start": begin - _MARGIN, "length": max(length, 0.2), "splines": float(splines)}
 
     def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
-        rows, rates = self._rates(recorded, nonlinear)
+        rows, rates = self.rates(recorded.seconds, nonlinear)
         out = np.zeros((len(recorded), 6, 2 * MAX_SPLINES))
         level = shaking_columns(recorded)[rows, :, :2]
         waves = rates[:, None, :, None] * level[:, :, None, :]
@@ -76,7 +83,7 @@ class UnreportedBaseMotion(Effect):
     def derived(self, recorded: RecordedMotion, values: Values) -> dict[str, tuple[float, str]]:
         count = int(values["splines"])
         speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(count)])
-        acceleration = self._rates(recorded, values)[1] @ speed
+        acceleration = self.rates(recorded.seconds, values)[1] @ speed
         peak = float(np.linalg.norm(acceleration, axis=1).max(initial=0.0))
         # A cubic B-spline covers its coefficient times the interval between knots.
         path = np.cumsum(speed, axis=0) * values["length"] / (count + 3)
@@ -102,11 +109,11 @@ class UnreportedBaseMotion(Effect):
         )
 
     @staticmethod
-    def _rates(recorded: RecordedMotion, values: Values) -> tuple[NDArray[np.intp], Array]:
-        """Samples within the window, and (n, K) d B_k / dt there, 1/s; B_k spans four of K + 3 intervals."""
+    def rates(seconds: Array, values: Values) -> tuple[NDArray[np.intp], Array]:
+        """Samples (M,) within the window, and (n, K) d B_k / dt there, 1/s; B_k spans four of K + 3 intervals."""
         count = int(values["splines"])
         interval = values["length"] / (count + 3)
-        place = (recorded.seconds - values["start"]) / interval
+        place = (seconds - values["start"]) / interval
         rows = np.flatnonzero((place > 0.0) & (place < count + 3))
         x = place[rows, None] - np.arange(2, count + 2)
         size = np.abs(x)

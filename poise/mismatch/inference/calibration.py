@@ -5,7 +5,7 @@ that no hypothesis wins by correcting them, up to the edges of all at once. A ca
 columns without the bounds: it wins where the data contradict the tolerance.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,6 +21,8 @@ from poise.types import Array, Mask
 CALIBRATION_BOUND = 1.1
 """Half-width of the uniform priors in tolerances: the columns are linear, and the products of two errors at their edges
 are up to a tenth of a tolerance."""
+_WIDENED = 30.0
+"""Factor on the bounds of errors that exceed their tolerances."""
 NORMAL_PRECISION = 4.0
 """Of the coefficients of a group without bounds."""
 
@@ -30,8 +32,8 @@ class CalibrationGroup:
     """A group of calibration errors.
 
     Args:
-        name: payload, bias, drift, gain, rotation, tilt, joints, clock, offset, links, or blur (no tolerance: see
-            `_BLURS`).
+        name: payload, bias, drift, gain, rotation, tilt, joints, clock, offset, links, rest (what the model leaves of
+            the wrench, as efforts), or blur (no tolerance: see `_BLURS`).
         values: (N, C, k) response to one tolerance of each; or (N, k), of errors that act in one channel each.
         bound: half-width of the uniform prior in tolerances; infinite: a normal prior of `NORMAL_PRECISION`.
         channel: (k,) the channels of such errors, of `channels`; None: the errors act in all channels.
@@ -45,6 +47,10 @@ class CalibrationGroup:
     channel: NDArray[np.intp] | None = None
     channels: int = 0
     lasting: bool = False
+
+    def widened(self) -> "CalibrationGroup":
+        """The errors of which another signal shows that they exceed their tolerances."""
+        return replace(self, bound=_WIDENED * self.bound)
 
     @property
     def columns(self) -> Array:
@@ -131,6 +137,7 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
     none = np.zeros((*track.measured.shape, 0))
     links = none if track.links is None else track.links.efforts
     tilt = none if track.by_tilt is None else track.by_tilt
+    rest = () if track.by_rest is None else (CalibrationGroup("rest", track.by_rest[:, :, None]),)
     return (
         CalibrationGroup("payload", payload),
         CalibrationGroup("joints", track.by_position * tolerance.joint_offset),
@@ -138,6 +145,7 @@ def effort_calibration(recorded: RecordedMotion, tolerance: Tolerance) -> tuple[
         CalibrationGroup("offset", offset, channel=each, channels=count),
         CalibrationGroup("links", links * tolerance.link_mass),
         CalibrationGroup("tilt", tilt * tolerance.base_tilt),
+        *rest,
     )
 
 

@@ -34,6 +34,10 @@ _GENERAL = ("link_parameters",)
 _ALTERNATIVES = 4
 """Other effects in the place of a single one that are compared in full."""
 _MOST = 10
+_CHOICES = 2
+"""Times that effects which choose a joint or a moment are looked for in what the others leave."""
+_LEAST_EVENT = 20.0
+"""log evidence (by its number of parameters) from which an event is fitted in full."""
 _TOLERANCE_RIDGE = 0.01
 """Precision of a calibration error in tolerances: inside the bounds the smallest is taken."""
 _RIDGE = 1e-9
@@ -97,11 +101,15 @@ def screened(
     combined = [each for each in linear if each.made_of]
     sums = screen.extended([each for each in linear if each not in choosing])
     chosen = _grown(sums, [])
-    if choosing:
-        # Which joints are concerned shows once the common effects are there.
-        sums = screen.extended(choosing, _fitted(problem, sums, chosen))
+    for _ in range(_CHOICES if choosing else 0):
+        # Which joints are concerned shows once the common effects are there, and those found before.
+        known, names = len(chosen), {sums.families[i].name for i in chosen}
+        left = [effect for effect in choosing if effect.name not in names]
+        sums = screen.extended(left, _fitted(problem, sums, chosen))
         chosen = _grown(sums, chosen)
-    chosen = _pruned(sums, _grown(sums, chosen, general=True))
+        if len(chosen) == known:
+            break
+    chosen = _pruned(sums, _grown(sums, _with_event(sums, chosen), general=True))
     chosen = _varied(sums, chosen)
     for effect in combined:
         chosen = _replaced(problem, sums, chosen, effect)
@@ -119,7 +127,12 @@ def _instead(sums: _Sums, chosen: int) -> list[int]:
     least = without - _SIMPLER * (without - _relative(_error(sums, [chosen], variance), variance))
     left: dict[str, tuple[float, int]] = {}
     for i, family in enumerate(sums.families):
-        if family.effect is None or family.effect.made_of or family.name in (*_GENERAL, sums.families[chosen].name):
+        if (
+            family.effect is None
+            or family.effect.made_of
+            or _event(sums, i)
+            or family.name in (*_GENERAL, sums.families[chosen].name)
+        ):
             continue
         error = _relative(_error(sums, [i], variance), variance)
         if error < min(least, left.get(family.name, (np.inf, 0))[0]):
@@ -271,7 +284,7 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
         falls = {}
         for i in range(1, len(sums.families)):
             family = sums.families[i]
-            combined = family.effect is None or family.effect.made_of
+            combined = family.effect is None or family.effect.made_of or _event(sums, i)
             if combined or family.name in names or (family.name in _GENERAL) > general:
                 continue
             after = _error(sums, [*chosen, i], variance)
@@ -284,6 +297,37 @@ def _grown(sums: _Sums, chosen: list[int], *, general: bool = False) -> list[int
         size = min(sums.families[i].columns.shape[2] for i in near)
         chosen.append(max((i for i in near if sums.families[i].columns.shape[2] == size), key=falls.__getitem__))
     return chosen
+
+
+def _event(sums: _Sums, family: int) -> bool:
+    """Whether its course is free inside a window: what the other blocks show does not predict it."""
+    effect = sums.families[family].effect
+    return effect is not None and effect.free_course
+
+
+def _with_event(sums: _Sums, chosen: list[int]) -> list[int]:
+    """With the event that explains most beyond its number of free parameters."""
+    events = [i for i in range(1, len(sums.families)) if _event(sums, i) and i not in chosen]
+    if not events or any(_event(sums, i) for i in chosen):
+        return chosen
+    variance = _begun(sums, chosen)[1]
+    without = _square(sums, chosen, variance)
+    scores = {}
+    for i in events:
+        columns = sums.families[i].columns
+        count, rows = int(columns.any(axis=(0, 1)).sum()), int(columns.any(axis=(1, 2)).sum())
+        fall = without - _square(sums, [*chosen, i], variance)
+        scores[i] = 0.5 * (fall - count * np.log(max(rows, 2)))
+    best = max(events, key=scores.__getitem__)
+    return [*chosen, best] if scores[best] > _LEAST_EVENT else chosen
+
+
+def _square(sums: _Sums, chosen: Sequence[int], variance: Array) -> float:
+    """Of the residual of a fit to all blocks, in units of the variance (J,)."""
+    index, values = _index(sums, chosen), _solved(sums, chosen, variance)
+    matrix, vector = sums.matrix.sum(axis=0)[:, index][:, :, index], sums.vector.sum(axis=0)[:, index]
+    bent = np.einsum("k,jkl,l->j", values, matrix, values, optimize=True)
+    return float((sums.square.sum(axis=0) - 2.0 * vector @ values + bent) @ (1 / variance))
 
 
 def _relative(error: Array, variance: Array) -> float:
@@ -303,7 +347,7 @@ def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
     while chosen:
         after, variance = _begun(sums, chosen)
         without = {i: _error(sums, [j for j in chosen if j != i], variance) for i in chosen}
-        idle = [i for i in chosen if not _proven(sums, without[i], after, variance)]
+        idle = [i for i in chosen if not (_event(sums, i) or _proven(sums, without[i], after, variance))]
         if not idle:
             break
         chosen = [j for j in chosen if j != min(idle, key=lambda i: _relative(without[i], variance))]
@@ -313,6 +357,8 @@ def _pruned(sums: _Sums, chosen: list[int]) -> list[int]:
 def _varied(sums: _Sums, chosen: list[int]) -> list[int]:
     """With the best non-linear values of each effect among those tried."""
     for place, i in enumerate(chosen):
+        if _event(sums, i):
+            continue
         variance = _begun(sums, chosen)[1]
         alike = [k for k in range(1, len(sums.families)) if sums.families[k].name == sums.families[i].name]
         sets = [[*chosen[:place], k, *chosen[place + 1 :]] for k in alike]

@@ -10,7 +10,7 @@ from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.recorded import RecordedMotion
 from poise.types import Array, Mask
 
-PRIOR_SCALES = (1 / 3, 1.0, 3.0)
+PRIOR_SCALES = (0.1, 1 / 3, 1.0, 3.0)
 SLOPE_STEP = 1e-4
 """Of the unit interval, for derivatives by differences."""
 

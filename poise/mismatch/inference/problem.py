@@ -72,6 +72,7 @@ class Problem:
         judged: (N,) samples that count, apart from the ends, which never do; None: all.
         blocks: averaged samples; None: each sample counts by itself.
         band: (C,) share of independent samples, one for all noise models, so that their likelihoods are comparable.
+        widened: calibration groups that exceed their tolerances, as another signal shows.
     """
 
     recorded: RecordedMotion
@@ -81,6 +82,7 @@ class Problem:
     judged: Mask | None = None
     blocks: SampleBlocks | None = None
     band: Array | None = None
+    widened: frozenset[str] = frozenset()
     _white: dict[int, tuple[CalibrationGroup, Array]] = field(default_factory=dict, init=False, repr=False)
     _made: list[tuple[RecordedMotion, tuple[CalibrationGroup, ...]]] = field(
         default_factory=list, init=False, repr=False
@@ -162,7 +164,9 @@ class Problem:
         widened = {part.effect.widens for part in parts} - {""}
         if not self._made or self._made[0][0] is not recorded:
             make = calibration if self.signal == "wrench" else effort_calibration
-            self._made[:] = [(recorded, make(recorded, self.model.tolerance))]
+            made = make(recorded, self.model.tolerance)
+            made = tuple(group.widened() if group.name in self.widened else group for group in made)
+            self._made[:] = [(recorded, made)]
         return tuple(group for group in self._made[0][1] if group.name not in widened)
 
     def regression(
@@ -214,6 +218,10 @@ class Problem:
             taken += count
         return total
 
+    def of(self, recorded: RecordedMotion) -> "Problem":
+        """The same signal of another recording, with its own noise."""
+        return _begun(recorded, self.model, self.signal, self.widened)
+
     def with_noise(self, noise: SignalNoise) -> "Problem":
         """The problem with another noise model."""
         return replace(self, noise=noise)
@@ -236,13 +244,18 @@ def wrench_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
     return _begun(recorded, model, "wrench")
 
 
-def effort_problem(recorded: RecordedMotion, model: NominalModel) -> Problem:
-    """Joint efforts against the rigid arm."""
-    return _begun(recorded, model, "effort")
+def effort_problem(recorded: RecordedMotion, model: NominalModel, widened: frozenset[str] = frozenset()) -> Problem:
+    """Joint efforts against the rigid arm; `widened`: see `Problem`."""
+    return _begun(recorded, model, "effort", widened)
 
 
-def _begun(recorded: RecordedMotion, model: NominalModel, signal: Literal["wrench", "effort"]) -> Problem:
-    rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal)
+def _begun(
+    recorded: RecordedMotion,
+    model: NominalModel,
+    signal: Literal["wrench", "effort"],
+    widened: frozenset[str] = frozenset(),
+) -> Problem:
+    rough = Problem(recorded, model, signal_noise(recorded, model, signal, None), signal, widened=widened)
     groups = rough.groups(recorded)
     fitted = rough.calibrated(groups, rough.regression().coefficients())
     noise = rough.fitted_noise(rough.measured - rough.predicted(recorded) - fitted)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from poise.mismatch.inference.box import box_minimum
 from poise.mismatch.inference.fitting import HypothesisFit, fit
-from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, implausible, residual_of
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.unknown import Dependence
 from poise.mismatch.recorded import RecordedMotion
@@ -34,7 +34,19 @@ _EXCESS = 0.05
 final residual has the same limit."""
 _BRIEF, _LEAST_LOCAL = 0.3, 5.0
 """Share of a recording within which an event is brief, and its least energy in a sample, in units of the noise of a
-channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording."""
+channel: a smaller one may be an error of the measured motion, which a brief event finds anywhere in a recording. Where
+nothing is left at other times, the energy of the whole residual during the event counts."""
+_LEAST_EVIDENCE = 6.0
+"""log evidence that an effect must win beside the other effects of the answer, under the noise that this leaves."""
+_SHAPES, _LEAST_EXCESS = 4, 0.4
+"""Non-linear parameters from which an effect has shapes enough to follow noise, and the least energy of the residual
+above that of noise, as its share, where it acts."""
+_MOST_ELSEWHERE = 0.5
+"""Energy in another window of the length of a brief event, as a share of its own: the event would be one of several."""
+_ACTS = 0.01
+"""Share of its largest energy in a sample from which an event acts there."""
+_SPIKE, _CHANCE = 5.0, 4.0
+"""Sigmas to which single residuals are limited, and that the energy of noise in some window may exceed its mean by."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +62,10 @@ class EffectProof:
         rest: energy that the model leaves above the noise, in units of the energy of this effect, in the samples and
             channels where it acts.
         local: energy of the effect in a sample where it acts, over all channels, in units of their noise.
+        evidence: log evidence of the model with the effect over the model without it, under the same noise.
+        excess: energy of the residual without the effect, where the effect acts, over that of the noise, less one.
+        elsewhere: of a brief event, the largest energy that stays unexplained in another window of its length, in units
+            of the energy of the event.
     """
 
     blocks: int
@@ -60,6 +76,9 @@ class EffectProof:
     share: float
     rest: float
     local: float
+    evidence: float
+    excess: float
+    elsewhere: float
 
     @property
     def lacking(self) -> str:
@@ -70,6 +89,8 @@ class EffectProof:
             return f"the error falls in {self.improved_blocks} of {self.blocks} parts of the recording"
         if self.rest * _LEAST_OF_REST > 1.0:
             return f"the error that remains unexplained is {self.rest:.2g} times as large as what it explains"
+        if self.evidence < _LEAST_EVIDENCE:
+            return "the recording is nearly as likely without it"
         return ""
 
 
@@ -103,7 +124,7 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         without = [state.fitted(problem, _others(whole.parts, part), WARM_STEPS) for part in whole.parts]
         proofs = _compared(problem, whole, without)
         lacking = [
-            implausible(problem.recorded, [part]) or _immaterial(problem.recorded, part, proof) or proof.lacking
+            implausible(problem.recorded, [part]) or immaterial(problem.recorded, part, proof) or proof.lacking
             for part, proof in zip(whole.parts, proofs, strict=True)
         ]
         failed = [index for index, reason in enumerate(lacking) if reason]
@@ -114,14 +135,20 @@ def proven(state: HypothesisSearch, best: HypothesisFit) -> ProvenModel:
         best = without[weakest]
 
 
-def _immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof) -> str:
+def immaterial(recorded: RecordedMotion, part: FittedEffect, proof: EffectProof) -> str:
     """Why an effect is too small to be distinguished from errors of noise and motion that no model has."""
     if isinstance(part.effect, Dependence) and proof.error_without**2 <= 1.0 + _EXCESS:
         return "the residual is within the noise without it"
+    shapes = sum(not (p.linear or p.choice) for p in part.effect.parameters(recorded))
+    if shapes >= _SHAPES and proof.excess < _LEAST_EXCESS:
+        return "where it acts, the residual is within the noise without it"
     windows = part.effect.windows(recorded, part.values)
     ends = all(end < recorded.seconds[-1] for _, end in windows)  # unlike a change that stays
     if windows and ends and sum(end - begin for begin, end in windows) < _BRIEF * recorded.duration:
-        return "it is not larger than errors of the measured motion" if proof.local < _LEAST_LOCAL else ""
+        if proof.elsewhere > _MOST_ELSEWHERE:
+            return "at other times, as much remains unexplained"
+        alone = proof.elsewhere == 0.0 and proof.excess >= _LEAST_LOCAL
+        return "" if alone or proof.local >= _LEAST_LOCAL else "it is not larger than errors of the measured motion"
     return f"the squared error falls by {100 * proof.share:.1f} %" if proof.share < _LEAST_SHARE else ""
 
 
@@ -141,11 +168,12 @@ def _compared(problem: Problem, whole: HypothesisFit, without: Sequence[Hypothes
         # A knock that is a fraction of a sample late would count as much as one that is not there.
         judged = settled if problem.judged is None else settled & problem.judged
         whole, *without = (fit(replace(problem, judged=judged), each.parts, 1) for each in (whole, *without))
-    return [_proof(problem.measured.shape[1], length, whole, shorter) for shorter in without]
+    return [_proof(problem, length, whole, shorter) for shorter in without]
 
 
-def _proof(channels: int, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
+def _proof(problem: Problem, length: int, whole: HypothesisFit, without: HypothesisFit) -> EffectProof:
     """The proof of the effect that `whole` has and `without` lacks."""
+    channels = problem.measured.shape[1]
     fitted = [each.regression.residual.reshape(channels, -1) for each in (without, whole)]
     response = (fitted[0] - fitted[1]) ** 2
     acting = response / max(float(response.sum()), 1e-300)
@@ -165,7 +193,30 @@ def _proof(channels: int, length: int, whole: HypothesisFit, without: Hypothesis
         share=float(np.clip(1.0 - errors[1] / max(errors[0], 1e-12), 0.0, 1.0)),
         rest=max(float(np.sum(acting * (fitted[1] ** 2 - 1.0))), 0.0) / max(float(np.sum(acting * response)), 1e-9),
         local=float(share @ energy) / length,
+        evidence=whole.log_evidence - without.log_evidence,
+        excess=_excess(problem, whole, without),
+        elsewhere=elsewhere(fitted[1], energy, share),
     )
+
+
+def _excess(problem: Problem, whole: HypothesisFit, without: HypothesisFit) -> float:
+    """Energy of the residual of `without` over that of the noise, less one, weighed by what `whole` adds to it."""
+    left, kept = (residual_of(problem, each)[problem.active] for each in (without, whole))
+    scale = problem.noise.total[problem.active]
+    added = ((left - kept) / scale) ** 2
+    return float(np.sum(added * np.minimum((left / scale) ** 2, _SPIKE**2)) / max(float(added.sum()), 1e-300)) - 1.0
+
+
+def elsewhere(left: Array, energy: Array, share: Array) -> float:
+    """Largest energy above that of noise of a residual (C, N) in a window outside an event, relative to the event's."""
+    acts = share > _ACTS * share.max()
+    count, outside = int(acts.sum()), ~acts
+    if int(outside.sum()) <= count:
+        return 0.0
+    squares = np.minimum(left[:, outside] ** 2, _SPIKE**2).sum(axis=0)
+    sums = np.convolve(squares - squares.mean(), np.ones(count), mode="valid")
+    chance = _CHANCE * squares.std() * np.sqrt(count)
+    return max(float(sums.max() - chance), 0.0) / max(float(energy.sum()), 1e-300)
 
 
 def _parts(share: Array, count: int) -> NDArray[np.intp]:

@@ -2,7 +2,7 @@
 
 from poise.mismatch.reading.joining import joined, spans, without
 from poise.mismatch.reading.kinematics import effort_track, recorded_from_motion
-from poise.mismatch.reading.load_on_efforts import acting_on_efforts, on_efforts
+from poise.mismatch.reading.load_on_efforts import acting_on_efforts, on_efforts, with_rest
 from poise.mismatch.reading.measured_streams import MeasuredStreams
 from poise.mismatch.reading.model_effects import absent, complete_values, effect_of, with_model_effects
 from poise.mismatch.reading.nominal_model import (
@@ -38,5 +38,6 @@ __all__ = [
     "recorded_from_motion",
     "spans",
     "with_model_effects",
+    "with_rest",
     "without",
 ]

@@ -1,15 +1,26 @@
 """Effects of the load, the base and the encoders, as joint efforts show them."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
-from poise.mismatch.effects import Effect, EffectParameter, Values
-from poise.mismatch.recorded import RecordedMotion, joint_torques, wrench_of_torques
+from poise.mismatch.effects import (
+    FEWEST_SPLINES,
+    MAX_SPLINES,
+    Effect,
+    EffectParameter,
+    UnreportedBaseMotion,
+    Values,
+)
+from poise.mismatch.recorded import RecordedMotion, at_times, joint_torques, wrench_of_torques
 from poise.types import Array
 
 _SHOWN = ("payload_parameters", "world_force", "air_drag", "cable", "mass_step", "mass_leak", "contact")
-"""Effects that act on the load from outside, or change it."""
+"""Effects that act on the load from outside, or change it: efforts alone can show them."""
+_CALM = 0.05
+"""s, one sigma of the filter that removes the noise of a wrench."""
 
 
 class _OnEfforts(Effect):
@@ -20,7 +31,9 @@ class _OnEfforts(Effect):
     def __init__(self, inner: Effect) -> None:
         self._inner = inner
         same = ("name", "layer", "equation", "source", "excited_by", "separating_motion", "confused_with", "transfers")
-        vars(self).update({name: getattr(inner, name) for name in (*same, "order", "widens", "made_of", "defaults")})
+        vars(self).update(
+            {name: getattr(inner, name) for name in (*same, "order", "widens", "made_of", "defaults", "free_course")}
+        )
         vars(self)["needs"] = ("joints", "effort")
 
     def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
@@ -89,15 +102,82 @@ class OffsetOnEfforts(_OnEfforts):
         return np.asarray(-track.by_position @ offsets)
 
 
+class MotionOnEfforts(_OnEfforts):
+    """An unreported motion of the base on the efforts of arm and load: for them gravity turns, to first order.
+
+    Args:
+        inner: the motion.
+        splines: of its speed, at the most.
+    """
+
+    def __init__(self, inner: UnreportedBaseMotion, splines: int = MAX_SPLINES) -> None:
+        super().__init__(inner)
+        self._motion, self._splines = inner, splines
+
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        inner = self._motion.parameters(recorded)
+        return inner[: len(inner) - 2 * (MAX_SPLINES - self._splines)]
+
+    def starts(self, recorded: RecordedMotion, residual: Array) -> Iterable[Values]:
+        """From the accelerations that explain the residual (M, J) of the efforts."""
+        by_motion, seconds = self.by_acceleration(recorded)
+        square = np.einsum("mjx,mjy->mxy", by_motion, by_motion)
+        square += 0.01 * float(np.trace(square.mean(axis=0))) * np.eye(2) + 1e-12 * np.eye(2)
+        level = np.linalg.solve(square, np.einsum("mjx,mj->mx", by_motion, residual)[:, :, None])[:, :, 0]
+        for start in self._motion.moves(recorded, at_times(seconds, level, recorded.seconds)):
+            yield {**start, "splines": float(min(start["splines"], self._splines))}
+
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        by_motion, seconds = self.by_acceleration(recorded)
+        rows, rates = self._motion.rates(seconds, nonlinear)
+        out = np.zeros((*by_motion.shape[:2], 2 * self._splines))
+        waves = rates[:, None, :, None] * by_motion[rows, :, None, :]
+        out[rows, :, : 2 * rates.shape[1]] = waves.reshape(len(rows), by_motion.shape[1], 2 * rates.shape[1])
+        return out
+
+    def windows(self, recorded: RecordedMotion, values: Values) -> tuple[tuple[float, float], ...]:
+        return self._motion.windows(recorded, values)
+
+    def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        unused = (p.name for p in self._motion.parameters(recorded) if p.name not in values)
+        return self._motion.implausible(recorded, {**dict.fromkeys(unused, 0.0), **values})
+
+    def untestable(self, recorded: RecordedMotion) -> str:
+        known = recorded.effort is not None and recorded.effort.by_tilt is not None
+        return super().untestable(recorded) or ("" if known else "the mass of the arm is not known")
+
+    @staticmethod
+    def by_acceleration(recorded: RecordedMotion) -> tuple[Array, Array]:
+        """(M, J, 2) efforts by the acceleration of the base along x and y of the world, and their stamps (M,)."""
+        track = recorded.effort
+        if track is None or track.by_tilt is None:
+            return np.zeros((0, 0, 2)), np.zeros(0)
+        size = float(np.linalg.norm(recorded.gravity[0]))
+        return np.stack([-track.by_tilt[:, :, 1], track.by_tilt[:, :, 0]], axis=2) / size, track.seconds
+
+
 def acting_on_efforts(effect: Effect) -> Effect | None:
     """The effect as it acts on joint efforts; None for an effect that does not reach them."""
-    if effect.name in _SHOWN:
+    if effect.layer == "load" or effect.name in _SHOWN:
         return LoadOnEfforts(effect)
+    if isinstance(effect, UnreportedBaseMotion):
+        return MotionOnEfforts(effect)
     known = {"base_tilt": TiltOnEfforts, "joint_offset": OffsetOnEfforts}.get(effect.name)
     return None if known is None else known(effect)
 
 
+def with_rest(recorded: RecordedMotion, wrench: Array) -> RecordedMotion:
+    """The recording with the efforts (`by_rest`) of a wrench (N, 6) that no effect explains, without its fast noise."""
+    if recorded.effort is None or recorded.joints is None:
+        return recorded
+    slow = gaussian_filter1d(wrench, _CALM / recorded.period, axis=0, mode="nearest")
+    by_rest = joint_torques(recorded, slow[:, :, None])[:, :, 0]
+    return replace(recorded, effort=replace(recorded.effort, by_rest=by_rest))
+
+
 def on_efforts(effect: Effect, recorded: RecordedMotion) -> Effect:
     """The effect as the efforts show it, for a recording of joint efforts without a wrench."""
+    if isinstance(effect, UnreportedBaseMotion) and recorded.effort is not None and not recorded.has("wrench"):
+        return MotionOnEfforts(effect, FEWEST_SPLINES)
     shown = recorded.effort is not None and not recorded.has("wrench") and effect.name in (*_SHOWN, "base_tilt")
     return (acting_on_efforts(effect) if shown else None) or effect

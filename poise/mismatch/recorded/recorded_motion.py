@@ -86,6 +86,7 @@ class EffortTrack:
         links: what each link adds; None when it was not computed.
         by_tilt: (M, J, 2) N m/rad, d rigid by the rotation of the base about x and y of the world, or None.
         motion_variance: (M, J) variance of `rigid` by the errors of the measured motion; None: the motion is exact.
+        by_rest: (M, J) efforts of the part of the wrench that no effect explains; None: there is none.
     """
 
     seconds: Array
@@ -101,6 +102,7 @@ class EffortTrack:
     links: LinkTrack | None = None
     by_tilt: Array | None = None
     motion_variance: Array | None = None
+    by_rest: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,7 @@ def test_a_base_that_moves_unnoticed_is_a_base_that_moves():
     still = moved(turn=0.7)
     effect = effect_named("base_motion")
     values = filled(effect, still, TYPICAL["base_motion"] | {"speed_y_3": -0.2, "speed_y_6": 0.1})
-    columns = effect._rates(still, values)
+    columns = effect.rates(still.seconds, values)
     speed = np.array([[values[f"speed_{axis}_{k}"] for axis in "xy"] for k in range(columns[1].shape[1])])
     acceleration = np.zeros((len(SECONDS), 2))
     acceleration[columns[0]] = columns[1] @ speed
