@@ -10,7 +10,7 @@ import yaml
 
 from poise.cli import run
 from poise.inertia.bayes import estimator
-from poise.inertia.model import sample_checks
+from poise.inertia.model import sample_checks, spikes
 from poise.inertia.pipeline import segments
 from poise.robot import motion_buffers as tracks
 from poise.robot.motion_buffers import PairingSettings
@@ -40,6 +40,7 @@ def test_every_reason_is_on_the_page():
     assert named == {
         sample_checks.NOT_FINITE,
         sample_checks.SATURATED,
+        spikes.SPIKE,
         sample_checks.OUT_OF_ORDER,
         tracks.MOVING,
         tracks.NO_KINEMATICS,
