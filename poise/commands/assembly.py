@@ -29,6 +29,8 @@ from poise.types import Array, Mask
 
 _QUERIES_HELP = "JSON list of {object, point, direction}, or of lists of these: forces that grow in proportion."
 _LATE = "the deadline passed: bounds marked doubtful were not checked by elastic contacts, and some are wide"
+_MAP_SECONDS = 60.0
+"""Deadline of a map when none is given: elastic contacts of large walls may take minutes."""
 DeadlineOption = Annotated[
     float | None,
     typer.Option(
@@ -43,7 +45,12 @@ def robustness(
         Path | None,
         typer.Option("--queries", metavar="FILE", help=_QUERIES_HELP, show_default=False),
     ] = None,
-    surface: Annotated[bool, typer.Option("--map", help="Map inward pushes all over the surface instead.")] = False,
+    surface: Annotated[
+        bool,
+        typer.Option(
+            "--map", help="Map inward pushes all over the surface instead (in 60 s, unless --deadline says otherwise)."
+        ),
+    ] = False,
     points: Annotated[int, typer.Option("--points", help="Points of the map.", min=1, max=1_000_000)] = 10_000,
     tolerance: Annotated[
         float, typer.Option("--tolerance", help="Relative tolerance of the map.", min=1e-4, max=1.0)
@@ -68,17 +75,14 @@ def robustness(
         raise InputError(ErrorCode.BAD_INPUT, "--queries and --map exclude each other; give one of them")
     analysis = open_scene(scene)
     if surface:
-        found_map = robustness_map(analysis, points, tolerance, model, deadline)
-        target = json_target or f"{scene.stem}_map.json"
-        write_json(target, _map_json(found_map))
-        _print_map(found_map, target, json_target)
+        found_map = robustness_map(analysis, points, tolerance, model, _MAP_SECONDS if deadline is None else deadline)
+        _print_map(found_map, json_target or f"{scene.stem}_map.json", json_target)
         draw_map(found_map, picture, rerun, json_target)
         return
     pushes = [] if queries is None else read_pushes(queries)
     start = time.perf_counter()
     found = assess(analysis, pushes, model, deadline)
-    seconds = time.perf_counter() - start
-    write_json(json_target, _assessment_json(analysis, found, model, seconds))
+    write_json(json_target, _assessment_json(analysis, found, model, time.perf_counter() - start))
     _print_assessment(found, pushes, json_target)
     if not found.complete:
         warn(_LATE)
@@ -243,6 +247,7 @@ def _print_assessment(found: Assessment, pushes: list[Question], json_target: st
 
 
 def _print_map(found: RobustnessMap, target: str, json_target: str | None) -> None:
+    write_json(target, _map_json(found))
     people = console(json_target)
     if not len(found.upper):
         raise NoAnswerError(ErrorCode.EMPTY, "the scene has no movable surface to push")

@@ -7,7 +7,7 @@ from assembly_scenes import G, box, fixed_box, turned
 from scipy.optimize import minimize
 
 from poise.assembly import Analysis, Assembly
-from poise.assembly.statics.equilibrium import contact_forces, has_self_stress, stability
+from poise.assembly.statics.equilibrium import contact_forces, stability
 from poise.errors import ErrorCode, NoAnswerError
 
 
@@ -95,11 +95,3 @@ def test_an_assembly_that_falls_says_what_and_by_what_margin():
     assert caught.value.code is ErrorCode.UNSTABLE
     assert caught.value.data["objects"] == ["over"]
     assert caught.value.data["margin"] < 0
-
-
-def test_self_stress_is_seen_between_walls_and_in_a_steep_groove_only():
-    assert has_self_stress(block(scenes.between_walls(with_floor=False)).geometry)
-    assert has_self_stress(block(scenes.between_walls(with_floor=True)).geometry)
-    assert not has_self_stress(block(scenes.table()).geometry)
-    assert not has_self_stress(block(scenes.wall(3, 3)).geometry)
-    assert not has_self_stress(block(scenes.cube()).geometry)

@@ -1,7 +1,7 @@
 """How hard an assembly can be pushed and accelerated, and in which order it can be taken apart.
 
 - `registry`, `limit_loads`, `block_answers`: models by name, their results, and what they share.
-- `assess`, `maps`: single pushes, and certified maps of the surface.
+- `assess`, `maps`, `elastic_maps`: single pushes, and maps of the surface.
 - `sensitivity`, `uncertainty`: derivatives of robustness, and the probability that something moves.
 - `acceleration`, `turning_base`: limits of an accelerating, turning and tilted base. `disassembly`: orders of removal.
 """

@@ -20,6 +20,8 @@ _FASTEST = 1000.0
 _TOLERANCE = 0.003
 # Directions all around, besides those asked for, from which the polytope is made, and the tolerance for these.
 _AROUND, _TOLERANCE_AROUND = 90, 0.05
+# Directions in which the limit of elastic contacts is searched for; in the others a lower bound is confirmed.
+_SEARCHED = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +176,13 @@ def _block_limits(
     limits, numbers, mechanisms, complete = _bounded(block, directions, tolerance, deadline)
     # Slow: the directions around are left out of the polytope.
     wanted = tolerance < _TOLERANCE_AROUND
-    limits, known = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline)
+    limits, known, falls = _elastic(block, directions, np.where(wanted, limits, 0.0), deadline)
 
     def movers(row: int) -> Callable[[], tuple[str, ...]]:
-        return lambda: tuple(objects[place].id for place in mechanisms[numbers[row]].velocities)
+        mechanism = falls.get(row, mechanisms[numbers[row]] if mechanisms else None)
+        return lambda: () if mechanism is None else tuple(objects[place].id for place in mechanism.velocities)
 
-    return limits, movers, known, complete and bool(known.all())
+    return limits, movers, known & complete, complete and bool(known.all())
 
 
 def _inertial_loads(block: BlockAnalysis) -> Array:
@@ -232,13 +235,36 @@ def _bounded(
         wanted = [directions[int(gap.argmax())]]
 
 
-def _elastic(block: BlockAnalysis, directions: Array, limits: Array, deadline: Deadline) -> tuple[Array, Mask]:
-    """Limits (D,) lowered to what elastic contacts hold, and for which that is known (D,)."""
+def _elastic(
+    block: BlockAnalysis, directions: Array, limits: Array, deadline: Deadline
+) -> tuple[Array, Mask, dict[int, Mechanism]]:
+    """Limits (D,) lowered to what elastic contacts hold, for which that is known (D,), and what moves by row.
+
+    In some directions the limit is searched for. In the others the hull of these should be held: that is asked.
+    """
     loads = _inertial_loads(block)
     checked, known = np.zeros_like(limits), np.ones(len(limits), dtype=bool)
-    for row in np.flatnonzero(limits > 0).tolist():
-        checked[row], known[row] = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline)
-    return checked, known
+    rows = np.flatnonzero(limits > 0)
+    first = rows[:: max(1, len(rows) // _SEARCHED)]
+    hull: tuple[Array, Array] | None = None
+    falls: dict[int, Mechanism] = {}
+    for row in [*first.tolist(), *np.setdiff1d(rows, first).tolist()]:
+        if hull is None and row not in first:
+            hull = _polytope(directions[first] * checked[first, None])
+        expected = np.inf if hull is None else _reach(directions[row], *hull)
+        expected = expected if expected > 0.5 * limits[row] else np.inf
+        found = block.solvers.coulomb.factor(loads @ directions[row], float(limits[row]), deadline, expected)
+        checked[row], known[row] = found.value, found.known
+        if found.twist is not None:
+            falls[row] = Mechanism(block, found.twist)
+    return checked, known, falls
+
+
+def _reach(direction: Array, normals: Array, offsets: Array) -> float:
+    """How far a polytope reaches along a direction (3,)."""
+    slopes = normals @ direction
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return float(np.where(slopes > 1e-12, offsets / slopes, np.inf).min())
 
 
 def _polytope(points: Array) -> tuple[Array, Array]:

@@ -101,13 +101,11 @@ def check_elastic(
         for row in np.flatnonzero(wanted[questions]).tolist():
             question, load = int(questions[row]), block_loads[row]
             above = nearly * min(float(limit_loads.upper[question]), CHECKED_WEIGHTS * total)
-            factor, in_time = block.solvers.coulomb.factor(load, above, deadline)
-            known[question] &= in_time
-            if factor < above:
-                limit_loads.lower[question] = min(float(limit_loads.lower[question]), factor)
-            if factor < above and in_time:
-                gravity = block.geometry.gravity.ravel()
-                fall = block.solvers.coulomb.settle(gravity + 1.02 * factor * load, deadline=deadline)
-                limit_loads.mechanisms[question] = Mechanism(block, fall.displacement)
+            found = block.solvers.coulomb.factor(load, above, deadline)
+            known[question] &= found.known
+            if found.value < above:
+                limit_loads.lower[question] = min(float(limit_loads.lower[question]), found.value)
+                if found.twist is not None:
+                    limit_loads.mechanisms[question] = Mechanism(block, found.twist)
     limit_loads.complete &= bool(known[wanted].all())
     limit_loads.checked |= known

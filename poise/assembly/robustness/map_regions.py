@@ -97,6 +97,14 @@ class Pool:
         self._keep(resting.twist)
         return max(value, resting.upper)
 
+    def begin(self, flat: bool) -> None:
+        """Called before a flat or curved region is bounded."""
+
+    def take(self, region: "Region") -> None:
+        """Keep the bounds of a region for the map."""
+        upper = np.maximum(region.upper, region.lower)
+        self.bounds.raise_to(region.rows, region.lower, upper, self.number, region.mechanism)
+
     def _keep(self, twist: Array) -> None:
         self.bounds.solves += 1
         if np.any(twist):
@@ -145,6 +153,7 @@ class Region:
         self.upper = np.full(len(self.rows), np.inf)
         self.mechanism = np.full(len(self.rows), -1)
         self.solved = np.zeros(len(self.rows), dtype=bool)
+        self.values = np.zeros(len(self.rows))
 
     def learn(self) -> None:
         """Raise the lower bounds by the mechanisms that joined the pool since."""
@@ -161,14 +170,9 @@ class Region:
     def solve(self, index: int) -> float:
         """Solve one point; what is left between its bounds is the solver's tolerance."""
         value = self.pool.inverse_factor(self.body, self.wrenches[index])
-        self.solved[index] = True
+        self.solved[index], self.values[index] = True, value
         self.upper[index] = min(self.upper[index], value)
         return value
-
-    def record(self) -> None:
-        """Hand the bounds to the map."""
-        upper = np.maximum(self.upper, self.lower)
-        self.pool.bounds.raise_to(self.rows, self.lower, upper, self.pool.number, self.mechanism)
 
 
 def bound_flat(
@@ -306,17 +310,19 @@ def bound_block(
         if len(part) < _FLAT:
             curved[part] = True
             continue
+        pool.begin(flat=True)
         region = Region(pool, int(body[part[0]]), rows[part], scaled[part])
         direction = surface.directions[rows[part[0]]]
         plane, corners, places = _rectangle(surface.points[rows[part]], direction)
         corner_wrenches = geometry.units.of_wrench(wrench_of_force(direction, places))
         complete &= bound_flat(region, plane, corners, corner_wrenches, tolerance, floor)
-        region.record()
+        pool.take(region)
     for number in np.unique(body[curved]):
         part = np.flatnonzero(curved & (body == number))
+        pool.begin(flat=False)
         region = Region(pool, int(number), rows[part], scaled[part])
         complete &= bound_curved(region, tolerance, floor)
-        region.record()
+        pool.take(region)
     return complete
 
 

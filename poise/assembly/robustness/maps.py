@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.assembly.contact import SurfacePoints, sample_surface
-from poise.assembly.robustness.block_answers import CHECKED_SHARE, CHECKED_WEIGHTS
-from poise.assembly.robustness.map_regions import Bounds, Pool, bound_block, chunks, group_rows
+from poise.assembly.robustness.elastic_maps import confirm_map
+from poise.assembly.robustness.map_regions import Bounds, Pool, bound_block, chunks
 from poise.assembly.robustness.registry import DEFAULT_MODEL, ROBUSTNESS_MODELS
 from poise.assembly.scene import Assembly
 from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism
@@ -36,8 +36,9 @@ class RobustnessMap:
         block: (N,) number in `analysis.blocks` of the block that collapses at the upper bound; -1 for none.
         mechanism: (N,) its number in `mechanisms`; -1 for none, or when a patch alone collapses (see `assess`).
         mechanisms: collapse mechanisms; each bounds the robustness of every point from above.
-        doubtful: (N,) faces on which elastic contacts withstand less at the weakest point of an object (or at points
-            that may depend on self-stress), or were not checked before the deadline: the robustness may be lower there.
+        doubtful: (N,) contact forces have a choice here, and elastic contacts did not confirm the bounds to the
+            tolerance: they withstand less at points nearby, or were not asked in time. `lower` is then what they
+            withstand around the point, or 0. Models other than `default` never ask them, and `lower` is their own.
         complete: the bounds meet the tolerance everywhere; otherwise the deadline passed before.
         solves: conic programs solved.
         seconds: taken.
@@ -126,7 +127,7 @@ def _weight(analysis: Analysis) -> float:
 def _bounded(
     analysis: Analysis, surface: SurfacePoints, tolerance: float, model: str, clock: Deadline
 ) -> tuple[Bounds, bool, Mask]:
-    """Bounds on the inverse load factors, whether they meet the tolerance, and which faces are doubtful."""
+    """Bounds on the inverse load factors, whether they meet the tolerance, and which points are doubtful."""
     bounds = Bounds.none(len(surface.points))
     wrenches = wrench_of_force(surface.directions, surface.points)
     loaded = [np.flatnonzero(block.bodies_of(surface.place) >= 0) for block in analysis.blocks]
@@ -143,41 +144,15 @@ def _bounded(
         pool = Pool(block, number, bounds, clock, with_limit=model != "patch", with_patch=model != "limit")
         complete &= bound_block(pool, surface, rows, wrenches, tolerance, floor)
     doubtful = np.zeros(len(surface.points), dtype=bool)
-    if model == "default":
-        with np.errstate(divide="ignore"):
-            upper = 1 / bounds.lower
-        for block, rows in zip(analysis.blocks, loaded, strict=True):
-            if len(rows) and not block.geometry.statically_determinate:
-                doubtful[rows] |= _doubtful(block, surface, rows, wrenches, upper, clock)
+    for block, rows in zip(analysis.blocks, loaded, strict=True):
+        if block.geometry.statically_determinate or not len(rows):
+            continue
+        if model == "default":
+            doubtful[rows] |= confirm_map(block, surface, rows, wrenches, bounds, tolerance, floor, clock)
+        else:  # the model alone is asked for
+            doubtful[rows] = True
+    complete &= not clock.passed
     return bounds, complete, doubtful
-
-
-def _doubtful(
-    block: BlockAnalysis, surface: SurfacePoints, rows: Indices, wrenches: Array, upper: Array, deadline: Deadline
-) -> Mask:
-    """(r,) of points (rows), faces on which elastic contacts withstand less than the map.
-
-    The weakest point of each object is asked about; where the block may lean on self-stress, the weakest, middle and
-    strongest of each of its faces.
-    """
-    if deadline.passed:
-        return np.ones(len(rows), dtype=bool)
-    face = group_rows(np.column_stack([surface.place[rows], np.round(surface.directions[rows], 3)]))
-    doubtful = np.zeros(len(rows), dtype=bool)
-    units, places = block.geometry.units, block.body_of
-    groups = face if block.solvers.self_stress else surface.place[rows]
-    for number in np.unique(groups):
-        members = np.flatnonzero(groups == number)
-        members = members[np.argsort(upper[rows[members]])]
-        asked = {0, len(members) // 2, len(members) - 1} if block.solvers.self_stress else {0}
-        for index in (int(members[position]) for position in asked):
-            row = rows[index]
-            load = np.zeros((block.geometry.count, 6))
-            load[places[int(surface.place[row])]] = units.of_wrench(wrenches[row])
-            most = CHECKED_SHARE * min(float(upper[row]), CHECKED_WEIGHTS * units.weight)
-            if deadline.passed or not block.solvers.coulomb.holds(most * load.ravel(), deadline):
-                doubtful |= face == face[index]
-    return doubtful
 
 
 def _single_patch(

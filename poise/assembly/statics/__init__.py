@@ -2,7 +2,8 @@
 
 - `block`, `block_solvers`: a block as numbers, and all solvers of it.
 - `equilibrium`, `load_factor`, `limit`: conic programs over contact forces (`solvers` calls the conic solver).
-- `patch`, `single_patch`, `friction_surface`: friction of patches under uniform pressure. `coulomb`: elastic contacts.
+- `patch`, `single_patch`, `friction_surface`: friction of patches under uniform pressure. `coulomb`,
+  `elastic_contacts`: elastic contacts.
 - `pushes`: loads. `analysis`: an assembly prepared for many queries. `changes`: updates after a change of the assembly.
 """
 

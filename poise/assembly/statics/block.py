@@ -1,6 +1,6 @@
 """One block of the contact interface graph as numbers: contact points, friction cones and loads, scaled to about 1."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -9,7 +9,7 @@ from scipy.sparse import coo_array, csc_array
 
 from poise.assembly.contact import FIXED_NODE, ContactBlock, Structure
 from poise.geometry import plane_axes
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 Sparse = Any
 """A sparse array of scipy, which has no published types."""
@@ -89,6 +89,12 @@ class BlockGeometry:
         """(6 n, 3 K) wrenches on the bodies of unit contact forces (normal and two tangents at each point)."""
         wrenches = np.concatenate([self.frames, np.cross(self.points[:, None], self.frames)], axis=2)
         return assembled(wrenches, self.bodies, self.count)
+
+    def without(self, idle: Mask) -> "BlockGeometry":
+        """The block without the contact points of some of its interfaces (I,)."""
+        kept = ~idle[self.interface]
+        points = {name: getattr(self, name)[kept] for name in ("points", "frames", "friction", "bodies", "interface")}
+        return replace(self, **points)
 
     @property
     def statically_determinate(self) -> bool:

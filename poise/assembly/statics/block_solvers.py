@@ -7,7 +7,7 @@ from poise.assembly.contact import ContactBlock, Interface, Structure
 from poise.assembly.statics.block import BlockGeometry, block_geometry, gravity_wrenches
 from poise.assembly.statics.coulomb import CoulombBlock
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
-from poise.assembly.statics.equilibrium import Standing, has_self_stress, stability
+from poise.assembly.statics.equilibrium import Standing, stability
 from poise.assembly.statics.limit import limit_program
 from poise.assembly.statics.load_factor import LoadFactorProgram
 from poise.assembly.statics.patch import PatchProgram
@@ -80,16 +80,12 @@ class BlockSolvers:
         return CoulombBlock(self.geometry, self.interfaces)
 
     @cached_property
-    def self_stress(self) -> bool:
-        return has_self_stress(self.geometry)
-
-    @cached_property
     def balance(self) -> Standing:
         """How safely the block stands if contact forces may be any that balance."""
         return stability(self.geometry)
 
     def standing(self, deadline: Deadline = NO_DEADLINE) -> tuple[Standing, bool]:
-        """How safely the block stands. Indeterminate contact forces must also be those of elastic contacts.
+        """How safely the block stands. Where contact forces have a choice, those of elastic contacts count.
 
         Returns:
             How safely, and whether elastic contacts were checked where necessary, before the deadline.
@@ -100,5 +96,11 @@ class BlockSolvers:
             state = self.coulomb.settle(self.geometry.gravity.ravel(), deadline=deadline)
             if not state.known:
                 return self.balance, False
-            self._standing = self.balance if state.stands else Standing(-state.unbalanced, state.displacement)
+            self.coulomb.rest = state
+            self._standing = self._by_itself() if state.stands else Standing(-state.unbalanced, state.displacement)
         return self._standing, True
+
+    def _by_itself(self) -> Standing:
+        """How safely a block stands without what only touches: that could not be pressed less, and does not help."""
+        idle = ~self.coulomb.pressed_at_rest
+        return stability(self.geometry.without(idle)) if idle.any() else self.balance

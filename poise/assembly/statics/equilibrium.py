@@ -1,9 +1,9 @@
-"""Does a block stand by itself, with which contact forces, and could it hold forces that no load asks for?"""
+"""Whether a block stands by itself, and with which contact forces."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import block_diag, csc_array, diags_array, eye_array, hstack, vstack
+from scipy.sparse import block_diag, csc_array, diags_array, eye_array, vstack
 
 from poise.assembly.statics.block import BlockGeometry, Sparse
 from poise.assembly.statics.solvers import Cones, ConicProgram, Outcome
@@ -76,32 +76,6 @@ def stability(geometry: BlockGeometry, load: Array | None = None) -> Standing:
         return Standing(-np.inf, solution.x)
     margin = solution.value
     return Standing(0.0 if abs(margin) <= _MARGINAL else margin, solution.x)
-
-
-def has_self_stress(geometry: BlockGeometry) -> bool:
-    """Whether contact forces can balance each other without any load, as between two walls.
-
-    There limit analysis may lean on forces that nothing presses into being. None exist exactly when some motion opens
-    all contacts faster than friction could follow (strict separation).
-
-    Raises:
-        NoAnswerError: SOLVER_FAILED.
-    """
-    if geometry.statically_determinate:
-        return False
-    size = len(geometry.points)
-    cone = diags_array(cone_rows(geometry.friction).ravel())
-    rate = np.zeros((size, 3))
-    rate[:, 0] = 1.0
-    columns = hstack([-(cone @ geometry.grasp.T), csc_array(rate.reshape(-1, 1))])
-    bound = csc_array(([1.0], ([0], [6 * geometry.count])), shape=(1, 6 * geometry.count + 1))
-    right = np.concatenate([[1.0], np.zeros(3 * size)])
-    program = ConicProgram(
-        vstack([bound, columns], format="csc"), right, Cones(nonnegative=1, second_order=(3,) * size)
-    )
-    objective = np.zeros(6 * geometry.count + 1)
-    objective[-1] = -1.0
-    return program.solve(objective).value > -0.5
 
 
 def contact_forces(geometry: BlockGeometry, load: Array | None = None, sides: int | None = None) -> Array:

@@ -114,9 +114,9 @@ def screened(
     for effect in combined:
         chosen = _replaced(problem, sums, chosen, effect)
     others: list[int] = []
-    if len(chosen) == 1:
+    if len(lasting := [i for i in chosen if not _event(sums, i)]) == 1:
         sums = screen.extended(choosing, ())
-        others = _instead(sums, chosen[0])
+        others = _instead(sums, lasting[0])
     return _fitted(problem, sums, chosen), tuple(_fitted(problem, sums, [other]) for other in others)
 
 

@@ -1,0 +1,109 @@
+"""Maps where contact forces have a choice: what elastic contacts withstand at a few points, and bounds between them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from poise.assembly.contact import SurfacePoints
+from poise.assembly.robustness.block_answers import CHECKED_SHARE
+from poise.assembly.robustness.map_regions import Bounds, Pool, Region, bound_block
+from poise.assembly.statics import BlockAnalysis, Deadline
+from poise.types import Array, Indices, Mask
+
+_FLAT_QUESTIONS, _CURVED_QUESTIONS = 10, 48
+"""Points of one face, and of what is curved of one body, that elastic contacts are asked about at most."""
+
+
+@dataclass(frozen=True)
+class _Ration(Deadline):
+    """A deadline that also passes after a number of questions."""
+
+    left: list[int] = field(default_factory=lambda: [0])
+
+    @property
+    def passed(self) -> bool:
+        return self.left[0] <= 0 or super().passed
+
+
+class _ElasticPool(Pool):
+    """One block whose inverse load factors are raised to those of elastic contacts.
+
+    `bounds` start from what the map knows: nothing below that is worth a question.
+    """
+
+    def __init__(self, block: BlockAnalysis, known: Bounds, tolerance: float, floor: float, clock: Deadline) -> None:
+        """Take the block, and the bounds, tolerance and floor of the map."""
+        bounds = Bounds.none(len(known.upper))
+        bounds.lower[:] = known.upper
+        super().__init__(block, 0, bounds, clock, with_limit=True, with_patch=True)
+        self._known, self._tolerance, self._floor, self._clock = known, tolerance, floor, clock
+        self.doubtful = np.ones(len(known.upper), dtype=bool)
+        self._share = self._least = 1.0
+
+    def begin(self, flat: bool) -> None:
+        self._share = self._least = 1.0
+        self.deadline = _Ration(self._clock.at, [_FLAT_QUESTIONS if flat else _CURVED_QUESTIONS])
+
+    def inverse_factor(self, body: int, wrench: Array) -> float:
+        """Inverse load factor of a wrench (6,) on a body of the block by the weakest of all models."""
+        if isinstance(self.deadline, _Ration):
+            self.deadline.left[0] -= 1
+        limit = super().inverse_factor(body, wrench)
+        if not np.isfinite(limit):
+            return limit
+        load = np.zeros(6 * self.block.geometry.count)
+        load[6 * body : 6 * body + 6] = wrench
+        above = CHECKED_SHARE / max(limit, self._floor)
+        # What elastic contacts hold at one point of a face, they nearly hold at the others.
+        found = self.block.solvers.coulomb.factor(load, above, self._clock, self._share * above, self._tolerance / 2)
+        self._share = found.value / above if found.value > 0 else 1.0
+        self._least = min(self._least, found.value / above)
+        if found.value >= above:
+            return limit
+        return max(limit, 1 / found.value) if found.value > 0 else np.inf
+
+    def cuts(self, body: int, wrenches: Array, start: int = 0) -> tuple[Array, Indices]:
+        """None: the map has its mechanisms already."""
+        return np.zeros(len(wrenches)), np.full(len(wrenches), -1)
+
+    def take(self, region: Region) -> None:
+        """Hand the bounds to the map; where elastic contacts hold less at all, no point holds a larger share."""
+        rows = region.rows
+        known = self._known.upper[rows]
+        if self._least < 1:
+            middle = int(np.abs(region.wrenches - region.wrenches.mean(axis=0)).sum(axis=1).argmin())
+            if not (region.solved[middle] or self._clock.passed):
+                region.solve(middle)
+            with np.errstate(divide="ignore"):
+                least = np.maximum(known, self._floor) / self._least
+            region.upper = np.where(region.solved, region.values, np.maximum(region.upper, least))
+        wider = region.upper > (1 + self._tolerance) * known
+        self.doubtful[rows] = wider & ~region.solved
+        self._known.upper[rows] = np.maximum(region.upper, known)
+
+
+def confirm_map(
+    block: BlockAnalysis,
+    surface: SurfacePoints,
+    rows: Indices,
+    wrenches: Array,
+    bounds: Bounds,
+    tolerance: float,
+    floor: float,
+    deadline: Deadline,
+) -> Mask:
+    """Raise the upper bounds of inverse load factors at points (rows) to what elastic contacts withstand.
+
+    A few points of each face are asked. Between them 1 / robustness counts as convex, as it is in limit analysis; where
+    elastic contacts hold less than limit analysis, no point between counts as holding a larger share than the least.
+
+    Returns:
+        (r,) points whose bound rests on that and is wider than the tolerance, or that were not reached.
+    """
+    pool = _ElasticPool(block, bounds, tolerance, floor, deadline)
+    if deadline.passed:
+        bounds.give_up(rows)
+    else:
+        bound_block(pool, surface, rows, wrenches, tolerance, floor)
+    bounds.solves += pool.bounds.solves
+    return pool.doubtful[rows]
