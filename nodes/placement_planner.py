@@ -20,6 +20,7 @@ from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.readiness import READY_TIMEOUT, Readiness
+from poise.nodes.request_checks import check_assembly, check_object
 from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.placement import (
@@ -322,6 +323,7 @@ class PlacementPlannerNode(ArmNode):
         request = task.goal.request
         if task.carrying is None:
             request.object.pose = PoseMessage()  # ignored
+        check_object(request.object)
         item = object_of(request.object, self._folders)
         item = replace(item, pose=task.object_frame @ item.pose)
         analysis = self._analysis(task.assembly)
@@ -342,6 +344,7 @@ class PlacementPlannerNode(ArmNode):
         """Of the assembly in a message; what is unchanged since the last one is not computed again."""
         if self._known is None or self._known[0] is not message:
             before = None if self._known is None else self._known[1]
+            check_assembly(message)
             assembly = assembly_of(message, self._folders)
             for note in assembly.notes:
                 self.get_logger().warning(note)

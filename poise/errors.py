@@ -1,5 +1,6 @@
 """The one family of errors: a numbered code, a sentence that names what, where and the fix, and data."""
 
+import functools
 from enum import IntEnum
 from typing import Any
 
@@ -91,6 +92,10 @@ class PoiseError(Exception):
         self.code = code
         self.message = message
         self.data = data
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Arguments for copies and for other processes, with the data."""
+        return functools.partial(type(self), **self.data), (self.code, self.message)
 
 
 class InputError(PoiseError):

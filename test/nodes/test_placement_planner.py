@@ -174,6 +174,8 @@ def test_every_bad_goal_has_its_code_and_a_sentence(start_node, graph, caller):
     caller.ready()
     good, nothing = message(CUBE), wanted()
     nothing.inertia.m = 0.0
+    heavy, crowded = wanted(), message(CUBE)
+    heavy.inertia.m, crowded.friction = 1e300, math.nan
     leaning = message(CUBE, box("brick", (1, 0.2, 0.2), (0.6, 0, 1.1)))
     cases = [
         ({}, ErrorCode.EMPTY, "assembly"),
@@ -184,6 +186,8 @@ def test_every_bad_goal_has_its_code_and_a_sentence(start_node, graph, caller):
         ({"assembly": [good], "object": wanted(fixed=True)}, ErrorCode.BAD_INPUT, "parcel"),
         ({"assembly": [good], "object": AssemblyObject()}, ErrorCode.OBJECT_INVALID, ""),
         ({"assembly": [good], "object": nothing}, ErrorCode.OBJECT_INVALID, "mass"),
+        ({"assembly": [good], "object": heavy}, ErrorCode.OBJECT_INVALID, "mass"),
+        ({"assembly": [crowded]}, ErrorCode.NOT_FINITE, "friction"),
         ({"assembly": [good], "object": meshed(5)}, ErrorCode.MESH_INVALID, "parcel"),
         ({"assembly": [good], "object": meshed(12, flat=True)}, ErrorCode.MESH_INVALID, "parcel"),
         ({"assembly": [good], "deadline": -1.0}, ErrorCode.BAD_INPUT, "deadline"),
