@@ -99,13 +99,16 @@ def plan_sequence(
             orders_found.append(found)
     if not orders_found:
         raise _no_order(ids, [placement.item.id for placement in most])
-    best = 0
-    if len(orders_found) > 1:
-        results = [made[-1].analysis for made in orders_found]
-        estimates = [estimate_score(result, options.criterion == "median") for result in results]
-        deadline = Deadline(None if options.deadline is None else start + options.deadline)
-        best = best_confirmed(results, estimates, options.criterion, deadline)
-    return PlacementSequence(tuple(orders_found[best]), time.monotonic() - start)
+    return PlacementSequence(tuple(_best(orders_found, options, start)), time.monotonic() - start)
+
+
+def _best(orders: list[list[Placement]], options: Options, start: float) -> list[Placement]:
+    if len(orders) == 1:
+        return orders[0]
+    results = [placements[-1].analysis for placements in orders]
+    estimates = [estimate_score(result, options.criterion == "median") for result in results]
+    deadline = Deadline(None if options.deadline is None else start + options.deadline)
+    return orders[best_confirmed(results, estimates, options.criterion, deadline)]
 
 
 def _no_order(ids: list[str], placed: list[str]) -> NoAnswerError:

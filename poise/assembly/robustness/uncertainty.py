@@ -51,8 +51,7 @@ def motion_probability(
 ) -> MotionProbability:
     """How likely a push of a given force moves something.
 
-    A sample stands if limit analysis allows it and elastic contacts hold it; one body on one interface stands if
-    limit analysis and a patch under uniform pressure allow it, as in model `default`.
+    Samples stand if they do so under model `default`: by limit analysis, uniform pressure and elastic contacts.
     Masses and centres of mass are drawn from the covariances of the objects; friction from the deviations of its
     pairs. Samples that differ in mass alone share their collapse mechanisms: a mechanism that takes less power
     against the sample's gravity than the push gives proves motion, and only the samples nearest to it are solved.
@@ -89,15 +88,16 @@ def motion_probability(
         moved += sum(mechanism is not None for mechanism in movers)
         for mechanism in filter(None, movers):
             counts.update(assembly.objects[place].id for place in mechanism.velocities)
+    return _tallied(counts, moved, drawn, samples, solves)
+
+
+def _tallied(counts: Counter[str], moved: int, drawn: int, samples: int, solves: int) -> MotionProbability:
     if not drawn:
         raise NoAnswerError(ErrorCode.DEADLINE, "no time was left for a single sample; give a longer deadline")
     share = moved / drawn
     deviation = float(np.sqrt(share * (1 - share) / drawn))
-    return MotionProbability(share, deviation, _shares(counts, drawn), drawn, solves, drawn >= samples)
-
-
-def _shares(counts: Counter[str], total: int) -> dict[str, float]:
-    return {name: count / total for name, count in counts.items()}
+    moves = {name: count / drawn for name, count in counts.items()}
+    return MotionProbability(share, deviation, moves, drawn, solves, drawn >= samples)
 
 
 def _check(**settings: float) -> None:
