@@ -261,7 +261,8 @@ class RobustnessServer(Node):
         else:
             self._commit(proposed, worker, publish=call.kind == "move")
         finally:
-            self._moving &= call.kind != "move"
+            if call.kind == "move":
+                self._moving = False
 
     def _asked(
         self, worker: Worker, call: Call, present: _Present, due: float, deadline: float | None = None
@@ -272,7 +273,7 @@ class RobustnessServer(Node):
             PoiseError: as `Worker.ask`.
         """
         worker.start(due)
-        if call.uses_present or call.kind == "set":
+        if call.uses_present:
             self._teach(worker, present)
         now = self.get_clock().now().to_msg()
         key = next(self._keys)

@@ -110,6 +110,15 @@ def test_an_answer_is_about_one_assembly_in_one_frame(server):
         answered(server, "set", change(SetAssembly.Request.REMOVE, lid))
 
 
+def test_what_was_set_and_cannot_be_held_can_be_replaced(server):
+    answered(server, "set", replace_by(message(CUBE)))
+    server._present = server._present._replace(serialized=b"no message")
+    with pytest.raises(PoiseError):
+        limit(server, worker=1)
+    answered(server, "set", replace_by(message(CUBE, LID)), worker=1)
+    assert limit(server) == (pytest.approx(3 * MU * G), 2)
+
+
 def test_a_worker_answers_about_no_assembly_that_it_does_not_have():
     worker = RobustnessWorker([], 0)
     header = {"do": "assess", "key": 3, "deadline": time.monotonic() + 30.0}
