@@ -1,6 +1,6 @@
 """Readings of gravity: compensated by the robot's controller, of another size, or in another direction."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -12,6 +12,8 @@ from poise.types import Array
 from poise.weighing.fitting import Explanation, explain
 from poise.weighing.reading import Reading, Repair, Says, shows_payload
 
+_AWAY = np.radians(30.0)
+"""From the direction of the forces alone to that of forces, torques and accelerations."""
 _STANDARD_WITHIN = 0.03
 """Relative; a corrected gravity this close to the standard one means that gravity was given wrongly."""
 
@@ -43,7 +45,8 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
                 repair=lambda fit: Repair(gravity=float(np.exp(fit.values[0]))),
             )
         )
-    found.append(Reading(ErrorCode.GRAVITY_WRONG, _leaning, _direction_sentence, starts=_directions(samples)))
+    starts = _directions(samples)
+    found.append(Reading(ErrorCode.GRAVITY_WRONG, _leaning, _direction_sentence, starts=starts, holds=_near(starts)))
     return found
 
 
@@ -134,16 +137,26 @@ def _size_sentence(size: float) -> Says:
     return says
 
 
-def _tilted_gravity(samples: FitSamples, values: Array) -> Array:
-    """(3,) m/s2: gravity turned by two angles from its given direction."""
-    size = float(np.linalg.norm(samples.gravity))
+def _direction(values: Sequence[float] | Array) -> Array:
+    """(3,) unit vector: -z of the world turned by a roll and a pitch."""
     roll, pitch = values
-    return size * np.array([np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
+    return np.array([np.sin(pitch), np.sin(roll) * np.cos(pitch), -np.cos(roll) * np.cos(pitch)])
+
+
+def _near(starts: Sequence[Sequence[float]]) -> Callable[[Explanation], bool]:
+    """Whether a fit has the direction of the forces: with few attitudes, a heavy load in another one fits, too."""
+
+    def holds(found: Explanation) -> bool:
+        nearest = max(float(_direction(found.values) @ _direction(start)) for start in starts)
+        return shows_payload(found) and nearest > np.cos(_AWAY)
+
+    return holds
 
 
 def _leaning(samples: FitSamples, values: Array) -> Array:
     signals = samples.signals.copy()
-    down = np.einsum("nji,j->ni", samples.rotation_world_sensor, _tilted_gravity(samples, values))
+    gravity = float(np.linalg.norm(samples.gravity)) * _direction(values)
+    down = np.einsum("nji,j->ni", samples.rotation_world_sensor, gravity)
     signals[:, :3] = down - samples.acceleration_in_sensor
     return signal_columns(signals)
 
