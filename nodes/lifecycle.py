@@ -8,7 +8,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.watchdog import WATCHDOG_PARAMETERS, ProcessWatchdog
 
-_AUTOSTART = Parameter("autostart", True, "configure and activate at start, for use without a lifecycle manager")
+ARM_NODE_PARAMETERS = (
+    Parameter("autostart", True, "configure and activate at start, for use without a lifecycle manager"),
+    *WATCHDOG_PARAMETERS,
+)
 
 
 class ArmNode(LifecycleNode):
@@ -25,8 +28,8 @@ class ArmNode(LifecycleNode):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         survive_impossible_transitions(self)
-        self._autostart = declare_parameters(self, [_AUTOSTART])["autostart"]
-        declare_parameters(self, WATCHDOG_PARAMETERS, [parameter.name for parameter in WATCHDOG_PARAMETERS])
+        dynamic = [parameter.name for parameter in WATCHDOG_PARAMETERS]
+        self._autostart = declare_parameters(self, ARM_NODE_PARAMETERS, dynamic)["autostart"]
 
     def start(self) -> None:
         """Configure and activate, when `autostart` says so."""

@@ -13,7 +13,7 @@ _SIDE, _BLOCK = 2, 32
 
 _USUAL, _CORE, _QUANTA = 10.0, 3.0, 6.0
 """A spike is farther from the median than so many times the median bend of the block before, more so many times the
-spread of its neighbours; and than so many steps of the converter."""
+spread of its neighbours; and than so many times that of the bends that are not 0: steps of a converter."""
 
 _LEAST = 10.0 * np.repeat([2e-3, 1e-4], 3)
 """N and N m; a smaller spike does no harm."""
@@ -55,8 +55,9 @@ def _spikes(rows: Array, number: int) -> Mask:
         return np.zeros(len(apart), dtype=bool)
     bends = np.abs(rows[2:] - 2 * rows[1:-1] + rows[:-2])[1:-1] / 2
     blocks = bends[begin : begin + count * _BLOCK].reshape(count, _BLOCK, 6)
-    steps = np.where(blocks > 0, blocks, np.inf).min(axis=1)
-    usual = np.maximum(_USUAL * np.median(blocks, axis=1), np.where(np.isfinite(steps), _QUANTA * steps, 0.0))
+    moving = np.where(blocks > 0, blocks, np.nan)
+    moving[:, 0][np.isnan(moving).all(axis=1)] = np.inf  # a frozen block shows nothing
+    usual = np.maximum(_USUAL * np.median(blocks, axis=1), _QUANTA * np.nanmedian(moving, axis=1))
     limits = np.vstack([np.full((1, 6), np.inf), np.maximum(usual, _LEAST)])  # nothing is known before the first block
     before = np.clip((np.arange(len(apart)) - begin) // _BLOCK, 0, count)
     return np.asarray((apart > limits[before] + _CORE * core).any(axis=1))
