@@ -16,9 +16,9 @@ from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_of
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.payload import require_usable, weighed
+from poise.nodes.payload import GraspedPayload, weighed
 from poise.nodes.request_checks import check_assembly
-from poise.nodes.runtime import LATCHED, guarded, run, to_message
+from poise.nodes.runtime import LATCHED, coded, guarded, run, to_message
 from poise.recording import stamp_of
 from poise_msgs.msg import AccelerationLimits as AccelerationLimitsMessage
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -64,7 +64,7 @@ class AccelerationLimitsNode(Node):
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._frame_id = ""
         self._structure: Structure | None = None
-        self._estimate: InertialEstimate | None = None
+        self._payload = GraspedPayload(values["payload_age"])
         self._limits: AccelerationLimits | None = None
         self._gravity = 0.0
         self._published: TurningBase | None = None
@@ -82,20 +82,18 @@ class AccelerationLimitsNode(Node):
         try:
             check_assembly(message)
             self._structure = Structure.of(assembly_of(message, self._folders))
-        except PoiseError as error:
-            self._publisher.publish(self._message(error))
+        except Exception as failure:  # of any kind: the limits of the assembly before must not stay
+            self._publisher.publish(self._message(coded(failure)))
+            return
+        if self._values["payload"] not in self._structure.assembly.index:
+            self._payload.left_assembly()
 
     def _on_estimate(self, message: InertialEstimate) -> None:
-        """Keep the weight of the payload as it was when it was grasped last.
-
-        What the hand weighs after the payload has changed (`since` moves on) is another one, or none.
-        """
-        kept = self._estimate
-        if message.error.code != ErrorCode.OK or (kept is not None and message.since != kept.since):
+        if message.error.code != ErrorCode.OK:
             return
         age = (self.get_clock().now().nanoseconds - stamp_of(message)) * 1e-9
-        require_usable(message, age, self._values["payload_age"])
-        self._estimate, self._published = message, None
+        if self._payload.take(message, age):
+            self._published = None
 
     def _on_odom(self, message: Odometry) -> None:
         stamp = stamp_of(message)
@@ -124,17 +122,19 @@ class AccelerationLimitsNode(Node):
             if self._limits is None:  # the error has been published
                 return
             self._publisher.publish(self._message(self._error(self._limits, base), self._limits, base))
-        except PoiseError as error:
-            self._publisher.publish(self._message(error))
+        except Exception as failure:  # of any kind: the limits before must not stay
+            self._limits = None
+            self._publisher.publish(self._message(coded(failure)))
 
     def _solved(self, structure: Structure, base: TurningBase) -> AccelerationLimits:
         """The limits of the base at rest, tilted as it is, with the payload as it is weighed."""
         assembly, values = structure.assembly, self._values
         gravity = base.gravity(np.asarray(assembly.gravity))
         self._gravity = float(np.linalg.norm(gravity))
-        if self._estimate is not None and values["payload"] in assembly.index:
+        estimate = self._payload.estimate
+        if estimate is not None and values["payload"] in assembly.index:
             payload = assembly.objects[assembly.index[values["payload"]]]
-            assembly = assembly.with_object(weighed(payload, self._estimate, self._payload_pose))
+            assembly = assembly.with_object(weighed(payload, estimate, self._payload_pose))
         # The contacts are the same: only weights and gravity have changed.
         analysis = Analysis(replace(structure, assembly=replace(assembly, gravity=gravity)))
         return acceleration_limits(analysis, values["azimuths"], values["longest"], axis=values["axis"])

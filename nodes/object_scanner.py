@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -79,8 +80,10 @@ class ObjectScanner(ArmNode):
         self.start()
 
     def destroy_node(self) -> None:
-        """End the thread before the node goes."""
+        """Stop the arm first; then end the thread before the node goes."""
         self._cancelled.set()
+        if hasattr(self, "watchdog"):
+            self.watchdog.close()
         if hasattr(self, "_jobs"):
             self._jobs.close()
         super().destroy_node()
@@ -133,7 +136,7 @@ class ObjectScanner(ArmNode):
             goal.execute(self._conclude_busy)
             return
         self._goal, self._answer, self._share, self._ended = goal, None, 0.0, 0.0
-        self._cancelled.clear()
+        self._cancelled = threading.Event()  # the one of a goal before still ends its computation
         self._error = self._session = self._sweep = None
         self._readiness = Readiness(self._values["ready_timeout"])
         if goal.request.stationary or not self._values["sweep"]:
@@ -174,23 +177,24 @@ class ObjectScanner(ArmNode):
             self._advance(goal)
         except Exception as failure:  # of any kind: the caller must get an answer, and the arm must stop
             self._fail(coded(failure))
-        if self._error is not None:
-            self._await_stop(self._error)
-        if self._answer is not None and (self._error is not None or self._sweep is None or self._sweep.over):
-            self._end()
+        answer = self._answer if self._error is None else self._stopped(self._error)
+        if answer is not None and (self._error is not None or self._sweep is None or self._sweep.over):
+            self._end(goal, *answer)
             return
         self._ticks += 1
         if self._ticks % _FEEDBACK_TICKS == 0:
             self._report(goal)
 
     def _advance(self, goal: WatchedGoal) -> None:
-        session, sweep = self._session, self._sweep
-        if self._error is not None or self._answer is not None:
+        session, sweep, answer = self._session, self._sweep, self._answer
+        if self._error is not None:
             return
         if goal.is_cancel_requested and not self._cancelled.is_set():
             self._cancelled.set()
-            if not self._computing:
+            if answer is not None or not self._computing:
                 raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
+        if answer is not None and answer[0] is not None:
+            raise answer[0]
         if session is None and sweep is None and not self._computing:
             self._await_robot(goal)
         if sweep is not None:
@@ -209,10 +213,10 @@ class ObjectScanner(ArmNode):
             if self._sweep is not None:
                 self._sweep.stopping(time.monotonic())
 
-    def _await_stop(self, error: PoiseError) -> None:
+    def _stopped(self, error: PoiseError) -> tuple[PoiseError | None, SegmentedObject | None] | None:
+        """The answer once the arm has its stop; None before."""
         remark = "" if self._sweep is None else self._sweep.stop(error, time.monotonic())
-        if remark is not None:
-            self._answer = type(error)(error.code, error.message + remark), None
+        return None if remark is None else (type(error)(error.code, error.message + remark), None)
 
     def _report(self, goal: WatchedGoal) -> None:
         session, frames, progress = self._session, self._taken, 0.0
@@ -231,8 +235,8 @@ class ObjectScanner(ArmNode):
     def _compute(self, session: ScanSession, goal: WatchedGoal) -> None:
         self._session, self._taken, self._computing = None, session.count, True
         self._hush()
-        name, robot = goal.request.id or self._values["object_id"], self._robot.copy()
-        if not self._jobs.do(lambda: self._work(session, robot, name)):
+        robot, cancelled = self._robot.copy(), self._cancelled.is_set
+        if not self._jobs.do(lambda: self._work(goal, session, robot, cancelled)):
             self._answer = NoAnswerError(ErrorCode.BUSY, _STILL_ENDING), None
 
     def _hush(self) -> None:
@@ -240,8 +244,7 @@ class ObjectScanner(ArmNode):
             self.destroy_subscription(subscription)
         self._listening = []
 
-    def _end(self) -> None:
-        goal, (error, message) = self._goal, self._answer
+    def _end(self, goal: WatchedGoal, error: PoiseError | None, message: SegmentedObject | None) -> None:
         self._goal = self._session = self._answer = self._error = self._sweep = None
         self._taken, self._computing = 0, False
         self.watchdog.rest()
@@ -262,26 +265,33 @@ class ObjectScanner(ArmNode):
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
-    def _work(self, session: ScanSession, robot: RobotLog, name: str) -> None:
-        cancelled = self._cancelled.is_set
+    def _work(self, goal: WatchedGoal, session: ScanSession, robot: RobotLog, cancelled: Callable[[], bool]) -> None:
+        answer: tuple[PoiseError | None, SegmentedObject | None]
         try:
-            where, how = sweep_options(self._values), scan_options(self._values)
-            sweep, scanned = scan_session(session, robot, where, how, self._reach, cancelled)
-            found = segment(scanned.points, scanned.colours)
-            parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
-            notes = (*sweep.notes, *scanned.notes, *found.notes)
-            message = segmented_message(name, name, session.newest, scanned, found, parts, notes)
-            if cancelled():
-                raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
-            self._frames[name] = object_transform(sweep.base, name, session.newest, scanned)
-            self._transforms.publish(TFMessage(transforms=list(self._frames.values())))
-            self._objects.publish(message)
-            self._answer = None, message
+            answer = None, self._scanned(goal.request.id or self._values["object_id"], session, robot, cancelled)
         except PoiseError as error:
-            self._answer = error, None
+            answer = error, None
         except Exception as error:
             self.get_logger().error(f"internal error: {error!r}")
-            self._answer = coded(error), None
+            answer = coded(error), None
+        if self._goal is goal:  # else the caller was answered
+            self._answer = answer
+
+    def _scanned(
+        self, name: str, session: ScanSession, robot: RobotLog, cancelled: Callable[[], bool]
+    ) -> SegmentedObject:
+        where, how = sweep_options(self._values), scan_options(self._values)
+        sweep, scanned = scan_session(session, robot, where, how, self._reach, cancelled)
+        found = segment(scanned.points, scanned.colours)
+        parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
+        notes = (*sweep.notes, *scanned.notes, *found.notes)
+        message = segmented_message(name, name, session.newest, scanned, found, parts, notes)
+        if cancelled():
+            raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
+        self._frames[name] = object_transform(sweep.base, name, session.newest, scanned)
+        self._transforms.publish(TFMessage(transforms=list(self._frames.values())))
+        self._objects.publish(message)
+        return message
 
     def _reach(self, share: float) -> None:
         self._share = share

@@ -33,6 +33,50 @@ def require_usable(estimate: InertialEstimate, age: float, most_age: float) -> N
         raise InputError(ErrorCode.NOT_CONSISTENT, "inertial_estimate: no body has this inertia")
 
 
+class GraspedPayload:
+    """The weight of one object: that of the hand from the grasp to the release, and kept from then on.
+
+    Args:
+        most_age: s that the newest sample of an estimate may be old.
+    """
+
+    def __init__(self, most_age: float) -> None:
+        self._most_age = most_age
+        self._released = False
+        self.estimate: InertialEstimate | None = None
+
+    def take(self, estimate: InertialEstimate, age: float) -> bool:
+        """Whether an estimate, `age` s old, is of the object and replaces the one before.
+
+        After a change of the payload (`since` moves on) a hand that weighs at least half as much as before still holds
+        the object, now without its spilled part; or it grasps the object now, and was weighed without it before. A
+        lighter hand has released it. What it weighs later is something else.
+
+        Raises:
+            InputError: as `require_usable`.
+        """
+        if self._released:
+            return False
+        kept = self.estimate
+        changed = kept is not None and estimate.since != kept.since
+        try:
+            require_usable(estimate, age, self._most_age)
+        except InputError as error:
+            if not changed or error.code is not ErrorCode.NOT_IDENTIFIABLE:
+                raise
+            self._released = True
+            return False
+        self._released = changed and kept is not None and estimate.inertia.m < kept.inertia.m / 2
+        if not self._released:
+            self.estimate = estimate
+        return not self._released
+
+    def left_assembly(self) -> None:
+        """The object is no longer in the assembly: one that was released is grasped again, and weighed again."""
+        if self._released:
+            self._released, self.estimate = False, None
+
+
 def weighed(item: RigidObject, estimate: InertialEstimate, pose_sensor_object: Pose) -> RigidObject:
     """The object with mass, centre of mass, inertia and covariance of an estimate; what that does not identify is kept.
 

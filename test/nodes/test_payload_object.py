@@ -8,7 +8,7 @@ from poise.assembly.scene import Box, RigidObject
 from poise.geometry import Pose
 from poise.inertia import InertialParameters
 from poise.nodes.estimate_message import inertia_message
-from poise.nodes.payload import weighed
+from poise.nodes.payload import GraspedPayload, weighed
 from poise_msgs.msg import InertialEstimate
 
 
@@ -37,3 +37,29 @@ def test_what_is_not_identified_is_kept():
     found = weighed(item, estimate, Pose.identity())
     assert (found.mass, found.com.tolist(), found.covariance) == (4.0, com.tolist(), None)
     np.testing.assert_allclose(found.inertia, 2 * inertia)
+
+
+def hand(mass, since, **values):
+    found = InertialEstimate(consistent=True, **values)
+    found.inertia.m, found.since.sec = mass, since
+    return found
+
+
+def test_the_weight_of_the_object_is_that_of_the_hand_from_its_grasp_to_its_release():
+    payload = GraspedPayload(5.0)
+    steps = [
+        (hand(0.05, 0), 0.05),  # a hand that was not tared
+        (hand(4.0, 50), 4.0),  # the grasp
+        (hand(4.1, 50), 4.1),
+        (hand(3.0, 60), 3.0),  # something was spilled
+        (hand(2e-5, 70, unidentified=["m"]), 3.0),  # the release
+        (hand(9.0, 80), 3.0),  # another object
+    ]
+    for estimate, kept in steps:
+        payload.take(estimate, 0.0)
+        assert payload.estimate.inertia.m == kept
+    payload.left_assembly()
+    assert payload.estimate is None
+    assert payload.take(hand(3.2, 90), 0.0)
+    payload.left_assembly()  # it is in the hand
+    assert payload.estimate.inertia.m == 3.2
