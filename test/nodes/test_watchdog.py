@@ -153,7 +153,7 @@ def test_a_node_that_ends_leaves_a_stopped_arm_and_an_answered_goal_and_a_killed
     with pytest.raises(PoiseError, match="does not have the stops"):
         arm.move(stops, time.monotonic())
     blocked.watchdog.rest()
-    graph.wait_for(lambda: caller._client.server_is_ready(), what="the action again")
+    caller.ready()
     handle, _, _ = blocked.moving(caller, stops)
     blocked.watchdog._closing = True
     blocked.watchdog._link.close()  # as the kernel does when a node is killed
