@@ -39,8 +39,8 @@ def sensitivity(
 ) -> None:
     """Differentiate robustness with respect to masses, poses, friction and the push.
 
-    Exact derivatives, from how things collapse. With --force: the probability that a push this hard moves anything,
-    given the covariances and deviations in the scene.
+    Exact derivatives of limit analysis; doubtful where contacts hold less than that allows. With --force: the
+    probability that a push this hard moves anything, given the covariances and deviations in the scene.
 
     Example:  poise sensitivity scene.yaml --queries pushes.json --force 3 --friction-deviation 0.05
     """
@@ -54,7 +54,7 @@ def sensitivity(
     content: list[dict[str, Any]] = []
     with Progress(console=console("-"), transient=True) as bar:
         for push in bar.track(single, description="pushes"):
-            found, sure = sensitivity_of(analysis, push), None
+            found, sure = sensitivity_of(analysis, push, deadline), None
             if force is not None:
                 sure = motion_probability(
                     analysis.assembly,
@@ -74,6 +74,8 @@ def sensitivity(
 def _as_json(found: Sensitivity, sure: MotionProbability | None) -> dict[str, Any]:
     content: dict[str, Any] = {
         "robustness": number_for_json(found.robustness),
+        "limit": number_for_json(found.limit),
+        "doubtful": found.doubtful,
         "mass": found.mass,
         "com": found.com,
         "friction": [{"objects": pair, "derivative": value} for pair, value in found.friction.items()],
@@ -90,7 +92,8 @@ def _as_json(found: Sensitivity, sure: MotionProbability | None) -> dict[str, An
 
 def _print(push: Push, found: Sensitivity, sure: MotionProbability | None, json_target: str | None) -> None:
     people = console(json_target)
-    people.print(f"{escape(push.object)}: {found.robustness:.4g} N")
+    doubt = f", doubtful: the derivatives are those of limit analysis, {found.limit:.4g} N" if found.doubtful else ""
+    people.print(f"{escape(push.object)}: {found.robustness:.4g} N{doubt}")
     for name, value in sorted(found.mass.items(), key=lambda entry: -abs(entry[1])):
         people.print(f"  mass of {escape(name)}: {value:.4g} N/kg")
     for pair, value in sorted(found.friction.items(), key=lambda entry: -abs(entry[1])):

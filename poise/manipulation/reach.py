@@ -197,7 +197,7 @@ class Reach:
 
         @cache
         def directions() -> list[tuple[Array, float]]:
-            return approach_directions(self.before, after, placed)[:_DIRECTIONS]
+            return approach_directions(self.before, after, placed, _DIRECTIONS)
 
         def aways() -> list[Array]:
             return [-way for way, _ in directions()]

@@ -10,9 +10,11 @@ from itertools import islice
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.assembly.statics import Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose, unit
 from poise.placement.balance import SupportCheck
+from poise.placement.choice import best_confirmed
 from poise.placement.features import ContactFeatures
 from poise.placement.matching import SupportPoint, over_three, poses_on_one, poses_on_two, same_plane
 from poise.placement.refinement import refine
@@ -148,12 +150,18 @@ def plan_placement(
     validator = Validator(analysis, item, options.tests, options.looks, options.uncertainty)
     search = _Search(supports, features, validator, options, size, start, progress)
     found = search.run(rng)
-    if found is None:
+    if not found:
         raise no_placement(item, validator.rejected, search.iteration)
-    best, there, _ = found
+    best, there = search.best_of(found)
     if options.refining:
-        best, there = refine(validator, best, there, options.criterion, lambda: search.late)
+        refined = refine(validator, best, there, options.criterion, lambda: search.late)
+        if refined[1] is not there:
+            best, there = search.best_of([(best, there, None), (*refined, None)])
     return Placement(there, best, search.iteration, time.monotonic() - start, dict(validator.rejected))
+
+
+_Candidate = tuple[Analysis, RigidObject, PlacementScore | None]
+"""A placement, and the estimate of its score when more than one is wanted."""
 
 
 class _Search:
@@ -182,10 +190,10 @@ class _Search:
         limit = self._options.deadline
         return limit is not None and time.monotonic() - self._start >= limit
 
-    def run(self, rng: np.random.Generator) -> tuple[Analysis, RigidObject, PlacementScore | None] | None:
-        """The best of the first `candidates` placements found; None when there is none."""
-        best: tuple[Analysis, RigidObject, PlacementScore | None] | None = None
-        found = 0
+    def run(self, rng: np.random.Generator) -> list[_Candidate]:
+        """The first `candidates` placements found."""
+        found: list[_Candidate] = []
+        best: _Candidate | None = None
         while self.iteration < self._options.attempts and not self.late:
             for pose in self._poses(rng):
                 self.iteration += 1
@@ -195,26 +203,34 @@ class _Search:
                 elif accepted is None:
                     self._supports.distrust(pose.apply(self._features.com) - self._size / 2 * self._up, self._size / 4)
                 else:
-                    best = self._better(best, *accepted)
-                    found += 1
+                    found.append((*accepted, None if self._options.candidates == 1 else self._estimate(accepted[0])))
+                    best = self._better(best, found[-1])
                 self._report(best)
-                if found >= self._options.candidates or self.iteration >= self._options.attempts or self.late:
+                if len(found) >= self._options.candidates or self.iteration >= self._options.attempts or self.late:
                     break
-            if found >= self._options.candidates:
+            if len(found) >= self._options.candidates:
                 break
-        return best
+        return found
 
-    def _better(
-        self, best: tuple[Analysis, RigidObject, PlacementScore | None] | None, analysis: Analysis, item: RigidObject
-    ) -> tuple[Analysis, RigidObject, PlacementScore | None]:
-        if self._options.candidates == 1:
-            return analysis, item, None
-        score = estimate_score(analysis, self._options.criterion == "median")
-        if best is None or best[2] is None or score.better_than(best[2], self._options.criterion):
-            return analysis, item, score
-        return best
+    def best_of(self, found: list[_Candidate]) -> tuple[Analysis, RigidObject]:
+        """The best placement whose robustness elastic contacts confirm."""
+        if len(found) == 1:
+            return found[0][:2]
+        estimates = [score or self._estimate(analysis) for analysis, _, score in found]
+        limit = self._options.deadline
+        deadline = Deadline(None if limit is None else self._start + limit)
+        analyses = [analysis for analysis, *_ in found]
+        return found[best_confirmed(analyses, estimates, self._options.criterion, deadline)][:2]
 
-    def _report(self, best: tuple[Analysis, RigidObject, PlacementScore | None] | None) -> None:
+    def _estimate(self, analysis: Analysis) -> PlacementScore:
+        return estimate_score(analysis, self._options.criterion == "median")
+
+    def _better(self, best: _Candidate | None, new: _Candidate) -> _Candidate:
+        if best is None or best[2] is None or new[2] is None:
+            return new
+        return new if new[2].better_than(best[2], self._options.criterion) else best
+
+    def _report(self, best: _Candidate | None) -> None:
         if self._progress is None:
             return
         item, score = (None, None) if best is None else best[1:]

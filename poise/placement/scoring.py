@@ -7,15 +7,18 @@ from scipy.spatial import ConvexHull
 
 from poise.assembly import Analysis, robustness_map
 from poise.assembly.contact import SurfacePoints
-from poise.assembly.statics import BlockAnalysis
+from poise.assembly.robustness import CHECKED_WEIGHTS
+from poise.assembly.statics import NO_DEADLINE, BlockAnalysis, Deadline
 from poise.errors import ErrorCode, InputError
 from poise.geometry import plane_axes, unit, wrench_of_force
-from poise.types import Array
+from poise.types import Array, Indices
 
 _TOLERANCE = 0.02
 """Relative; between the certified bounds of a robustness."""
 _ASKED = 16
 """Programs solved for each body of a block for an estimate, at most."""
+_CONFIRMED = 128
+"""Corners of one body that elastic contacts are asked about, at most."""
 _MEDIAN_POINTS, _MEDIAN_TOLERANCE = 200, 0.1
 CRITERIA = ("least", "median", "volume", "compactness")
 
@@ -49,7 +52,7 @@ class PlacementScore:
 
 
 def evaluate(analysis: Analysis, median: bool = False) -> PlacementScore:
-    """Judge an assembly that stands: the least robustness by the weaker of `limit` and `patch`, certified everywhere.
+    """Judge an assembly that stands: the least robustness by `limit`, `patch` and elastic contacts, at every corner.
 
     Args:
         analysis: with the object in it.
@@ -60,7 +63,41 @@ def evaluate(analysis: Analysis, median: bool = False) -> PlacementScore:
     """
     surface = _corners(analysis)
     least = min(float(robustness_map(analysis, surface, _TOLERANCE, model).lower.min()) for model in ("limit", "patch"))
-    return replace(_rest(analysis, median), least=least)
+    return replace(_rest(analysis, median), least=confirm_least(analysis, least))
+
+
+def confirm_least(analysis: Analysis, least: float, deadline: Deadline = NO_DEADLINE) -> float:
+    """The least robustness, N, lowered to what elastic contacts hold where contact forces have a choice.
+
+    Every corner is asked whether it holds what the weakest one before it holds; of a body with more than
+    `_CONFIRMED` corners, that many, evenly chosen.
+
+    Args:
+        analysis: of an assembly that stands.
+        least: N; what no corner is asked to exceed.
+        deadline: when it passes, corners that are left are not asked.
+    """
+    surface = _corners(analysis)
+    wrenches = wrench_of_force(surface.directions, surface.points)
+    most = CHECKED_WEIGHTS * sum(block.geometry.units.weight for block in analysis.blocks)
+    held = min(least, most)
+    for block in analysis.blocks:
+        if block.geometry.statically_determinate:
+            continue
+        body, scaled = _on_block(block, surface, wrenches)
+        chosen = np.concatenate([_thinned(np.flatnonzero(body == number)) for number in np.unique(body)])
+        for load in _loads(block, body[chosen], scaled[chosen]):
+            found = block.solvers.coulomb.factor(load, held, deadline)
+            if not found.known:
+                break
+            held = min(held, found.value)
+    return held if held < most else least
+
+
+def _thinned(rows: Indices) -> Indices:
+    """At most `_CONFIRMED` of some rows, evenly chosen."""
+    count = min(len(rows), _CONFIRMED)
+    return np.asarray(rows[np.linspace(0, len(rows) - 1, count).astype(int)])
 
 
 def _rest(analysis: Analysis, median: bool) -> PlacementScore:
@@ -90,18 +127,13 @@ def _largest_inverse(block: BlockAnalysis, surface: SurfacePoints, wrenches: Arr
 
     Every collapse mechanism found bounds all corners from below; the corner with the largest bound is solved next.
     """
-    bodies = block.bodies_of(surface.place)
-    rows = np.flatnonzero(bodies >= 0)
-    body = bodies[rows]
-    scaled = block.geometry.units.of_wrench(wrenches[rows])
-    on_bodies = np.zeros((len(rows), block.geometry.count, 6))
-    on_bodies[np.arange(len(rows)), body] = scaled
-    loads = on_bodies.reshape(len(rows), -1)
+    body, scaled = _on_block(block, surface, wrenches)
+    loads = _loads(block, body, scaled)
     queue: list[int] = []
     for number in np.unique(body):
         on = np.flatnonzero(body == number)
         queue += [*on[scaled[on].argmax(axis=0)].tolist(), *on[scaled[on].argmin(axis=0)].tolist()]
-    known, best, asked = np.zeros(len(rows)), 0.0, set[int]()
+    known, best, asked = np.zeros(len(body)), 0.0, set[int]()
     while queue and len(asked) < _ASKED * block.geometry.count:
         row = queue.pop()
         if row not in asked:
@@ -114,6 +146,20 @@ def _largest_inverse(block: BlockAnalysis, surface: SurfacePoints, wrenches: Arr
         if not queue and int(known.argmax()) not in asked:
             queue.append(int(known.argmax()))
     return best
+
+
+def _on_block(block: BlockAnalysis, surface: SurfacePoints, wrenches: Array) -> tuple[Indices, Array]:
+    """(q,) bodies of the block that are pushed, and (q, 6) the wrenches on them in its units."""
+    bodies = block.bodies_of(surface.place)
+    rows = np.flatnonzero(bodies >= 0)
+    return bodies[rows], block.geometry.units.of_wrench(wrenches[rows])
+
+
+def _loads(block: BlockAnalysis, body: Indices, scaled: Array) -> Array:
+    """(q, 6 n) loads on the block of wrenches (q, 6) on bodies (q,)."""
+    on_bodies = np.zeros((len(body), block.geometry.count, 6))
+    on_bodies[np.arange(len(body)), body] = scaled
+    return on_bodies.reshape(len(body), -1)
 
 
 def _corners(analysis: Analysis) -> SurfacePoints:

@@ -8,7 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from poise.assembly import Analysis, Assembly, RigidObject
+from poise.assembly.statics import Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.placement.choice import best_confirmed
 from poise.placement.planner import Options, Placement, PlacementProgress, plan_placement
 from poise.placement.scoring import PlacementScore, estimate_score, evaluate
 
@@ -85,21 +87,28 @@ def plan_sequence(
     analysis = Analysis.of(assembly)
     analysis.require_stable()
     rng = np.random.default_rng(seed)
-    best: tuple[list[Placement], PlacementScore] | None = None
+    orders_found: list[list[Placement]] = []
     most: list[Placement] = []
     for number in range(max(orders, 1)):
-        if best is not None and options.deadline is not None and time.monotonic() - start > options.deadline:
+        if orders_found and options.deadline is not None and time.monotonic() - start > options.deadline:
             break
         search = _Order(options, start, rng, progress, shuffled=number > 0, budget=_TRIED_PER_OBJECT * len(items))
         found = search.place(analysis, list(items))
         most = max(most, search.most, key=len)
         if found is not None:
-            score = estimate_score(found[-1].analysis, options.criterion == "median")
-            if best is None or score.better_than(best[1], options.criterion):
-                best = found, score
-    if best is None:
+            orders_found.append(found)
+    if not orders_found:
         raise _no_order(ids, [placement.item.id for placement in most])
-    return PlacementSequence(tuple(best[0]), time.monotonic() - start)
+    return PlacementSequence(tuple(_best(orders_found, options, start)), time.monotonic() - start)
+
+
+def _best(orders: list[list[Placement]], options: Options, start: float) -> list[Placement]:
+    if len(orders) == 1:
+        return orders[0]
+    results = [placements[-1].analysis for placements in orders]
+    estimates = [estimate_score(result, options.criterion == "median") for result in results]
+    deadline = Deadline(None if options.deadline is None else start + options.deadline)
+    return orders[best_confirmed(results, estimates, options.criterion, deadline)]
 
 
 def _no_order(ids: list[str], placed: list[str]) -> NoAnswerError:

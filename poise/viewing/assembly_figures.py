@@ -13,7 +13,7 @@ from poise.assembly import Analysis, Push
 from poise.assembly.robustness import AccelerationLimits, Robustness, RobustnessMap
 from poise.assembly.scene import Polyhedron
 from poise.errors import ErrorCode, InputError
-from poise.viewing.assembly_picture import Stage, SurfaceColours, extent, moved, stage
+from poise.viewing.assembly_picture import Stage, SurfaceColours, extent, moved, stage, unconfirmed
 from poise.viewing.canvas import PALETTE, Panel
 from poise.viewing.wording import readable
 
@@ -27,12 +27,17 @@ _ENDLESS = (0.62, 0.64, 0.67)
 
 
 def map_panel(found: RobustnessMap) -> Panel:
-    """The surface coloured by what each point bears, on a logarithmic scale (thesis Fig. 4.1, 4.12)."""
-    finite = found.upper[np.isfinite(found.upper)]
+    """The surface coloured by what each point bears, on a logarithmic scale (thesis Fig. 4.1, 4.12).
+
+    Doubtful points are striped, and have the colour of their lower bound.
+    """
+    doubtful = unconfirmed(found)
+    borne = np.where(doubtful, found.lower, found.upper)
+    finite = borne[np.isfinite(borne) & (borne > 0)]
     # Few points may hold next to anything: they are not to squeeze the others into one colour.
     low, high = (float(finite.min()), float(np.quantile(finite, 0.97))) if len(finite) else (1.0, 1.0)
     scale = ScalarMappable(LogNorm(low, max(high, 1.02 * low)), _SCALE)
-    colours = np.where(np.isfinite(found.upper)[:, None], scale.to_rgba(found.upper)[:, :3], _ENDLESS)
+    colours = np.where(np.isfinite(borne)[:, None], scale.to_rgba(np.maximum(borne, low))[:, :3], _ENDLESS)
 
     def draw(figure: FigureBase) -> None:
         here = stage(figure, found.analysis.assembly, (0, 0, 0.84, 1), surface=SurfaceColours(found, colours))
@@ -43,12 +48,14 @@ def map_panel(found: RobustnessMap) -> Panel:
         bar.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bar.yaxis.set_minor_formatter(NullFormatter())
         bar.tick_params(labelsize=10.5, labelcolor=PALETTE["ink"], length=2)
-        weakest = int(found.upper.argmin())
-        _mark(here, found.surface.points[weakest], f"{found.upper[weakest]:.3g} N")
-        if not np.isfinite(found.upper).all():
-            figure.text(0.83, 0.03, "grey: holds any force", fontsize=9.5, color=PALETTE["muted"], ha="right")
+        weakest = int(borne.argmin())
+        _mark(here, found.surface.points[weakest], f"{borne[weakest]:.3g} N{' (doubtful)' * bool(doubtful[weakest])}")
+        notes = ["striped: doubtful, lower bound"] * bool(doubtful.any())
+        notes += ["grey: holds any force"] * bool(np.isinf(borne).any())
+        figure.text(0.83, 0.03, "; ".join(notes), fontsize=9.5, color=PALETTE["muted"], ha="right")
 
     alt = f"Robustness to pushes inward all over the surface: from {low:.3g} to {high:.3g} N."
+    alt += f" {int(doubtful.sum())} of {len(doubtful)} points are doubtful." if doubtful.any() else ""
     return Panel("robustness-map", alt, draw, _SIZE)
 
 
@@ -82,6 +89,7 @@ def mechanism_panel(analysis: Analysis, push: Push, result: Robustness) -> Panel
     size = extent(analysis)
     elsewhere = moved(assembly, result.moves, result.mechanism, 0.12 * size) if result.moves else assembly
     force = f"{result.robustness:.3g} N" if np.isfinite(result.robustness) else "any force"
+    force = f"at least {result.lower:.3g} N (doubtful)" if result.doubtful else force
 
     def draw(figure: FigureBase) -> None:
         moving = {assembly.index[name]: "#e3b23c" for name in result.moves}
@@ -111,6 +119,7 @@ def limits_panel(found: AccelerationLimits) -> Panel:
     order = np.argsort(azimuth)
     level, azimuth = level[order], azimuth[order]
     limits = found.limits[level]
+    doubtful = found.doubtful[level]
     finite = limits[np.isfinite(limits)]
     reach = 1.1 * float(finite.max(initial=1e-9))
 
@@ -125,6 +134,8 @@ def limits_panel(found: AccelerationLimits) -> Panel:
             rows = [row for row, name in enumerate(names) if name == movers]
             colour = _FIRST_MOVERS[min(number, len(_FIRST_MOVERS) - 1)]
             axes.plot(azimuth[rows], shown[rows], "o", color=colour, markersize=4, label=_names(movers))
+        if doubtful.any():
+            axes.plot(azimuth[doubtful], shown[doubtful], "x", color=PALETTE["ink"], markersize=7, label="doubtful")
         axes.set_ylim(0, reach)
         axes.grid(color=PALETTE["grid"])
         axes.spines["polar"].set_color(PALETTE["grid"])
@@ -133,9 +144,9 @@ def limits_panel(found: AccelerationLimits) -> Panel:
         figure.legend(loc="center right", fontsize=10, frameon=False, title="moves first", title_fontsize=10)
 
     low = float(finite.min()) if len(finite) else np.inf
-    return Panel(
-        "acceleration-limits", f"Acceleration limits around the horizontal: at least {low:.3g} m/s².", draw, _SIZE
-    )
+    alt = f"Acceleration limits around the horizontal: at least {low:.3g} m/s²."
+    alt += f" {int(doubtful.sum())} of {len(doubtful)} are doubtful." if doubtful.any() else ""
+    return Panel("acceleration-limits", alt, draw, _SIZE)
 
 
 def _sharp_edges(polyhedron: Polyhedron) -> Any:

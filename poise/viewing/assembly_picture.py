@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,6 +25,8 @@ _LIGHT = np.array([-0.35, -0.6, 0.72])
 _SUPERSAMPLED = 2
 _PIXELS_PER_POINT = 2
 FIXED, MOVABLE = "#f4f5f6", "#aebdd0"
+_ACROSS, _STRIPE = np.array([1.0, 1.0, 1.0]), 0.35
+"""Normal of the stripes, and the share of the colour that is left in them."""
 _NEIGHBOURS = 4
 """Points of a map that the colour of a pixel is made of."""
 _SAME_FACE = 0.3
@@ -113,7 +116,7 @@ def stage(
 
 @dataclass(frozen=True, eq=False)
 class SurfaceColours:
-    """Colours of the surface by the nearest points of a map.
+    """Colours of the surface by the nearest points of a map, with dark stripes where these are doubtful.
 
     Args:
         found: the map.
@@ -122,6 +125,10 @@ class SurfaceColours:
 
     found: RobustnessMap
     colours: Array
+
+    @cached_property
+    def _pitch(self) -> float:
+        return 0.01 * extent(self.found.analysis)
 
     def at(self, points: Array, normals: Array, places: NDArray[np.int64]) -> Array:
         """(P, 3) colours of points (P, 3) with outward normals (P, 3) on objects (P,)."""
@@ -137,7 +144,16 @@ class SurfaceColours:
             weights = 1 / (distance**2 + 1e-12)
             weights /= weights.sum(axis=1, keepdims=True)
             colours[asked] = np.einsum("pk,pkc->pc", weights, self.colours[on[nearest]])
+            # Planes that cross each face of an upright body at an angle.
+            striped = np.floor(points[asked] @ _ACROSS / self._pitch) % 2 == 0
+            doubtful = np.einsum("pk,pk->p", weights, unconfirmed(self.found)[on[nearest]]) > 0.5
+            colours[asked[striped & doubtful]] *= _STRIPE
         return colours
+
+
+def unconfirmed(found: RobustnessMap) -> Mask:
+    """(N,) points of a map that are doubtful, or were not computed in time: what they bear is known from below only."""
+    return np.asarray(found.doubtful | ((found.lower == 0) & np.isinf(found.upper)))
 
 
 def _painted(

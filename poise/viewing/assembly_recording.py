@@ -12,7 +12,7 @@ from poise.assembly import Analysis, Push
 from poise.assembly.robustness import AccelerationLimits, Robustness, RobustnessMap
 from poise.errors import ErrorCode, InputError
 from poise.files import write_whole
-from poise.viewing.assembly_picture import extent
+from poise.viewing.assembly_picture import extent, unconfirmed
 from poise.viewing.wording import readable
 
 FIXED, MOVABLE, GRAPH = (200, 204, 210), (150, 170, 200, 120), (213, 94, 1)
@@ -32,8 +32,9 @@ def write_assembly_recording(
     """Write a Rerun recording (.rrd); open it with `rerun FILE`.
 
     Entities: `world/bodies/ID`; `world/graph` with the places of contact; `world/map`, points coloured from weak (red)
-    to strong (blue), with their robustness as labels of the weakest; `world/pushes` and `world/mechanism` with one step
-    of the timeline `push` for each push; `limits` with the facets of the sustained accelerations (m/s2).
+    to strong (blue), with their robustness as labels of the weakest, and dark dots on doubtful points; `world/pushes`
+    and `world/mechanism` with one step of the timeline `push` for each push; `limits` with the sustained accelerations
+    (m/s2) in each direction, red where doubtful.
 
     Raises:
         InputError: UNSUPPORTED when rerun-sdk is not installed, FILE_UNWRITABLE.
@@ -101,18 +102,24 @@ class _Scene:
         self._log("world/graph/bodies", nodes, static=True)
 
     def send_map(self, found: RobustnessMap) -> None:
-        finite = np.isfinite(found.upper)
+        doubtful = unconfirmed(found)
+        borne = np.where(doubtful, found.lower, found.upper)
+        finite, positive = np.isfinite(borne), np.isfinite(borne) & (borne > 0)
         colours = np.tile(np.array(ENDLESS, dtype=np.uint8), (len(finite), 1))
         if finite.any():
-            low, high = found.upper[finite].min(), np.quantile(found.upper[finite], 0.97)
-            shade = colormaps["RdYlBu"](LogNorm(low, max(high, 1.02 * low))(found.upper[finite]))
+            low, high = (borne[positive].min(), np.quantile(borne[positive], 0.97)) if positive.any() else (1.0, 1.0)
+            shade = colormaps["RdYlBu"](LogNorm(low, max(high, 1.02 * low))(np.maximum(borne[finite], low)))
             colours[finite] = (255 * shade[:, :3]).astype(np.uint8)
         points = self.rr.Points3D(found.surface.points, colors=colours, radii=[_POINT * self.size])
         self._log("world/map/points", points, static=True)
-        weakest = int(found.upper.argmin())
+        radius = _POINT * self.size
+        # On top of the points of the map, where they are seen.
+        above = found.surface.points[doubtful] - radius * found.surface.directions[doubtful]
+        self._log("world/map/doubtful", self.rr.Points3D(above, colors=[MOTION], radii=[radius / 3]), static=True)
+        weakest = int(borne.argmin())
         label = self.rr.Points3D(
             found.surface.points[[weakest]],
-            labels=[f"{found.upper[weakest]:.3g} N"],
+            labels=[f"{borne[weakest]:.3g} N{' (doubtful)' * bool(doubtful[weakest])}"],
             colors=[PUSH],
             radii=[2 * _POINT * self.size],
         )
@@ -127,7 +134,7 @@ class _Scene:
                 origins=[np.asarray(push.point) - shaft],
                 vectors=[shaft],
                 colors=[PUSH],
-                labels=[f"{result.robustness:.3g} N {result.mode}"],
+                labels=[f"{result.robustness:.3g} N {result.mode}{' (doubtful)' * result.doubtful}"],
             )
             self._log("world/pushes", arrow)
             objects = self.analysis.assembly.objects
@@ -146,8 +153,16 @@ class _Scene:
         """The boundary of what is sustained, along the directions asked for."""
         kept = np.isfinite(limits.limits)
         ends = limits.directions[kept] * limits.limits[kept, None]
-        names = [readable(", ".join(movers)) for movers, keep in zip(limits.first_to_move, kept, strict=True) if keep]
-        arrows = self.rr.Arrows3D(origins=np.zeros_like(ends), vectors=ends, labels=names, show_labels=False)
+        movers = [readable(", ".join(limits.first_to_move[row])) for row in np.flatnonzero(kept)]
+        doubtful = limits.doubtful[kept]
+        names = [f"{name}{' (doubtful)' * bool(doubt)}" for name, doubt in zip(movers, doubtful, strict=True)]
+        arrows = self.rr.Arrows3D(
+            origins=np.zeros_like(ends),
+            vectors=ends,
+            colors=[PUSH if doubt else GRAPH for doubt in doubtful],
+            labels=names,
+            show_labels=False,
+        )
         self._log("limits", arrows, static=True)
 
     def _log(self, path: str, archetype: Any, static: bool = False) -> None:

@@ -191,3 +191,14 @@ def test_a_push_as_hard_as_friction_holds_moves_half_of_the_time(run, tmp_path):
 def test_sensitivity_refuses_several_forces_at_once(run, tmp_path):
     with pytest.raises(InputError, match="single pushes"):
         run("sensitivity", scenes.cube(), "--queries", low_push(tmp_path, [LOW, LOW]))
+
+
+def test_a_sensitivity_that_another_collapse_decides_is_doubtful_in_text_and_json(run, tmp_path):
+    """A push at the side of a cube turns it; limit analysis lets its corners carry the weight, which holds more."""
+    turning = low_push(tmp_path, LOW | {"point": [-0.5, 0.45, 0.01]})
+    query = strictly(run("sensitivity", scenes.cube(), "--queries", turning, "--json", "-").stdout)["queries"][0]
+    assert query["doubtful"]
+    assert query["robustness"] < 0.9 * query["limit"]
+    assert "doubtful" in run("sensitivity", scenes.cube(), "--queries", turning).stdout
+    plain = strictly(run("sensitivity", scenes.cube(), "--queries", low_push(tmp_path, LOW), "--json", "-").stdout)
+    assert not plain["queries"][0]["doubtful"]

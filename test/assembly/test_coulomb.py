@@ -1,5 +1,7 @@
 """Elastic contacts with Coulomb friction: closed forms, and what limit analysis wrongly allows."""
 
+from dataclasses import dataclass, field
+
 import assembly_scenes as scenes
 import numpy as np
 import pytest
@@ -7,6 +9,8 @@ from assembly_scenes import G, box, on_floor
 from test_equilibrium import slope
 
 from poise.assembly import Analysis, Push, assess
+from poise.assembly.statics import Deadline
+from poise.assembly.statics.coulomb import ElasticState
 
 
 def settled(assembly):
@@ -84,3 +88,33 @@ def test_a_loose_block_beside_a_stack_takes_no_load():
     pair = on_floor(box("a", (1, 1, 1), (0, 0, 0.5)), box("b", (1, 1, 1), (1, 0, 0.5)))
     found = assess(pair, [Push("a", (0.5, 0, 0.9), (0, 0, 1)), Push("a", (-0.5, 0, 0.2), (1, 0, 0))], "coulomb").results
     assert found[1].robustness == pytest.approx(2 * 0.5 * G, rel=0.01)
+
+
+def test_rounds_of_friction_bounds_end_with_the_deadline(monkeypatch):
+    """Newton is stuck at once; the deadline passes in the first round of Tresca problems."""
+
+    @dataclass(frozen=True)
+    class Ticking(Deadline):
+        left: list[int] = field(default_factory=lambda: [6])
+
+        @property
+        def passed(self):
+            self.left[0] -= 1
+            return self.left[0] < 0
+
+    block = Analysis.of(scenes.wall(4, 3)).blocks[0]
+    coulomb, clock, late = block.solvers.coulomb, Ticking(), []
+    stuck = ElasticState(False, 1.0, np.zeros(6 * block.geometry.count), settled=False)
+    monkeypatch.setattr(coulomb, "_newton", lambda *_: stuck)
+    jacobian = coulomb.contacts.jacobian
+    monkeypatch.setattr(
+        coulomb.contacts, "jacobian", lambda *given: (late.append(clock.left[0] < 0), jacobian(*given))[1]
+    )
+    # Sideways by a tenth of the weight: much slips.
+    load = block.geometry.gravity.copy()
+    load[:, 0] += 0.1
+    found = coulomb.settle(load.ravel(), deadline=clock)
+    assert not found.known
+    assert not found.stands
+    assert late
+    assert not any(late)

@@ -9,7 +9,7 @@ import pytest
 from assembly_scenes import G, box, on_floor
 
 from poise.assembly import Assembly, FrictionPair, Push, assess, motion_probability, sensitivity
-from poise.errors import InputError
+from poise.errors import ErrorCode, InputError, NoAnswerError
 
 STEP = 1e-5
 
@@ -42,7 +42,10 @@ def difference(change):
 def test_gradients_are_those_of_finite_differences(push):
     assembly = uneven_table()
     found = sensitivity(assembly, push)
-    assert found.robustness == pytest.approx(limit(assembly, push))
+    assert found.limit == pytest.approx(limit(assembly, push))
+    held = assess(assembly, [push]).results[0]
+    assert found.robustness == pytest.approx(held.lower, rel=1e-6)
+    assert found.doubtful == (held.lower < 0.98 * found.limit)
     for name, value in found.mass.items():
         item = assembly.objects[assembly.index[name]]
         slope = difference(lambda h, i=item: limit(assembly.with_object(replace(i, mass=i.mass + h)), push))
@@ -61,11 +64,11 @@ def test_gradients_are_those_of_finite_differences(push):
 
 
 @pytest.mark.parametrize("push", PUSHES, ids=lambda push: push.object)
-def test_masses_times_their_gradients_add_up_to_the_robustness(push):
+def test_masses_times_their_gradients_add_up_to_the_limit_load(push):
     assembly = uneven_table()
     found = sensitivity(assembly, push)
     total = sum(found.mass[item.id] * item.mass for item in assembly.objects if item.id in found.mass)
-    assert total == pytest.approx(found.robustness, rel=1e-6)
+    assert total == pytest.approx(found.limit, rel=1e-6)
 
 
 def test_moving_the_push_changes_the_robustness_as_the_gradient_says():
@@ -88,7 +91,7 @@ def test_a_weight_put_down_improves_the_robustness_as_predicted():
             extra = Push("slab", (x, 0.1, 1.2), (0, 0, -1))
             weight = 1e-3
             with_weight = assembly.with_object(box("w", (0.01, 0.01, 0.01), (x, 0.1, 1.205), mass=weight / G))
-            change = (limit(with_weight, push) - found.robustness) / weight
+            change = (limit(with_weight, push) - found.limit) / weight
             assert found.improvement(extra) == pytest.approx(change, abs=5e-3)
 
 
@@ -97,6 +100,27 @@ def test_what_is_never_moved_has_no_gradient():
     assert found.robustness == np.inf
     assert found.mass == {}
     assert found.improvement(Push("cube", (0, 0, 1), (0, 0, -1))) == 0
+
+
+def twisted():
+    """A push beside the middle of a cube, which turns it where it stands."""
+    return Push("cube", (-0.5, 0.45, 0.01), (1, 0, 0))
+
+
+def test_a_push_that_turns_a_cube_is_doubtful_where_limit_analysis_presses_the_corners():
+    found = sensitivity(scenes.cube(), twisted())
+    held = assess(scenes.cube(), [twisted()]).results[0].robustness
+    assert found.robustness == pytest.approx(held)
+    assert held < 0.9 * found.limit
+    assert found.doubtful
+    assert not sensitivity(scenes.cube(), Push("cube", (-0.5, 0, 0.1), (1, 0, 0))).doubtful
+
+
+def test_a_push_that_turns_a_cube_moves_it_where_uniform_pressure_does_not_hold_it():
+    held, push = sensitivity(scenes.cube(), twisted()).robustness, twisted()
+    for factor, moved in ((0.99, 0.0), (1.01, 1.0)):
+        found = motion_probability(scenes.cube(), push, factor * held, np.random.default_rng(0), 5)
+        assert found.probability == moved
 
 
 def normal_cdf(value):
@@ -165,6 +189,14 @@ def test_shared_mechanisms_find_what_solving_every_sample_finds():
             sample.append(replace(item, mass=mass, com=np.array(moment) / mass))
         moved += limit(Assembly(tuple(sample), assembly.gravity, assembly.friction), push) < force
     assert round(found.probability * count) == moved
+
+
+def test_without_time_for_a_single_sample_there_is_no_probability():
+    with pytest.raises(NoAnswerError) as error:
+        motion_probability(
+            scenes.cube(), Push("cube", (-0.5, 0, 0.1), (1, 0, 0)), 1.0, np.random.default_rng(0), deadline=0.0
+        )
+    assert error.value.code is ErrorCode.DEADLINE
 
 
 def test_negative_numbers_are_refused():

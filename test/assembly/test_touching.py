@@ -1,13 +1,39 @@
 """Objects that touch side by side: no force between neighbours counts that Coulomb contact does not produce."""
 
+from dataclasses import dataclass, field, replace
+from math import erf
+
 import assembly_scenes as scenes
 import numpy as np
 import pytest
 from assembly_scenes import G, box, fixed_box
 
 from benchmarks.touching import ABOVE, KINDS, Tally, compare, holds_in_mujoco, random_scene
-from poise.assembly import Analysis, Assembly, Push, acceleration_limits, assess, robustness_map
-from poise.assembly.statics import Deadline
+from poise.assembly import (
+    Analysis,
+    Assembly,
+    Push,
+    acceleration_limits,
+    assess,
+    motion_probability,
+    robustness_map,
+    sensitivity,
+)
+from poise.assembly.robustness.uncertainty import _moves
+from poise.assembly.statics import NO_DEADLINE, Deadline
+
+
+@dataclass(frozen=True)
+class _Questions(Deadline):
+    """Passes after it was asked a number of times."""
+
+    left: list[int] = field(default_factory=lambda: [0])
+
+    @property
+    def passed(self):
+        self.left[0] -= 1
+        return self.left[0] < 0
+
 
 ALONG = np.array([[1.0, 0, 0], [-1, 0, 0]])
 
@@ -88,6 +114,41 @@ def test_what_is_not_checked_in_time_is_doubtful_and_its_bound_holds():
     mapped = robustness_map(Analysis.of(row(0.003)), 50, deadline=0.0)
     assert mapped.doubtful.all()
     assert np.all(mapped.lower == 0)
+
+
+OUTWARD = Push("b0", (-0.2, 0, 0.1), (-1, 0, 0))
+"""Beside the top edge between the first two bricks: the second cannot pull the first back."""
+
+
+def test_a_sensitivity_that_counts_on_neighbours_is_doubtful_and_the_smaller_value_is_given():
+    found = sensitivity(row(0.003), OUTWARD)
+    assert found.doubtful
+    assert found.robustness == pytest.approx(G * 0.003 / 0.1, rel=0.02)
+    assert found.robustness < 0.5 * found.limit
+    late = sensitivity(row(0.003), OUTWARD, deadline=0.0)
+    assert late.doubtful
+    assert late.robustness == 0
+
+
+@pytest.mark.parametrize("shift", [-0.5, 0.0, 0.5])
+def test_the_probability_of_motion_does_not_count_on_neighbours(shift):
+    """The mass of the outer brick is known to 10 %; it topples alone, as the normal distribution says."""
+    scene = row(0.003)
+    brick = replace(scene.objects[1], covariance=np.diag([0.01, *[0.0] * 9]))
+    force = (1 + 0.1 * shift) * G * 0.003 / 0.1
+    found = motion_probability(scene.with_object(brick), OUTWARD, force, np.random.default_rng(0), 400)
+    assert found.probability == pytest.approx((1 + erf(shift / np.sqrt(2))) / 2, abs=0.07)
+    assert found.moves == {"b0": found.probability}
+
+
+def test_samples_that_are_not_checked_in_time_do_not_count_as_standing():
+    """Limit analysis holds all of these, elastic contacts none."""
+    scene, clock = row(0.003), _Questions(NO_DEADLINE.at, [40])
+    brick = replace(scene.objects[1], covariance=np.diag([1e-4, *[0.0] * 9]))
+    analysis = Analysis.of(scene.with_object(brick))
+    movers, _ = _moves(analysis, OUTWARD, 1.5 * G * 0.003 / 0.1, np.random.default_rng(0), 50, clock)
+    assert len(movers) < 50
+    assert all(movers)
 
 
 def test_models_that_elastic_contacts_do_not_check_say_so():

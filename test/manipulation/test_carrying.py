@@ -153,6 +153,6 @@ def test_the_approach_spares_the_neighbour_that_falls_easily():
     assert by_x[min(by_x)] < 3.0 < 10.0 < by_x[max(by_x)]
     direction, value = found[-1]
     heights = [Push("tower", np.array([0.61, 0.0, z]), direction) for z in (0.1, 0.01)]
-    high, low = (result.lower for result in assess(before, heights, "limit").results)
+    high, low = (result.lower for result in assess(before, heights).results)
     assert high <= value <= low
     assert all(direction[2] < 0 for direction, _ in found)

@@ -7,11 +7,11 @@ import coal
 import numpy as np
 import pytest
 
-from poise.assembly import Analysis, Assembly, Box, Cylinder, RigidObject, load_scene
+from poise.assembly import Analysis, Assembly, Box, Cylinder, RigidObject, assess, load_scene
 from poise.errors import ErrorCode, NoAnswerError
 from poise.geometry import Pose
 from poise.manipulation import Arm, Reach
-from poise.manipulation.approach import _least, approach_directions
+from poise.manipulation.approach import _confirmed, _least, _touches, approach_directions
 from poise.manipulation.bodies import geometry_of, se3_of
 from poise.manipulation.carrying import ROOMY
 from poise.manipulation.inverse import LARGEST_JOINT_STEP
@@ -124,6 +124,27 @@ def test_directions_are_judged_together_as_one_by_one(reach):
     placed = can_at(0.5, 0.2, 0.05)
     found = approach_directions(reach.before, reach.before.with_object(placed), placed)
     directions = [direction for direction, _ in found]
-    alone = [_least(reach.before, placed, [direction])[0] for direction in directions]
+    alone = [
+        _confirmed(reach.before, _touches(reach.before, placed, direction), *_least(reach.before, placed, [direction]))
+        for direction in directions
+    ]
     np.testing.assert_allclose([value for _, value in found], alone, rtol=1e-6)
     assert 0 < min(alone) < max(alone)
+
+
+def test_an_approach_does_not_count_on_what_stands_beside_its_neighbour():
+    """Two bricks side by side near the edges of a post: dragged along, the outer one topples as if it were alone."""
+    post = RigidObject("post", Box((0.206, 0.5, 0.1)), Pose.from_vector([0, 0, -0.05, 0, 0, 0, 1]), fixed=True)
+    shelf = RigidObject("shelf", Box((0.1, 0.5, 0.1)), Pose.from_vector([-0.3, 0, -0.05, 0, 0, 0, 1]), fixed=True)
+    before = Analysis.of(
+        Assembly((post, shelf, *(block(f"b{x}", (0.2, 0.1, 0.1), (0.1 * x, 0, 0.05)) for x in (-1, 1))))
+    )
+    placed = block("placed", (0.08, 0.08, 0.1), (-0.26, 0, 0.05))
+    every = approach_directions(before, before.with_object(placed), placed)
+    assert every
+    for direction, value in every:
+        pushes = _touches(before, placed, direction)
+        held = min((result.lower for result in assess(before, pushes).results), default=np.inf)
+        assert value <= 1.05 * held
+    few = approach_directions(before, before.with_object(placed), placed, 3)
+    assert [value for _, value in few] == [value for _, value in every[:3]]

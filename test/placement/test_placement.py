@@ -7,6 +7,7 @@ import pytest
 
 from poise.assembly import Analysis, Assembly, Push, assess
 from poise.assembly.scene.scene_files import read_object, read_scene
+from poise.assembly.statics import NO_DEADLINE, Deadline
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.placement import (
@@ -14,8 +15,10 @@ from poise.placement import (
     ContactFeatures,
     KeptFree,
     Options,
+    PlacementScore,
     Uncertainty,
     Validator,
+    choice,
     evaluate,
     plan_placement,
 )
@@ -48,8 +51,8 @@ def test_a_placement_stands_and_its_least_robustness_is_that_of_its_weakest_corn
         for facet, normal in enumerate(item.shape.polyhedron.normals)
         for corner in item.shape.polyhedron.vertices[item.shape.polyhedron.facet_vertices[facet]]
     ]
-    answers = [assess(found.analysis.assembly, corners, model).results for model in ("limit", "patch")]
-    assert found.score.least == pytest.approx(min(one.robustness for some in answers for one in some), rel=0.03)
+    answers = assess(found.analysis.assembly, corners).results
+    assert found.score.least == pytest.approx(min(one.lower for one in answers), rel=0.03)
 
 
 def test_same_seed_same_answer():
@@ -143,6 +146,35 @@ def test_refining_does_not_make_it_worse():
         for refining in (False, True)
     )
     assert evaluate(refined.analysis).least >= evaluate(plain.analysis).least * (1 - 1e-6)
+
+
+def test_the_score_does_not_count_on_neighbours():
+    """Three bricks side by side on a post that ends 3 mm outside the centres of the outer ones."""
+    bricks = [box(f"b{k}", [0.2, 0.1, 0.1], [0.2 * k, 0, 0.15]) for k in (-1, 0, 1)]
+    post = box("post", [0.406, 0.5, 0.1], [0, 0, 0.05], fixed=True)
+    analysis = Analysis.of(scene(post, *bricks))
+    corner = Push("b1", (0.1, 0.05, 0.1), (0, 0, 1))
+    held = assess(analysis, [corner]).results[0].lower
+    assert evaluate(analysis).least <= 1.02 * held < 0.5 * assess(analysis, [corner], "limit").results[0].lower
+
+
+def test_a_placement_that_elastic_contacts_do_not_confirm_gives_way_to_the_next(monkeypatch):
+    first, second = (PlacementScore(least, np.nan, 1.0, 1.0) for least in (3.0, 2.0))
+    held = {"first": 1.0, "second": 1.9}
+    asked = []
+
+    def confirm(name, least, deadline):
+        asked.append(name)
+        return min(least, held[name])
+
+    monkeypatch.setattr(choice, "confirm_least", confirm)
+    names = ("first", "second")
+    assert choice.best_confirmed(names, (first, second), "least", NO_DEADLINE) == 1
+    assert asked == ["first", "second"]
+    held["first"] = 2.5
+    assert choice.best_confirmed(names, (first, second), "least", NO_DEADLINE) == 0
+    assert choice.best_confirmed(names, (first, second), "least", Deadline.after(-1.0)) == 0
+    assert asked == ["first", "second", "first"]
 
 
 def test_what_balances_nowhere_says_why():

@@ -1,14 +1,17 @@
 """Pictures of assemblies: what the z-buffer sees, the colours of a map, where a mechanism moves things."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from assembly_in_pictures import CAN, CUBE, FLOOR
+from assembly_in_pictures import CAN, CUBE, FLOOR, UPRIGHT
 from matplotlib.colors import to_rgb
 
-from poise.assembly import Analysis, Assembly, Push, acceleration_limits, assess, robustness_map
+from poise.assembly import Analysis, Assembly, Box, Push, RigidObject, acceleration_limits, assess, robustness_map
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
 from poise.viewing.assembly_figures import graph_panel, limits_panel, map_panel, mechanism_panel
-from poise.viewing.assembly_picture import SurfaceColours, moved
+from poise.viewing.assembly_picture import SurfaceColours, moved, unconfirmed
 from poise.viewing.canvas import write_picture
 from poise.viewing.z_buffer import NOTHING, PictureCamera, see
 
@@ -98,3 +101,47 @@ def test_a_polar_plot_of_directions_out_of_the_plane_is_refused(analysis):
     with pytest.raises(InputError) as raised:
         limits_panel(acceleration_limits(analysis, np.array([[0.0, 0.0, 1.0]])))
     assert raised.value.code == ErrorCode.UNSUPPORTED
+
+
+def doubtful_row():
+    """Two boxes side by side, asked without time: nothing of the first is confirmed."""
+    boxes = [RigidObject(f"b{x}", Box((1, 1, 1)), Pose.from_vector([x, 0, 0.5, *UPRIGHT]), mass=1.0) for x in (0, 1)]
+    return Analysis.of(Assembly((FLOOR, *boxes), np.array([0, 0, -9.81])))
+
+
+def test_doubtful_points_are_striped_and_have_the_colour_of_their_lower_bound():
+    row = doubtful_row()
+    found = robustness_map(row, 400, 0.1, "limit")
+    count = len(found.doubtful)
+    assert found.doubtful.all()
+    surface = SurfaceColours(found, np.ones((count, 3)))
+    places = np.full(400, row.assembly.index["b0"])
+    points = np.stack([np.linspace(-0.4, 0.4, 400), np.zeros(400), np.ones(400)], axis=1)
+    colours = surface.at(points, np.tile([0.0, 0, 1], (400, 1)), places)[:, 0]
+    assert 0.3 < np.mean(colours < 0.5) < 0.7
+    surface = SurfaceColours(replace(found, doubtful=np.zeros(count, dtype=bool)), np.ones((count, 3)))
+    np.testing.assert_allclose(surface.at(points, np.tile([0.0, 0, 1], (400, 1)), places), 1.0)
+    assert f"{count} of {count} points are doubtful" in map_panel(found).alt
+
+
+def test_what_was_not_computed_in_time_is_not_shown_as_holding_any_force(tmp_path):
+    late = robustness_map(doubtful_row(), 100, deadline=0.0)
+    assert np.isinf(late.upper).all()
+    assert unconfirmed(late).all()
+    panel = map_panel(late)
+    assert "points are doubtful" in panel.alt
+    from matplotlib.image import imread
+
+    picture = imread(write_picture([panel], tmp_path / "late.png"))[..., :3]
+    # Red and dark red, the colours of the least force; grey would say that it holds any.
+    assert np.mean(picture[..., 0] > 2 * picture[..., 1]) > 0.03
+
+
+def test_doubtful_limits_and_pushes_say_so(tmp_path):
+    row, push = doubtful_row(), Push("b0", (-0.5, 0, 0.9), (1, 0, 0))
+    limits = limits_panel(acceleration_limits(row, 12, deadline=0.0))
+    assert "12 of 12 are doubtful" in limits.alt
+    assert write_picture([limits], tmp_path / "limits.png").stat().st_size > 0
+    (result,) = assess(row, [push], "limit").results
+    assert "doubtful" in mechanism_panel(row, push, result).alt
+    assert "doubtful" not in mechanism_panel(row, push, assess(row, [push]).results[0]).alt

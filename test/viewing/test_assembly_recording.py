@@ -4,10 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from assembly_in_pictures import CAN, CUBE, FLOOR
+from assembly_in_pictures import CAN, CUBE, FLOOR, UPRIGHT
 
-from poise.assembly import Analysis, Assembly, Push, acceleration_limits, assess, robustness_map
+from poise.assembly import Analysis, Assembly, Box, Push, RigidObject, acceleration_limits, assess, robustness_map
 from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
 from poise.viewing.assembly_recording import write_assembly_recording
 
 rrd = pytest.importorskip("rerun.chunk", reason="rerun-sdk is an extra")
@@ -41,3 +42,13 @@ def test_without_rerun_the_error_names_the_line_that_installs_it(analysis, tmp_p
         write_assembly_recording(tmp_path / "scene.rrd", analysis)
     assert raised.value.code == ErrorCode.UNSUPPORTED
     assert "pip install" in raised.value.message
+
+
+def test_doubtful_points_and_directions_are_marked(tmp_path):
+    boxes = [RigidObject(f"b{x}", Box((1, 1, 1)), Pose.from_vector([x, 0, 0.5, *UPRIGHT]), mass=1.0) for x in (0, 1)]
+    row = Analysis.of(Assembly((FLOOR, *boxes), np.array([0, 0, -9.81])))
+    found, limits = robustness_map(row, 50, 0.1, "limit"), acceleration_limits(row, 4, deadline=0.0)
+    path = write_assembly_recording(tmp_path / "row.rrd", row, found_map=found, limits=limits)
+    content = {chunk.entity_path: chunk for chunk in rrd.RrdReader(str(path)).stream().to_chunks()}
+    assert "/world/map/doubtful" in content
+    assert path.read_bytes().count(b"(doubtful)") >= 1

@@ -9,6 +9,7 @@
 from poise.assembly.robustness.acceleration import AccelerationLimits, acceleration_limits
 from poise.assembly.robustness.assess import Assessment, Robustness, assess
 from poise.assembly.robustness.block_answers import (
+    CHECKED_WEIGHTS,
     ask_block,
     ask_single_patch,
     both_factors,
@@ -26,6 +27,7 @@ from poise.assembly.robustness.turning_base import TurningBase
 from poise.assembly.robustness.uncertainty import MotionProbability, motion_probability
 
 __all__ = [
+    "CHECKED_WEIGHTS",
     "DEFAULT_MODEL",
     "MAX_MAP_POINTS",
     "ROBUSTNESS_MODELS",

@@ -1,23 +1,28 @@
-"""How robustness changes with everything it depends on: exact, from the collapse mechanism."""
+"""How robustness changes with everything it depends on: from the collapse mechanism of limit analysis."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from poise.assembly.robustness.assess import assess
+from poise.assembly.robustness.block_answers import CHECKED_SHARE
 from poise.assembly.scene import Assembly
-from poise.assembly.statics import UNLIMITED, Analysis, BlockAnalysis, InverseLoadFactor, Push, loads_of
+from poise.assembly.statics import UNLIMITED, Analysis, BlockAnalysis, Deadline, InverseLoadFactor, Push, loads_of
 from poise.geometry import wrench_of_force
 from poise.types import Array
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Derivatives of the robustness R of one push under limit analysis.
+    """The robustness of one push, and the derivatives of its limit load L under limit analysis.
 
     Args:
-        robustness: N; inf where nothing collapses, and then all derivatives are 0.
+        robustness: N; the lower bound of model `default`, at most L.
+        limit: N; L. It is inf where nothing collapses, and then all derivatives are 0.
+        doubtful: the robustness is less than 98 % of L, or was not checked in time. Another collapse than that of
+            limit analysis decides then, and the derivatives may be wrong.
         mass: N/kg for each object by id (those that do not matter are left out). Linear: masses times derivatives add
-            up to R.
+            up to L.
         com: (3,) N/m for each object by id, for moves of its centre of mass in the assembly's frame.
         friction: N for each pair of ids, per unit of its coefficient.
         point: (3,) N/m for moves of the pushed point.
@@ -25,6 +30,8 @@ class Sensitivity:
     """
 
     robustness: float
+    limit: float
+    doubtful: bool
     mass: dict[str, float]
     com: dict[str, Array]
     friction: dict[tuple[str, str], float]
@@ -33,7 +40,7 @@ class Sensitivity:
     _weakest: tuple[BlockAnalysis, InverseLoadFactor] | None = field(repr=False)
 
     def improvement(self, extra: Push) -> float:
-        """Change of R, N, per N of another force that presses all the while (thesis eq. 4.30, 4.43, exactly).
+        """Change of L, N, per N of another force that presses all the while (thesis eq. 4.30, 4.43, exactly).
 
         Positive where leaning on, or putting down a weight at, that point makes the assembly stronger.
         """
@@ -47,21 +54,27 @@ class Sensitivity:
         wrench = wrench_of_force(direction / np.linalg.norm(direction), np.asarray(extra.point, dtype=np.float64))
         body = block.body_of[place]
         twist = inverse.twist.reshape(-1, 6)[body]
-        return float(-self.robustness * (twist @ block.geometry.units.of_wrench(wrench)))
+        return float(-self.limit * (twist @ block.geometry.units.of_wrench(wrench)))
 
 
-def sensitivity(assembly: Assembly | Analysis, push: Push) -> Sensitivity:
-    """Derivatives of the robustness of one push.
+def sensitivity(assembly: Assembly | Analysis, push: Push, deadline: float | None = None) -> Sensitivity:
+    """The robustness of one push, and the derivatives of its limit load.
 
     By the envelope theorem they need no further solve: with the collapse mechanism y and the contact forces at
-    collapse held, R (power of the push) = power against gravity + power of friction, term by term.
+    collapse held, L (power of the push) = power against gravity + power of friction, term by term.
+
+    Args:
+        assembly: prepared as an `Analysis` when more will be asked.
+        push: where and along which direction.
+        deadline: s; without time to check the robustness, it is what was confirmed by then, and doubtful.
 
     Raises:
         InputError: as `assess`.
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     analysis = Analysis.of(assembly)
-    analysis.require_stable()
+    analysis.require_stable(Deadline.after(deadline))
+    checked = assess(analysis, [push], deadline=deadline).results[0]
     loads = loads_of(analysis.assembly, [push], analysis.structure.margin)
     weakest: tuple[BlockAnalysis, InverseLoadFactor] | None = None
     for block in analysis.blocks:
@@ -72,22 +85,24 @@ def sensitivity(assembly: Assembly | Analysis, push: Push) -> Sensitivity:
                 weakest is None or inverse.value > weakest[1].value
             ):
                 weakest = block, inverse
-    if weakest is None or not np.isfinite(weakest[1].value):
-        robustness = np.inf if weakest is None else 0.0
-        return Sensitivity(robustness, {}, {}, {}, np.zeros(3), push, None)
+    limit = np.inf if weakest is None else 1 / weakest[1].value
+    held = min(checked.lower, limit)
+    doubtful = checked.doubtful or held < CHECKED_SHARE * limit
+    if weakest is None or limit == 0:
+        return Sensitivity(held, limit, doubtful, {}, {}, {}, np.zeros(3), push, None)
     block, inverse = weakest
-    robustness = 1 / inverse.value
-    mass, com = _of_weights(block, inverse, robustness)
+    mass, com = _of_weights(block, inverse, limit)
     force = np.asarray(push.direction, dtype=np.float64)
     force = force / np.linalg.norm(force)
     body = block.body_of[int(loads.place[0])]
     spin = inverse.twist.reshape(-1, 6)[body, 3:] / (block.geometry.units.length * block.geometry.units.weight)
-    point = -(robustness**2) * np.cross(force, spin)
-    return Sensitivity(robustness, mass, com, _of_friction(block, inverse, robustness), point, push, weakest)
+    point = -(limit**2) * np.cross(force, spin)
+    friction = _of_friction(block, inverse, limit)
+    return Sensitivity(held, limit, doubtful, mass, com, friction, point, push, weakest)
 
 
 def _of_weights(
-    block: BlockAnalysis, inverse: InverseLoadFactor, robustness: float
+    block: BlockAnalysis, inverse: InverseLoadFactor, limit: float
 ) -> tuple[dict[str, float], dict[str, Array]]:
     objects, gravity = block.structure.assembly.objects, np.asarray(block.structure.assembly.gravity)
     units = block.geometry.units
@@ -96,13 +111,13 @@ def _of_weights(
         for place in members:
             item = objects[place]
             per_mass = units.of_wrench(wrench_of_force(gravity, item.com_in_world))
-            mass[item.id] = float(-robustness * (twist @ per_mass))
+            mass[item.id] = float(-limit * (twist @ per_mass))
             spin = twist[3:] / (units.length * units.weight)
-            com[item.id] = -robustness * np.cross(item.mass * gravity, spin)
+            com[item.id] = -limit * np.cross(item.mass * gravity, spin)
     return mass, com
 
 
-def _of_friction(block: BlockAnalysis, inverse: InverseLoadFactor, robustness: float) -> dict[tuple[str, str], float]:
+def _of_friction(block: BlockAnalysis, inverse: InverseLoadFactor, limit: float) -> dict[tuple[str, str], float]:
     """More friction by d mu holds a slipping corner by its normal force times its sliding speed."""
     geometry, objects = block.geometry, block.structure.assembly.objects
     if inverse.multipliers is None:
@@ -112,5 +127,5 @@ def _of_friction(block: BlockAnalysis, inverse: InverseLoadFactor, robustness: f
     found: dict[tuple[str, str], float] = {}
     for interface, value in zip(block.interfaces, power, strict=True):
         pair = objects[interface.first].id, objects[interface.second].id
-        found[pair] = found.get(pair, 0.0) + float(robustness**2 * value)
+        found[pair] = found.get(pair, 0.0) + float(limit**2 * value)
     return found

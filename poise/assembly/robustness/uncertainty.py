@@ -7,10 +7,10 @@ import numpy as np
 
 from poise.assembly.contact import Structure
 from poise.assembly.scene import Assembly, RigidObject
-from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism, Push, loads_of
-from poise.errors import ErrorCode, InputError
+from poise.assembly.statics import Analysis, BlockAnalysis, Deadline, Mechanism, PatchMechanism, Push, loads_of
+from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
-from poise.types import Array
+from poise.types import Array, Indices
 
 # Number of samples of the masses for each draw of friction and poses.
 _MASSES_PER_DRAW = 20
@@ -49,8 +49,9 @@ def motion_probability(
     pose_deviation: float = 0.0,
     deadline: float | None = None,
 ) -> MotionProbability:
-    """How likely a push of a given force moves something, under limit analysis.
+    """How likely a push of a given force moves something.
 
+    Samples stand if they do so under model `default`: by limit analysis, uniform pressure and elastic contacts.
     Masses and centres of mass are drawn from the covariances of the objects; friction from the deviations of its
     pairs. Samples that differ in mass alone share their collapse mechanisms: a mechanism that takes less power
     against the sample's gravity than the push gives proves motion, and only the samples nearest to it are solved.
@@ -63,10 +64,11 @@ def motion_probability(
         samples: how many.
         friction_deviation: of the coefficients of pairs without a deviation.
         pose_deviation: of each coordinate of each movable object's position across gravity, m.
-        deadline: s.
+        deadline: s; what was drawn by then counts.
 
     Raises:
-        InputError: BAD_INPUT for numbers below 0; as `assess`. NoAnswerError: SOLVER_FAILED.
+        InputError: BAD_INPUT for numbers below 0; as `assess`.
+        NoAnswerError: SOLVER_FAILED; DEADLINE when it left no time for a single sample.
     """
     _check(force=force, friction_deviation=friction_deviation, pose_deviation=pose_deviation)
     clock = Deadline.after(deadline)
@@ -81,18 +83,21 @@ def motion_probability(
         structure = _shifted(nominal, pose_deviation, rng) if pose_deviation > 0 else nominal
         if frictions_vary:
             structure = _with_friction(structure, friction_deviation, rng)
-        movers, used = _moves(Analysis(structure), push, force, rng, min(each, samples - drawn))
+        movers, used = _moves(Analysis(structure), push, force, rng, min(each, samples - drawn), clock)
         drawn, solves = drawn + len(movers), solves + used
         moved += sum(mechanism is not None for mechanism in movers)
         for mechanism in filter(None, movers):
             counts.update(assembly.objects[place].id for place in mechanism.velocities)
-    share = moved / max(drawn, 1)
-    deviation = float(np.sqrt(share * (1 - share) / max(drawn, 1)))
-    return MotionProbability(share, deviation, _shares(counts, drawn), drawn, solves, drawn >= samples)
+    return _tallied(counts, moved, drawn, samples, solves)
 
 
-def _shares(counts: Counter[str], total: int) -> dict[str, float]:
-    return {name: count / total for name, count in counts.items()}
+def _tallied(counts: Counter[str], moved: int, drawn: int, samples: int, solves: int) -> MotionProbability:
+    if not drawn:
+        raise NoAnswerError(ErrorCode.DEADLINE, "no time was left for a single sample; give a longer deadline")
+    share = moved / drawn
+    deviation = float(np.sqrt(share * (1 - share) / drawn))
+    moves = {name: count / drawn for name, count in counts.items()}
+    return MotionProbability(share, deviation, moves, drawn, solves, drawn >= samples)
 
 
 def _check(**settings: float) -> None:
@@ -132,9 +137,12 @@ def _with_friction(structure: Structure, default: float, rng: np.random.Generato
 
 
 def _moves(
-    analysis: Analysis, push: Push, force: float, rng: np.random.Generator, count: int
+    analysis: Analysis, push: Push, force: float, rng: np.random.Generator, count: int, deadline: Deadline
 ) -> tuple[list[Mechanism | None], int]:
-    """How each of `count` samples of the masses moves (None: not at all), and how many programs were solved."""
+    """How each of `count` samples of the masses moves (None: not at all), and how many programs were solved.
+
+    After the deadline the samples that are left are dropped, those that move as well as those that stand.
+    """
     loads = loads_of(analysis.assembly, [push], np.inf)
     moments = {place: _moments(analysis.assembly.objects[place], rng, count) for place in analysis.structure.movable}
     movers: list[Mechanism | None] = [None] * count
@@ -146,12 +154,54 @@ def _moves(
         _, pushes = block.loads(loads)
         pushed = force * pushes[0] if len(pushes) else np.zeros(6 * block.geometry.count)
         change = _gravity(block, moments, count) - block.geometry.gravity.ravel() + pushed
-        found, used = _falls(block, change)
+        twists, used = _falls(block, change)
         solves += used
-        for row, twist in found.items():
-            if movers[row] is None:
-                movers[row] = Mechanism(block, twist)
+        found = {row: Mechanism(block, twist) for row, twist in twists.items()}
+        standing = np.array([row for row in range(len(movers)) if movers[row] is None and row not in found], dtype=int)
+        found |= _patch_collapses(block, change, standing)
+        yielding, reached = _elastic_falls(block, change, standing, deadline)
+        movers = [known or found.get(row) or yielding.get(row) for row, known in enumerate(movers[:reached])]
     return movers, solves
+
+
+def _patch_collapses(block: BlockAnalysis, change: Array, rows: Indices) -> dict[int, Mechanism]:
+    """Which samples (rows) of one body on one interface, as `_falls` takes them, a patch does not sustain."""
+    single = block.solvers.single_patch
+    if single is None:
+        return {}
+    wrenches = block.geometry.units.wrench(change[rows])
+    found = single.collapse(wrenches)
+    return {
+        int(rows[k]): PatchMechanism(block, single, wrenches[k], float(found.factor[k]), bool(found.slips[k]))
+        for k in np.flatnonzero(found.factor < 1).tolist()
+    }
+
+
+def _elastic_falls(
+    block: BlockAnalysis, change: Array, rows: Indices, deadline: Deadline
+) -> tuple[dict[int, Mechanism], int]:
+    """Which samples (rows), as `_falls` takes them, elastic contacts do not hold where contact forces have a choice.
+
+    Returns:
+        How these move, and the number of the first sample that was not reached.
+    """
+    found: dict[int, Mechanism] = {}
+    if block.geometry.statically_determinate:
+        return found, len(change)
+    gravity = block.geometry.gravity.ravel()
+    settle = block.solvers.coulomb.settle
+    rest = settle(gravity, deadline=deadline)
+    start, still = (rest.displacement, rest.displacement) if rest.stands else (None, np.zeros_like(gravity))
+    for row, before in zip(rows.tolist(), [None, *rows.tolist()], strict=False):
+        if before is None or not np.array_equal(change[row], change[before]):
+            state = settle(gravity + change[row], start, deadline)
+        if not state.known:
+            return found, row
+        if state.stands:
+            start = state.displacement
+        else:
+            found[row] = Mechanism(block, state.displacement - still)
+    return found, len(change)
 
 
 def _falls(block: BlockAnalysis, change: Array) -> tuple[dict[int, Array], int]:

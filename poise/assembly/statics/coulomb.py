@@ -93,7 +93,7 @@ class CoulombBlock:
         contacts, bounds = self.contacts, np.full(len(self.contacts.stiffness), np.inf)
         if start is not None and (found := self._newton(load, start, deadline)).settled:
             return found
-        u = self._tresca(load, bounds, _solve(contacts.glued, load))
+        u = self._tresca(load, bounds, _solve(contacts.glued, load), deadline)
         for attempt in range(_ATTEMPTS):
             found = self._newton(load, u, deadline)
             if found.settled or not found.known:
@@ -101,10 +101,12 @@ class CoulombBlock:
             for _ in range(_ROUNDS):
                 pressed = contacts.pressed(contacts.relative(u))
                 bounds = pressed if attempt < _ATTEMPTS // 2 else (bounds + pressed) / 2
-                u = self._tresca(load, bounds, u)
+                u = self._tresca(load, bounds, u, deadline)
             found = self._state(load, u)
             if found.settled:
                 return found
+            if deadline.passed:
+                return replace(found, known=False)
             if (carried := self._share(contacts.catch * u, load)) > _FALLS:
                 return ElasticState(False, carried, u)
         return found
@@ -196,14 +198,14 @@ class CoulombBlock:
         found = self._state(load, u)
         return found if found.settled else replace(found, known=not deadline.passed)
 
-    def _tresca(self, load: Array, bounds: Array, start: Array) -> Array:
-        """The displacement (6 n,) of least energy with friction limited to the bounds (P,)."""
+    def _tresca(self, load: Array, bounds: Array, start: Array, deadline: Deadline) -> Array:
+        """The displacement (6 n,) of least energy with friction limited to the bounds (P,), as far as time allows."""
         contacts, size = self.contacts, float(np.linalg.norm(load)) or 1.0
 
         def energy(u: Array, relative: Array) -> tuple[float, Array]:
             return contacts.energy(u, load, relative, bounds), contacts.left(u, load, relative, bounds)
 
-        return self._descend(start, energy, bounds, _SETTLED / 10 * size, _TRESCA_STEPS, NO_DEADLINE)
+        return self._descend(start, energy, bounds, _SETTLED / 10 * size, _TRESCA_STEPS, deadline)
 
     def _descend(
         self,
