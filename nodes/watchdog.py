@@ -202,11 +202,11 @@ class ProcessWatchdog:
         )
         self._loaded[id(stops)] = key, stops  # kept, so that no other has its id
 
-    def arm(self, stops: ReadyStops, begin: int) -> None:
-        """The motion of these stops begins at `begin` ns; waits until the process watches it, 0.1 s at most.
+    def arm(self, stops: ReadyStops, begin: int) -> bool:
+        """The motion of these stops begins at `begin` ns; False: the process did not answer within 0.1 s.
 
         Raises:
-            PoiseError: the goal was stopped or cancelled; INTERNAL when the process does not watch the motion.
+            PoiseError: the goal was stopped or cancelled; INTERNAL when the process does not have its stops.
         """
         if self._sent is not None:
             raise self._sent.error
@@ -220,8 +220,9 @@ class ProcessWatchdog:
         self._answered.wait(_ARMING)
         if self._confirmed != number:
             self.disarm()
-            late = f"the watchdog did not answer in {_ARMING:g} s: the machine is overloaded; send the goal again"
-            raise self._refusal or PoiseError(ErrorCode.INTERNAL, late)
+        if self._refusal is not None:
+            raise self._refusal
+        return self._confirmed == number
 
     def beat(self) -> None:
         """This process is alive."""

@@ -18,6 +18,7 @@ class StubWatchdog:
 
     def __init__(self):
         self.armed, self.tripped, self.sent, self.refusal = False, [], None, None
+        self.late, self.begins = 0, []
 
     def load(self, stops):
         pass
@@ -25,7 +26,9 @@ class StubWatchdog:
     def arm(self, stops, begin):
         if self.refusal is not None:
             raise self.refusal
-        self.armed = True
+        self.begins.append(begin)
+        self.armed = len(self.begins) > self.late
+        return self.armed
 
     def beat(self):
         pass
@@ -77,6 +80,14 @@ def test_a_stop_that_the_arm_sent_itself_ends_the_guard(way):
     assert ticks[-1]
     assert len(bench.sent) == 2
     assert not bench.watchdog.armed
+
+
+def test_a_watchdog_that_is_late_is_asked_again_for_a_motion_that_begins_later():
+    bench = Bench()
+    bench.watchdog.late = 2
+    bench.arm.move(STOPS, 0.0)
+    assert np.all(np.diff(bench.watchdog.begins) > 0)
+    assert [command.stamp for command in bench.sent] == bench.watchdog.begins[2:] == [bench.arm.begin]
 
 
 @pytest.mark.parametrize("cause", ["publisher", "watchdog"])

@@ -1,5 +1,6 @@
 """An arm that is only moved with its stops ready: the motion, who watches it, and the stop that ends it."""
 
+import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -48,11 +49,11 @@ class Watchdog(Protocol):
     def load(self, stops: ReadyStops) -> None:
         """Take the stops of a motion ahead; may take long, for worker threads."""
 
-    def arm(self, stops: ReadyStops, begin: int) -> None:
-        """The motion of these stops begins at `begin` ns: stop it when something is wrong.
+    def arm(self, stops: ReadyStops, begin: int) -> bool:
+        """The motion of these stops begins at `begin` ns: stop it when something is wrong; False: not in time.
 
         Raises:
-            PoiseError: it does not watch this motion, which must not be sent.
+            PoiseError: it will not watch this motion, which must not be sent.
         """
 
     def beat(self) -> None:
@@ -125,15 +126,25 @@ class CommandedArm:
             Exception: of the publisher.
         """
         self._stops, self._asked, self.stopped, self.excess, self.failure = None, None, False, "", None
-        self.begin = self._joints.clock(now) + round(_OPTIONS.lead * 1e9)
         try:
-            if self._watchdog is not None:
-                self._watchdog.arm(stops, self.begin)
+            self._arm(stops, now)
             self._send(TimedMotion(stops.motion, self.begin))
         except Exception:
             self.ended()
             raise
         self._stops = stops
+
+    def _arm(self, stops: ReadyStops, now: float) -> None:
+        """Choose when the motion begins, and have it watched; a watchdog that is late is asked again."""
+        since = time.monotonic()
+        while (waited := time.monotonic() - since) < _OPTIONS.arming:
+            self.begin = self._joints.clock(now + waited) + round(_OPTIONS.lead * 1e9)
+            if self._watchdog is None or self._watchdog.arm(stops, self.begin):
+                return
+        raise PoiseError(
+            ErrorCode.INTERNAL,
+            f"the watchdog did not answer for {waited:.2f} s: the machine is overloaded; send the goal again",
+        )
 
     def check(self) -> None:
         """Call it with every tick of a motion.
