@@ -282,11 +282,19 @@ class Jobs:
         return coded(error)
 
     def _answer_overdue(self) -> None:
+        """Answer what is overdue; those of it that still wait give up their places and bytes."""
         now = time.monotonic()
         for job in list(self._open):
             if now > job.due:
                 message = "the deadline passed before anything was certified; allow more time"
                 job.refuse(ErrorCode.DEADLINE, message, by_clock=True)
+        with self._changed:
+            for waiting in self._waiting.values():
+                gone = [entry for entry in waiting if entry[2].answer.done()]
+                for entry in gone:
+                    waiting.remove(entry)
+                    self._bytes -= entry[2].task.size if entry[2].task is not None else 0
+                heapq.heapify(waiting)
 
 
 def run_with_jobs(make_node: Callable[[], Node], args: list[str] | None = None) -> None:

@@ -43,10 +43,12 @@ RANGES = {
 """Entries of requests; docs/robustness_server.md shows the same table."""
 _ROUNDING = 1e-6
 """Share of its largest entry by which a covariance may miss symmetry and a positive determinant."""
+_MOST_VERTICES = 3
+"""Vertices per mesh triangle that a call may bring: those of triangles that share none."""
 
 
 class CallLimits(NamedTuple):
-    """The largest numbers of things in one call."""
+    """The largest numbers of things in one call; triangles: of the meshes in messages."""
 
     objects: int = 2000
     pushes: int = 10_000
@@ -88,6 +90,9 @@ def check_request(request: Any, limits: CallLimits) -> None:
     Raises:
         InputError: as `check_range`; BAD_INPUT for more of something than `limits` allow.
     """
+    if hasattr(request, "pushes"):
+        _check_count("pushes", len(request.pushes), limits.pushes)
+        _check_count("map_points", request.map_points, limits.map_points)
     if request.__class__ is SetAssembly.Request:
         if request.operation == SetAssembly.Request.REMOVE:
             _check_count("objects", len(request.assembly.objects), limits.objects)
@@ -102,8 +107,6 @@ def check_request(request: Any, limits: CallLimits) -> None:
     if request.deadline != 0:
         check_range("deadline", request.deadline)
     if hasattr(request, "pushes"):
-        _check_count("pushes", len(request.pushes), limits.pushes)
-        _check_count("map_points", request.map_points, limits.map_points)
         if request.map_tolerance != 0:
             check_range("map_tolerance", request.map_tolerance)
         _check_pushes(request.pushes)
@@ -163,6 +166,8 @@ def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:
     _check_count("objects", len(message.objects), limits.objects)
     _check_count("friction_pairs", len(message.friction_pairs), limits.objects**2)
     _check_count("mesh triangles", sum(len(item.mesh.triangles) for item in message.objects), limits.triangles)
+    vertices = sum(len(item.mesh.vertices) for item in message.objects)
+    _check_count("mesh vertices", vertices, _MOST_VERTICES * limits.triangles)
     gravity = _xyz(message.gravity)
     if whole or any(gravity):
         if not any(gravity):

@@ -13,7 +13,7 @@ from poise.robot import FrameTree
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import SetAssembly
 
-_SHORT_PUSHES, _SHORT_OBJECTS = 100, 50
+_SHORT_PUSHES, SHORT_OBJECTS = 100, 50
 """Pushes, and objects that a call brings, up to which it is not heavy."""
 
 
@@ -56,10 +56,15 @@ def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limi
     Raises:
         InputError: as `check_request`; FRAME_UNKNOWN.
     """
+    serialized = serialize_message(request)
+    if len(serialized) > limits.bytes:
+        what = f"a call of {len(serialized)} bytes; this server takes {limits.bytes} at most"
+        raise InputError(ErrorCode.BAD_INPUT, what)
     check_request(request, limits)
     notes: list[str] = []
+    transformed = False
     if kind == "set":
-        frame, uses_present = _place(request, frames, present_frame, notes)
+        frame, uses_present, transformed = _place(request, frames, present_frame, notes)
         brought = [request.assembly]
     else:
         brought, uses_present = request.assembly, not request.assembly
@@ -67,6 +72,7 @@ def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limi
     if kind == "assess":
         if request.frame_id and request.frame_id != frame:
             transform_pushes(request.pushes, pose_between(frames, request.frame_id, frame))
+            transformed = True
         if not request.model:
             notes.append("model not given; the default")
         if request.map_points and not request.map_tolerance:
@@ -77,29 +83,30 @@ def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limi
         notes.append(f"deadline {request.deadline:g} s; this server takes {longest:g} s at most")
     heavy = (
         kind == "plan"
-        or sum(len(assembly.objects) for assembly in brought) > _SHORT_OBJECTS
+        or sum(len(assembly.objects) for assembly in brought) > SHORT_OBJECTS
         or (kind == "assess" and (request.map_points > 0 or len(request.pushes) > _SHORT_PUSHES))
     )
-    serialized = serialize_message(request)
-    if len(serialized) > limits.bytes:
-        what = f"a call of {len(serialized)} bytes; this server takes {limits.bytes} at most"
-        raise InputError(ErrorCode.BAD_INPUT, what)
     expected = request.expected_version if kind == "set" else 0
+    if transformed:
+        serialized = serialize_message(request)
     return Call(kind, serialized, frame, uses_present, heavy, expected, tuple(notes))
 
 
-def _place(request: SetAssembly.Request, frames: FrameTree, present_frame: str, notes: list[str]) -> tuple[str, bool]:
-    """The frame of the assembly after a change, into which its poses are transformed; whether one must be set."""
+def _place(
+    request: SetAssembly.Request, frames: FrameTree, present_frame: str, notes: list[str]
+) -> tuple[str, bool, bool]:
+    """The frame of the assembly after a change; whether one must be set; whether its poses were transformed."""
     message: AssemblyMessage = request.assembly
     frame = message.header.frame_id
     if not frame and request.operation != SetAssembly.Request.REMOVE:
         notes.append(f"frame_id not given; taken as {present_frame}")
     if request.operation == SetAssembly.Request.REPLACE:
-        return frame or present_frame, False
+        return frame or present_frame, False, False
     if frame and frame != present_frame and request.operation == SetAssembly.Request.ADD_OR_MOVE:
         pose = pose_between(frames, frame, present_frame)
         transform_objects(message.objects, pose)
         gravity = message.gravity
         turned = pose.rotation @ [gravity.x, gravity.y, gravity.z]
         gravity.x, gravity.y, gravity.z = turned.tolist()
-    return present_frame, True
+        return present_frame, True, True
+    return present_frame, True, False

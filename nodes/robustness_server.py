@@ -1,11 +1,12 @@
 """Node: answers how hard an assembly may be pushed and in which order it comes apart, and keeps the assembly."""
 
+import itertools
 import threading
 import time
 from collections import deque
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -24,7 +25,7 @@ from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.request_checks import CallLimits
-from poise.nodes.robustness_calls import Call, call_of
+from poise.nodes.robustness_calls import SHORT_OBJECTS, Call, call_of
 from poise.nodes.robustness_worker import RobustnessWorker, load_type_supports
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
 from poise.nodes.transforms import add_transforms, moved_poses
@@ -66,6 +67,35 @@ ROBUSTNESS_SERVER_PARAMETERS = (
 )
 
 
+class _Present(NamedTuple):
+    """The assembly that is set, at one moment.
+
+    Args:
+        version: that callers see.
+        frame: of its poses.
+        message: None before the first and after a bad message.
+        serialized: the same.
+        key: of this assembly, for the workers; no other assembly, set or refused, has it.
+        problem: what callers get instead of answers about it.
+    """
+
+    version: int
+    frame: str
+    message: AssemblyMessage | None = None
+    serialized: bytes = b""
+    key: int = 0
+    problem: PoiseError | None = None
+
+
+class _Proposal(NamedTuple):
+    """What a worker has computed, to be the assembly instead of that of a version."""
+
+    serialized: bytes
+    frame: str
+    key: int
+    instead_of: int
+
+
 class RobustnessServer(Node):
     """Services assess_robustness, plan_disassembly, set_assembly; topics assembly, robustness_map, robustness_markers.
 
@@ -81,14 +111,11 @@ class RobustnessServer(Node):
         values = declare_parameters(self, ROBUSTNESS_SERVER_PARAMETERS)
         self._longest: float = values["longest"]
         self._limits = CallLimits(*(values[f"most_{name}"] for name in CallLimits._fields))
-        self._frame_id: str = values["frame_id"]
+        self._keys = itertools.count(1)
+        self._moving = False
+        # The lock guards changes of what follows. An answer is about one `_Present`, read once.
         self._lock = threading.RLock()
-        # What the lock guards: the assembly that is set (None after a bad message), its frame and version, and what
-        # callers get instead of answers about it.
-        self._assembly: AssemblyMessage | None = None
-        self._serialized = b""
-        self._version = 0
-        self._problem: PoiseError | None = None
+        self._present = _Present(0, values["frame_id"])
         self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
         self._layers: dict[str, list[Any]] = {}
         self._drawn = True
@@ -130,10 +157,10 @@ class RobustnessServer(Node):
         return min(request.deadline or self._longest, self._longest)
 
     def _say_version(self, response: SetAssembly.Response) -> None:
-        response.version = self._version
+        response.version = self._present.version
 
     def _task(self, kind: str, request: Any) -> Task:
-        call = call_of(kind, request, self._frames, self._frame_id, self._limits, self._longest)
+        call = call_of(kind, request, self._frames, self._present.frame, self._limits, self._longest)
         return Task(partial(self._answer, call), call.heavy, kind == "set", len(call.request))
 
     def _on_assembly(self, message: AssemblyMessage) -> None:
@@ -141,7 +168,7 @@ class RobustnessServer(Node):
             return
         request = SetAssembly.Request(assembly=message)
         try:
-            call = call_of("set", request, self._frames, self._frame_id, self._limits, self._longest)
+            call = call_of("set", request, self._frames, self._present.frame, self._limits, self._longest)
         except PoiseError as error:
             self._refuse("assembly", error)
             return
@@ -149,14 +176,23 @@ class RobustnessServer(Node):
 
     def _follow_tf(self, tolerance: float) -> None:
         """Have what moved in tf moved, all at once; an error of poses holds until tf gives better ones."""
-        assembly, version = self._assembly, self._version
-        if assembly is None:
+        present = self._present
+        if present.message is None or self._moving:
             return
-        poses = moved_poses(assembly, self._frames, tolerance)
+        poses = moved_poses(present.message, self._frames, tolerance)
         if poses:
-            self._change_by(Call("move", b"", self._frame_id, True, expected=version, poses=poses), len(poses))
+            heavy = len(present.message.objects) > SHORT_OBJECTS
+            call = Call("move", b"", present.frame, True, heavy, present.version, poses=poses)
+            self._moving = True  # before it can end
+            try:
+                self._change_by(call, len(poses))
+            except NoAnswerError:
+                self._moving = False
+                raise
         elif poses is not None:
-            self._problem = None
+            with self._lock:
+                if self._present.version == present.version:
+                    self._present = self._present._replace(problem=None)
 
     def _change_by(self, call: Call, objects: int) -> None:
         if not self._jobs.add(Task(partial(self._take, call), call.heavy, True, len(call.request)), self._longest):
@@ -172,30 +208,32 @@ class RobustnessServer(Node):
         stopped = sum(max(worker.starts - 1, 0) for worker in self._workers)
         crowded = state["waiting"] > self._jobs.most // 2
         message = "more than half of the calls that may wait do" if crowded else "ready"
-        values = {**state, "workers": len(self._workers), "restarts": stopped, "version": self._version}
+        values = {**state, "workers": len(self._workers), "restarts": stopped, "version": self._present.version}
         self._diagnostics.publish(WARN if crowded else OK, message, values)
 
     # -- in the threads of the jobs --------------------------------------------------------------------------------
 
     def _begin_with(self, scene: str) -> None:
         """Set the assembly of a scene file."""
-        assembly = assembly_message(load_scene(package_file(scene)), self._frame_id)
-        call = Call("set", serialize_message(SetAssembly.Request(assembly=assembly)), self._frame_id, False)
+        present = self._present
+        assembly = assembly_message(load_scene(package_file(scene)), present.frame)
+        call = Call("set", serialize_message(SetAssembly.Request(assembly=assembly)), present.frame, False)
         worker = self._workers[0]
-        response, proposed, _ = self._asked(worker, call, time.monotonic() + self._longest)
+        response, proposed = self._asked(worker, call, present, time.monotonic() + self._longest)
         if proposed is None:
             raise InputError(ErrorCode(response.error.code), response.error.message)
-        self._commit(proposed, call.frame, worker)
+        self._commit(proposed, worker)
 
     def _answer(self, call: Call, job: Job, thread: int) -> Any:
         """The response to a call; a change is made only while its caller still waits."""
-        with self._lock:
-            self._require(call)
+        present = self._present
+        _require(call, present)
         worker = self._workers[thread]
-        response, proposed, version = self._asked(worker, call, job.due, job.deadline)
+        response, proposed = self._asked(worker, call, present, job.due, job.deadline)
         response.assumptions = [*call.notes, *response.assumptions]
+        version = present.version
         if proposed is not None and job.claim():
-            version = self._commit(proposed, call.frame, worker)
+            version = self._commit(proposed, worker)
         response.version = version if call.uses_present or call.kind == "set" else 0
         if call.kind != "assess":
             return response
@@ -211,118 +249,136 @@ class RobustnessServer(Node):
     def _take(self, call: Call, job: Job, thread: int) -> None:
         """Change the assembly by a message on its topic, or by tf. After a bad message callers get its error."""
         what = "assembly" if call.kind == "set" else "poses from tf"
-        worker = self._workers[thread]
-        if call.kind == "move" and call.expected != self._version:
-            return
+        worker, present = self._workers[thread], self._present
         try:
-            response, proposed, _ = self._asked(worker, call, job.due, job.deadline)
+            if call.kind == "move" and call.expected != present.version:
+                return
+            response, proposed = self._asked(worker, call, present, job.due, job.deadline)
+            if proposed is None:
+                raise InputError(ErrorCode(response.error.code), response.error.message)
         except PoiseError as error:
             self._refuse(what, error, forget=call.kind == "set")
-            return
-        if proposed is not None:
-            self._commit(proposed, call.frame, worker, publish=call.kind == "move")
         else:
-            error = InputError(ErrorCode(response.error.code), response.error.message)
-            self._refuse(what, error, forget=call.kind == "set")
-
-    def _require(self, call: Call) -> None:
-        """What a call presupposes about the assembly still holds."""
-        if call.expected not in (0, self._version):
-            raise InputError(
-                ErrorCode.BAD_INPUT,
-                f"expected_version {call.expected}: the assembly is version {self._version} by now; read it from the "
-                "topic assembly, and send the change again",
-            )
-        if not call.uses_present:
-            return
-        if self._problem is not None and (self._assembly is None or call.kind != "set"):
-            raise self._problem
-        if self._assembly is None:
-            raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
-        if call.frame != self._frame_id:
-            raise InputError(ErrorCode.BAD_INPUT, f"the frame of the assembly became {self._frame_id}; call again")
+            self._commit(proposed, worker, publish=call.kind == "move")
+        finally:
+            if call.kind == "move":
+                self._moving = False
 
     def _asked(
-        self, worker: Worker, call: Call, due: float, deadline: float | None = None
-    ) -> tuple[Any, bytes | None, int]:
-        """The response of a worker, the assembly that it proposes, and the version that it was asked about.
+        self, worker: Worker, call: Call, present: _Present, due: float, deadline: float | None = None
+    ) -> tuple[Any, _Proposal | None]:
+        """The response of a worker, and the assembly that it proposes.
 
         Raises:
             PoiseError: as `Worker.ask`.
         """
-        worker.start()
-        about_present = call.uses_present or call.kind == "set"
-        version = self._teach(worker) if about_present else worker.state.get("version", 0)
+        worker.start(due)
+        if call.uses_present:
+            self._teach(worker, present)
         now = self.get_clock().now().to_msg()
+        key = next(self._keys)
         header = {
             "do": call.kind,
-            "version": worker.state.get("version", 0),
-            "next": version + 1,
+            "key": worker.state.get("key", 0),
+            "next": key,
             "frame": call.frame,
             "stamp": [now.sec, now.nanosec],
             "deadline": due if deadline is None else deadline,
             "poses": call.poses,
         }
-        answer, messages = worker.ask(header, [call.request], due)
+        messages = self._exchanged(worker, header, [call.request], due)
+        service, _ = _SERVICES.get(call.kind, _SERVICES["set"])
+        response = deserialize_message(messages[0], service.Response)
+        return response, _Proposal(messages[1], call.frame, key, present.version) if len(messages) > 1 else None
+
+    def _teach(self, worker: Worker, present: _Present) -> None:
+        """Give a worker the assembly that is set, in a time of its own: one call may be too short for that."""
+        if present.message is not None and worker.state.get("key", 0) != present.key:
+            until = time.monotonic() + self._longest
+            header = {"do": "hold", "key": present.key, "deadline": until}
+            self._exchanged(worker, header, [present.serialized], until)
+            worker.state["key"] = present.key
+
+    def _exchanged(self, worker: Worker, header: dict[str, Any], messages: list[bytes], due: float) -> list[bytes]:
+        """What a worker answers; raises its error where the answer is no response that could hold it."""
+        answer, messages = worker.ask(header, messages, due)
         if log := answer.get("log"):
             self.get_logger().error(f"internal error: {log}", throttle_duration_sec=1.0)
-        service, _ = _SERVICES.get(call.kind, _SERVICES["set"])
-        proposed = messages[1] if len(messages) > 1 else None
-        return deserialize_message(messages[0], service.Response), proposed, version
+        if error := answer.get("error"):
+            raise PoiseError(ErrorCode(error[0]), error[1])
+        return messages
 
-    def _teach(self, worker: Worker) -> int:
-        """Give a worker the assembly that is set, in a time of its own: one call may be too short for that."""
-        with self._lock:
-            version, known, serialized = self._version, self._assembly is not None, self._serialized
-        if known and worker.state.get("version", 0) != version:
-            until = time.monotonic() + self._longest
-            worker.ask({"do": "hold", "version": version, "deadline": until}, [serialized], until)
-            worker.state["version"] = version
-        return version
+    def _commit(self, proposed: _Proposal, worker: Worker, publish: bool = True) -> int:
+        """Make what a worker proposed the assembly that is set; its version.
 
-    def _commit(self, serialized: bytes, frame: str, worker: Worker, publish: bool = True) -> int:
-        """Make what a worker proposed the assembly that is set; its version."""
-        message = deserialize_message(serialized, AssemblyMessage)
+        Raises:
+            InputError: BAD_INPUT when the assembly is no longer the one from which the proposal was computed.
+        """
+        message = deserialize_message(proposed.serialized, AssemblyMessage)
         with self._lock:
-            self._version += 1
-            self._assembly, self._serialized, self._problem, self._frame_id = message, serialized, None, frame
+            if self._present.version != proposed.instead_of:
+                raise _changed_meanwhile(proposed.instead_of, self._present.version)
+            version = proposed.instead_of + 1
+            self._present = _Present(version, proposed.frame, message, proposed.serialized, proposed.key)
             self._layers.clear()
-            worker.state["version"] = self._version
+            worker.state["key"] = proposed.key
             self._drawn = False
             if publish:
                 self._own_stamps.append((message.header.stamp.sec, message.header.stamp.nanosec))
-                self._assemblies.publish(serialized)
-            return self._version
+                self._assemblies.publish(proposed.serialized)
+            return version
 
     def _refuse(self, what: str, error: PoiseError, forget: bool = True) -> None:
         """After a bad message there is no assembly; bad poses leave the one that is set."""
         with self._lock:
-            self._problem = error
             if forget:
-                self._assembly = None
-                self._version += 1
+                self._present = _Present(self._present.version + 1, self._present.frame, problem=error)
                 self._layers.clear()
                 self._drawn = False
+            else:
+                self._present = self._present._replace(problem=error)
         self.get_logger().error(f"{what}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
 
     def _draw(self, worker: Worker) -> None:
         """Publish the markers; what another worker has drawn of this assembly stays."""
-        with self._lock:
-            version, frame, there = self._version, self._frame_id, self._assembly is not None
+        present = self._present
         markers: Sequence[Any] = ()
-        if there:
-            worker.start()
-            version = self._teach(worker)
-            header = {"do": "draw", "version": version, "frame": frame, "map": "map" not in self._layers}
-            _, (drawn,) = worker.ask(header, [], time.monotonic() + self._longest)
+        if present.message is not None:
+            due = time.monotonic() + self._longest
+            worker.start(due)
+            self._teach(worker, present)
+            header = {"do": "draw", "key": present.key, "frame": present.frame, "map": "map" not in self._layers}
+            (drawn,) = self._exchanged(worker, header, [], due)
             markers = deserialize_message(drawn, MarkerArray).markers
         with self._lock:
-            if version != self._version:
+            if present.version != self._present.version:
                 return
             for name in {marker.ns for marker in markers}:
                 self._layers[name] = [marker for marker in markers if marker.ns == name]
             layers = [marker for layer in self._layers.values() for marker in layer]
-        self._marker_arrays.publish(MarkerArray(markers=[cleared(frame), *layers]))
+        self._marker_arrays.publish(MarkerArray(markers=[cleared(present.frame), *layers]))
+
+
+def _require(call: Call, present: _Present) -> None:
+    """What a call presupposes about the assembly holds for this one."""
+    if call.expected not in (0, present.version):
+        raise _changed_meanwhile(call.expected, present.version)
+    if not call.uses_present:
+        return
+    if present.problem is not None and (present.message is None or call.kind != "set"):
+        raise present.problem
+    if present.message is None:
+        raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
+    if call.frame != present.frame:
+        raise InputError(ErrorCode.BAD_INPUT, f"the frame of the assembly became {present.frame}; call again")
+
+
+def _changed_meanwhile(expected: int, version: int) -> InputError:
+    return InputError(
+        ErrorCode.BAD_INPUT,
+        f"a change of version {expected}: the assembly is version {version} by now, and was not changed; read it from "
+        "the topic assembly, and send the change again",
+    )
 
 
 def main(args: list[str] | None = None) -> None:

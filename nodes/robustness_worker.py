@@ -1,6 +1,7 @@
 """The process behind robustness_server: requests in, responses out, both serialized; the analysis stays warm.
 
-It holds the assembly of one version, and the next one between its computation and the decision of the server.
+It holds one assembly, and the next one between its computation and the decision of the server. Each has a key that
+the server gives to no other assembly, also not to one that was refused.
 """
 
 import contextlib
@@ -33,6 +34,7 @@ from poise.nodes.assembly_message import (
     robustness_message,
 )
 from poise.nodes.map_message import map_message
+from poise.nodes.runtime import coded
 from poise.nodes.workers import Exchange
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
@@ -47,7 +49,7 @@ Header = dict[str, Any]
 
 
 class RobustnessWorker:
-    """Answers exchanges about the assembly of the version that their header names.
+    """Answers exchanges about the assembly whose key their header has.
 
     Args:
         folders: in which meshes may lie.
@@ -57,7 +59,7 @@ class RobustnessWorker:
     def __init__(self, folders: Sequence[str], marker_map_points: int) -> None:
         self._folders = tuple(Path(folder) for folder in folders)
         self._marker_map_points = marker_map_points
-        self._version = 0
+        self._key = 0
         self._analysis: Analysis | None = None
         self._next: tuple[int, Analysis] | None = None
         self._recent: Analysis | None = None
@@ -66,57 +68,71 @@ class RobustnessWorker:
         self._work: dict[str, Callable[..., None]] = {"assess": self._assess, "plan": self._plan, "set": self._set}
 
     def __call__(self, header: Header, messages: list[bytes]) -> Exchange:
-        """Answer one exchange; an error becomes that of the response."""
+        """Answer one exchange; an error becomes that of the response, or `error` of the header where there is none."""
         work = header["do"]
-        if work == "draw":
-            return {}, [serialize_message(MarkerArray(markers=self._markers(header)))]
-        if work == "hold":
-            return self._learnt(header, messages), []
+        kind = _KINDS[work].Response if work in _KINDS else MarkerArray
+        response = kind()
         answer: Header = {}
         extra: list[bytes] = []
-        response = _KINDS[work].Response()
+        known: PoiseError | None = None
         try:
-            self._choose(header["version"])
-            if work == "move":
-                self._move(header, response, extra)
-            else:
-                request = deserialize_message(messages[0], _KINDS[work].Request)
-                self._work[work](request, response, header, extra)
+            self._do(header, messages, response, extra)
         except PoiseError as error:
-            response.error.code, response.error.message = int(error.code), error.message
+            known = error
         except MemoryError:
-            response = _KINDS[work].Response()
-            response.error.code = int(ErrorCode.BAD_INPUT)
-            response.error.message = "this call needs more memory than worker_memory: ask for less at once"
+            what = "this call needs more memory than worker_memory: ask for less at once"
+            known, response, extra = InputError(ErrorCode.BAD_INPUT, what), kind(), []
         except Exception as error:
             answer["log"] = traceback.format_exc()
-            response = _KINDS[work].Response()
-            response.error.code = int(ErrorCode.INTERNAL)
-            response.error.message = f"internal error: {error!r}; please report it"
-        try:
-            check_answer(response)
-        except PoiseError as error:
-            response, extra, self._next = _KINDS[work].Response(), [], None
-            response.error.code, response.error.message = int(error.code), error.message
-            answer["log"] = error.message
+            known, response, extra = coded(error), kind(), []
+        if work in _KINDS:
+            if known is not None:
+                response.error.code, response.error.message = int(known.code), known.message
+            try:
+                check_answer(response)
+            except PoiseError as error:
+                response, extra, self._next = kind(), [], None
+                response.error.code, response.error.message = int(error.code), error.message
+                answer["log"] = error.message
+        elif known is not None:
+            answer["error"] = [int(known.code), known.message]
         return answer, [serialize_message(response), *extra]
 
-    def _choose(self, version: int) -> None:
-        """Of the present assembly and the one that was proposed last, keep the one that became this version."""
-        if self._next is not None and self._next[0] == version:
+    def _do(self, header: Header, messages: list[bytes], response: Any, extra: list[bytes]) -> None:
+        work = header["do"]
+        if work == "hold":
+            self._hold(header, messages)
+            return
+        self._choose(header["key"])
+        if work == "draw":
+            response.markers = self._markers(header)
+        elif work == "move":
+            self._move(header, response, extra)
+        else:
+            request = deserialize_message(messages[0], _KINDS[work].Request)
+            self._work[work](request, response, header, extra)
+
+    def _choose(self, key: int) -> None:
+        """Of the present assembly and the one that was proposed last, keep the one that has this key.
+
+        Raises:
+            PoiseError: INTERNAL when none of them has: no answer about another assembly.
+        """
+        if self._next is not None and self._next[0] == key:
             self._keep(*self._next)
         self._next = None
+        if self._key != key:
+            raise PoiseError(ErrorCode.INTERNAL, f"asked about assembly {key}, but this worker has {self._key}")
 
-    def _learnt(self, header: Header, messages: list[bytes]) -> Header:
+    def _hold(self, header: Header, messages: list[bytes]) -> None:
         """Have the assembly that a message brings, and know whether it stands."""
         message = deserialize_message(messages[0], AssemblyMessage)
         analysis = analysis_after(self._analysis, assembly_of(message, self._folders))
         analysis.stability(Deadline(header["deadline"]))
-        self._keep(header["version"], analysis)
-        return {}
+        self._keep(header["key"], analysis)
 
-    def _keep(self, version: int, analysis: Analysis) -> None:
-        self._version, self._analysis = version, analysis
+    def _keep(self, key: int, analysis: Analysis) -> None:
+        self._key, self._analysis, self._next = key, analysis, None
         self._results, self._map = (), None
 
     def _assess(
@@ -173,7 +189,7 @@ class RobustnessWorker:
         self._propose(analysis.with_object(*moved), response, header, extra)
 
     def _propose(self, analysis: Analysis, response: SetAssembly.Response, header: Header, extra: list[bytes]) -> None:
-        """The server decides whether this becomes the assembly of the next version."""
+        """The server decides whether this becomes the assembly that is set."""
         found = analysis.stability(Deadline(header["deadline"]))
         response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
         response.assumptions = assumptions_of(analysis.assembly)
@@ -209,11 +225,8 @@ class RobustnessWorker:
         return self._recent
 
     def _markers(self, header: Header) -> list[Any]:
-        """Of the assembly of this version, and of what was answered about it here; none of another version."""
-        self._choose(header["version"])
-        analysis, frame = self._analysis, header["frame"]
-        if analysis is None or self._version != header["version"]:
-            return []
+        """Of the assembly that is set, and of what was answered about it here."""
+        analysis, frame = self._present(), header["frame"]
         if self._map is None and self._marker_map_points and header["map"]:
             with contextlib.suppress(PoiseError):  # an assembly that does not stand has no map
                 self._map = robustness_map(analysis, self._marker_map_points, deadline=_MARKER_SECONDS)

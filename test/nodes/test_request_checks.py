@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from assembly_calls import CUBE, LID, LOW_PUSH, assess, box, message, push, replace_by
+from geometry_msgs.msg import Point
 
 from poise.assembly import Analysis, robustness_map
 from poise.assembly import assess as assess_in_core
@@ -96,6 +97,14 @@ def test_one_call_is_bounded():
     refused(assess(*[LOW_PUSH] * 1001), BAD, "pushes")
     refused(assess(map_points=4_000_000_000), BAD, "map_points")
     refused(assess(assembly=message(*(box(f"b{i}", (1, 1, 1), (2 * i, 0, 0.5)) for i in range(100)))), BAD, "objects")
+    spread = message(CUBE)
+    spread.objects[1].mesh.vertices = [Point(x=math.nan)] * 301
+    refused(assess(assembly=spread), BAD, "mesh vertices")
+    # What is too large is refused before its numbers are looked at.
+    wrong = push("cube", (math.nan, 0, 0), (1, 0, 0))
+    refused(assess(*[wrong] * 1001, assembly=spread), BAD, "pushes")
+    with pytest.raises(InputError, match="bytes"):
+        call_of("assess", assess(*[wrong] * 1000), FrameTree(), "world", LIMITS._replace(bytes=1000), 30.0)
     with pytest.raises(InputError, match="bytes"):
         call_of("assess", assess(*[LOW_PUSH] * 1000), FrameTree(), "world", LIMITS._replace(bytes=1000), 30.0)
 

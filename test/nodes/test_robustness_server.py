@@ -314,7 +314,7 @@ def test_a_scene_that_cannot_be_used_ends_the_node_with_its_reason(start_node, t
 
 
 def test_two_hundred_objects_within_a_second_are_answered_with_what_is_certified(server, graph):
-    asked = push("b5_3", (0.8, 0.05, 0.55), (0, -1, 0))
+    asked = push("b5_3", (0.75, 0.05, 0.55), (0, -1, 0))
     answer = ask(graph, assess(asked, assembly=wall(10, 20), deadline=1.0, map_points=1000))
     assert answer.error.code in (ErrorCode.OK, ErrorCode.DEADLINE)
     if answer.robustness:

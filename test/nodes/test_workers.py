@@ -4,7 +4,9 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -74,7 +76,7 @@ def test_a_process_that_ends_is_an_error_of_its_call_alone(worker):
     assert raised.value.code == ErrorCode.INTERNAL
     os.kill(ask(worker)[0]["pid"], signal.SIGKILL)  # between two calls
     time.sleep(0.2)
-    worker.start()
+    worker.start(time.monotonic() + SOON)
     assert ask(worker)[0]["greeting"] == "hello"
     assert worker.starts == 3
 
@@ -82,6 +84,70 @@ def test_a_process_that_ends_is_an_error_of_its_call_alone(worker):
 def test_memory_is_bounded(worker):
     assert ask(worker, bytes=MEMORY // 4)[0]["size"] == MEMORY // 4
     assert ask(worker, bytes=2 * MEMORY)[0]["size"] == -1
+
+
+def in_time(work):
+    """What `work` raises; a failure when it never returns."""
+    raised = []
+
+    def run():
+        try:
+            work()
+        except PoiseError as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(SOON)
+    assert not thread.is_alive()
+    return raised[0]
+
+
+def test_a_process_that_reads_nothing_does_not_hold_its_owner(worker):
+    before = ask(worker)[0]["pid"]
+    os.kill(before, signal.SIGSTOP)
+    error = in_time(lambda: ask(worker, [b"x" * 30_000_000], seconds=0.2))
+    assert (error.code, error.data["stopped"]) == (ErrorCode.DEADLINE, True)
+    assert ask(worker)[0]["pid"] != before
+
+
+def test_a_start_ends_with_the_deadline_of_its_call_and_goes_on_for_the_next(tmp_path):
+    worker = Worker(WorkerTemplate(made_slowly), [str(tmp_path / "go")], MEMORY)
+    for _ in range(2):
+        error = in_time(lambda: ask(worker, seconds=0.1))
+        assert (error.code, error.data["stopped"]) == (ErrorCode.DEADLINE, False)
+    (tmp_path / "go").touch()
+    assert ask(worker)[0]["pid"]
+    assert worker.starts == 1
+    worker.stop()
+
+
+def made_slowly(path):
+    """A worker that starts when a file is there."""
+    while not Path(path).exists():
+        time.sleep(0.01)
+    return made("slow")
+
+
+def test_a_template_that_hangs_does_not_hold_its_owner(monkeypatch):
+    forked, fork = [], os.fork
+    monkeypatch.setattr(os, "fork", lambda: forked.append(fork()) or forked[-1])
+    worker = Worker(WorkerTemplate(made), ["hello"], MEMORY)
+    os.kill(forked[0], signal.SIGSTOP)
+    for _ in range(2):
+        assert in_time(lambda: ask(worker, seconds=0.1)).code == ErrorCode.DEADLINE
+    os.kill(forked[0], signal.SIGCONT)
+    process = ask(worker)[0]["pid"]  # of the third request, not of those that were given up
+    worker.stop()
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)
+
+
+def test_a_call_that_is_late_already_leaves_the_process(worker):
+    before = ask(worker)[0]["pid"]
+    with pytest.raises(NoAnswerError):
+        ask(worker, seconds=-1.0)
+    assert ask(worker)[0]["pid"] == before
 
 
 OWNER = """

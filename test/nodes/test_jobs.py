@@ -1,0 +1,51 @@
+"""Jobs: calls that wait are bounded, and what was answered does not wait."""
+
+import threading
+import time
+
+import pytest
+
+from poise.nodes.jobs import Jobs, Task
+from poise_msgs.srv import AssessRobustness
+
+
+class StubNode:
+    """Takes services and timers; a call is made by `receive`."""
+
+    def create_timer(self, *_):
+        return None
+
+    def create_guard_condition(self, *_):
+        return threading.Event()
+
+    def create_service(self, kind, name, receive, **_):
+        self.receive = receive
+        return type("Service", (), {"send_response": None})()
+
+
+@pytest.mark.parametrize(("most_heavy", "most_bytes"), [(3, 1e9), (1000, 300)])
+def test_calls_that_were_answered_keep_no_place_and_no_bytes(most_heavy, most_bytes):
+    node, release, running = StubNode(), threading.Event(), threading.Event()
+    jobs = Jobs(node, 1000, most_heavy, 2, most_bytes)
+
+    def work(*_):
+        running.set()
+        release.wait(60.0)
+
+    jobs.serve(AssessRobustness, "assess", lambda _: Task(work, heavy=True, size=100), lambda seconds: seconds)
+    assert not node.receive(1000.0, None).done()  # the long one
+    assert running.wait(60.0)
+    waiting = [node.receive(-1.0, None) for _ in range(3)]
+    assert node.receive(1000.0, None).result().error.code == 3  # BUSY
+    assert not any(answer.done() for answer in waiting)
+    jobs._answer_overdue()
+    assert [answer.result().error.code for answer in waiting] == [4, 4, 4]  # DEADLINE
+    assert jobs.state["waiting_heavy"] == 0
+    after = [node.receive(1000.0, None) for _ in range(3)]
+    assert not any(answer.done() for answer in after)
+    release.set()
+    until = time.monotonic() + 60.0
+    while not all(answer.done() for answer in after) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert all(answer.done() for answer in after)
+    jobs.close()
