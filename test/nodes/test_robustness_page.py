@@ -9,7 +9,8 @@ import pytest
 import yaml
 
 from poise.nodes import acceleration_limits, place_execution, placement_planner, robustness_server
-from poise.nodes.parameters import WORDS
+from poise.nodes.parameters import WORDS, Parameter
+from poise.nodes.watchdog import WATCHDOG_PARAMETERS
 
 pytestmark = pytest.mark.ros
 ROOT = Path(__file__).parents[2]
@@ -35,7 +36,10 @@ def test_the_client_on_the_page_is_answered(start_node, graph, node_environment)
         ("acceleration_limits", acceleration_limits.ACCELERATION_LIMITS_PARAMETERS),
         (
             "placement_planner",
-            placement_planner.PLACEMENT_PLANNER_PARAMETERS + place_execution.PLACE_EXECUTION_PARAMETERS,
+            placement_planner.PLACEMENT_PLANNER_PARAMETERS
+            + place_execution.PLACE_EXECUTION_PARAMETERS
+            + WATCHDOG_PARAMETERS
+            + (Parameter("autostart", True, "as every lifecycle node"),),
         ),
     ],
 )
