@@ -82,7 +82,8 @@ class BusyNode(ArmNode):
         self._goal = None
         self.watchdog.load(self._stops)
         begun, failed = time.monotonic(), 0.0
-        self.watchdog.arm(self._stops, time.time_ns())
+        while not self.watchdog.arm(self._stops, time.time_ns()):
+            continue
         self._arm.publish(trajectory_message(self._model.joint_names, self._motion, time.time_ns()))
         while time.monotonic() < begun + BLOCKED:
             brake(self._model, self._motion, 1.0, self._guard, MotionLimits())

@@ -27,7 +27,7 @@ class WatchLimits:
         silence: s without joint states, or without wrenches where they are needed.
         unattended: s without a sign of life of the program that commanded the motion.
         over_speed: times the largest planned speed of a joint.
-        force: N of change of the force since the motion was commanded; 0: no limit.
+        force: N of change of the force since the motion was commanded; 0: no limit. A limit needs wrenches.
         lead: s between sending a stop and its begin.
         needs_wrench: the motion is stopped when wrenches do not come.
     """
@@ -38,6 +38,11 @@ class WatchLimits:
     force: float = 0.0
     lead: float = 0.06
     needs_wrench: bool = False
+
+    @property
+    def wrenches(self) -> bool:
+        """No motion without wrenches."""
+        return self.needs_wrench or self.force > 0.0
 
 
 class WatchedStop(NamedTuple):
@@ -82,16 +87,12 @@ class MotionWatch:
     @property
     def ready(self) -> bool:
         """Everything that a motion needs is heard."""
-        return self._heard is not None and (self._wrench_heard is not None or not self.limits.needs_wrench)
+        return self._heard is not None and (self._wrench_heard is not None or not self.limits.wrenches)
 
-    def heard_joints(self, now: float) -> None:
-        """A joint state came, which need not be read."""
-        self._heard = now
-
-    def joint_state(self, stamp: int, positions: Mapping[str, float], now: float) -> None:
-        """Take a joint state: ns, position of each joint by name."""
+    def joint_state(self, stamp: int, positions: Mapping[str, float], now: float) -> bool:
+        """Take a joint state: ns, position of each joint by name; False: it is of another robot."""
         if not all(name in positions for name in self._names):
-            return  # of another robot
+            return False
         self._heard = now
         values = np.array([positions[name] for name in self._names])
         seconds = stamp * 1e-9
@@ -101,6 +102,7 @@ class MotionWatch:
         self._places.append((seconds, values))
         while seconds - self._places[0][0] > 2 * _SPAN:
             self._places.popleft()
+        return True
 
     def wrench(self, force: Sequence[float], now: float) -> None:
         """Take a force (3,) N."""
@@ -145,7 +147,7 @@ class MotionWatch:
             return None
         limits = self.limits
         for what, heard in (("joint state", self._heard), ("wrench", self._wrench_heard)):
-            if what == "wrench" and not limits.needs_wrench:
+            if what == "wrench" and not limits.wrenches:
                 continue
             age = np.inf if heard is None else now - heard
             if age > limits.silence:

@@ -152,7 +152,9 @@ class PlacementPlannerNode(ArmNode):
         self.start()
 
     def destroy_node(self) -> None:
-        """End the thread before the node goes."""
+        """Stop the arm, then end the thread, before the node goes."""
+        if hasattr(self, "watchdog"):
+            self.watchdog.close()
         if hasattr(self, "_jobs"):
             if self._task is not None:
                 self._task.abandoned = True

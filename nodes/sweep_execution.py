@@ -10,6 +10,7 @@ from sensor_msgs.msg import JointState
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.excitation.execution import (
+    NOT_WATCHED,
     CommandedArm,
     ExecutionOptions,
     JointWatch,
@@ -111,7 +112,7 @@ class SweepExecution:
         """Send the stop; what is to be said of it, or None: call again."""
         if not self._arm.moving and not self._arm.stopped:
             return ""
-        sent = self._arm.hold(now) if error.code is ErrorCode.NOT_FOLLOWING else self._arm.stop(error, now)
+        sent = self._arm.hold(error, now) if error.code is ErrorCode.NOT_FOLLOWING else self._arm.stop(error, now)
         if sent:
             return f"; no stop kept the limits: {self._arm.excess}" if self._arm.excess else ""
         if now - self._since < _OPTIONS.stopping:
@@ -125,7 +126,7 @@ class SweepExecution:
     def _begin(self, stops: ReadyStops, now: float) -> None:
         problem = self._joints.problem(now)
         if problem is None and not self._arm.ready:
-            problem = PoiseError(ErrorCode.BUSY, "the watchdog of the arm's motion is not ready: send the goal again")
+            problem = PoiseError(ErrorCode.BUSY, NOT_WATCHED)
         if problem is not None:
             if now - self._since > _OPTIONS.patience:
                 raise problem

@@ -23,13 +23,18 @@ from poise.nodes.motion_watch import WatchLimits
 from poise.nodes.parameters import Parameter
 from poise.nodes.runtime import guarded
 from poise.nodes.trajectory_message import trajectory_message
-from poise.nodes.watchdog_link import WatchdogLink, Word
+from poise.nodes.watchdog_link import SharedNumber, WatchdogLink, Word
 
 WATCHDOG_PARAMETERS = (
     Parameter("stop_silence", 0.5, "s without joint states (or wrenches) that stop a motion", (0.02, 10.0)),
     Parameter("stop_unattended", 5.0, "s that this node may be held up before a motion is stopped", (0.1, 60.0)),
     Parameter("stop_over_speed", 1.5, "a motion stops above this multiple of a joint's planned speed", (1.05, 100.0)),
-    Parameter("stop_force", 0.0, "N of change of the force on topic wrench that stop a motion; 0: none", (0.0, 1e5)),
+    Parameter(
+        "stop_force",
+        0.0,
+        "N of change of the force on topic wrench (then needed) that stop a motion; 0: none",
+        (0.0, 1e5),
+    ),
 )
 _WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
 """All may be changed; they count from the next goal on."""
@@ -37,6 +42,8 @@ _LOST = 0.5
 """s without a sign of life after which a watchdog with a moving arm counts as lost."""
 _HELD_UP = 0.1
 """s between two looks that show that this process was held up."""
+_ARMING = 0.1
+"""s that a watchdog may take to arm; the motion is sent after that, and before it begins."""
 _MOMENT = 0.01
 """s between looks for the executor of a node that is still being made."""
 _AGAIN = 1.0
@@ -102,7 +109,10 @@ class ProcessWatchdog:
         self._keys = itertools.count(1)
         self._link: WatchdogLink | None = None
         self._process: subprocess.Popen[bytes] | None = None
-        self._closing = self._open = self._up = self._hearing = self._armed = False
+        self._closing = self._open = self._up = self._hearing = False
+        self._armed = self._confirmed = 0  # number of a motion: ours, and the one that the process answered for
+        self._may_stop, self._answered = SharedNumber(), threading.Event()
+        self._refusal: PoiseError | None = None
         self._said = self._looked = 0.0
         self._goals: dict[str, WatchedGoal] = {}
         self._current = ""
@@ -153,7 +163,7 @@ class ProcessWatchdog:
 
     def rest(self) -> None:
         """The goal has ended."""
-        self._armed = False
+        self._armed = self._may_stop.value = 0
         self._loaded.clear()
         self._say("rest")
 
@@ -169,11 +179,11 @@ class ProcessWatchdog:
         if now - self._looked > _HELD_UP:  # what it said may wait to be read
             self._said = max(self._said, now - _LOST + _HELD_UP)
         self._looked = now
-        return self._up and (not self._armed or now - self._said < _LOST)
+        return self._up and (not self._armed or (self._confirmed == self._armed and now - self._said < _LOST))
 
     @property
     def sent(self) -> SentStop | None:
-        """The stop of the motion, once it has been sent."""
+        """The stop of a motion of this goal, once it has been sent; no other motion may follow."""
         return self._sent
 
     def load(self, stops: ReadyStops) -> None:
@@ -192,16 +202,27 @@ class ProcessWatchdog:
         )
         self._loaded[id(stops)] = key, stops  # kept, so that no other has its id
 
-    def arm(self, stops: ReadyStops, begin: int) -> None:
-        """The motion of these stops begins at `begin` ns.
+    def arm(self, stops: ReadyStops, begin: int) -> bool:
+        """The motion of these stops begins at `begin` ns; False: the process did not answer within 0.1 s.
 
         Raises:
-            PoiseError: INTERNAL when its stops were not handed over.
+            PoiseError: the goal was stopped or cancelled; INTERNAL when the process does not have its stops.
         """
-        if not self._up or id(stops) not in self._loaded:
+        if self._sent is not None:
+            raise self._sent.error
+        loaded = self._loaded.get(id(stops))
+        if not self._up or loaded is None:
             raise PoiseError(ErrorCode.INTERNAL, "the watchdog does not have the stops of this motion")
-        self._sent, self._armed, self._said = None, True, time.monotonic()
-        self._say("arm", key=self._loaded[id(stops)][0], begin=begin, goal=self._current)
+        self._answered.clear()
+        self._refusal, self._said = None, time.monotonic()
+        self._armed = self._may_stop.value = number = next(self._keys)
+        self._say("arm", key=loaded[0], number=number, begin=begin, goal=self._current)
+        self._answered.wait(_ARMING)
+        if self._confirmed != number:
+            self.disarm()
+        if self._refusal is not None:
+            raise self._refusal
+        return self._confirmed == number
 
     def beat(self) -> None:
         """This process is alive."""
@@ -213,8 +234,8 @@ class ProcessWatchdog:
         return self._up
 
     def disarm(self) -> None:
-        """The motion has ended."""
-        self._armed = False
+        """The motion has ended, or was stopped; the process sends no stop from here on, also when it is late."""
+        self._armed = self._may_stop.value = 0
         self._say("disarm")
 
     # -- the process ------------------------------------------------------------------------------------------------
@@ -237,10 +258,11 @@ class ProcessWatchdog:
         while not self._closing:
             ours, its = socket.socketpair()
             ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _PATIENCE)
+            shared = [its.fileno(), self._may_stop.descriptor]
             with its:
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", "poise.nodes.watchdog_process", str(its.fileno())],
-                    pass_fds=[its.fileno()],
+                    [sys.executable, "-m", "poise.nodes.watchdog_process", *map(str, shared)],
+                    pass_fds=shared,
                     stdin=subprocess.DEVNULL,
                     start_new_session=True,  # it ends after its node, not with it by Ctrl-C
                 )
@@ -250,6 +272,8 @@ class ProcessWatchdog:
                 self._said = time.monotonic()
                 self._hear(word)
             self._up = self._hearing = False
+            self._confirmed = 0
+            self._loaded.clear()
             self._goals.clear()
             link.close()
             if not self._closing:
@@ -265,9 +289,14 @@ class ProcessWatchdog:
             self._node.get_logger().info(f"{self._setup['action_name']} takes goals")
         elif word.what == "hearing":
             self._hearing = True
-        elif word.what == "sent":
-            error = PoiseError(ErrorCode(word.values["code"]), word.values["message"])
-            self._sent = SentStop(error, word.values["excess"])
+        elif word.what == "armed" and word.values["number"] == self._armed:
+            self._confirmed = word.values["number"]
+            self._answered.set()
+        elif word.what == "refused" and word.values["number"] == self._armed:
+            self._refusal = _error_of(word)
+            self._answered.set()
+        elif word.what == "sent" and word.values["goal"] == self._current:
+            self._sent = SentStop(_error_of(word), word.values["excess"])
         elif word.what in ("goal", "cancel"):
             self._heard.append(word)
             while self._node.executor is None and not self._closing:  # the node is still being made
@@ -281,6 +310,10 @@ class ProcessWatchdog:
                 self._link.send(what, body, **values)
             except OSError:  # it has ended, or takes nothing any more
                 self._link.close()
+
+
+def _error_of(word: Word) -> PoiseError:
+    return PoiseError(ErrorCode(word.values["code"]), word.values["message"])
 
 
 def watch_limits(node: Node, needs_wrench: bool = False) -> WatchLimits:

@@ -1,8 +1,12 @@
-"""Messages between a node and its watchdog process: a line of JSON, then bytes, over a pair of sockets."""
+"""What a node and its watchdog process share: messages (a line of JSON, then bytes) over sockets, and a number."""
 
 import contextlib
 import json
+import mmap
+import os
+import queue
 import socket
+import struct
 import threading
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -60,3 +64,55 @@ class WatchdogLink:
                     with contextlib.suppress(OSError):
                         both.shutdown(socket.SHUT_RDWR)
                     both.detach()
+
+
+class QueuedLink(WatchdogLink):
+    """An end whose `send` never waits for the other end to read: a thread sends, in order.
+
+    Args:
+        descriptor: of the socket, which the link owns from here on.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__(descriptor)
+        self._words: queue.SimpleQueue[Word] = queue.SimpleQueue()
+        threading.Thread(target=self._send_words, name="link", daemon=True).start()
+
+    @property
+    def idle(self) -> bool:
+        """No message waits to be sent."""
+        return self._words.empty()
+
+    def send(self, what: str, body: bytes = b"", **values: Any) -> None:
+        """Send a message as soon as the other end reads; one that is gone gets none."""
+        self._words.put(Word(what, values, body))
+
+    def _send_words(self) -> None:
+        with contextlib.suppress(OSError):  # the other end is gone, which `receive` sees
+            while True:
+                word = self._words.get()
+                super().send(word.what, word.body, **word.values)
+
+
+class SharedNumber:
+    """A number in memory of two processes: it changes for both at once, also for one that is held up.
+
+    Args:
+        descriptor: of the memory; None: of new memory, with the number 0.
+    """
+
+    _FORMAT = struct.Struct("q")
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        self.descriptor = os.memfd_create("poise") if descriptor is None else descriptor
+        os.ftruncate(self.descriptor, self._FORMAT.size)
+        self._memory = mmap.mmap(self.descriptor, self._FORMAT.size)
+
+    @property
+    def value(self) -> int:
+        """The number now."""
+        return int(self._FORMAT.unpack_from(self._memory)[0])
+
+    @value.setter
+    def value(self, number: int) -> None:
+        self._FORMAT.pack_into(self._memory, 0, number)

@@ -29,7 +29,7 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, PoiseError
 from poise.nodes.motion_watch import MotionWatch, WatchLimits
 from poise.nodes.runtime import EventsExecutor, to_message
-from poise.nodes.watchdog_link import WatchdogLink, Word
+from poise.nodes.watchdog_link import QueuedLink, SharedNumber, Word
 
 _LOOK = 0.004
 """s between two looks at a motion, and least time between two joint states that are read."""
@@ -48,6 +48,8 @@ _STAMP_AT = 4
 _FORCE = struct.Struct("<3d")
 _WRENCH_BYTES = 48
 """At the end of a serialized WrenchStamped."""
+_MOST_GOALS = 32
+"""Goals that may wait for the node; the node answers those that it cannot take at once."""
 
 
 @dataclass(frozen=True)
@@ -83,18 +85,21 @@ class WatchdogNode(Node):
     Args:
         link: to that process.
         setup: names of node, namespace, action and topics.
+        armed: number of the motion that this process may stop; 0: none.
     """
 
-    def __init__(self, link: WatchdogLink, setup: dict[str, Any]) -> None:
+    def __init__(self, link: QueuedLink, setup: dict[str, Any], armed: SharedNumber) -> None:
         super().__init__(setup["node"], namespace=setup["namespace"])
-        self._link, self._setup = link, setup
+        self._link, self._setup, self._armed = link, setup, armed
         self.ended = False
         """The node that started this process is gone."""
         self._lock, self._watching = threading.RLock(), threading.Event()
         self._watch: MotionWatch | None = None
         self._motions: dict[int, LoadedMotion] = {}
         self._motion: LoadedMotion | None = None
-        self._moving_for: str | None = None
+        self._moving_for, self._number = "", 0
+        self._barred: dict[str, PoiseError] = {}
+        """Goals that were stopped or cancelled: they get no further motion."""
         self._open, self._ending, self._hearing = setup["open"], False, False
         self._read = self._said = 0.0
         self._listening: list[Any] = []
@@ -107,7 +112,7 @@ class WatchdogNode(Node):
             self._kind,
             setup["action_name"],
             lambda goal: self._kind.Result(),
-            goal_callback=lambda _: GoalResponse.ACCEPT if self._open else GoalResponse.REJECT,
+            goal_callback=self._on_request,
             handle_accepted_callback=self._on_goal,
             cancel_callback=self._on_cancel,
         )
@@ -115,23 +120,31 @@ class WatchdogNode(Node):
 
     # -- of the action, in the executor --------------------------------------------------------------------------
 
+    def _on_request(self, _: Any) -> GoalResponse:
+        return GoalResponse.ACCEPT if self._open and len(self._goals) < _MOST_GOALS else GoalResponse.REJECT
+
     def _on_goal(self, goal: ServerGoalHandle) -> None:
         key = bytes(goal.goal_id.uuid).hex()
         self._goals[key] = goal
         if self._ending:
             self._conclude(key, "aborted", self._farewell())
         else:
-            self._say("goal", serialize_message(goal.request), goal=key)
+            self._link.send("goal", serialize_message(goal.request), goal=key)
 
     def _on_cancel(self, goal: ServerGoalHandle) -> CancelResponse:
         key = bytes(goal.goal_id.uuid).hex()
-        if key == self._moving_for:
-            self.stop(PoiseError(ErrorCode.CANCELLED, "the goal was cancelled"))
-        self._say("cancel", goal=key)
+        error = PoiseError(ErrorCode.CANCELLED, "the goal was cancelled")
+        with self._lock:
+            self._barred.setdefault(key, error)
+            if key == self._moving_for:
+                self._try_to_stop(error)
+        if not goal.is_cancel_requested:
+            self._link.send("cancel", goal=key)
         return CancelResponse.ACCEPT
 
     def _conclude(self, key: str, status: str, result: Any) -> None:
         """End a goal; its status follows from whether a cancel was asked for by now."""
+        self._barred.pop(key, None)
         goal = self._goals.pop(key, None)
         if goal is None:
             return
@@ -155,12 +168,17 @@ class WatchdogNode(Node):
             watch, motion = self._watch, self._motion
             if watch is None or motion is None or not watch.armed:
                 return
+            if self._armed.value != self._number:  # it ended, or its node has stopped it, while this process was late
+                watch.disarm()
+                return
             chosen = watch.stop(time.monotonic())
             message = bytearray(motion.messages[chosen.number])
             _STAMP.pack_into(message, _STAMP_AT, *divmod(chosen.stamp, 10**9))
             self._arm.publish(bytes(message))
             watch.disarm()
-        self._say("sent", code=int(error.code), message=error.message, excess=motion.excess.get(chosen.number, ""))
+            self._barred[self._moving_for] = error
+            excess = motion.excess.get(chosen.number, "")
+            self._link.send("sent", goal=self._moving_for, code=int(error.code), message=error.message, excess=excess)
 
     def look(self) -> None:
         """Check the motion, for a thread of its own."""
@@ -174,9 +192,9 @@ class WatchdogNode(Node):
                 problem = watch.problem(time.monotonic())
             if problem is not None:
                 self._try_to_stop(problem)
-            if watch.armed and time.monotonic() > self._said + _ALIVE:
+            if watch.armed and time.monotonic() > self._said + _ALIVE and self._link.idle:
                 self._said = time.monotonic()
-                self._say("alive")
+                self._link.send("alive")
 
     def _try_to_stop(self, error: PoiseError) -> None:
         try:
@@ -191,12 +209,11 @@ class WatchdogNode(Node):
             if watch is None:
                 return
             if watch.ready and now - self._read < _LOOK:
-                watch.heard_joints(now)
                 return
-            self._read = now
             message = deserialize_message(data, JointState)
             stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-            watch.joint_state(stamp, dict(zip(message.name, message.position, strict=False)), now)
+            if watch.joint_state(stamp, dict(zip(message.name, message.position, strict=False)), now):
+                self._read = now
         self._report_hearing(watch)
 
     def _on_wrench(self, data: bytes) -> None:
@@ -210,7 +227,7 @@ class WatchdogNode(Node):
     def _report_hearing(self, watch: MotionWatch) -> None:
         if watch.ready and not self._hearing:
             self._hearing = True
-            self._say("hearing")
+            self._link.send("hearing")
 
     # -- of the node, in the thread that receives -------------------------------------------------------------------
 
@@ -243,7 +260,7 @@ class WatchdogNode(Node):
         if self._listening:
             return
         topics: list[tuple[Any, str, Any]] = [(JointState, "joint_states", self._on_joint_state)]
-        if limits.needs_wrench or limits.force:
+        if limits.wrenches:
             topics.append((WrenchStamped, "wrench", self._on_wrench))
         self._listening = [
             self.create_subscription(kind, self._setup[topic], take, _BEST_EFFORT, raw=True)
@@ -252,7 +269,8 @@ class WatchdogNode(Node):
 
     def _do_rest(self, _: Word) -> None:
         with self._lock:
-            self._watch = self._motion = self._moving_for = None
+            self._watch = self._motion = None
+            self._moving_for = ""
             self._motions.clear()
         self._watching.clear()
         for subscription in self._listening:
@@ -263,14 +281,17 @@ class WatchdogNode(Node):
         self._motions[word.values["key"]] = LoadedMotion.of(word)
 
     def _do_arm(self, word: Word) -> None:
+        number, goal = word.values["number"], word.values["goal"]
         with self._lock:
-            if self._watch is None:
-                raise PoiseError(ErrorCode.INTERNAL, "a motion without a watch")
-            self._motion, self._moving_for = self._motions[word.values["key"]], word.values["goal"]
-            motion = self._motion
-            self._watch.arm(motion.begins, motion.fastest, word.values["begin"], time.monotonic())
+            watch, motion, error = self._watch, self._motions.get(word.values["key"]), self._barred.get(goal)
+            if error is not None or watch is None or motion is None or self._armed.value != number:
+                error = error or PoiseError(ErrorCode.INTERNAL, "the watchdog does not have the stops of this motion")
+                self._link.send("refused", number=number, code=int(error.code), message=error.message)
+                return
+            self._motion, self._moving_for, self._number = motion, goal, number
+            watch.arm(motion.begins, motion.fastest, word.values["begin"], time.monotonic())
         self._said = time.monotonic()
-        self._say("armed", key=word.values["key"])
+        self._link.send("armed", number=number)
 
     def _do_beat(self, _: Word) -> None:
         if self._watch is not None:
@@ -296,10 +317,6 @@ class WatchdogNode(Node):
         error = PoiseError(ErrorCode.INTERNAL, f"{self._setup['owner']} has ended; start it and send the goal again")
         return self._kind.Result(error=to_message(error))
 
-    def _say(self, what: str, body: bytes = b"", **values: Any) -> None:
-        with contextlib.suppress(OSError):  # the node is gone, which `obey` sees
-            self._link.send(what, body, **values)
-
 
 def before_others() -> None:
     """Run before the other programs of a loaded machine, as controllers do, where the user may (limits `rtprio`)."""
@@ -311,11 +328,11 @@ def before_others() -> None:
 
 
 def main() -> None:
-    """Run beside the node that started this process; the argument is the descriptor of a socket."""
+    """Run beside the node that started this process; the arguments are descriptors of a socket and of memory."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)  # it ends when the node has ended
     before_others()
-    link = WatchdogLink(int(sys.argv[1]))
+    link, armed = QueuedLink(int(sys.argv[1])), SharedNumber(int(sys.argv[2]))
     setup = link.receive()
     if setup is None:
         return
@@ -324,7 +341,7 @@ def main() -> None:
         domain_id=setup.values["domain"],
         signal_handler_options=rclpy.SignalHandlerOptions.NO,
     )
-    node = WatchdogNode(link, setup.values)
+    node = WatchdogNode(link, setup.values, armed)
     executor = EventsExecutor()
     executor.add_node(node)
     for work in (node.look, node.obey):

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
-from poise.excitation.execution import CommandedArm, ExecutionOptions, Jointed, JointWatch, ReadyStops, Watchdog
+from poise.excitation.execution import (
+    NOT_WATCHED,
+    CommandedArm,
+    ExecutionOptions,
+    Jointed,
+    JointWatch,
+    ReadyStops,
+    Watchdog,
+)
 from poise.manipulation.carrying import Transfer
 from poise.manipulation.gripper import FingerWatch, Gripper
 from poise.simulation import WaypointTrajectory
@@ -131,7 +139,7 @@ class RobotPort:
         if problem is None and not self.joints.at_rest():
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
         if problem is None and not self.commanded.ready:
-            problem = PoiseError(ErrorCode.BUSY, "the watchdog of the arm's motion is not ready: send the goal again")
+            problem = PoiseError(ErrorCode.BUSY, NOT_WATCHED)
         if problem is None:
             return self.joints.position.copy()
         if now - since > _OPTIONS.patience:
@@ -282,7 +290,7 @@ class TransferExecution:
         return "it still holds it" if step is not None and step.holding else "its hand is empty"
 
     def _fail(self, error: PoiseError, now: float) -> None:
-        state = "rests" if self._step is None or self._step.motion is None else "was commanded to stop"
+        state = "was commanded to stop" if self._robot.commanded.moving or self._robot.commanded.stopped else "rests"
         words = f"{error.message}; the arm {state} while {self.stage} {self._name}, and {self._hand}"
         self._conclude(PoiseError(error.code, words), now)
 
@@ -298,10 +306,12 @@ class TransferExecution:
         arm = self._robot.commanded
         if arm.moving:
             off_path = error.code is ErrorCode.NOT_FOLLOWING
-            sent = arm.hold(now) if off_path else arm.stop(error, now)
-            if not sent and arm.failure is None and now - self._since < _OPTIONS.stopping:
-                return  # the watchdog was asked
-            if not sent and not arm.hold(now):
+            sent = arm.hold(error, now) if off_path else arm.stop(error, now)
+            if not sent and arm.failure is not None:
+                sent = arm.hold(error, now)
+            if not sent and arm.asked and now - self._since < _OPTIONS.stopping:
+                return
+            if not sent:
                 error = PoiseError(error.code, f"{error.message}; the stop could not be sent: {arm.failure!r}")
         if arm.excess:
             error = PoiseError(error.code, f"{error.message}; no stop kept the limits: {arm.excess}")

@@ -87,6 +87,19 @@ def test_a_watch_that_was_held_up_reads_what_waits_before_it_stops_an_arm():
     assert played.run(0.2) is None
 
 
+def test_a_limit_of_force_needs_wrenches():
+    limits = WatchLimits(silence=0.3, force=10.0)
+    watch = MotionWatch(("a",), limits, 0.0)
+    watch.joint_state(1, {"a": 0.0}, 0.0)
+    assert not watch.ready
+    played = Played(limits)
+    assert played.run(0.3) is None
+    played.weighs = False
+    problem, _ = played.run(1.0)
+    assert problem.code is ErrorCode.SENSOR_STALE
+    assert "wrench" in problem.message
+
+
 def test_messages_of_another_robot_are_no_sign_of_life():
     watch = MotionWatch(("a",), WatchLimits(), 0.0)
     watch.joint_state(1, {"b": 0.0}, 0.0)

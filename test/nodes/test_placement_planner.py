@@ -2,6 +2,7 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from shape_msgs.msg import MeshTriangle
 from poise.assembly import Analysis, Assembly, write_scene
 from poise.errors import ErrorCode
 from poise.geometry import Pose
+from poise.nodes import placement_planner
 from poise.nodes.assembly_message import assembly_message, assembly_of, mesh_message, object_of
 from poise.placement import PLACEMENT_PLANNERS, Options, plan_placement
 from poise_msgs.action import PlaceObject
@@ -225,3 +227,15 @@ def test_ctrl_c_in_the_midst_of_a_plan_ends_the_node(start_node, graph, caller):
     graph.wait_for(lambda: caller.feedback, what="the plan to begin")
     assert node.stop() == 0
     assert "Traceback" not in node.output
+
+
+def test_the_arm_is_stopped_before_the_end_of_the_thread_is_awaited(monkeypatch):
+    closed = []
+    planner = placement_planner.PlacementPlannerNode
+    monkeypatch.setattr(placement_planner.ArmNode, "destroy_node", lambda _: closed.append("node"))
+    node = planner.__new__(planner)
+    node._task = None
+    for name in ("_jobs", "watchdog"):
+        setattr(node, name, SimpleNamespace(close=lambda name=name: closed.append(name)))
+    node.destroy_node()
+    assert closed == ["watchdog", "_jobs", "node"]

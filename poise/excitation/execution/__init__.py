@@ -5,7 +5,7 @@
 - `options`: times and tolerances.
 """
 
-from poise.excitation.execution.commanded import CommandedArm, SentStop, TimedMotion, Watchdog
+from poise.excitation.execution.commanded import NOT_WATCHED, CommandedArm, SentStop, TimedMotion, Watchdog
 from poise.excitation.execution.joint_watch import Jointed, JointWatch
 from poise.excitation.execution.options import ExecutionOptions
 from poise.excitation.execution.session import (
@@ -18,6 +18,7 @@ from poise.excitation.execution.session import (
 from poise.excitation.execution.stops import Judge, ReadyStops, Stop, brake, joint_judge, stop_along
 
 __all__ = [
+    "NOT_WATCHED",
     "CommandedArm",
     "ExecutionOptions",
     "IdentificationTask",

@@ -1,5 +1,6 @@
 """An arm that is only moved with its stops ready: the motion, who watches it, and the stop that ends it."""
 
+import time
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
@@ -12,6 +13,11 @@ from poise.excitation.execution.stops import ReadyStops
 from poise.simulation import WaypointTrajectory
 
 _OPTIONS = ExecutionOptions()
+NOT_WATCHED = (
+    "the watchdog of the arm's motion is not ready: check joint_states, and wrench where stop_force is set; send the"
+    " goal again"
+)
+"""Message of a goal that cannot begin."""
 
 
 class TimedMotion(NamedTuple):
@@ -43,8 +49,12 @@ class Watchdog(Protocol):
     def load(self, stops: ReadyStops) -> None:
         """Take the stops of a motion ahead; may take long, for worker threads."""
 
-    def arm(self, stops: ReadyStops, begin: int) -> None:
-        """The motion of these stops begins at `begin` ns: stop it when something is wrong."""
+    def arm(self, stops: ReadyStops, begin: int) -> bool:
+        """The motion of these stops begins at `begin` ns: stop it when something is wrong; False: not in time.
+
+        Raises:
+            PoiseError: it will not watch this motion, which must not be sent.
+        """
 
     def beat(self) -> None:
         """The program is alive."""
@@ -53,11 +63,11 @@ class Watchdog(Protocol):
         """Send the stop at once; False: it cannot be done."""
 
     def disarm(self) -> None:
-        """The motion has ended."""
+        """The motion has ended, or was stopped: send no stop from here on."""
 
     @property
     def sent(self) -> SentStop | None:
-        """The stop of the motion, once it has been sent."""
+        """The stop of a motion of this goal, once it has been sent; no other motion may follow."""
 
     @property
     def alive(self) -> bool:
@@ -94,6 +104,11 @@ class CommandedArm:
         return self._watchdog is None or self._watchdog.ready
 
     @property
+    def asked(self) -> bool:
+        """The watchdog was asked for a stop and can still send it."""
+        return self._asked is not None and self._watchdog is not None and self._watchdog.alive
+
+    @property
     def moving(self) -> bool:
         """A motion was sent that was not stopped, and has not been reported as ended."""
         return self._stops is not None and not self.stopped
@@ -104,16 +119,32 @@ class CommandedArm:
             self._watchdog.load(stops)
 
     def move(self, stops: ReadyStops, now: float) -> None:
-        """Send the motion of these stops.
+        """Send the motion of these stops. If that raises, there is no motion, and nothing to stop.
 
         Raises:
+            PoiseError: the watchdog does not watch it.
             Exception: of the publisher.
         """
-        self._stops, self._asked, self.stopped, self.excess = stops, None, False, ""
-        self.begin = self._joints.clock(now) + round(_OPTIONS.lead * 1e9)
-        if self._watchdog is not None:
-            self._watchdog.arm(stops, self.begin)
-        self._send(TimedMotion(stops.motion, self.begin))
+        self._stops, self._asked, self.stopped, self.excess, self.failure = None, None, False, "", None
+        try:
+            self._arm(stops, now)
+            self._send(TimedMotion(stops.motion, self.begin))
+        except Exception:
+            self.ended()
+            raise
+        self._stops = stops
+
+    def _arm(self, stops: ReadyStops, now: float) -> None:
+        """Choose when the motion begins, and have it watched; a watchdog that is late is asked again."""
+        since = time.monotonic()
+        while (waited := time.monotonic() - since) < _OPTIONS.arming:
+            self.begin = self._joints.clock(now + waited) + round(_OPTIONS.lead * 1e9)
+            if self._watchdog is None or self._watchdog.arm(stops, self.begin):
+                return
+        raise PoiseError(
+            ErrorCode.INTERNAL,
+            f"the watchdog did not answer for {waited:.2f} s: the machine is overloaded; send the goal again",
+        )
 
     def check(self) -> None:
         """Call it with every tick of a motion.
@@ -122,12 +153,14 @@ class CommandedArm:
             PoiseError: the watchdog has stopped the arm, and why; or it can no longer do so.
         """
         watchdog = self._watchdog
-        if watchdog is None or not self.moving:
+        if watchdog is None:
             return
-        watchdog.beat()
-        if watchdog.sent is not None:
+        if watchdog.sent is not None:  # perhaps of a motion that has ended since
             self._take(watchdog.sent)
             raise watchdog.sent.error
+        if not self.moving:
+            return
+        watchdog.beat()
         if not watchdog.alive:
             raise PoiseError(ErrorCode.INTERNAL, "the watchdog of the motion has ended")
 
@@ -142,17 +175,11 @@ class CommandedArm:
 
         Without an answer of the watchdog, the second call sends the stop itself. Never raises.
         """
-        stops, watchdog = self._stops, self._watchdog
-        if stops is None or self.stopped:
+        stops = self._stops
+        if stops is None or self.stopped or self._stopped_by_watchdog(error, now):
             return True
-        if watchdog is not None and watchdog.alive:
-            if watchdog.sent is not None:
-                self._take(watchdog.sent)
-                return True
-            if self._asked is None and watchdog.trip(error):
-                self._asked = now
-            if self._asked is not None and now - self._asked < _OPTIONS.answer:
-                return False
+        if self.asked and self._asked is not None and now - self._asked < _OPTIONS.answer:
+            return False
         try:
             stamp = self._joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
             stop = stops.after((stamp - self.begin) * 1e-9)
@@ -160,24 +187,43 @@ class CommandedArm:
         except Exception as failure:
             self.failure = failure
             return False
-        self.stopped, self.excess = True, stop.excess
+        self._replace(stop.excess)
         return True
 
-    def hold(self, now: float) -> bool:
-        """Stop where the arm is now, off its path; False: it could not be sent. Never raises."""
+    def hold(self, error: PoiseError, now: float) -> bool:
+        """Stop where the arm is now, off its path; False: try again. Never raises.
+
+        If that cannot be sent, the watchdog is asked for its stop.
+        """
         if self._stops is None or self.stopped:
             return True
-        if self._watchdog is not None:
-            self._watchdog.disarm()
         try:
             stamp = self._joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
             place = np.stack([self._joints.position] * 2)
             self._send(TimedMotion(WaypointTrajectory(np.array([0.0, _OPTIONS.holding]), place), stamp))
         except Exception as failure:
             self.failure = failure
-            return False
-        self.stopped = True
+            return self._stopped_by_watchdog(error, now)
+        self._replace("")
         return True
+
+    def _stopped_by_watchdog(self, error: PoiseError, now: float) -> bool:
+        """Whether the watchdog has stopped the arm; if not, it is asked to."""
+        watchdog = self._watchdog
+        if watchdog is None:
+            return False
+        if watchdog.sent is not None:
+            self._take(watchdog.sent)
+            return True
+        if self._asked is None and watchdog.alive and watchdog.trip(error):
+            self._asked = now
+        return False
+
+    def _replace(self, excess: str) -> None:
+        """Our stop was sent: a watchdog that is late must not send another."""
+        self.stopped, self.excess = True, excess
+        if self._watchdog is not None:
+            self._watchdog.disarm()
 
     def _take(self, sent: SentStop) -> None:
         self.stopped, self.excess = True, sent.excess

@@ -20,6 +20,7 @@ class ExecutionOptions:
         lag: s of the joint's speed that an arm may be behind.
         stopping: s that an arm may take to come to rest.
         holding: s of a command to stay in place.
+        arming: s that a watchdog may take to watch a motion; it is asked again until then.
         answer: s that a watchdog may take to send a stop that it was asked for; then the program sends it itself.
     """
 
@@ -35,4 +36,5 @@ class ExecutionOptions:
     lag: float = 0.15
     stopping: float = 3.0
     holding: float = 0.4
+    arming: float = 0.5
     answer: float = 0.05

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
-from poise.excitation.execution.commanded import CommandedArm, TimedMotion, Watchdog
+from poise.excitation.execution.commanded import NOT_WATCHED, CommandedArm, TimedMotion, Watchdog
 from poise.excitation.execution.joint_watch import JointWatch
 from poise.excitation.execution.options import ExecutionOptions
 from poise.excitation.execution.stops import ReadyStops
@@ -165,7 +165,7 @@ class Session:
             return
         if self._task.plan is not None and not self._arm.ready:
             if late:
-                raise PoiseError(ErrorCode.BUSY, "the watchdog of the arm's motion is not ready: send the goal again")
+                raise PoiseError(ErrorCode.BUSY, NOT_WATCHED)
             return
         if self._task.plan is None:
             self._estimator.begin()
@@ -252,7 +252,7 @@ class Session:
         if rests and now - self._since > self._options.stop_lead:
             self._finish(now)
         elif now - self._since > self._options.stopping:
-            failure = "" if self._arm.stopped else f"the stop could not be sent: {self._arm.failure!r}; "
+            failure = "" if not self._arm.moving else f"the stop could not be sent: {self._arm.failure!r}; "
             self._amend(f"{failure}the arm was not seen to come to rest")
             self._finish(now)
 
