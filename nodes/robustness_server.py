@@ -108,6 +108,7 @@ class RobustnessServer(Node):
 
     def __init__(self, template: WorkerTemplate) -> None:
         super().__init__("robustness_server")
+        self._template = template
         values = declare_parameters(self, ROBUSTNESS_SERVER_PARAMETERS)
         self._longest: float = values["longest"]
         self._limits = CallLimits(*(values[f"most_{name}"] for name in CallLimits._fields))
@@ -147,6 +148,7 @@ class RobustnessServer(Node):
         """Answer those who wait before the node goes, and end the workers."""
         if hasattr(self, "_jobs"):
             self._jobs.close()
+        self._template.close()
         for worker in getattr(self, "_workers", ()):
             worker.stop()
         super().destroy_node()

@@ -1,5 +1,6 @@
 """Processes that do the work of a node: they are stopped at the deadline, also inside a native solver."""
 
+import contextlib
 import gc
 import json
 import os
@@ -49,10 +50,12 @@ class WorkerTemplate:
         self._requests = 0
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         gc.freeze()  # so that the collector does not copy pages of modules
-        if os.fork() == 0:
+        process = os.fork()
+        if process == 0:
             self._socket.close()
             _fork_on_request(theirs, make)
         theirs.close()
+        self._process = os.pidfd_open(process)
 
     def fork(self, settings: Any, pipe: socket.socket, life: Connection, due: float) -> int:
         """Start a worker with its ends of a socket and a pipe; its process id.
@@ -80,6 +83,12 @@ class WorkerTemplate:
         finally:
             self._lock.release()
         raise PoiseError(ErrorCode.INTERNAL, "the process that starts the workers has ended: restart the node")
+
+    def close(self) -> None:
+        """End the process, and wait for that; it starts no more workers."""
+        with contextlib.suppress(OSError):  # it may have ended
+            self._socket.shutdown(socket.SHUT_RDWR)
+        select.select([self._process], [], [], _END_SECONDS)
 
 
 @dataclass

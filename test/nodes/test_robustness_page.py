@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from poise.nodes import acceleration_limits, place_execution, placement_planner, robustness_server
-from poise.nodes.parameters import WORDS, Parameter
-from poise.nodes.watchdog import WATCHDOG_PARAMETERS
+from poise.nodes.lifecycle import ARM_NODE_PARAMETERS
+from poise.nodes.parameters import WORDS
 
 pytestmark = pytest.mark.ros
 ROOT = Path(__file__).parents[2]
@@ -38,8 +38,7 @@ def test_the_client_on_the_page_is_answered(start_node, graph, node_environment)
             "placement_planner",
             placement_planner.PLACEMENT_PLANNER_PARAMETERS
             + place_execution.PLACE_EXECUTION_PARAMETERS
-            + WATCHDOG_PARAMETERS
-            + (Parameter("autostart", True, "as every lifecycle node"),),
+            + ARM_NODE_PARAMETERS,
         ),
     ],
 )
