@@ -88,7 +88,9 @@ class WorkerTemplate:
         """End the process, and wait for that; it starts no more workers."""
         with contextlib.suppress(OSError):  # it may have ended
             self._socket.shutdown(socket.SHUT_RDWR)
-        select.select([self._process], [], [], _END_SECONDS)
+        if select.select([self._process], [], [], _END_SECONDS)[0]:
+            with contextlib.suppress(ChildProcessError):  # closed before
+                os.waitid(os.P_PIDFD, self._process, os.WEXITED)
 
 
 @dataclass

@@ -45,8 +45,8 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
                 repair=lambda fit: Repair(gravity=float(np.exp(fit.values[0]))),
             )
         )
-    starts = _directions(samples)
-    found.append(Reading(ErrorCode.GRAVITY_WRONG, _leaning, _direction_sentence, starts=starts, holds=_near(starts)))
+    down = _directions(samples)
+    found.append(Reading(ErrorCode.GRAVITY_WRONG, _leaning, _direction_sentence, starts=down, holds=_near(down)))
     return found
 
 

@@ -3,6 +3,7 @@
 import math
 import time
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -50,7 +51,7 @@ class HereWorker:
 def server(domain, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     rclpy.init(domain_id=domain)
-    node = RobustnessServer(None)
+    node = RobustnessServer(SimpleNamespace(close=lambda: None))
     node._workers = [HereWorker(), HereWorker()]
     yield node
     node.destroy_node()
