@@ -9,7 +9,7 @@ from poise.errors import ErrorCode, InputError
 from poise.force_torque import AcquisitionOptions
 from poise.force_torque.sensors import all_sensors, sensor_named, sensor_settings
 from poise.force_torque.wire import Link, Reports
-from poise.nodes.parameters import Parameter, one_of
+from poise.nodes.parameters import AUTOSTART, Parameter, one_of
 
 FT_DRIVER_PARAMETERS = (
     Parameter("device", "rdt", "the connected device", tuple(sensor.name for sensor in all_sensors())),
@@ -31,7 +31,7 @@ FT_DRIVER_PARAMETERS = (
     Parameter("bias", [0.0] * 6, "N and N m subtracted from the start: fx fy fz tx ty tz, of the load on the sensor"),
     Parameter("bias_samples", 500, "number of samples that bias_sensor averages", (10, 100000)),
     Parameter("hardware_bias", False, "bias_sensor zeroes in the device, for every client (rdt only)"),
-    Parameter("autostart", True, "configure and activate at start, for use without a lifecycle manager"),
+    AUTOSTART,
 )
 
 

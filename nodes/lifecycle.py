@@ -5,13 +5,10 @@ from typing import Any
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 
-from poise.nodes.parameters import Parameter, declare_parameters
-from poise.nodes.watchdog import WATCHDOG_PARAMETERS, ProcessWatchdog
+from poise.nodes.parameters import AUTOSTART, declare_parameters
+from poise.nodes.watchdog import WATCHDOG_DYNAMIC, WATCHDOG_PARAMETERS, ProcessWatchdog
 
-ARM_NODE_PARAMETERS = (
-    Parameter("autostart", True, "configure and activate at start, for use without a lifecycle manager"),
-    *WATCHDOG_PARAMETERS,
-)
+ARM_NODE_PARAMETERS = (AUTOSTART, *WATCHDOG_PARAMETERS)
 
 
 class ArmNode(LifecycleNode):
@@ -28,8 +25,7 @@ class ArmNode(LifecycleNode):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         survive_impossible_transitions(self)
-        dynamic = [parameter.name for parameter in WATCHDOG_PARAMETERS]
-        self._autostart = declare_parameters(self, ARM_NODE_PARAMETERS, dynamic)["autostart"]
+        self._autostart = declare_parameters(self, ARM_NODE_PARAMETERS, WATCHDOG_DYNAMIC)["autostart"]
 
     def start(self) -> None:
         """Configure and activate, when `autostart` says so."""

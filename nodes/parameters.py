@@ -23,6 +23,10 @@ class Parameter(NamedTuple):
     choices: tuple[Any, ...] = ()
 
 
+AUTOSTART = Parameter("autostart", True, "configure and activate at start, for use without a lifecycle manager")
+"""Of every managed node."""
+
+
 def declare_parameters(node: Node, parameters: Sequence[Parameter], changeable: Collection[str] = ()) -> dict[str, Any]:
     """Declare `parameters`, read-only but for the names in `changeable`, and give their values by name.
 

@@ -36,7 +36,7 @@ WATCHDOG_PARAMETERS = (
         (0.0, 1e5),
     ),
 )
-_WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
+WATCHDOG_DYNAMIC = tuple(parameter.name for parameter in WATCHDOG_PARAMETERS)
 """All may be changed; they count from the next goal on."""
 _LOST = 0.5
 """s without a sign of life after which a watchdog with a moving arm counts as lost."""
@@ -318,7 +318,7 @@ def _error_of(word: Word) -> PoiseError:
 
 def watch_limits(node: Node, needs_wrench: bool = False) -> WatchLimits:
     """What the parameters say now."""
-    value = {name: node.get_parameter(name).value for name in _WATCHDOG_DYNAMIC}
+    value = {name: node.get_parameter(name).value for name in WATCHDOG_DYNAMIC}
     return WatchLimits(
         silence=value["stop_silence"],
         unattended=value["stop_unattended"],

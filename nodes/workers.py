@@ -208,26 +208,26 @@ def _pipe() -> tuple[Connection, Connection]:
 
 def _fork_on_request(requests: socket.socket, make: Callable[..., Answering]) -> None:
     """The template: forks until its owner closes the socket or dies."""
-    for number in (signal.SIGINT, signal.SIGTERM):  # of the process group; the owner ends it
-        signal.signal(number, signal.SIG_IGN)
+    for ignored in (signal.SIGINT, signal.SIGTERM):  # of the process group; the owner ends it
+        signal.signal(ignored, signal.SIG_IGN)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while True:
         request, ends, _, _ = socket.recv_fds(requests, 100_000, 2)
         if not request:
             os._exit(0)
+        number, (settings, memory) = json.loads(request)
         process = os.fork()
         if process == 0:
             requests.close()
             status = 1
             try:
-                _, (settings, memory) = json.loads(request)
                 _serve(socket.socket(fileno=ends[0]), Connection(ends[1]), make, settings, memory)
                 status = 0
             finally:
                 os._exit(status)
         for end in ends:
             os.close(end)
-        requests.send(f"{json.loads(request)[0]} {process}".encode())
+        requests.send(f"{number} {process}".encode())
 
 
 def _serve(pipe: socket.socket, life: Connection, make: Callable[..., Answering], settings: Any, memory: int) -> None:
