@@ -5,6 +5,7 @@
 """
 
 from poise.gripping.driver import DriverOptions, Fingers, GripperDriver, GripperReport
-from poise.gripping.robotiq import MODELS, Model
+from poise.gripping.fake import FakeGripper
+from poise.gripping.robotiq import GRIPPERS, GripperModel
 
-__all__ = ["MODELS", "DriverOptions", "Fingers", "GripperDriver", "GripperReport", "Model"]
+__all__ = ["GRIPPERS", "DriverOptions", "FakeGripper", "Fingers", "GripperDriver", "GripperModel", "GripperReport"]

@@ -9,7 +9,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError, PoiseError, SensorError
 from poise.gripping import robotiq
-from poise.gripping.robotiq import Activation, Contact, Model, Status
+from poise.gripping.robotiq import Activation, Contact, GripperModel, GripperStatus
 from poise.serial_bus import Backoff, ModbusLine
 
 _PATIENCE = 0.2
@@ -32,8 +32,8 @@ class DriverOptions:
             stroke, so it is not done again by itself: a gripper that was reset later may hold something.
     """
 
-    model: Model
-    slave: int = robotiq.SLAVE
+    model: GripperModel
+    slave: int = robotiq.GRIPPER_SLAVE
     rate: float = 50.0
     speed: float = 0.05
     force: float = 40.0
@@ -104,7 +104,7 @@ class GripperDriver:
     def __init__(
         self, port: str, options: DriverOptions, heard: Callable[[Fingers], None], rng: np.random.Generator
     ) -> None:
-        self._line = ModbusLine(port, robotiq.BAUD_RATE, options.slave)
+        self._line = ModbusLine(port, robotiq.GRIPPER_BAUD_RATE, options.slave)
         self._options, self._heard, self._backoff = options, heard, Backoff(rng)
         self._lock = threading.Lock()
         self._stopping, self._due = threading.Event(), threading.Event()
@@ -240,7 +240,7 @@ class GripperDriver:
         self._backoff.reset()
         self._take(status, self._answered)
 
-    def _exchange(self) -> Status:
+    def _exchange(self) -> GripperStatus:
         """Send the command that waits, then read the status; a command that failed is sent again."""
         with self._lock:
             command = self._command
@@ -249,7 +249,7 @@ class GripperDriver:
             with self._lock:
                 if self._command is command:
                     self._command = None
-        return Status.from_registers(self._line.read_input(robotiq.STATUS_REGISTER, robotiq.REGISTERS))
+        return GripperStatus.from_registers(self._line.read_input(robotiq.STATUS_REGISTER, robotiq.REGISTERS))
 
     def _lose(self, error: PoiseError, now: float) -> None:
         if not self._line.is_open:
@@ -260,7 +260,7 @@ class GripperDriver:
             code = error.code if error.code is ErrorCode.SENSOR_PROTOCOL else ErrorCode.SENSOR_STALE
             self._set("silent", code, f"no answer for {time.monotonic() - self._answered:.1f} s ({error.message})")
 
-    def _take(self, status: Status, now: float) -> None:
+    def _take(self, status: GripperStatus, now: float) -> None:
         """One status: the fingers, the condition, and an activation where it is due."""
         with self._lock:
             motion, model = self._motion, self._options.model
@@ -292,7 +292,7 @@ class GripperDriver:
             self._report = GripperReport(kind, code, text, self._connects, current)
 
 
-def _condition(status: Status, fingers: Fingers, lost: bool) -> tuple[str, ErrorCode, str]:
+def _condition(status: GripperStatus, fingers: Fingers, lost: bool) -> tuple[str, ErrorCode, str]:
     """The worst that holds."""
     if status.fault >= robotiq.MAJOR_FAULT:
         why = robotiq.FAULTS.get(status.fault, "unknown")

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from poise.gripping import robotiq
-from poise.gripping.robotiq import Activation, Contact, Model
+from poise.gripping.robotiq import Activation, Contact, GripperModel
 from poise.serial_bus import ModbusAnswers, PseudoTerminalDevice
 
 _ACTIVATION_TIME = 0.2
@@ -27,10 +27,16 @@ class FakeGripper(PseudoTerminalDevice):
         command: the last three registers that were written.
     """
 
-    def __init__(self, model: Model = robotiq.MODELS["2f85"], active: bool = False, folder: Path | None = None) -> None:
+    def __init__(
+        self,
+        self,
+        model: GripperModel = robotiq.GRIPPERS["2f85"],
+        active: bool = False,
+        folder: Path | None = None,
+    ) -> None:
         super().__init__(folder)
         self._model, self._was_active = model, active
-        self._modbus = ModbusAnswers(robotiq.SLAVE, self._registers, self._written)
+        self._modbus = ModbusAnswers(robotiq.GRIPPER_SLAVE, self._registers, self._written)
         self.object_width: float | None = None
         self.activations = 0
         self.power_up()

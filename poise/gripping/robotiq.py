@@ -10,8 +10,8 @@ from enum import IntEnum
 
 import numpy as np
 
-BAUD_RATE = 115200
-SLAVE = 9
+GRIPPER_BAUD_RATE = 115200
+GRIPPER_SLAVE = 9
 COMMAND_REGISTER, STATUS_REGISTER = 0x03E8, 0x07D0
 REGISTERS = 3
 
@@ -19,7 +19,7 @@ _ACTIVATE, _GO = 0x01, 0x08
 
 
 @dataclass(frozen=True)
-class Model:
+class GripperModel:
     """What 0 to 255 counts are. The opening is nearly in proportion to the counts.
 
     Args:
@@ -47,9 +47,9 @@ class Model:
         return self.stroke * float(np.clip((self.closed - counts) / (self.closed - self.opened), 0.0, 1.0))
 
 
-MODELS = {
-    "2f85": Model("Robotiq 2F-85", 0.085, (0.020, 0.150), (20.0, 235.0)),
-    "2f140": Model("Robotiq 2F-140", 0.140, (0.030, 0.250), (10.0, 125.0)),
+GRIPPERS = {
+    "2f85": GripperModel("Robotiq 2F-85", 0.085, (0.020, 0.150), (20.0, 235.0)),
+    "2f140": GripperModel("Robotiq 2F-140", 0.140, (0.030, 0.250), (10.0, 125.0)),
 }
 
 
@@ -87,7 +87,7 @@ MAJOR_FAULT = 0x0A
 
 
 @dataclass(frozen=True)
-class Status:
+class GripperStatus:
     """What the device reports.
 
     Attributes:
@@ -110,7 +110,7 @@ class Status:
     current: float
 
     @classmethod
-    def from_registers(cls, registers: Sequence[int]) -> "Status":
+    def from_registers(cls, registers: Sequence[int]) -> "GripperStatus":
         """Decode the three registers at STATUS_REGISTER."""
         state, fault, requested = registers[0] >> 8, registers[1] >> 8 & 0x0F, registers[1] & 0xFF
         return cls(

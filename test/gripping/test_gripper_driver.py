@@ -10,10 +10,9 @@ import pytest
 from pymodbus.client import ModbusSerialClient
 
 from poise.errors import ErrorCode, InputError, SensorError
-from poise.gripping import MODELS, DriverOptions, Fingers, GripperDriver
-from poise.gripping.fake import FakeGripper
+from poise.gripping import GRIPPERS, DriverOptions, FakeGripper, Fingers, GripperDriver
 
-MODEL = MODELS["2f85"]
+MODEL = GRIPPERS["2f85"]
 FAST = DriverOptions(MODEL, speed=0.15)
 
 

@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from poise.gripping import MODELS, robotiq
-from poise.gripping.robotiq import Activation, Contact, Status
+from poise.gripping import GRIPPERS, robotiq
+from poise.gripping.robotiq import Activation, Contact, GripperStatus
 
-MODEL = MODELS["2f85"]
+MODEL = GRIPPERS["2f85"]
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ MODEL = MODELS["2f85"]
 def test_status_registers_of_the_manual_mean_what_it_says(
     data: str, activation: Activation, contact: Contact, requested: int, counts: int, current: float
 ) -> None:
-    status = Status.from_registers([int(word, 16) for word in data.split()])
+    status = GripperStatus.from_registers([int(word, 16) for word in data.split()])
     assert status.active
     assert (status.activation, status.contact) == (activation, contact)
     assert (status.requested, status.counts) == (requested, counts)
@@ -39,7 +39,7 @@ def test_commands_are_those_of_the_manual() -> None:
 
 @given(st.integers(0, 0xFFFF), st.integers(0, 0xFFFF), st.integers(0, 0xFFFF))
 def test_any_registers_have_a_meaning(first: int, second: int, third: int) -> None:
-    status = Status.from_registers([first, second, third])
+    status = GripperStatus.from_registers([first, second, third])
     assert 0.0 <= MODEL.opening(status.counts) <= MODEL.stroke
     assert 0 <= status.fault < 16
 
