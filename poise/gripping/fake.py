@@ -29,7 +29,6 @@ class FakeGripper(PseudoTerminalDevice):
 
     def __init__(
         self,
-        self,
         model: GripperModel = robotiq.GRIPPERS["2f85"],
         active: bool = False,
         folder: Path | None = None,
