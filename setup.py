@@ -21,9 +21,12 @@ NODES = {
     "ft_driver": "poise.nodes.ft_driver:main",
     "inertial_estimator": "poise.nodes.inertial_estimator:main",
     "mismatch_diagnoser": "poise.nodes.mismatch_diagnoser:main",
+    "object_carrier": "poise.nodes.object_carrier:main",
+    "object_picker": "poise.nodes.object_picker:main",
     "object_scanner": "poise.nodes.object_scanner:main",
     "placement_planner": "poise.nodes.placement_planner:main",
     "robustness_server": "poise.nodes.robustness_server:main",
+    "world_model": "poise.nodes.world_model:main",
 }
 # Interface packages that pip has to build: ours, and one that PyPI does not have.
 INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs"}
