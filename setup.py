@@ -28,8 +28,8 @@ NODES = {
     "robustness_server": "poise.nodes.robustness_server:main",
     "world_model": "poise.nodes.world_model:main",
 }
-# Interface packages that pip has to build: ours, and one that PyPI does not have.
-INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs"}
+# Interface packages that pip has to build: ours, and those that PyPI does not have.
+INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs", "control_msgs": "third_party/control_msgs"}
 
 
 # A colcon build on PyPI alone (test/nodes/test_install.py) needs the packages that pip fetches for its own builds.

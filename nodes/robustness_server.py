@@ -40,6 +40,8 @@ _MARKER_PERIOD = 0.5
 """s between looks for markers that have changed."""
 _HEALTH_PERIOD = 1.0
 """s between messages on diagnostics."""
+_NICE = 10
+"""How much the workers that take heavy calls leave the processor to the one that does not."""
 _SERVICES = {
     "assess": (AssessRobustness, "assess_robustness"),
     "plan": (PlanDisassembly, "plan_disassembly"),
@@ -134,7 +136,7 @@ class RobustnessServer(Node):
         self._marker_arrays = self.create_publisher(MarkerArray, "robustness_markers", LATCHED)
         settings = (values["mesh_folders"], values["marker_map_points"])
         memory = values["worker_memory"] * 1_000_000
-        self._workers = [Worker(template, settings, memory) for _ in range(values["workers"])]
+        self._workers = [Worker(template, settings, memory, _NICE * (n > 0)) for n in range(values["workers"])]
         if values["scene"]:
             self._begin_with(values["scene"])
         most_bytes = 4 * values["most_bytes"]
