@@ -18,7 +18,7 @@ from visualization_msgs.msg import MarkerArray
 from poise.assembly import Analysis, assess, plan_disassembly, robustness_map
 from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.assembly.statics import Deadline, analysis_after, unstable
-from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.answer_checks import check_answer
 from poise.nodes.assembly_changes import changed, late, not_checked, stability_of

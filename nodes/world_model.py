@@ -49,7 +49,7 @@ WORLD_MODEL_PARAMETERS = (
     Parameter("longest", 30.0, "longest deadline of set_assembly, and that of calls without one, s", (0.01, 3600.0)),
     Parameter("waiting", 50, "calls and scans that may wait; further ones are refused with BUSY", (1, 10_000)),
     Parameter("tf_rate", 10.0, "Hz at which the frames of objects are published on tf", (0.1, 100.0)),
-    Parameter("settle", 0.01, "m by which a scan and the assembly may disagree about the supporting surface", (0.0, 0.1)),
+    Parameter("settle", 0.01, "m that a scan and the assembly may be off each other at the support", (0.0, 0.1)),
     Parameter("payload_age", 5.0, "age of its newest sample up to which an estimate is used, s", (0.1, 1e6)),
     Parameter("payload_period", 1.0, "s between two estimates that are taken over", (0.0, 3600.0)),
     Parameter(

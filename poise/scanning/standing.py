@@ -37,7 +37,8 @@ def united_surfaces(surfaces: list[tuple[Array, Indices]]) -> tuple[Array, Indic
         surfaces: vertices and triangles of each; what is shared has equal vertices in both.
     """
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
-    corners = np.concatenate([triangles + offset for (_, triangles), offset in zip(surfaces, offsets[:-1], strict=True)])
+    numbered = zip(surfaces, offsets[:-1], strict=True)
+    corners = np.concatenate([triangles + offset for (_, triangles), offset in numbered])
     points = np.concatenate([vertices for vertices, _ in surfaces])
     points, number = np.unique(points, axis=0, return_inverse=True)
     corners = number.reshape(-1)[corners]

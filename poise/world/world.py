@@ -203,14 +203,13 @@ class World:
             raise InputError(ErrorCode.BAD_INPUT, f"object {name} is fixed, and cannot be in the hand")
         world, held = self, self.held
         if held is not None and held.item.id != name:
-            world = world._with(replace(held, where=Whereabouts.LOST, changed=stamp, notes=("it left the hand unseen",)))
+            gone = replace(held, where=Whereabouts.LOST, changed=stamp, notes=("it left the hand unseen",))
+            world = world._with(gone)
         source = WeightSource.GIVEN if known is None else known.source
         notes = () if known is None else known.notes
         if lifted is not None:
             item, source, notes = _lifted(item, source, notes, lifted)
-        held = KnownObject(
-            replace(item, pose=pose_hand_object), hand, Whereabouts.HELD, source, stamp, lifted, notes
-        )
+        held = KnownObject(replace(item, pose=pose_hand_object), hand, Whereabouts.HELD, source, stamp, lifted, notes)
         return replace(world._with(held), newest_event=stamp)
 
     def released(self, name: str, pose: Pose, stamp: int) -> "World":
@@ -256,10 +255,11 @@ class World:
         """
         held = self.held
         if held is None or held.item.id != item.id:
-            raise InputError(ErrorCode.OBJECT_UNKNOWN, f"object {item.id} is not in the hand, and was not weighed in it")
+            raise InputError(ErrorCode.OBJECT_UNKNOWN, f"object {item.id} is not in the hand: it was not weighed")
         if since < held.changed - _EARLY * 1e9:
             raise InputError(
-                ErrorCode.SENSOR_STALE, f"the estimate has samples from before {item.id} was grasped: wait for a newer one"
+                ErrorCode.SENSOR_STALE,
+                f"the estimate has samples from before {item.id} was grasped: wait",
             )
         if held.lifted is not None:
             mass, std = held.lifted

@@ -57,7 +57,7 @@ def ball(radius):
     points = np.concatenate([ring, [[0, 0, 0], [0, 0, 2 * radius]]])
     i, j = np.meshgrid(np.arange(37), np.arange(48), indexing="ij")
     a, b = i * 48 + j, i * 48 + (j + 1) % 48
-    sides = np.concatenate([np.stack([a, b, b + 48], -1).reshape(-1, 3), np.stack([a, b + 48, a + 48], -1).reshape(-1, 3)])
+    sides = np.concatenate([np.stack(each, -1).reshape(-1, 3) for each in ([a, b, b + 48], [a, b + 48, a + 48])])
     around = np.arange(48)
     low = np.stack([np.full(48, len(points) - 2), (around + 1) % 48, around], -1)
     high = np.stack([np.full(48, len(points) - 1), 37 * 48 + around, 37 * 48 + (around + 1) % 48], -1)
@@ -74,5 +74,5 @@ def test_a_ball_does_not_stand_on_the_disc_of_a_section_above_its_foot():
 def test_what_does_not_reach_its_support_is_refused():
     corners, triangles = united_surfaces(brick())
     with pytest.raises(InputError) as caught:
-        standing_mesh(corners + [0, 0, 0.02], triangles)
+        standing_mesh(corners + np.array([0, 0, 0.02]), triangles)
     assert caught.value.code == ErrorCode.MESH_INVALID
