@@ -1,4 +1,4 @@
-"""Keep the world as it is: `ros2 launch poise world_model.launch.py scene:=/path/table.yaml state_file:=/path/world`."""
+"""Keep the world as it is: `ros2 launch poise world_model.launch.py scene:=/path/table.yaml`."""
 
 from launch import LaunchDescription
 from poise.nodes.launching import describe_launch

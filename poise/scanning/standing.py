@@ -1,4 +1,4 @@
-"""The surface of a scanned object as one closed mesh that stands flat: few facets, and a base in the plane of support."""
+"""The surface of a scanned object as one closed mesh with few facets, whose base lies in the plane of its support."""
 
 from typing import NamedTuple
 

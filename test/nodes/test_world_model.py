@@ -50,9 +50,10 @@ class Friend:
         self.events.publish(self.event)
 
     def mounted(self, *frames):
-        transforms = [TransformStamped(child_frame_id=child) for _, child, _ in frames]
-        for transform, (parent, _, height) in zip(transforms, frames, strict=True):
-            transform.header.frame_id, transform.transform.translation.z = parent, height
+        transforms = [TransformStamped(child_frame_id=child) for _, child, *_ in frames]
+        for transform, (parent, _, along, up) in zip(transforms, frames, strict=True):
+            shift = transform.transform.translation
+            transform.header.frame_id, shift.x, shift.z = parent, along, up
         self.tf.publish(TFMessage(transforms=transforms))
 
 
@@ -71,7 +72,7 @@ def scanned_box(name, stamp):
     scan.header.frame_id, scan.header.stamp = name, stamp
     for low, high in ((-0.0006, 0.03), (0.03, 0.08)):
         solid = box("part", (0.06, 0.04, high - low), (0, 0, 0)).shape.polyhedron
-        surface: MeshMessage = mesh_message(Mesh(solid.vertices + [0, 0, (low + high) / 2], solid.triangles))
+        surface: MeshMessage = mesh_message(Mesh(solid.vertices + np.array([0, 0, (low + high) / 2]), solid.triangles))
         scan.parts.append(Part(surface=surface))
     return scan
 
@@ -84,7 +85,7 @@ def test_what_is_scanned_is_grasped_weighed_placed_and_survives_a_restart(start_
     assert refused.error.code == ErrorCode.EMPTY
     assert friend.set(replace_by(message(CUBE))).version == 1
 
-    friend.mounted((FRAME, "cup", 0.004), ("hand_sensor", HAND, 0.1))
+    friend.mounted((FRAME, "cup", 2.0, 0.004), ("hand_sensor", HAND, 0.0, 0.1))
     friend.scans.publish(scanned_box("cup", friend.stamp()))
     friend.scans.publish(scanned_box("cup", friend.stamp()))
     state = friend.wait(lambda state: state_of(state, "cup"), "the scanned object")
@@ -154,10 +155,10 @@ def test_what_makes_no_sense_is_said_and_changes_nothing(start_node, graph, frie
     graph.meet()
     friend.happened(GraspEvent.GRASPED, "mug", HAND, IN_HAND)
     friend.wait(lambda state: state.error.code == ErrorCode.OBJECT_UNKNOWN, "an unknown object")
-    friend.mounted((FRAME, "cup", 0.5))
+    friend.mounted((FRAME, "cup", 2.0, 0.5))
     friend.scans.publish(scanned_box("cup", friend.stamp()))
     friend.wait(lambda state: state.error.code == ErrorCode.FLOATING, "a scan above everything")
-    friend.mounted((FRAME, "cup", 0.0))
+    friend.mounted((FRAME, "cup", 0.0, 0.0))
     friend.scans.publish(scanned_box("cup", friend.stamp()))
     friend.wait(lambda state: state.error.code == ErrorCode.INTERPENETRATION, "a scan inside the cube")
     friend.happened(
