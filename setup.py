@@ -24,6 +24,7 @@ NODES = {
     "object_scanner": "poise.nodes.object_scanner:main",
     "placement_planner": "poise.nodes.placement_planner:main",
     "robustness_server": "poise.nodes.robustness_server:main",
+    "world_model": "poise.nodes.world_model:main",
 }
 # Interface packages that pip has to build: ours, and those that PyPI does not have.
 INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs", "control_msgs": "third_party/control_msgs"}

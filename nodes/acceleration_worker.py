@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
@@ -17,11 +16,10 @@ from poise.nodes.assembly_message import assembly_of
 from poise.nodes.payload import weighed
 from poise.nodes.request_checks import check_assembly
 from poise.nodes.runtime import coded
-from poise.nodes.workers import Exchange
+from poise.nodes.workers import Exchange, Header
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import InertialEstimate
 
-Header = dict[str, Any]
 _MOVERS = "first_to_move"
 
 

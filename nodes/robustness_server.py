@@ -5,6 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ from visualization_msgs.msg import MarkerArray
 from poise.assembly import load_scene
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import package_file
+from poise.nodes.assembly_changes import changed_meanwhile
 from poise.nodes.assembly_markers import cleared
 from poise.nodes.assembly_message import assembly_message
 from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
@@ -100,7 +102,12 @@ class RobustnessServer(Node):
         self._layers: dict[str, list[Any]] = {}
         self._drawn, self._mapped = True, 0
         self._frames = FrameTree(one_parent=False, keep=False)
-        self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
+        self._follow = values["follow"]
+        if self._follow and (values["scene"] or values["poses_from_tf"]):
+            what = "with follow, world_model has the scene and the poses: leave scene and poses_from_tf out"
+            raise InputError(ErrorCode.BAD_INPUT, what)
+        if not self._follow:
+            self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
         self._clouds = self.create_publisher(PointCloud2, "robustness_map", LATCHED)
         self._marker_arrays = self.create_publisher(MarkerArray, "robustness_markers", LATCHED)
         settings = (values["mesh_folders"], values["marker_map_points"])
@@ -111,6 +118,8 @@ class RobustnessServer(Node):
         most_bytes = 4 * values["most_bytes"]
         self._jobs = Jobs(self, values["waiting"], values["waiting_heavy"], values["workers"], most_bytes)
         for kind, (service, name) in _SERVICES.items():
+            if kind == "set" and self._follow:
+                continue
             refused = self._say_version if kind == "set" else None
             self._jobs.serve(service, name, partial(self._task, kind), self._seconds, refused)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
@@ -158,12 +167,13 @@ class RobustnessServer(Node):
         if (message.header.stamp.sec, message.header.stamp.nanosec) in self._own_stamps:
             return
         request = SetAssembly.Request(assembly=message)
+        version = message.version if self._follow else 0
         try:
             call = call_of("set", request, self._frames, self._present.frame, self._limits, self._longest)
         except PoiseError as error:
-            self._refuse("assembly", error)
+            self._refuse("assembly", error, version=version)
             return
-        self._change_by(call, len(message.objects))
+        self._change_by(replace(call, version=version), len(message.objects))
 
     def _follow_tf(self) -> None:
         """Have what moved in tf moved, all at once; an error of poses holds until tf gives better ones."""
@@ -253,9 +263,9 @@ class RobustnessServer(Node):
             if proposed is None:
                 raise InputError(ErrorCode(response.error.code), response.error.message)
         except PoiseError as error:
-            self._refuse(what, error, forget=call.kind == "set")
+            self._refuse(what, error, forget=call.kind == "set", version=call.version)
         else:
-            self._commit(proposed, worker, publish=call.kind == "move")
+            self._commit(proposed, worker, publish=call.kind == "move", version=call.version)
         finally:
             if call.kind == "move":
                 self._moving = False
@@ -304,8 +314,8 @@ class RobustnessServer(Node):
             raise PoiseError(ErrorCode(error[0]), error[1])
         return messages
 
-    def _commit(self, proposed: _Proposal, worker: Worker, publish: bool = True) -> int:
-        """Make what a worker proposed the assembly that is set; its version.
+    def _commit(self, proposed: _Proposal, worker: Worker, publish: bool = True, version: int = 0) -> int:
+        """Make what a worker proposed the assembly that is set; its version, which may be given (0: the next one).
 
         Raises:
             InputError: BAD_INPUT when the assembly is no longer the one from which the proposal was computed.
@@ -313,8 +323,8 @@ class RobustnessServer(Node):
         message = deserialize_message(proposed.serialized, AssemblyMessage)
         with self._lock:
             if self._present.version != proposed.instead_of:
-                raise _changed_meanwhile(proposed.instead_of, self._present.version)
-            version = proposed.instead_of + 1
+                raise changed_meanwhile(proposed.instead_of, self._present.version)
+            version = version or proposed.instead_of + 1
             self._present = _Present(version, proposed.frame, message, proposed.serialized, proposed.key)
             self._layers.clear()
             worker.state["key"] = proposed.key
@@ -324,11 +334,11 @@ class RobustnessServer(Node):
                 self._assemblies.publish(proposed.serialized)
             return version
 
-    def _refuse(self, what: str, error: PoiseError, forget: bool = True) -> None:
+    def _refuse(self, what: str, error: PoiseError, forget: bool = True, version: int = 0) -> None:
         """After a bad message there is no assembly; bad poses leave the one that is set."""
         with self._lock:
             if forget:
-                self._present = _Present(self._present.version + 1, self._present.frame, problem=error)
+                self._present = _Present(version or self._present.version + 1, self._present.frame, problem=error)
                 self._layers.clear()
                 self._drawn = False
             else:
@@ -363,7 +373,7 @@ class RobustnessServer(Node):
 def _require(call: Call, present: _Present) -> None:
     """What a call presupposes about the assembly holds for this one."""
     if call.expected not in (0, present.version):
-        raise _changed_meanwhile(call.expected, present.version)
+        raise changed_meanwhile(call.expected, present.version)
     if not call.uses_present:
         return
     if present.problem is not None and (present.message is None or call.kind != "set"):
@@ -372,14 +382,6 @@ def _require(call: Call, present: _Present) -> None:
         raise InputError(ErrorCode.EMPTY, "no assembly has been set; call set_assembly, or send one along")
     if call.frame != present.frame:
         raise InputError(ErrorCode.BAD_INPUT, f"the frame of the assembly became {present.frame}; call again")
-
-
-def _changed_meanwhile(expected: int, version: int) -> InputError:
-    return InputError(
-        ErrorCode.BAD_INPUT,
-        f"a change of version {expected}: the assembly is version {version} by now, and was not changed; read it from "
-        "the topic assembly, and send the change again",
-    )
 
 
 def main(args: list[str] | None = None) -> None:

@@ -7,6 +7,7 @@ from poise.nodes.parameters import WORDS, Parameter
 ROBUSTNESS_SERVER_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with, or package:// URI; empty: none"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
+    Parameter("follow", False, "world_model keeps the assembly: take it from the topic, and do not serve set_assembly"),
     Parameter("waiting", 200, "calls that may wait; further calls are refused with BUSY", (1, 10_000)),
     Parameter("waiting_heavy", 20, "maps, plans and other heavy calls that may wait besides", (1, 10_000)),
     Parameter("longest", 30.0, "longest deadline, and that of calls without one, s", (0.01, 3600.0), dynamic=True),
