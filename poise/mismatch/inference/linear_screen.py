@@ -31,7 +31,7 @@ _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
 _GENERAL = ("link_parameters",)
 """Effects that are tried after all others, since they can imitate several of them."""
-_ALTERNATIVES = 4
+_ALTERNATIVES = 6
 """Other effects in the place of a single one that are compared in full."""
 _MOST = 10
 _CHOICES = 2
@@ -121,7 +121,12 @@ def screened(
 
 
 def _instead(sums: _Sums, chosen: int) -> list[int]:
-    """Families of other effects that lower the error nearly as much as the chosen one, the best of each effect."""
+    """Families of other effects that lower the error nearly as much as the chosen one, the best of each effect.
+
+    An effect that the chosen one is confused with, and that has non-linear parameters, is always among them: its
+    starting points alone do not show what it can explain.
+    """
+    known = sums.families[chosen].effect
     variance = _begun(sums, [chosen])[1]
     without = _relative(_error(sums, [], variance), variance)
     least = without - _SIMPLER * (without - _relative(_error(sums, [chosen], variance), variance))
@@ -131,11 +136,12 @@ def _instead(sums: _Sums, chosen: int) -> list[int]:
             family.effect is None
             or family.effect.made_of
             or _event(sums, i)
-            or family.name in (*_GENERAL, sums.families[chosen].name)
+            or family.name == sums.families[chosen].name
         ):
             continue
         error = _relative(_error(sums, [i], variance), variance)
-        if error < min(least, left.get(family.name, (np.inf, 0))[0]):
+        bent = known is not None and family.name in known.confused_with and bool(family.values)
+        if error < min(np.inf if bent else least, left.get(family.name, (np.inf, 0))[0]):
             left[family.name] = error, i
     return [i for _, i in sorted(left.values())[:_ALTERNATIVES]]
 
