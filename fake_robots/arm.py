@@ -31,7 +31,8 @@ from poise.types import Array
 _BLOCK = 0.02  # s simulated at a time, and the longest delay of a command
 _STOP_TIME = 0.5  # s to stop in when a command says so
 _FARTHEST = 60.0  # s ahead that a command may lie
-_BASE_JOINTS = ("base_x", "base_y", "base_yaw")
+BASE_JOINTS = ("base_x", "base_y", "base_yaw")
+"""Joints of a mobile base in a robot description."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,7 @@ class ArmOptions:
         seed: of the noise; the same one gives the same bytes.
         start_stamp: ns, header stamp of the beginning; None: the wall clock then.
         end: s after which there are no more messages; None: never.
+        tracking_delay: s by which the joints follow their command late.
     """
 
     wrench_noise: WrenchNoise
@@ -50,6 +52,7 @@ class ArmOptions:
     seed: int = 0
     start_stamp: int | None = 0
     end: float | None = None
+    tracking_delay: float = 0.0
 
 
 class Waypoints(NamedTuple):
@@ -91,13 +94,15 @@ class SimulatedArm:
         self._lock = threading.Lock()
         self._plans: list[tuple[float, Trajectory]] = [(0.0, self._beginning)]
         self._start = 0  # stamp of the beginning, ns
+        self.commands = 0
+        """How many commands have been taken: an action sees that another one has replaced its own."""
         self._frontier = 0.0  # s up to which the motion has been simulated and cannot be changed
         self.topics = {
             "robot_description": TopicInfo("std_msgs/msg/String", latched=True, depth=1),
             "joint_states": TopicInfo("sensor_msgs/msg/JointState"),
             "wrench": TopicInfo("geometry_msgs/msg/WrenchStamped"),
         }
-        self._drives = set(_BASE_JOINTS) <= set(self.model.joint_names)
+        self._drives = set(BASE_JOINTS) <= set(self.model.joint_names)
         if self._drives:
             self.topics["odom"] = TopicInfo("nav_msgs/msg/Odometry")
 
@@ -105,11 +110,32 @@ class SimulatedArm:
         """Take another payload (or gravity) from here on: a grasp, a release."""
         self.world = world
 
-    def command(self, waypoints: Waypoints) -> None:
+    @property
+    def now(self) -> float:
+        """s that have been simulated."""
+        return self._frontier
+
+    def stamp(self, seconds: float) -> int:
+        """ns, header stamp of a time of the simulation, s."""
+        return self._start + round(seconds * 1e9)
+
+    def lateness(self, stamp: int) -> float:
+        """s that a motion which should begin at a stamp (0: now) begins late; negative: it lies ahead."""
+        return self._frontier - (stamp - self._start) * 1e-9 if stamp else 0.0
+
+    def states(self, seconds: float) -> tuple[JointMotion, JointMotion]:
+        """What is commanded at a time, s, and where the joints are, (1, J) each."""
+        with self._lock:
+            return self._motion(np.array([seconds])), self._actual(np.array([seconds]))
+
+    def command(self, waypoints: Waypoints) -> tuple[int, float]:
         """Move through waypoints from where the arm then is, or (none at all) stop; what would be past is left out.
 
         Until a motion begins, the one before it goes on, as with ros2_control. Joints that are not named stop where
         they are.
+
+        Returns:
+            The number of the command, and when it begins, s.
 
         Raises:
             InputError: JOINT_MISSING for a joint that the robot does not have; BAD_INPUT for times or shapes;
@@ -138,6 +164,8 @@ class SimulatedArm:
             check_limits(self.model, plan)
             before = [(since, other) for since, other in self._plans if since < begin]
             self._plans = [*before[-3:], (begin, plan)]
+            self.commands += 1
+            return self.commands, begin
 
     def grip(self, names: Sequence[str], position: float) -> None:
         """Bring the gripper's joint to a position.
@@ -157,6 +185,7 @@ class SimulatedArm:
         """Everything the robot says, simulated block by block as it is asked for."""
         with self._lock:
             self._plans, self._frontier = [(0.0, self._beginning)], 0.0
+            self.commands += 1
         start = self._options.start_stamp
         if self._gripper is not None:
             self._gripper.reset()
@@ -182,9 +211,12 @@ class SimulatedArm:
             seconds = taken * np.float64(1e-9)
             with self._lock:
                 self._frontier = max(self._frontier, float(seconds[-1]) + 1e-9)
-                motion = self._motion(seconds)
+                motion = self._actual(seconds)
             yield from say(taken, motion)
             first = int(count[-1]) + 1
+
+    def _actual(self, seconds: Array) -> JointMotion:
+        return self._motion(seconds - self._options.tracking_delay)
 
     def _motion(self, seconds: Array) -> JointMotion:
         """What the plans say, each from its beginning until the next one's."""
@@ -217,7 +249,7 @@ class SimulatedArm:
             fingers = self._gripper.at(taken * np.float64(1e-9))
             said = tuple(np.column_stack(pair) for pair in zip(said, fingers, strict=True))
         stream = JointStream(stamps, names, said[0], said[1], said[2])
-        base = [self.model.joint_names.index(name) for name in _BASE_JOINTS] if self._drives else []
+        base = [self.model.joint_names.index(name) for name in BASE_JOINTS] if self._drives else []
         for i, (stamp, data) in enumerate(encode_stream("joint_states", stream)):
             yield Message(stamp, "joint_states", data)
             if self._drives:

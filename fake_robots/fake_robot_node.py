@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
@@ -21,15 +20,16 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, PoiseError
-from poise.fake_robots.arm import SimulatedArm, Waypoints
+from poise.fake_robots.arm import SimulatedArm
 from poise.fake_robots.bag_replay import BagSource, message_class
+from poise.fake_robots.commands import waypoints_of
 from poise.fake_robots.faults import apply_faults, parse_faults
 from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source, make_world
 from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
+from poise.fake_robots.trajectory_action import TrajectoryAction
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.runtime import guarded, run
-from poise.recording import stamp_of
 
 _ACKNOWLEDGED = Duration(seconds=2)
 """How long the end waits for subscribers to confirm the last messages."""
@@ -52,6 +52,7 @@ class FakeRobot(Node):
     def __init__(self, failed: Callable[[PoiseError], None]) -> None:
         super().__init__("fake_robot")
         self._failed = failed
+        self._actions: list[TrajectoryAction] = []
         values = declare_parameters(self, PARAMETERS, PAYLOAD)
         self._values = values
         self._faults = parse_faults(values["faults"])
@@ -80,6 +81,7 @@ class FakeRobot(Node):
         self.create_service(SetBool, "play", guarded(self, self._play))
         if isinstance(self._source, SimulatedArm):
             self.create_subscription(JointTrajectory, "joint_trajectory", guarded(self, self._command), 10)
+            self._actions = [TrajectoryAction(self, self._source, values)]
             if values["gripper_joint"]:
                 self.create_subscription(JointTrajectory, "gripper_trajectory", guarded(self, self._grip), 10)
         self.add_on_set_parameters_callback(self._set_payload)
@@ -90,6 +92,8 @@ class FakeRobot(Node):
         """Stop playing before the publishers go."""
         if hasattr(self, "_player"):
             self._player.stop()
+        for action in self._actions:
+            action.close()
         super().destroy_node()
 
     # -- in the player's thread -------------------------------------------------------------------------------
@@ -133,24 +137,7 @@ class FakeRobot(Node):
         return response
 
     def _command(self, message: JointTrajectory) -> None:
-        points = message.points
-        count = len(message.joint_names)
-
-        def rows(field: str) -> Any:
-            given = [list(getattr(point, field)) for point in points]
-            if not any(given):
-                return None
-            if any(len(row) != count for row in given):
-                raise InputError(ErrorCode.BAD_INPUT, f"joint trajectory: every point needs {count} {field} or none")
-            return np.array(given)
-
-        positions = rows("positions")
-        if points and positions is None:
-            raise InputError(ErrorCode.BAD_INPUT, "joint trajectory: its points have no positions")
-        times = np.array([point.time_from_start.sec + point.time_from_start.nanosec * 1e-9 for point in points])
-        given = (positions, rows("velocities"), rows("accelerations"))
-        waypoints = Waypoints(message.joint_names, times, *given, stamp_of(message))
-        self._source.command(waypoints)
+        self._source.command(waypoints_of(message))
 
     def _grip(self, message: JointTrajectory) -> None:
         """Only where it ends counts."""

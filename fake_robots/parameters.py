@@ -58,6 +58,12 @@ PARAMETERS = (
     Parameter("joint_velocity_noise", 1e-3, "arm: noise of velocities, rad/s, one sigma", (0.0, 10.0)),
     Parameter("joint_effort_noise", 0.1, "arm: noise of efforts, N m, one sigma", (0.0, 100.0)),
     Parameter("joint_stamp_jitter", 0.0, "arm: jitter of the joint stamps, s, one sigma", (0.0, 1.0)),
+    Parameter("tracking_delay", 0.0, "arm: s by which the joints follow their command late", (0.0, 5.0)),
+    Parameter("trajectory_action", "joint_trajectory_controller/follow_joint_trajectory", "arm: name of the action"),
+    Parameter("allow_partial_joints_goal", False, "arm: goals of the action may leave out joints"),
+    Parameter("path_tolerance", 0.0, "arm: default of path_tolerance, rad or m; 0: none", (0.0, 10.0)),
+    Parameter("goal_tolerance", 0.01, "arm: default of goal_tolerance, rad or m; 0: none", (0.0, 10.0)),
+    Parameter("goal_time", 5.0, "arm: default of goal_time_tolerance, s", (0.0, 600.0)),
     Parameter("gripper_joint", "", "arm: name of the joint that gripper_trajectory commands; empty: no gripper"),
     Parameter("gripper_speed", 1.0, "arm: rad/s or m/s of that joint", (1e-3, 100.0)),
 )
@@ -95,6 +101,7 @@ def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
         seed=values["seed"],
         start_stamp=None if values["start_time"] < 0 else round(values["start_time"] * 1e9),
         end=None if trajectory is None or values["stay"] else trajectory.duration,
+        tracking_delay=values["tracking_delay"],
     )
     gripper = SimulatedGripper(values["gripper_joint"], values["gripper_speed"]) if values["gripper_joint"] else None
     return SimulatedArm(make_world(model, values), description, trajectory, options, gripper)

@@ -29,7 +29,7 @@ class Answer(NamedTuple):
 
 
 class Answers:
-    """Sends answers in the order in which they become ready.
+    """Sends answers in the order in which they become ready: at once while few calls are in flight.
 
     Args:
         node: whose services are answered; an answer that cannot be sent is logged there.
@@ -40,6 +40,7 @@ class Answers:
         self._node = node
         self._ready: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
         self._called = 0.0
+        self._sent: deque[float] = deque(maxlen=_KEPT)
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -48,8 +49,15 @@ class Answers:
         self._called = time.monotonic()
 
     def put(self, send: Callable[[Any, Any], None], response: Any, header: Any, crowded: bool) -> None:
-        """Send an answer when its client can be expected to receive it."""
-        self._ready.put(Answer(send, response, header, crowded, time.monotonic()))
+        """Send an answer when its client can be expected to receive it.
+
+        A thread of jobs sends it itself, which saves a switch of threads; an executor must not wait for DDS.
+        """
+        answer = Answer(send, response, header, crowded, time.monotonic())
+        if crowded or threading.current_thread() is threading.main_thread() or not self._ready.empty():
+            self._ready.put(answer)
+        else:
+            self._send(answer)
 
     def close(self) -> None:
         """Send the answers that are ready, and end the thread."""
@@ -57,15 +65,18 @@ class Answers:
         self._thread.join(1.0)
 
     def _run(self) -> None:
-        sent: deque[float] = deque(maxlen=_KEPT)
         while (answer := self._ready.get()) is not None:
+            sent = self._sent
             if answer.crowded and len(sent) == _KEPT:
                 time.sleep(max(0.0, sent[0] + _KEPT * _SPACING - time.monotonic()))
                 while time.monotonic() < min(self._called + QUIET, answer.ready + LONGEST):
                     time.sleep(_SPACING)
-            try:
-                answer.send(answer.response, answer.header)
-            except Exception as error:  # one answer that cannot be sent must not keep back the others
-                if rclpy.ok():  # otherwise the node is shutting down
-                    self._node.get_logger().error(f"an answer was not sent: {error!r}", throttle_duration_sec=1.0)
-            sent.append(time.monotonic())
+            self._send(answer)
+
+    def _send(self, answer: Answer) -> None:
+        try:
+            answer.send(answer.response, answer.header)
+        except Exception as error:  # one answer that cannot be sent must not keep back the others
+            if rclpy.ok():  # otherwise the node is shutting down
+                self._node.get_logger().error(f"an answer was not sent: {error!r}", throttle_duration_sec=1.0)
+        self._sent.append(time.monotonic())

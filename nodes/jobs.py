@@ -19,6 +19,7 @@ from rclpy.qos import QoSProfile
 from poise.errors import ErrorCode, PoiseError
 from poise.nodes.answers import Answers
 from poise.nodes.runtime import coded, run
+from poise.nodes.workers import NOTHING_IN_TIME
 
 _SERVICE_QOS = QoSProfile(depth=1000)
 """Calls that wait in the middleware: the usual 10 would be overwritten by a burst."""
@@ -123,7 +124,8 @@ class Jobs:
         self._waiting: dict[bool, list[tuple[float, int, Job]]] = {False: [], True: []}
         self._bytes = 0
         self._counter = itertools.count()
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        self._awake = [threading.Condition(self._lock) for _ in range(threads)]
         self._idle = [True] * threads
         self._alone = self._closed = False
         self._open: set[Job] = set()
@@ -186,7 +188,7 @@ class Jobs:
     @property
     def state(self) -> dict[str, int]:
         """How many calls wait and run, by name."""
-        with self._changed:
+        with self._lock:
             waiting, heavy = len(self._waiting[False]), len(self._waiting[True])
             return {"waiting": waiting, "waiting_heavy": heavy, "running": self._idle.count(False)}
 
@@ -202,9 +204,10 @@ class Jobs:
         """Answer CANCELLED to waiting calls and end the threads; running jobs end by themselves or with the process."""
         for job in list(self._open):
             job.refuse(ErrorCode.CANCELLED, "the node shuts down; call again when it is back")
-        with self._changed:
+        with self._lock:
             self._closed = True
-            self._changed.notify_all()
+            for awake in self._awake:
+                awake.notify()
         self._answers.close()
         for thread in self._threads:
             thread.join(1.0)
@@ -214,7 +217,7 @@ class Jobs:
         task = job.task
         if task is None:
             return "there is nothing to do"
-        with self._changed:
+        with self._lock:
             waiting = self._waiting[task.heavy]
             if len(waiting) >= self._most[task.heavy]:
                 return f"{len(waiting)} calls wait already"
@@ -222,11 +225,17 @@ class Jobs:
                 return f"calls of {self._bytes / 1e6:.0f} MB wait already"
             self._bytes += task.size
             heapq.heappush(waiting, (job.deadline, next(self._counter), job))
-            self._changed.notify_all()
+            self._wake()
         return ""
 
-    def _take(self, number: int) -> Job | None:
-        """The next job for a thread; None to wait."""
+    def _wake(self) -> None:
+        """Wake the idle threads for which there is a job, and no other: each switch of threads delays the answers."""
+        for number, idle in enumerate(self._idle):
+            if idle and self._next(number) is not None:
+                self._awake[number].notify()
+
+    def _next(self, number: int) -> tuple[float, int, Job] | None:
+        """The entry of the next job for a thread; None to wait."""
         if len(self._idle) == 1:
             order = [False, True]
         elif number == 0:
@@ -236,34 +245,33 @@ class Jobs:
         for heavy in order:
             waiting = self._waiting[heavy]
             for entry in sorted(waiting) if self._alone else waiting[:1]:
-                job = entry[2]
-                if job.task is not None and not (job.task.alone and self._alone):
-                    waiting.remove(entry)
-                    heapq.heapify(waiting)
-                    return job
+                task = entry[2].task
+                if task is not None and not (task.alone and self._alone):
+                    return entry
         return None
 
     def _run(self, number: int) -> None:
         while True:
-            with self._changed:
-                while not self._closed and (job := self._take(number)) is None:
-                    self._changed.wait()
+            with self._lock:
+                while not self._closed and (entry := self._next(number)) is None:
+                    self._awake[number].wait()
                 if self._closed:
                     return
-                task = job.task
+                job, task = entry[2], entry[2].task
+                self._waiting[task.heavy].remove(entry)
+                heapq.heapify(self._waiting[task.heavy])
                 self._bytes -= task.size
                 self._idle[number] = False
                 self._alone |= task.alone
-                if any(self._waiting.values()):
-                    self._changed.notify_all()
+                self._wake()
             try:
                 if not job.answer.done():
                     self._answer(job, task, number)
             finally:
-                with self._changed:
+                with self._lock:
                     self._idle[number] = True
                     self._alone &= not task.alone
-                    self._changed.notify_all()
+                    self._wake()
 
     def _answer(self, job: Job, task: Task, number: int) -> None:
         try:
@@ -286,9 +294,8 @@ class Jobs:
         now = time.monotonic()
         for job in list(self._open):
             if now > job.due:
-                message = "the deadline passed before anything was certified; allow more time"
-                job.refuse(ErrorCode.DEADLINE, message, by_clock=True)
-        with self._changed:
+                job.refuse(ErrorCode.DEADLINE, NOTHING_IN_TIME, by_clock=True)
+        with self._lock:
             for waiting in self._waiting.values():
                 gone = [entry for entry in waiting if entry[2].answer.done()]
                 for entry in gone:

@@ -8,7 +8,7 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.errors import ErrorCode, InputError, PoiseError
 from poise.excitation.execution import (
     NOT_WATCHED,
     CommandedArm,
@@ -94,17 +94,8 @@ class SweepExecution:
         self._arm.check()
         if (problem := self._joints.problem(now)) is not None:
             raise problem
-        seconds = (self._joints.stamp - self._arm.begin) * 1e-9
-        there = prepared.motion.at(np.array([seconds]))
-        off = np.abs(self._joints.position - there.position[0])
-        if (off > self._values["start_tolerance"] + _OPTIONS.lag * np.abs(there.velocity[0])).any():
-            name = self._model.joint_names[int(off.argmax())]
-            raise NoAnswerError(
-                ErrorCode.NOT_FOLLOWING,
-                f"{name} is {off.max():.3f} off the sweep: is its controller active, and does it listen to"
-                " joint_trajectory",
-            )
-        if seconds > prepared.motion.duration:
+        self._arm.require_on_path(self._values["start_tolerance"], "the sweep")
+        if self._arm.seconds > prepared.motion.duration:
             self._arm.ended()
             self.over = True
 

@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +29,14 @@ _LEAST, _MOST = 1e-4, 1e6
 """s that a timeout may be."""
 _PIECE = 1 << 20
 """Bytes received at a time."""
+NOTHING_IN_TIME = "the deadline passed before anything was certified; allow more time"
+"""Message of a call that is answered DEADLINE without a result."""
 
-Exchange = tuple[dict[str, Any], list[bytes]]
-"""A header of plain values, and serialized messages."""
-Answering = Callable[[dict[str, Any], list[bytes]], Exchange]
+Header = dict[str, Any]
+"""Plain values, for JSON."""
+Exchange = tuple[Header, list[bytes]]
+"""A header, and serialized messages."""
+Answering = Callable[[Header, list[bytes]], Exchange]
 
 
 class WorkerTemplate:
@@ -57,8 +60,8 @@ class WorkerTemplate:
         theirs.close()
         self._process = os.pidfd_open(process)
 
-    def fork(self, settings: Any, pipe: socket.socket, life: Connection, due: float) -> int:
-        """Start a worker with its ends of a socket and a pipe; its process id.
+    def fork(self, settings: Any, pipe: socket.socket, due: float) -> int:
+        """Start a worker with its end of a socket; its process id.
 
         Raises:
             NoAnswerError: DEADLINE when the template has not answered by `due`.
@@ -70,7 +73,7 @@ class WorkerTemplate:
             self._requests += 1
             self._socket.settimeout(_left(due))
             request = json.dumps([self._requests, settings]).encode()
-            socket.send_fds(self._socket, [request], [pipe.fileno(), life.fileno()])
+            socket.send_fds(self._socket, [request], [pipe.fileno()])
             while answer := self._socket.recv(100):
                 number, process = map(int, answer.split())
                 if number == self._requests:  # else of a request that was given up: that worker ends with its pipes
@@ -101,17 +104,18 @@ class Worker:
         template: that forks it.
         settings: of the worker; plain values.
         memory: bytes of address space that it may take, besides what its modules take.
+        nice: how much it leaves the processor to others, as of `nice`.
     """
 
     template: WorkerTemplate
     settings: Sequence[Any]
     memory: int
+    nice: int = 0
     starts: int = 0
     state: dict[str, Any] = field(default_factory=dict)
     """What its owner knows about the process of the moment; empty after a start."""
     _process: int | None = None
     _pipe: Any = None
-    _life: Any = None
     _begun: float | None = None
     """When its start began; None: it has started."""
     _stopping: Any = field(default_factory=threading.Lock)
@@ -130,10 +134,10 @@ class Worker:
             return
         last = self._begun + _START_SECONDS
         try:
-            _exactly(self._pipe, len(_READY), min(due, last))
-        except EOFError as error:
-            self.stop()
-            raise PoiseError(ErrorCode.INTERNAL, "a worker ended while it started") from error
+            self._pipe.settimeout(_left(min(due, last)))
+            if not self._pipe.recv(len(_READY)):
+                self.stop()
+                raise PoiseError(ErrorCode.INTERNAL, "a worker ended while it started")
         except TimeoutError as error:
             if time.monotonic() < last:
                 raise _late() from error
@@ -143,20 +147,17 @@ class Worker:
 
     def _fork(self, due: float) -> None:
         self._pipe, theirs = socket.socketpair()
-        self._life, watched = _pipe()
         try:
-            process = self.template.fork([list(self.settings), self.memory], theirs, watched, due)
+            process = self.template.fork([list(self.settings), self.memory, self.nice], theirs, due)
             self._process = os.pidfd_open(process)
         finally:
             theirs.close()
-            watched.close()
             if self._process is None:
                 self._pipe.close()
-                self._life.close()
         self.starts += 1
         self._begun = time.monotonic()
 
-    def ask(self, header: dict[str, Any], messages: Sequence[bytes], due: float) -> Exchange:
+    def ask(self, header: Header, messages: Sequence[bytes], due: float) -> Exchange:
         """Exchange with the process; it is stopped when it has not answered by `due` on the monotonic clock.
 
         Raises:
@@ -188,22 +189,16 @@ class Worker:
                 select.select([self._process], [], [], _END_SECONDS)  # until its memory is free
             os.close(self._process)
             self._pipe.close()
-            self._life.close()
             self._process = None
             self.state.clear()
 
     @property
     def _ended(self) -> bool:
-        return self._life.poll()  # the other end is never written to: readable means closed
+        return bool(select.select([self._process], [], [], 0.0)[0])
 
 
 def _late(stopped: bool = False) -> NoAnswerError:
-    message = "the deadline passed before anything was certified; allow more time"
-    return NoAnswerError(ErrorCode.DEADLINE, message, stopped=stopped)
-
-
-def _pipe() -> tuple[Connection, Connection]:
-    return tuple(Connection(end.detach()) for end in socket.socketpair())  # type: ignore[return-value]
+    return NoAnswerError(ErrorCode.DEADLINE, NOTHING_IN_TIME, stopped=stopped)
 
 
 def _fork_on_request(requests: socket.socket, make: Callable[..., Answering]) -> None:
@@ -212,16 +207,16 @@ def _fork_on_request(requests: socket.socket, make: Callable[..., Answering]) ->
         signal.signal(ignored, signal.SIG_IGN)
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     while True:
-        request, ends, _, _ = socket.recv_fds(requests, 100_000, 2)
+        request, ends, _, _ = socket.recv_fds(requests, 100_000, 1)
         if not request:
             os._exit(0)
-        number, (settings, memory) = json.loads(request)
+        number, (settings, memory, nice) = json.loads(request)
         process = os.fork()
         if process == 0:
             requests.close()
             status = 1
             try:
-                _serve(socket.socket(fileno=ends[0]), Connection(ends[1]), make, settings, memory)
+                _serve(socket.socket(fileno=ends[0]), make, settings, memory, nice)
                 status = 0
             finally:
                 os._exit(status)
@@ -230,11 +225,12 @@ def _fork_on_request(requests: socket.socket, make: Callable[..., Answering]) ->
         requests.send(f"{number} {process}".encode())
 
 
-def _serve(pipe: socket.socket, life: Connection, make: Callable[..., Answering], settings: Any, memory: int) -> None:
+def _serve(pipe: socket.socket, make: Callable[..., Answering], settings: Any, memory: int, nice: int) -> None:
     """The worker: answers until its owner closes the pipe or dies."""
+    os.nice(nice)
     taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (taken + memory, taken + memory))
-    threading.Thread(target=_end_with, args=(life,), daemon=True).start()
+    threading.Thread(target=_end_with, args=(pipe.fileno(),), daemon=True).start()
     answer = make(*settings)
     pipe.sendall(_READY)
     while True:
@@ -245,38 +241,41 @@ def _serve(pipe: socket.socket, life: Connection, make: Callable[..., Answering]
         _send(pipe, *answer(header, messages))
 
 
-def _end_with(life: Connection) -> None:
-    """End the process when the owner has closed its end, also in the middle of a computation."""
-    life.poll(None)
+def _end_with(pipe: int) -> None:
+    """End the process when the owner has closed its end of a socket, also in the middle of a computation."""
+    hung_up = select.poll()
+    hung_up.register(pipe, 0)
+    hung_up.poll()
     os._exit(0)
 
 
-def _send(pipe: socket.socket, header: dict[str, Any], messages: Sequence[bytes], due: float = _NEVER) -> None:
+def _send(pipe: socket.socket, header: Header, messages: Sequence[bytes], due: float = _NEVER) -> None:
+    """Send the number of parts, their lengths, and the parts: the header as JSON, then the messages."""
     parts = [json.dumps(header).encode(), *messages]
-    lengths = [len(part) for part in parts]
-    for part in (struct.pack("<Q", len(parts)), struct.pack(f"<{len(parts)}Q", *lengths), *parts):
-        pipe.settimeout(_left(due))
-        pipe.sendall(part)
+    begin = struct.pack(f"<{len(parts) + 1}Q", len(parts), *map(len, parts))
+    pipe.settimeout(_left(due))
+    pipe.sendall(b"".join((begin, *parts)))
 
 
 def _received(pipe: socket.socket, due: float = _NEVER) -> Exchange:
-    (count,) = struct.unpack("<Q", _exactly(pipe, 8, due))
-    lengths = struct.unpack(f"<{count}Q", _exactly(pipe, 8 * count, due))
-    header, *messages = (_exactly(pipe, length, due) for length in lengths)
+    """What `_send` sent. No more than one exchange is under way, so that more than was asked for may be read."""
+    data, place = bytearray(), 0
+
+    def take(length: int) -> bytes:
+        nonlocal place
+        while len(data) < place + length:
+            pipe.settimeout(_left(due))
+            piece = pipe.recv(_PIECE)
+            if not piece:
+                raise EOFError
+            data.extend(piece)
+        place += length
+        return bytes(memoryview(data)[place - length : place])
+
+    (count,) = struct.unpack("<Q", take(8))
+    lengths = struct.unpack(f"<{count}Q", take(8 * count))
+    header, *messages = map(take, lengths)
     return json.loads(header), messages
-
-
-def _exactly(pipe: socket.socket, length: int, due: float) -> bytes:
-    """The next bytes of a socket; TimeoutError when they have not come by `due`."""
-    parts = []
-    while length:
-        pipe.settimeout(_left(due))
-        part = pipe.recv(min(length, _PIECE))
-        if not part:
-            raise EOFError
-        parts.append(part)
-        length -= len(part)
-    return b"".join(parts)
 
 
 def _left(due: float) -> float:

@@ -32,6 +32,8 @@ class ErrorCode(IntEnum):
     JOINT_LIMIT = 24
     UNREACHABLE = 25
     NOT_FOLLOWING = 26
+    NOT_HELD = 27
+    TOO_HEAVY = 28
 
     SENSOR_UNREACHABLE = 30
     SENSOR_PROTOCOL = 31

@@ -235,28 +235,16 @@ class TransferExecution:
         return self._arm_arrived(step.name, step.motion)
 
     def _arm_arrived(self, name: str, motion: WaypointTrajectory) -> bool:
-        joints, tolerances = self._robot.joints, self._tolerances
+        arm, joints, tolerances = self._robot.commanded, self._robot.joints, self._tolerances
         if joints.stamp < self._sent:
             raise SensorError(
                 ErrorCode.SENSOR_STALE,
                 f"the clock of joint_states was set back during {name}: fix that clock and send the goal again",
             )
-        seconds = (joints.stamp - self._robot.commanded.begin) * 1e-9
-        there = motion.at(np.array([seconds]))
-        off = np.abs(joints.position - there.position[0])
-        on_the_way = seconds < motion.duration
-        if not on_the_way and off.max() <= tolerances.arrival:
+        if arm.arrived(tolerances.arrival, tolerances.slack, name):
             return True
-        allowed = tolerances.path + _OPTIONS.lag * np.abs(there.velocity[0])
-        late = seconds > motion.duration + tolerances.slack
-        if late or (on_the_way and (off > allowed).any()):
-            index = int(np.argmax(off if late else off - allowed))
-            where = f"the end of {name}" if late else f"its path {max(seconds, 0.0):.2f} s into {name}"
-            raise NoAnswerError(
-                ErrorCode.NOT_FOLLOWING,
-                f"{self._robot.joint_names[index]} is {off[index]:.3f} off {where}: is its controller active, and does"
-                " it listen to joint_trajectory",
-            )
+        if arm.seconds < motion.duration:
+            arm.require_on_path(tolerances.path, f"its path of {name}")
         return False
 
     def _fingers_arrived(self, step: TransferStep, now: float) -> bool:

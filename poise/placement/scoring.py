@@ -63,7 +63,7 @@ def evaluate(analysis: Analysis, median: bool = False) -> PlacementScore:
     """
     surface = _corners(analysis)
     least = min(float(robustness_map(analysis, surface, _TOLERANCE, model).lower.min()) for model in ("limit", "patch"))
-    return replace(_rest(analysis, median), least=confirm_least(analysis, least))
+    return replace(_rest(analysis, median), least=_held(analysis, surface, least, NO_DEADLINE))
 
 
 def confirm_least(analysis: Analysis, least: float, deadline: Deadline = NO_DEADLINE) -> float:
@@ -77,7 +77,10 @@ def confirm_least(analysis: Analysis, least: float, deadline: Deadline = NO_DEAD
         least: N; what no corner is asked to exceed.
         deadline: when it passes, corners that are left are not asked.
     """
-    surface = _corners(analysis)
+    return _held(analysis, _corners(analysis), least, deadline)
+
+
+def _held(analysis: Analysis, surface: SurfacePoints, least: float, deadline: Deadline) -> float:
     wrenches = wrench_of_force(surface.directions, surface.points)
     most = CHECKED_WEIGHTS * sum(block.geometry.units.weight for block in analysis.blocks)
     held = min(least, most)

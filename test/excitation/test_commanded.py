@@ -111,3 +111,26 @@ def test_a_stop_of_a_motion_that_has_ended_ends_the_goal():
     bench.watchdog.sent = SentStop(ERROR, "")
     with pytest.raises(PoiseError, match="off its path"):
         bench.arm.check()
+
+
+def test_the_arm_is_on_its_path_and_arrives_or_the_joint_is_named():
+    bench = Bench()
+    bench.arm.move(STOPS, 0.0)
+
+    def at(seconds, position):
+        bench.arm._joints.add(bench.arm.begin + round(seconds * 1e9), ("a",), [position], seconds)
+
+    at(2.0, 0.25 + 0.01 + 0.15 * STOPS.motion.at(np.array([2.0])).velocity[0, 0])
+    assert bench.arm.seconds == pytest.approx(2.0)
+    bench.arm.require_on_path(0.02)
+    assert not bench.arm.arrived(0.02, 1.0, "reach")
+    with pytest.raises(PoiseError, match=r"a is 0\.045 off its path 2\.00 s into the motion") as raised:
+        bench.arm.require_on_path(0.001)
+    assert raised.value.code is ErrorCode.NOT_FOLLOWING
+    at(4.5, 0.45)
+    assert not bench.arm.arrived(0.02, 1.0, "reach")
+    at(4.6, 0.49)
+    assert bench.arm.arrived(0.02, 1.0, "reach")
+    at(5.1, 0.45)
+    with pytest.raises(PoiseError, match=r"0\.050 off the end of reach"):
+        bench.arm.arrived(0.02, 1.0, "reach")

@@ -44,3 +44,19 @@ def test_an_answer_that_cannot_be_sent_does_not_keep_back_the_next(monkeypatch: 
     assert sent == [1]
     assert len(node.logged) == 1
     assert "no message" in node.logged[0]
+
+
+def test_a_thread_of_jobs_sends_its_answer_itself_and_an_executor_does_not() -> None:
+    answers = Answers(LoggingNode(), "answers under test")
+    senders: list[str] = []
+
+    def put(crowded: bool) -> None:
+        answers.put(lambda *_: senders.append(threading.current_thread().name), None, None, crowded)
+
+    for crowded in (False, True):
+        worker = threading.Thread(target=put, args=(crowded,), name="a job")
+        worker.start()
+        worker.join()
+    put(False)
+    answers.close()
+    assert senders == ["a job", "answers under test", "answers under test"]

@@ -51,7 +51,7 @@ def test_error_codes_are_the_same_numbers_in_python_and_in_the_interface() -> No
 
 def test_the_index_knows_both_packages() -> None:
     packages = get_packages_with_prefixes()
-    assert {"poise", "poise_msgs", "tf2_msgs"} <= set(packages)
+    assert {"poise", "poise_msgs", "tf2_msgs", "control_msgs"} <= set(packages)
     assert get_resource("packages", "poise")[1] == packages["poise"]
 
 

@@ -49,3 +49,19 @@ def test_calls_that_were_answered_keep_no_place_and_no_bytes(most_heavy, most_by
         time.sleep(0.01)
     assert all(answer.done() for answer in after)
     jobs.close()
+
+
+def test_a_call_wakes_the_one_thread_that_takes_it():
+    node, woken, took = StubNode(), [], []
+    jobs = Jobs(node, 10, threads=3)
+    for number, awake in enumerate(jobs._awake):
+        awake.notify = lambda number=number, notify=awake.notify: (woken.append(number), notify())
+    jobs.serve(AssessRobustness, "assess", lambda heavy: Task(lambda _, thread: thread, heavy), lambda _: 1000.0)
+    for heavy in (False, True):
+        took.append(node.receive(heavy, None).result(60.0))
+        until = time.monotonic() + 60.0
+        while jobs.state["running"] and time.monotonic() < until:
+            time.sleep(0.01)
+    jobs.close()
+    assert took == [0, 1]
+    assert woken[:2] == [0, 1]

@@ -6,11 +6,12 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from poise.errors import ErrorCode, PoiseError
+from poise.errors import ErrorCode, NoAnswerError, PoiseError
 from poise.excitation.execution.joint_watch import JointWatch
 from poise.excitation.execution.options import ExecutionOptions
 from poise.excitation.execution.stops import ReadyStops
 from poise.simulation import WaypointTrajectory
+from poise.types import Array
 
 _OPTIONS = ExecutionOptions()
 NOT_WATCHED = (
@@ -163,6 +164,54 @@ class CommandedArm:
         watchdog.beat()
         if not watchdog.alive:
             raise PoiseError(ErrorCode.INTERNAL, "the watchdog of the motion has ended")
+
+    @property
+    def seconds(self) -> float:
+        """s since the begin of the motion, when the newest joint state was measured."""
+        return (self._joints.stamp - self.begin) * 1e-9
+
+    def require_on_path(self, tolerance: float, name: str = "its path") -> None:
+        """The arm is where the motion has it now, up to a tolerance (rad or m) and what it covers in `lag`.
+
+        Raises:
+            NoAnswerError: NOT_FOLLOWING.
+        """
+        self._require_near(self.seconds, tolerance, f"{name} {self.seconds:.2f} s into the motion")
+
+    def arrived(self, tolerance: float, slack: float, name: str) -> bool:
+        """The motion has ended, and the arm is at its end up to a tolerance (rad or m).
+
+        Raises:
+            NoAnswerError: NOT_FOLLOWING when it is not there `slack` s after that.
+        """
+        over = self.seconds - self._motion.duration
+        if over < 0:
+            return False
+        try:
+            self._require_near(self._motion.duration, tolerance, f"the end of {name}")
+        except NoAnswerError:
+            if over > slack:
+                raise
+            return False
+        return True
+
+    @property
+    def _motion(self) -> WaypointTrajectory:
+        if self._stops is None:
+            raise PoiseError(ErrorCode.INTERNAL, "no motion was sent")
+        return self._stops.motion
+
+    def _require_near(self, at: float, tolerance: float, where: str) -> None:
+        there = self._motion.at(np.array([at]))
+        off: Array = np.abs(self._joints.position - there.position[0])
+        beyond = off - tolerance - _OPTIONS.lag * np.abs(there.velocity[0])
+        index = int(np.argmax(beyond))
+        if not beyond[index] <= 0:
+            raise NoAnswerError(
+                ErrorCode.NOT_FOLLOWING,
+                f"{self._joints.names[index]} is {off[index]:.3f} off {where}: check that its controller is active and"
+                " subscribes to joint_trajectory",
+            )
 
     def ended(self) -> None:
         """The motion is over, and the arm at rest."""

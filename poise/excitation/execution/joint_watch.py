@@ -38,6 +38,11 @@ class JointWatch:
         """Messages that lack joints of this robot."""
         self._foreign_names = ""
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(J,) of the joints."""
+        return self._model.joint_names
+
     def add(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
         """Take a joint state: ns, names (K), positions (K,), and when it came, s."""
         where = dict(zip(names, np.asarray(position, dtype=np.float64).tolist(), strict=False))

@@ -219,8 +219,8 @@ class Session:
         self._arm.check()
         self._require_streams(now)
         plan = self._the_plan()
-        seconds = (self.joints.stamp - self._arm.begin) * 1e-9
-        self._require_on_path(seconds)
+        self._arm.require_on_path(self._options.off_path)
+        seconds = self._arm.seconds
         self.progress = 0.3 + 0.6 * float(np.clip(seconds / plan.motion.duration, 0.0, 1.0))
         if seconds >= plan.motion.duration + self._options.settle:
             self._arm.ended()
@@ -301,18 +301,6 @@ class Session:
         problem = self.joints.problem(now) or self._silent(now)
         if problem is not None:
             raise problem
-
-    def _require_on_path(self, seconds: float) -> None:
-        motion = self._the_plan().motion.at(np.array([seconds]))
-        off = np.abs(self.joints.position - motion.position[0])
-        allowed = self._options.off_path + self._options.lag * np.abs(motion.velocity[0])
-        if (off > allowed).any():
-            index = int(np.argmax(off - allowed))
-            raise PoiseError(
-                ErrorCode.NOT_FOLLOWING,
-                f"{self._model.joint_names[index]} is {off[index]:.3f} off its path {seconds:.2f} s into the motion:"
-                " check that its controller is active and subscribes to joint_trajectory",
-            )
 
     def _the_plan(self) -> ExcitationPlan:
         if self.planned is None:
