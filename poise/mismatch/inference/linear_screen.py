@@ -126,22 +126,17 @@ def _instead(sums: _Sums, chosen: int) -> list[int]:
     An effect that the chosen one is confused with, and that has non-linear parameters, is always among them: its
     starting points alone do not show what it can explain.
     """
-    known = sums.families[chosen].effect
-    variance = _begun(sums, [chosen])[1]
+    known, variance = sums.families[chosen], _begun(sums, [chosen])[1]
+    alike = known.effect.confused_with if known.effect else ()
     without = _relative(_error(sums, [], variance), variance)
     least = without - _SIMPLER * (without - _relative(_error(sums, [chosen], variance), variance))
     left: dict[str, tuple[float, int]] = {}
     for i, family in enumerate(sums.families):
-        if (
-            family.effect is None
-            or family.effect.made_of
-            or _event(sums, i)
-            or family.name == sums.families[chosen].name
-        ):
+        if family.effect is None or family.effect.made_of or _event(sums, i) or family.name == known.name:
             continue
         error = _relative(_error(sums, [i], variance), variance)
-        bent = known is not None and family.name in known.confused_with and bool(family.values)
-        if error < min(np.inf if bent else least, left.get(family.name, (np.inf, 0))[0]):
+        most = np.inf if family.values and family.name in alike else least
+        if error < min(most, left.get(family.name, (np.inf, 0))[0]):
             left[family.name] = error, i
     return [i for _, i in sorted(left.values())[:_ALTERNATIVES]]
 
