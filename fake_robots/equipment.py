@@ -13,8 +13,9 @@ from poise.fake_robots.grip import Pads
 from poise.fake_robots.gripper import FingerTravel, SimulatedGripper
 from poise.fake_robots.handling import Handling
 from poise.fake_robots.link_frames import LinkFrames
+from poise.fake_robots.mujoco_world import MujocoWorld
 from poise.fake_robots.sweep_bag import VGA
-from poise.fake_robots.world import QuasistaticWorld
+from poise.fake_robots.world import QuasistaticWorld, World
 from poise.files import package_file
 from poise.geometry import Pose, rotation_about
 from poise.nodes.parameters import WORDS, Parameter
@@ -39,6 +40,7 @@ EQUIPMENT_PARAMETERS = (
     Parameter("cmd_vel_timeout", 0.5, "arm: s without cmd_vel after which the base stops", (0.01, 100.0)),
     Parameter("cmd_vel_stamped", False, "arm: cmd_vel is a TwistStamped, as nav2 of Jazzy may send, not a Twist"),
     Parameter("world", "", "arm: scene file (YAML) of objects around it; needs gripper_joint"),
+    Parameter("world_engine", "quasistatic", "arm: what moves its objects", ("quasistatic", "mujoco")),
     Parameter("world_frame", "world", "arm: frame of that scene"),
     Parameter("robot_pose", [0.0] * 4, "arm: where its root link stands in the scene, x y z m and yaw rad"),
     Parameter("riding", WORDS, "arm: ids of fixed objects of the scene that the base carries"),
@@ -100,9 +102,13 @@ def _handling(
     if gripper is None:
         raise InputError(ErrorCode.BAD_INPUT, "parameter world: nothing grasps without a gripper; give gripper_joint")
     model.frame_id(values["tool_frame"])
-    world = QuasistaticWorld(
-        load_scene(package_file(values["world"])), Pads(friction=values["pad_friction"]), tuple(values["riding"])
-    )
+    engine = MujocoWorld if values["world_engine"] == "mujoco" else QuasistaticWorld
+    scene, pads = load_scene(package_file(values["world"])), Pads(friction=values["pad_friction"])
+    if scene.friction is None:
+        raise InputError(
+            ErrorCode.BAD_INPUT, "parameter world: the scene gives no friction; what falls may meet any body"
+        )
+    world: World = engine(scene, pads, tuple(values["riding"]))
     return Handling(world, model, LinkFrames(description, model), gripper, values["tool_frame"], standing)
 
 

@@ -101,6 +101,8 @@ class FakeRobot(Node):
             self._actions.append(
                 GripperAction(self, arm, gear.gripper, values["gripper_action"], values["allow_stalling"])
             )
+        if gear.handling is not None:
+            self.create_timer(0.5, guarded(self, functools.partial(self._report, gear.handling.world.remarks)))
         if gear.drive is not None:
             kind = TwistStamped if values["cmd_vel_stamped"] else Twist
             self.create_subscription(kind, "cmd_vel", guarded(self, self._drive), 10)
@@ -165,6 +167,10 @@ class FakeRobot(Node):
         if len(position) != 1 or not math.isfinite(position[0]):
             raise InputError(ErrorCode.BAD_INPUT, "gripper trajectory: its last point needs one finite position")
         self._source.grip(message.joint_names, position[0])
+
+    def _report(self, remarks: list[str]) -> None:
+        while remarks:
+            self.get_logger().info(remarks.pop(0))
 
     def _drive(self, message: Twist | TwistStamped) -> None:
         twist = message.twist if isinstance(message, TwistStamped) else message

@@ -68,6 +68,9 @@ class Held(NamedTuple):
 class World(Protocol):
     """Objects around a hand, moved on in steps of time."""
 
+    remarks: list[str]
+    """What happened to them, a sentence each, since they were read last."""
+
     def reset(self) -> None:
         """Be as at the beginning."""
 
@@ -109,6 +112,7 @@ class QuasistaticWorld:
         for name in riding:
             assembly.place_of(name)
         self._beginning, self._pads, self._first_riders = assembly, pads, riding
+        self.remarks: list[str] = []
         self.reset()
 
     def reset(self) -> None:
@@ -121,7 +125,6 @@ class QuasistaticWorld:
         self._sliding: dict[str, Array] = {}  # velocities of what the base has dislodged, m/s
         self._stands: dict[tuple[Any, ...], set[str]] = {}  # which riders an acceleration dislodges
         self._velocity = np.zeros(3)
-        self.remarks: list[str] = []
         self._riders = self._standing_on(self._riders)
 
     @property

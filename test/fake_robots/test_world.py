@@ -13,6 +13,7 @@ from poise.fake_robots.grip import Pads, squeeze
 from poise.fake_robots.gripper import SimulatedGripper
 from poise.fake_robots.handling import Handling
 from poise.fake_robots.link_frames import LinkFrames
+from poise.fake_robots.mujoco_world import MujocoWorld
 from poise.fake_robots.settling import come_to_rest
 from poise.fake_robots.world import Hand, QuasistaticWorld
 from poise.geometry import Pose
@@ -41,8 +42,8 @@ CAN = body("can", Cylinder(0.03, 0.1), at(0.3, 0, 0.05))
 class Hands:
     """A hand that points down, moved tick by tick."""
 
-    def __init__(self, *objects, riding=(), friction=0.5):
-        self.world = QuasistaticWorld(Assembly((TABLE, *objects)), Pads(friction=friction), riding)
+    def __init__(self, *objects, riding=(), friction=0.5, engine=QuasistaticWorld):
+        self.world = engine(Assembly((TABLE, *objects)), Pads(friction=friction), riding)
         self.time, self.opening, self.force, self.base = 0.0, 0.085, 0.0, Pose.identity()
         self.place, self.felt = np.array([0.3, 0.0, 0.05]), None
 
@@ -164,21 +165,52 @@ def test_what_stands_on_the_tray_rides_with_the_base():
     np.testing.assert_array_equal(hand.pose("can").vector, CAN.pose.vector)
 
 
+def drive(hand, share):
+    """The base accelerates for 0.2 s at a share of friction times gravity, and keeps its speed."""
+    x, most = 0.0, 0.5 * G * share * 0.2
+    for speed in [*np.linspace(0, most, 11), *[most] * 20]:
+        x += speed * 0.02
+        hand.base = at(x, 0, 0)
+        hand.tick()
+
+
 @pytest.mark.parametrize(("share", "moved"), [(0.9, False), (1.3, True)])
 def test_a_base_dislodges_what_it_accelerates_beyond_friction_alone(share, moved):
     """A flat brick slides at friction times gravity, and no earlier."""
     tray = RigidObject("tray", Box((1.0, 0.4, 0.02)), at(0, 0, 0.2), fixed=True)
     brick = body("brick", Box((0.1, 0.1, 0.02)), at(0, 0, 0.22))
     hand = Hands(tray, brick, riding=("tray",))
-    x = 0.0
-    for speed in [*np.arange(0, 0.5 * G * share * 0.2, 0.5 * G * share * 0.02), *[0.5 * G * share * 0.2] * 20]:
-        x += speed * 0.02
-        hand.base = at(x, 0, 0)
-        hand.tick()
-    off = abs(hand.pose("brick").translation[0] - x)
+    drive(hand, share)
+    off = abs(hand.pose("brick").translation[0] - hand.base.translation[0])
     assert off > 0.005 if moved else off < 1e-9
     assert bool(hand.world.remarks) == moved
     assert hand.pose("brick").translation[2] == pytest.approx(0.22, abs=1e-4)
+
+
+def test_mujoco_lifts_carries_and_puts_down_too():
+    pytest.importorskip("mujoco")
+    hand = Hands(CAN, engine=MujocoWorld).close()
+    assert hand.felt.id == "can"
+    assert hand.felt.opening == pytest.approx(0.06, abs=1e-3)
+    hand.go(0.3, 0.0, 0.25)
+    assert (hand.felt.id, hand.felt.reaction) == ("can", 0.0)
+    assert hand.felt.phi_in_tool[0] == pytest.approx(0.5)
+    hand.go(0.1, 0.2, 0.051).let_go().go(0.1, 0.2, 0.15)
+    assert hand.felt.id == ""
+    np.testing.assert_allclose(hand.pose("can").translation, [0.1, 0.2, 0.05], atol=2e-3)
+    slippery = Hands(body("can", CAN.shape, CAN.pose, mass=15.0), engine=MujocoWorld).close().go(0.3, 0, 0.25)
+    assert slippery.pose("can").translation[2] < 0.1
+
+
+@pytest.mark.parametrize(("share", "moved"), [(0.9, False), (1.3, True)])
+def test_mujoco_agrees_when_a_base_dislodges_a_brick(share, moved):
+    pytest.importorskip("mujoco")
+    tray = RigidObject("tray", Box((1.0, 0.4, 0.02)), at(0, 0, 0.2), fixed=True)
+    brick = body("brick", Box((0.1, 0.1, 0.02)), at(0, 0, 0.22))
+    hand = Hands(tray, brick, riding=("tray",), engine=MujocoWorld)
+    drive(hand, share)
+    off = abs(hand.pose("brick").translation[0] - hand.pose("tray").translation[0])
+    assert off > 0.01 if moved else off < 1e-3
 
 
 def test_a_squeeze_is_as_wide_as_the_body_between_the_pads():
