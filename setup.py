@@ -19,11 +19,13 @@ NODES = {
     "acceleration_limits": "poise.nodes.acceleration_limits:main",
     "fake_robot": "poise.fake_robots.fake_robot_node:main",
     "ft_driver": "poise.nodes.ft_driver:main",
+    "gripper_driver": "poise.nodes.gripper_driver:main",
     "inertial_estimator": "poise.nodes.inertial_estimator:main",
     "mismatch_diagnoser": "poise.nodes.mismatch_diagnoser:main",
     "object_scanner": "poise.nodes.object_scanner:main",
     "placement_planner": "poise.nodes.placement_planner:main",
     "robustness_server": "poise.nodes.robustness_server:main",
+    "world_model": "poise.nodes.world_model:main",
 }
 # Interface packages that pip has to build: ours, and those that PyPI does not have.
 INTERFACES = {"poise_msgs": "msg_defs", "tf2_msgs": "third_party/tf2_msgs", "control_msgs": "third_party/control_msgs"}

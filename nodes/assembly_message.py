@@ -162,7 +162,7 @@ def assembly_message(assembly: Assembly, frame_id: str) -> AssemblyMessage:
     message.header.frame_id = frame_id
     gravity = message.gravity
     gravity.x, gravity.y, gravity.z = np.asarray(assembly.gravity).tolist()
-    message.objects = [_object_message(item) for item in assembly.objects]
+    message.objects = [object_message(item) for item in assembly.objects]
     message.friction_pairs = [
         FrictionPairMessage(
             objects=list(pair.objects), coefficient=float(pair.coefficient), coefficient_std=float(pair.deviation)
@@ -172,7 +172,8 @@ def assembly_message(assembly: Assembly, frame_id: str) -> AssemblyMessage:
     return message
 
 
-def _object_message(item: RigidObject) -> AssemblyObject:
+def object_message(item: RigidObject) -> AssemblyObject:
+    """Turn one object into a message; as `assembly_message`."""
     message = AssemblyObject(id=item.id, fixed=item.fixed, pose=pose_message(item.pose), mesh_scale=1.0)
     shape, inertia = item.shape, message.inertia
     if isinstance(shape, Box):

@@ -30,6 +30,7 @@ class Call:
         expected: the version that it changes; 0: any.
         notes: defaults that were used, in words.
         poses: of a move, by id.
+        version: that the assembly has after it, where world_model counts; 0: the next one.
     """
 
     kind: str
@@ -40,6 +41,7 @@ class Call:
     expected: int = 0
     notes: tuple[str, ...] = ()
     poses: dict[str, list[float]] = field(default_factory=dict)
+    version: int = 0
 
 
 def call_of(kind: str, request: Any, frames: FrameTree, present_frame: str, limits: CallLimits, longest: float) -> Call:

@@ -12,30 +12,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from visualization_msgs.msg import MarkerArray
 
 from poise.assembly import Analysis, assess, plan_disassembly, robustness_map
 from poise.assembly.robustness import Robustness, RobustnessMap
 from poise.assembly.statics import Deadline, analysis_after, unstable
-from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.errors import ErrorCode, InputError, PoiseError
 from poise.geometry import Pose
 from poise.nodes.answer_checks import check_answer
+from poise.nodes.assembly_changes import changed, late, not_checked, stability_of
 from poise.nodes.assembly_markers import map_markers, mechanism_markers, scene_markers
 from poise.nodes.assembly_message import (
-    NO_FRICTION,
     assembly_message,
     assembly_of,
     assumptions_of,
-    objects_of,
-    pairs_of,
     pushes_of,
     robustness_message,
 )
 from poise.nodes.map_message import map_message
 from poise.nodes.runtime import coded
-from poise.nodes.workers import Exchange
+from poise.nodes.workers import Exchange, Header
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
 
@@ -44,8 +41,6 @@ MAP_TOLERANCE = 0.03
 _MARKER_SECONDS = 2.0
 """s that the map of the markers may take."""
 _KINDS = {"assess": AssessRobustness, "plan": PlanDisassembly, "set": SetAssembly, "move": SetAssembly}
-
-Header = dict[str, Any]
 
 
 class RobustnessWorker:
@@ -161,7 +156,7 @@ class RobustnessWorker:
         if not (found.stable or found.doubtful):
             raise unstable(found.falling, found.margin)
         if not complete:
-            raise _late("the bounds are what was certified by then")
+            raise late("the bounds are what was certified by then")
 
     def _plan(
         self, request: PlanDisassembly.Request, response: PlanDisassembly.Response, header: Header, _: list[bytes]
@@ -174,12 +169,12 @@ class RobustnessWorker:
         response.assumptions = assumptions_of(analysis.assembly)
         response.order, response.safe, response.margins = list(found.order), list(found.safe), list(found.margins)
         if not found.complete:
-            raise _late("what is not marked safe was not looked into")
+            raise late("what is not marked safe was not looked into")
 
     def _set(
         self, request: SetAssembly.Request, response: SetAssembly.Response, header: Header, extra: list[bytes]
     ) -> None:
-        self._propose(self._changed(request), response, header, extra)
+        self._propose(changed(self._analysis, request, self._folders), response, header, extra)
 
     def _move(self, header: Header, response: SetAssembly.Response, extra: list[bytes]) -> None:
         """Move objects to poses, all at once."""
@@ -190,27 +185,13 @@ class RobustnessWorker:
 
     def _propose(self, analysis: Analysis, response: SetAssembly.Response, header: Header, extra: list[bytes]) -> None:
         """The server decides whether this becomes the assembly that is set."""
-        found = analysis.stability(Deadline(header["deadline"]))
-        response.stable, response.margin, response.falling = found.stable, found.margin, list(found.falling)
-        response.assumptions = assumptions_of(analysis.assembly)
+        found = stability_of(analysis, response, Deadline(header["deadline"]))
         if found.doubtful and header["do"] == "set":
-            raise _late("whether the new assembly stands was not checked in time, and the assembly is as it was")
+            raise not_checked()
         self._next = header["next"], analysis
         extra.append(serialize_message(_stamped(assembly_message(analysis.assembly, header["frame"]), header)))
         if not found.stable:
             raise unstable(found.falling, found.margin)
-
-    def _changed(self, request: SetAssembly.Request) -> Analysis:
-        message = request.assembly
-        if request.operation == SetAssembly.Request.REPLACE:
-            return analysis_after(self._analysis, assembly_of(message, self._folders))
-        analysis = self._present()
-        if request.operation == SetAssembly.Request.ADD_OR_MOVE:
-            _require_setting(message, analysis)
-            return analysis.with_object(*objects_of(message, self._folders), pairs=pairs_of(message))
-        for item in message.objects:
-            analysis = analysis.without(item.id)
-        return analysis
 
     def _present(self) -> Analysis:
         if self._analysis is None:
@@ -248,20 +229,3 @@ def _stamped(message: AssemblyMessage, header: Header) -> AssemblyMessage:
     message.header.frame_id = header["frame"]
     message.header.stamp.sec, message.header.stamp.nanosec = header["stamp"]
     return message
-
-
-def _require_setting(message: AssemblyMessage, analysis: Analysis) -> None:
-    """A change of objects gives no other gravity and friction than the assembly has, if it gives them at all."""
-    gravity = np.array([message.gravity.x, message.gravity.y, message.gravity.z])
-    friction = analysis.assembly.friction
-    if gravity.any() and not np.allclose(gravity, analysis.assembly.gravity, atol=1e-6):
-        what = f"gravity {gravity} for {analysis.assembly.gravity}"
-    elif message.friction not in (NO_FRICTION, friction):
-        what = f"friction {message.friction:g} for {friction}"
-    else:
-        return
-    raise InputError(ErrorCode.BAD_INPUT, f"ADD_OR_MOVE with {what}: leave it out, or use REPLACE")
-
-
-def _late(what: str) -> NoAnswerError:
-    return NoAnswerError(ErrorCode.DEADLINE, f"the deadline passed: {what}")

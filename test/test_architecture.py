@@ -21,12 +21,12 @@ LEVELS = (
     {"cli", "commands", "api", "__init__"},
     {"viewing"},
     {"manipulation", "baselines"},
-    {"placement", "weighing", "mismatch", "excitation", "exporting"},
+    {"placement", "weighing", "mismatch", "excitation", "exporting", "world"},
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},
-    {"shape", "recording", "force_torque"},
-    {"geometry", "keystore"},
+    {"shape", "recording", "force_torque", "gripping"},
+    {"geometry", "keystore", "serial_bus"},
     {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another

@@ -6,6 +6,7 @@
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object.
+- `standing`: the surface of a scan as one closed mesh that stands flat, for an assembly.
 """
 
 from poise.scanning.camera import Camera
@@ -15,6 +16,7 @@ from poise.scanning.frames import Frame, View, depth_in_metres
 from poise.scanning.reading import MOST_FRAMES, Sweep, SweepOptions, camera_of, read_sweep, transform_of
 from poise.scanning.scan import Scan, ScanOptions, scan
 from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions, scan_session
+from poise.scanning.standing import StandingMesh, standing_mesh, united_surfaces
 from poise.scanning.sweep import Ring, plan_sweep
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "ScanOptions",
     "ScanSession",
     "SessionOptions",
+    "StandingMesh",
     "Sweep",
     "SweepOptions",
     "View",
@@ -39,5 +42,7 @@ __all__ = [
     "scan",
     "scan_ply",
     "scan_session",
+    "standing_mesh",
     "transform_of",
+    "united_surfaces",
 ]

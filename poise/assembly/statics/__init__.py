@@ -7,9 +7,16 @@
 - `pushes`: loads. `analysis`: an assembly prepared for many queries. `changes`: updates after a change of the assembly.
 """
 
-from poise.assembly.statics.analysis import Analysis, BlockAnalysis, Mechanism, PatchMechanism, unstable
+from poise.assembly.statics.analysis import (
+    Analysis,
+    BlockAnalysis,
+    Mechanism,
+    PatchMechanism,
+    Stability,
+    unstable,
+)
 from poise.assembly.statics.block import BlockGeometry, block_geometry
-from poise.assembly.statics.changes import analysis_after
+from poise.assembly.statics.changes import analysis_after, same_object
 from poise.assembly.statics.coulomb import FACTOR_TOLERANCE
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.equilibrium import contact_forces, polygon_rows
@@ -31,6 +38,7 @@ __all__ = [
     "Mechanism",
     "PatchMechanism",
     "Push",
+    "Stability",
     "analysis_after",
     "block_geometry",
     "contact_forces",
@@ -38,5 +46,6 @@ __all__ = [
     "loads_of",
     "patch_friction",
     "polygon_rows",
+    "same_object",
     "unstable",
 ]

@@ -1,0 +1,36 @@
+"""A poise_msgs/SegmentedObject as one rigid object of an assembly."""
+
+import numpy as np
+
+from poise.assembly import Mesh, RigidObject
+from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
+from poise.scanning import standing_mesh, united_surfaces
+from poise.world import assumed_weight
+from poise_msgs.msg import SegmentedObject
+
+
+def scanned_object(message: SegmentedObject, pose: Pose) -> tuple[RigidObject, tuple[str, ...]]:
+    """The union of the parts, standing flat, with a weight that is assumed; and notes to read it with.
+
+    Args:
+        message: whose object frame has its origin on the support, and its z away from it.
+        pose: of the object frame, in the assembly's.
+
+    Raises:
+        InputError: EMPTY without parts, NOT_FINITE, MESH_INVALID.
+    """
+    surfaces = []
+    for part in message.parts:
+        vertices = np.array([[corner.x, corner.y, corner.z] for corner in part.surface.vertices]).reshape(-1, 3)
+        triangles = [face.vertex_indices for face in part.surface.triangles]
+        surfaces.append((vertices, np.array(triangles, dtype=np.int64).reshape(-1, 3)))
+        if not np.isfinite(vertices).all():
+            raise InputError(ErrorCode.NOT_FINITE, f"segmented_object {message.id}: a vertex is not finite")
+        if surfaces[-1][1].size and surfaces[-1][1].max() >= len(vertices):
+            raise InputError(ErrorCode.MESH_INVALID, f"segmented_object {message.id}: a triangle has no such vertex")
+    if not message.id or not sum(len(triangles) for _, triangles in surfaces):
+        raise InputError(ErrorCode.EMPTY, f"segmented_object {message.id!r}: it has no parts or no id; scan it again")
+    mesh = standing_mesh(*united_surfaces(surfaces), name=f"segmented_object {message.id}")
+    item = RigidObject(message.id, Mesh(mesh.vertices, mesh.triangles), pose, mass=1.0)
+    return assumed_weight(item), (*message.notes, *mesh.notes)

@@ -1,0 +1,84 @@
+"""The surface of a scanned object as one closed mesh with few facets, whose base lies in the plane of its support."""
+
+from typing import NamedTuple
+
+import manifold3d
+import numpy as np
+
+from poise.errors import ErrorCode, InputError
+from poise.scanning.scan import HIDDEN_OFF
+from poise.shape import check_mesh
+from poise.types import Array, Indices
+
+_ROUGH = 1e-3
+"""m that the surface may move when its facets are made fewer: less than what a scan is off."""
+_SMALL_BASE = 0.5
+"""Share of its outline seen from above that the base of an object has at least, without a note."""
+
+
+class StandingMesh(NamedTuple):
+    """A closed surface in the object frame, whose z points away from its support.
+
+    Args:
+        vertices: (V, 3) m; none below z = 0, and those at 0 are the base.
+        triangles: (T, 3) vertex numbers, counter-clockwise from outside.
+        notes: what to read it with, one sentence each.
+    """
+
+    vertices: Array
+    triangles: Indices
+    notes: tuple[str, ...]
+
+
+def united_surfaces(surfaces: list[tuple[Array, Indices]]) -> tuple[Array, Indices]:
+    """The surface (V, 3) m, (T, 3) around solids that share faces; the faces they share are left out.
+
+    Args:
+        surfaces: vertices and triangles of each; what is shared has equal vertices in both.
+    """
+    offsets = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
+    numbered = zip(surfaces, offsets[:-1], strict=True)
+    corners = np.concatenate([triangles + offset for (_, triangles), offset in numbered])
+    points = np.concatenate([vertices for vertices, _ in surfaces])
+    points, number = np.unique(points, axis=0, return_inverse=True)
+    corners = number.reshape(-1)[corners]
+    _, same, count = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True, return_counts=True)
+    return points, corners[count[same.reshape(-1)] % 2 == 1]
+
+
+def standing_mesh(vertices: Array, triangles: Indices, name: str = "object") -> StandingMesh:
+    """Clean the surface of a scanned object.
+
+    What reaches below the support is cut off. The base is the cross-section a little above it, narrowed as the
+    sections above it say that it narrows: a ball does not stand on a disc.
+
+    Args:
+        vertices: (V, 3) m in the object frame; its origin is on the support, its z points away from it.
+        triangles: (T, 3) vertex numbers.
+        name: of the object, for errors.
+
+    Raises:
+        InputError: MESH_INVALID when it is no closed surface, or does not reach its support.
+    """
+    checked = check_mesh(vertices, triangles, name=name)
+    mesh = manifold3d.Mesh(np.asarray(checked.vertices, np.float32), np.asarray(checked.triangles, np.uint32))
+    body = manifold3d.Manifold(mesh)
+    if body.status() != manifold3d.Error.NoError:
+        raise InputError(ErrorCode.MESH_INVALID, f"{name}: its parts make no closed surface: scan it again")
+    body = body.simplify(_ROUGH)
+    low, higher = body.slice(HIDDEN_OFF), body.slice(2 * HIDDEN_OFF)
+    narrows = np.sqrt(max(higher.area(), 0.0) / np.pi) - np.sqrt(max(low.area(), 0.0) / np.pi)
+    base = low.offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+    if base.is_empty():
+        raise InputError(
+            ErrorCode.MESH_INVALID, f"{name}: it does not reach the plane on which it stands: scan it again, from lower"
+        )
+    notes = []
+    if base.area() < _SMALL_BASE * body.project().area():
+        notes.append(f"it stands on {1e4 * base.area():.2g} cm2 only: it may roll or topple")
+    foot = manifold3d.Manifold.extrude(base, 1.5 * HIDDEN_OFF)
+    cut = (body.trim_by_plane((0.0, 0.0, 1.0), HIDDEN_OFF) + foot).to_mesh()
+    points = np.asarray(cut.vert_properties, dtype=np.float64)[:, :3]
+    points[np.abs(points[:, 2]) < 1e-6, 2] = 0.0
+    whole = check_mesh(points, np.asarray(cut.tri_verts, dtype=np.int64), name=name)
+    return StandingMesh(whole.vertices, whole.triangles, (*notes, *whole.notes))

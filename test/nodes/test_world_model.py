@@ -1,0 +1,179 @@
+"""world_model in a real graph: set, scanned, grasped, weighed, placed, restarted; robustness_server follows it."""
+
+import numpy as np
+import pytest
+from assembly_calls import CUBE, FRAME, LATCHED, LOW_PUSH, assess, box, change, message, replace_by
+from geometry_msgs.msg import TransformStamped
+from shape_msgs.msg import Mesh as MeshMessage
+from tf2_msgs.msg import TFMessage
+
+from poise.assembly import Mesh
+from poise.errors import ErrorCode
+from poise.geometry import Pose
+from poise.nodes.assembly_message import mesh_message, pose_message
+from poise.nodes.world_model import GRASP_EVENTS
+from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.msg import AssemblyObject, GraspEvent, InertialEstimate, Part, SegmentedObject, WorldObject, WorldState
+from poise_msgs.srv import AssessRobustness, SetAssembly
+
+pytestmark = pytest.mark.ros
+HAND = "tcp"
+IN_HAND = Pose.from_vector([0, 0, 0.05, 0, 0, 0, 1])
+
+
+class Friend:
+    """What the test says to the node, and what it hears."""
+
+    def __init__(self, graph):
+        self.graph = graph
+        self.assemblies = graph.collect("assembly", AssemblyMessage, LATCHED)
+        self.states = graph.collect("world", WorldState, LATCHED)
+        make = graph.node.create_publisher
+        self.events = make(GraspEvent, "grasp_events", GRASP_EVENTS)
+        self.estimates = make(InertialEstimate, "inertial_estimate", LATCHED)
+        self.scans = make(SegmentedObject, "segmented_object", LATCHED)
+        self.tf = make(TFMessage, "tf_static", LATCHED)
+
+    def stamp(self):
+        return self.graph.node.get_clock().now().to_msg()
+
+    def set(self, request):
+        return self.graph.call(SetAssembly, "set_assembly", request)
+
+    def wait(self, condition, what):
+        self.graph.wait_for(lambda: self.states and condition(self.states[-1]), what=what)
+        return self.states[-1]
+
+    def happened(self, event, name, frame, pose, **more):
+        self.event = GraspEvent(event=event, id=name, pose=pose_message(pose), **more)
+        self.event.header.stamp, self.event.header.frame_id = self.stamp(), frame
+        self.events.publish(self.event)
+
+    def mounted(self, *frames):
+        transforms = [TransformStamped(child_frame_id=child) for _, child, *_ in frames]
+        for transform, (parent, _, along, up) in zip(transforms, frames, strict=True):
+            shift = transform.transform.translation
+            transform.header.frame_id, shift.x, shift.z = parent, along, up
+        self.tf.publish(TFMessage(transforms=transforms))
+
+
+@pytest.fixture
+def friend(graph):
+    return Friend(graph)
+
+
+def state_of(state, name):
+    return next((each for each in state.objects if each.object.id == name), None)
+
+
+def scanned_box(name, stamp):
+    """A block of 6 x 4 x 8 cm as object_scanner publishes it, in two parts, rough at its foot."""
+    scan = SegmentedObject(id=name, volume=1.92e-4)
+    scan.header.frame_id, scan.header.stamp = name, stamp
+    for low, high in ((-0.0006, 0.03), (0.03, 0.08)):
+        solid = box("part", (0.06, 0.04, high - low), (0, 0, 0)).shape.polyhedron
+        surface: MeshMessage = mesh_message(Mesh(solid.vertices + np.array([0, 0, (low + high) / 2]), solid.triangles))
+        scan.parts.append(Part(surface=surface))
+    return scan
+
+
+def test_what_is_scanned_is_grasped_weighed_placed_and_survives_a_restart(start_node, graph, friend, tmp_path):
+    parameters = {"state_file": str(tmp_path / "world"), "payload_period": 0.0}
+    node = start_node("world_model", parameters)
+    start_node("robustness_server", {"follow": True})
+    refused = friend.set(change(SetAssembly.Request.REMOVE, message(CUBE)))
+    assert refused.error.code == ErrorCode.EMPTY
+    assert friend.set(replace_by(message(CUBE))).version == 1
+
+    friend.mounted((FRAME, "cup", 2.0, 0.004), ("hand_sensor", HAND, 0.0, 0.1))
+    friend.scans.publish(scanned_box("cup", friend.stamp()))
+    friend.scans.publish(scanned_box("cup", friend.stamp()))
+    state = friend.wait(lambda state: state_of(state, "cup"), "the scanned object")
+    cup = state_of(state, "cup")
+    assert (cup.state, cup.source) == (WorldObject.STANDING, WorldObject.ASSUMED)
+    assert cup.object.pose.position.z == pytest.approx(0.0, abs=1e-9)
+    assert len(cup.object.covariance) == 100
+    graph.wait_for(lambda: len(friend.assemblies[-1].objects) == 3, what="the assembly")
+
+    # One truth: the follower answers about the same version.
+    def followed():
+        answer = graph.call(AssessRobustness, "assess_robustness", assess(LOW_PUSH))
+        return answer.version == friend.assemblies[-1].version and answer
+
+    assert graph.wait_for(followed).error.code == ErrorCode.OK
+
+    friend.happened(GraspEvent.GRASPED, "cup", HAND, IN_HAND, mass=0.5, mass_std=0.01)
+    state = friend.wait(lambda state: state_of(state, "cup").state == WorldObject.HELD, "the grasp")
+    assert state_of(state, "cup").object.inertia.m == 0.5
+    graph.wait_for(lambda: len(friend.assemblies[-1].objects) == 2, what="the assembly without it")
+    frames = graph.collect("tf", TFMessage)
+    graph.wait_for(lambda: frames and frames[-1].transforms, what="tf")
+    held = next(each for each in frames[-1].transforms if each.child_frame_id == "cup")
+    assert (held.header.frame_id, held.transform.translation.z) == (HAND, 0.05)
+    again = friend.set(change(SetAssembly.Request.ADD_OR_MOVE, message(box("cup", (1, 1, 1), (5, 0, 0.5)))))
+    assert again.error.code == ErrorCode.BAD_INPUT
+    assert "in the hand" in again.error.message
+
+    estimate = InertialEstimate(consistent=True, covariance=(1e-8 * np.eye(10)).ravel())
+    estimate.header.frame_id, estimate.header.stamp, estimate.since = "hand_sensor", friend.stamp(), friend.stamp()
+    found = estimate.inertia
+    found.m, found.com.z, found.ixx, found.iyy, found.izz = 1.4, 0.17, 4e-4, 4e-4, 2e-4
+    friend.estimates.publish(estimate)
+    friend.wait(lambda state: state.error.code == ErrorCode.NOT_CONSISTENT, "an estimate with the gripper in it")
+    found.m = 0.51
+    friend.estimates.publish(estimate)
+    state = friend.wait(lambda state: state_of(state, "cup").source == WorldObject.WEIGHED, "the estimate")
+    item = state_of(state, "cup").object
+    assert (item.inertia.m, item.com_given) == (0.51, True)
+    assert item.inertia.com.z == pytest.approx(0.17 - 0.1 - 0.05)
+
+    node.stop()
+    friend.states.clear()
+    node = start_node("world_model", parameters)
+    state = friend.wait(lambda state: state_of(state, "cup"), "the world after the restart")
+    cup = state_of(state, "cup")
+    assert (cup.state, cup.object.inertia.m, cup.frame_id) == (WorldObject.HELD, 0.51, HAND)
+    assert "not verified" in cup.notes[-1]
+
+    friend.happened(GraspEvent.RELEASED, "cup", FRAME, Pose.from_vector([3, 0, 0, 0, 0, 0, 1]))
+    state = friend.wait(lambda state: state_of(state, "cup").state == WorldObject.STANDING, "the release")
+    cup = state_of(state, "cup")
+    assert (cup.object.pose.position.x, cup.object.inertia.m, cup.frame_id) == (3.0, 0.51, FRAME)
+    graph.wait_for(lambda: len(friend.assemblies[-1].objects) == 3, what="the assembly with it")
+    friend.happened(GraspEvent.GRASPED, "cup", HAND, IN_HAND)
+    friend.happened(GraspEvent.LOST, "cup", "", Pose.identity())
+    friend.wait(lambda state: state_of(state, "cup").state == WorldObject.LOST, "the loss")
+    assert graph.wait_for(followed).error.code == ErrorCode.OK
+
+
+def test_what_makes_no_sense_is_said_and_changes_nothing(start_node, graph, friend):
+    start_node("world_model", {"settle": 0.005})
+    version = friend.set(replace_by(message(CUBE))).version
+    stale = change(SetAssembly.Request.ADD_OR_MOVE, message(box("lid", (1, 1, 0.2), (0, 0, 1.1))))
+    stale.expected_version = version + 7
+    assert friend.set(stale).error.code == ErrorCode.BAD_INPUT
+    graph.meet()
+    friend.happened(GraspEvent.GRASPED, "mug", HAND, IN_HAND)
+    friend.wait(lambda state: state.error.code == ErrorCode.OBJECT_UNKNOWN, "an unknown object")
+    friend.mounted((FRAME, "cup", 2.0, 0.5))
+    friend.scans.publish(scanned_box("cup", friend.stamp()))
+    friend.wait(lambda state: state.error.code == ErrorCode.FLOATING, "a scan above everything")
+    friend.mounted((FRAME, "cup", 0.0, 0.0))
+    friend.scans.publish(scanned_box("cup", friend.stamp()))
+    friend.wait(lambda state: state.error.code == ErrorCode.INTERPENETRATION, "a scan inside the cube")
+    friend.happened(
+        GraspEvent.GRASPED, "bad", HAND, Pose.from_vector([np.nan, 0, 0, 0, 0, 0, 1]), object=[AssemblyObject(id="bad")]
+    )
+    friend.wait(lambda state: state.error.code == ErrorCode.NOT_FINITE, "a pose that is not finite")
+    state = friend.states[-1]
+    assert [each.object.id for each in state.objects] == ["cube"]
+    assert state.version == version
+
+
+def test_a_damaged_state_file_is_refused_in_one_line(start_node, tmp_path):
+    (tmp_path / "world").write_text("poise world 1\nabc\n{}\n")
+    node = start_node("world_model", {"state_file": str(tmp_path / "world")})
+    assert node.wait() == 2
+    assert node.output.count("\n") == 1
+    assert "FILE_CORRUPT" in node.output
+    assert "checksum" in node.output
