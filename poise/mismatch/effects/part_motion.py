@@ -107,7 +107,7 @@ def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping:
     turn = np.stack([np.interp(even, seconds, w) for w in (rate * (damping * square / (1.0 + half))).T], axis=1)
     steady = drive[:3] / np.linalg.norm(drive[:3], axis=1, keepdims=True)
     before = 3.0 * steady[0] - 3.0 * steady[1] + steady[2]
-    places = np.array(_shaken(steady[0].tolist(), before.tolist(), drive, turn, half))
+    places = np.array(_shaken(steady[0].tolist(), before.tolist(), drive, turn, half)).reshape(-1, 3)
     # The same correction for the speed: of a sine, a central difference says sin(w h) / (w h) of it.
     speeds = np.gradient(places, axis=0, edge_order=2) * (frequency / np.sin(frequency * step))
     return _with_second(seconds, pull, rate, damping, CubicHermiteSpline(even, places, speeds))
@@ -124,13 +124,13 @@ def _with_second(
     return u, du, force - inward[:, None] * u
 
 
-def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, half: float) -> list[list[float]]:
-    """(K, 3) positions on the sphere, step by step. Plain floats: arrays of three numbers would be slower."""
+def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, half: float) -> list[float]:
+    """(3 K,) positions on the sphere, step by step. Plain floats: arrays of three numbers would be slower."""
     (x, y, z), (x0, y0, z0) = now, before
     a, b = 2.0 / (1.0 + half), (1.0 - half) / (1.0 + half)
-    out = []
-    for (px, py, pz), (wx, wy, wz) in zip(drive.tolist(), turn.tolist(), strict=True):
-        out.append([x, y, z])
+    out: list[float] = []
+    for px, py, pz, wx, wy, wz in zip(*drive.T.tolist(), *turn.T.tolist(), strict=True):
+        out += (x, y, z)
         fx = a * x - b * x0 + px + wy * z - wz * y
         fy = a * y - b * y0 + py + wz * x - wx * z
         fz = a * z - b * z0 + pz + wx * y - wy * x
