@@ -93,13 +93,19 @@ class Carrying:
     """
 
     def __init__(self, arm: Arm, robot: RobotPort, values: dict[str, Any]) -> None:
-        self._arm, self.robot, self._values = arm, robot, values
+        self.arm, self.robot, self._values = arm, robot, values
         self._begun = time.monotonic()
         self.start: Array | None = None
         self._transfer: Transfer | None = None
         self._steps: tuple[TransferStep, ...] = ()
         self._grasp: Pose | None = None
         self.playing: TransferExecution | None = None
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """How well the robot has to follow."""
+        values = self._values
+        return Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
 
     def found_start(self, now: float) -> bool:
         """Whether it is known where the arm rests; raises as `RobotPort.rests_at`."""
@@ -123,7 +129,7 @@ class Carrying:
                 `Reach.require_free_start` and `Reach.require_pick`.
         """
         require_room(analysis, item)
-        reach = Reach(self._arm, analysis, item, start=self.start, seed=seed)
+        reach = Reach(self.arm, analysis, item, start=self.start, seed=seed)
         reach.require_free_start()
         reach.require_pick()
         left = seconds_left(due, "the first pose")
@@ -135,7 +141,7 @@ class Carrying:
         transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
         held = transfer.grasp.object_tcp.inverse().act(item.pose.undo(item.com_in_world))
         steps = steps_of(transfer, self._values["speed"])
-        self._steps = with_stops(steps, self._arm, held, transfer.ends.hold)
+        self._steps = with_stops(steps, self.arm, held, transfer.ends.hold)
         for step in self._steps:
             if step.stops is not None:
                 self.robot.commanded.load(step.stops)
@@ -145,7 +151,7 @@ class Carrying:
 
     def planned(self) -> tuple[Pose | None, list[tuple[str, JointTrajectory]]]:
         """The tool frame at the grasp, in the assembly's frame, and the motion of each stage; None before the plan."""
-        names = self._arm.joint_names
+        names = self.arm.joint_names
         motions = [(step.name, trajectory_message(names, step.motion)) for step in self._steps if step.motion]
         return self._grasp, motions
 
@@ -153,9 +159,7 @@ class Carrying:
         """Begin to move."""
         if self._transfer is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
-        values = self._values
-        tolerances = Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
-        self.playing = TransferExecution(name, self._steps, self.robot, tolerances, now)
+        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now)
 
     def stop(self) -> None:
         """Stop the arm, also in the middle of a motion."""
@@ -197,6 +201,11 @@ class PlaceExecution:
         take = partial(add_transforms, self._frames)
         node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
         node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The parameters."""
+        return self._values
 
     @property
     def known(self) -> bool:

@@ -115,13 +115,13 @@ def _phases(
     at_pick, at_place = reach.open_cell(grasp, reach.item), reach.open_cell(grasp, placed)
     bare, opening = Cell(reach.arm, reach.around, grasp.width), reach.arm.hand.opening(grasp.width)
     with_it, with_it_there = (*reach.around, reach.item), (*reach.around, placed)
-    to_it = _way(reach, reach.start, pick.hand_away[-1], (with_it, 0.0, None), rng, deadline)
+    to_it = free_way(reach, reach.start, pick.hand_away[-1], (with_it, 0.0, None), rng, deadline)
     carried = reach.around, grasp.width, (reach.item, grasp)
-    across = _way(reach, pick.object_away[-1], place.object_away[-1], carried, rng, deadline)
-    back = _way(reach, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
+    across = free_way(reach, pick.object_away[-1], place.object_away[-1], carried, rng, deadline)
+    back = free_way(reach, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
     if to_it is None or across is None or back is None:
         return None
-    held = replace(limits, acceleration=min(limits.acceleration, _HOLD_SHARE * ends.hold))
+    held = held_limits(limits, ends.hold)
     com = grasp.object_tcp.inverse().act(reach.item.pose.undo(reach.item.com_in_world))
     ways = (
         ("reach", *to_it, 0.0, False),
@@ -136,13 +136,23 @@ def _phases(
     for name, way, cell, wide, holding in ways:
         slow = held if holding else limits
         if name in ("approach", "lift", "lower", "retreat"):
-            slow = replace(slow, speed=min(slow.speed, _GENTLY))
+            slow = gentle(slow)
         motions = timed(reach.arm, way, cell, com if holding else np.zeros(3), slow)
         phases.append(TransferPhase(name, tuple(motions), wide, holding))
     return tuple(phases)
 
 
-def _way(
+def held_limits(limits: Limits, hold: float) -> Limits:
+    """Limits of motions with something in the hand, whose grip withstands `hold`, m/s2."""
+    return replace(limits, acceleration=min(limits.acceleration, _HOLD_SHARE * hold))
+
+
+def gentle(limits: Limits) -> Limits:
+    """Limits of the straight ways to and from an object."""
+    return replace(limits, speed=min(limits.speed, _GENTLY))
+
+
+def free_way(
     reach: Reach,
     start: Array,
     goal: Array,
