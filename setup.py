@@ -19,6 +19,7 @@ NODES = {
     "acceleration_limits": "poise.nodes.acceleration_limits:main",
     "fake_robot": "poise.fake_robots.fake_robot_node:main",
     "ft_driver": "poise.nodes.ft_driver:main",
+    "gripper_driver": "poise.nodes.gripper_driver:main",
     "inertial_estimator": "poise.nodes.inertial_estimator:main",
     "mismatch_diagnoser": "poise.nodes.mismatch_diagnoser:main",
     "object_picker": "poise.nodes.object_picker:main",

@@ -42,22 +42,26 @@ _FEEDBACK_TICKS = 10
 _PLANNED_NOISE = NoiseLevels(linear_acceleration=0.02, angular_acceleration=0.05, force_bias=5.0, torque_bias=0.25)
 """Motions are planned for these levels where none are given. They show the sensor's bias, even of a zeroed sensor."""
 
-_PARAMETERS = (
+IDENTIFY_PAYLOAD_PARAMETERS = (
     Parameter("speed_limit", COLLABORATIVE_SPEED, "largest speed of any point of hand and object, m/s", (1e-3, 5.0)),
-    Parameter("object_radius", 0.15, "largest distance of the object from the tool centre point, m", (0.0, 5.0)),
+    Parameter(
+        "object_radius", 0.15, "largest distance of the object from the tool centre point, m", (0.0, 5.0), dynamic=True
+    ),
     Parameter("tcp_frame", "", "frame of the tool centre point; empty: the sensor's"),
     Parameter(
         "joint_speed_share", 0.8, "share of each joint's velocity limit, for identification motions", (0.01, 1.0)
     ),
     Parameter("joint_acceleration", 10.0, "largest joint acceleration of identification motions, rad/s2", (0.1, 1e3)),
     Parameter("room", 0.15, "largest distance of the tool centre point from its start, m", (0.01, 5.0)),
-    Parameter("excitation_duration", 1.5, "duration of the optimal motion, s", (0.5, 60.0)),
-    Parameter("stop_and_go_poses", 5, "number of poses to stop in", (3, 7)),
-    Parameter("stop_and_go_dwell", 0.75, "time at rest in each pose, s", (0.1, 10.0)),
-    Parameter("listen_duration", 3.0, "s of samples for MOTION_NONE", (0.1, 600.0)),
-    Parameter("expected_mass", 1.0, "approximate mass of the payload for planning motions, kg", (1e-3, 1e3)),
+    Parameter("excitation_duration", 1.5, "duration of the optimal motion, s", (0.5, 60.0), dynamic=True),
+    Parameter("stop_and_go_poses", 5, "number of poses to stop in", (3, 7), dynamic=True),
+    Parameter("stop_and_go_dwell", 0.75, "time at rest in each pose, s", (0.1, 10.0), dynamic=True),
+    Parameter("listen_duration", 3.0, "s of samples for MOTION_NONE", (0.1, 600.0), dynamic=True),
+    Parameter(
+        "expected_mass", 1.0, "approximate mass of the payload for planning motions, kg", (1e-3, 1e3), dynamic=True
+    ),
     READY_TIMEOUT,
-    Parameter("excitation_seed", 0, "seed of the search for the optimal motion", (0, 2**31 - 1)),
+    Parameter("excitation_seed", 0, "seed of the search for the optimal motion", (0, 2**31 - 1), dynamic=True),
 )
 
 
@@ -100,7 +104,7 @@ class IdentifyPayload:
 
     def __init__(self, node: ArmNode) -> None:
         self._node, self._live = node, node.live
-        self._values = declare_parameters(node, _PARAMETERS)
+        self._values = declare_parameters(node, IDENTIFY_PAYLOAD_PARAMETERS)
         self._arm = node.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self._goal: WatchedGoal | None = None
         self._session: Session | None = None

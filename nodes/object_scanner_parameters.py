@@ -15,10 +15,10 @@ _NOWHERE, _UNKNOWN = [float("nan")] * 3, [float("nan")] * 7
 
 SCANNER_PARAMETERS = (
     Parameter("object_id", "scanned_object", "id and frame of the object when the goal gives none"),
-    Parameter("max_frames", MOST_FRAMES, "largest number of frames of a scan", (1, 600)),
-    Parameter("frame_period", 0.2, "least time between frames, s", (0.0, 10.0)),
-    Parameter("duration", 60.0, "s after which a scan ends with the frames it has", (0.1, 3600.0)),
-    Parameter("patience", 5.0, "s without a frame after which it ends", (0.1, 600.0)),
+    Parameter("max_frames", MOST_FRAMES, "largest number of frames of a scan", (1, 600), dynamic=True),
+    Parameter("frame_period", 0.2, "least time between frames, s", (0.0, 10.0), dynamic=True),
+    Parameter("duration", 60.0, "s after which a scan ends with the frames it has", (0.1, 3600.0), dynamic=True),
+    Parameter("patience", 5.0, "s without a frame after which it ends", (0.1, 600.0), dynamic=True),
     Parameter("best_effort", False, "also accept images from a best-effort publisher (some may be lost)"),
     Parameter("depth_unit", 0.001, "unit of integer depth images, m", (1e-6, 1.0)),
     Parameter("camera_delay", 0.0, "delay of the stamps of images relative to those of joint_states, s", (-1.0, 1.0)),
@@ -34,12 +34,15 @@ SCANNER_PARAMETERS = (
         "near", _NOWHERE, "of several objects, the one nearest to this point in the robot's base, m; NaN: to the middle"
     ),
     READY_TIMEOUT,
-    Parameter("voxel", 0.0015, "spacing of the points, m", (2e-4, 0.05)),
-    Parameter("farthest", 1.2, "largest depth that is used, m", (0.1, 5.0)),
+    Parameter("voxel", 0.0015, "spacing of the points, m", (2e-4, 0.05), dynamic=True),
+    Parameter("farthest", 1.2, "largest depth that is used, m", (0.1, 5.0), dynamic=True),
     Parameter("refine", "auto", "refine poses by ICP: if views disagree (auto), always or never", _REFINE),
-    Parameter("complete", True, "fill the volume hidden from all views, down to the table"),
+    Parameter("complete", True, "fill the volume hidden from all views, down to the table", dynamic=True),
     Parameter(
-        "independent_parts", True, "at most four parts, which a sensor at rest can distinguish; false: all of them"
+        "independent_parts",
+        True,
+        "at most four parts, which a sensor at rest can distinguish; false: all of them",
+        dynamic=True,
     ),
 )
 

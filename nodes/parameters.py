@@ -15,12 +15,19 @@ WORDS = RosParameter.Type.STRING_ARRAY
 
 
 class Parameter(NamedTuple):
-    """One parameter: `choices` is the (least, greatest) number, or the words that are allowed."""
+    """One parameter.
+
+    Args:
+        name: of it. default: also its type. description: with unit.
+        choices: the (least, greatest) number, or the words that are allowed.
+        dynamic: a number in a range, or a switch, that may be changed while the node runs; it counts when next used.
+    """
 
     name: str
     default: Any
     description: str
     choices: tuple[Any, ...] = ()
+    dynamic: bool = False
 
 
 AUTOSTART = Parameter("autostart", True, "configure and activate at start, for use without a lifecycle manager")
@@ -28,12 +35,22 @@ AUTOSTART = Parameter("autostart", True, "configure and activate at start, for u
 
 
 def declare_parameters(node: Node, parameters: Sequence[Parameter], changeable: Collection[str] = ()) -> dict[str, Any]:
-    """Declare `parameters`, read-only but for the names in `changeable`, and give their values by name.
+    """Declare `parameters`, and give their values by name; those of dynamic ones follow their changes.
+
+    The others are read-only, but for the names in `changeable`, which the node has to follow itself.
 
     Raises:
         InputError: BAD_INPUT, for a value of the wrong type, out of its range or not among the words.
     """
-    return {parameter.name: _declare(node, parameter, parameter.name in changeable) for parameter in parameters}
+    values = {one.name: _declare(node, one, one.dynamic or one.name in changeable) for one in parameters}
+    dynamic = {one.name for one in parameters if one.dynamic}
+
+    def follow(changed: Sequence[RosParameter]) -> None:
+        values.update({one.name: one.value for one in changed if one.name in dynamic})
+
+    if dynamic:
+        node.add_post_set_parameters_callback(follow)
+    return values
 
 
 def one_of(parameter: Parameter, value: str) -> None:

@@ -52,12 +52,24 @@ PLACE_EXECUTION_PARAMETERS = (
     Parameter("tcp_frame", "tcp", "execute: frame of robot_description between the finger tips, z out of the hand"),
     Parameter("base", [0.0] * 4, "where tf has no base: its pose in the assembly's frame, x y z m and yaw rad"),
     Parameter("speed", 0.5, "execute: largest speed of the tool, m/s", (0.01, 2.0)),
-    Parameter("ways_seconds", 10.0, "execute: time limit for planning paths of the arm, s", (0.1, 3600.0)),
-    Parameter("arrival_tolerance", 0.003, "execute: largest error of a joint at the end of a motion, rad", (1e-5, 0.1)),
     Parameter(
-        "path_tolerance", 0.05, "execute: largest error on the path, rad, plus the travel in 0.15 s", (1e-4, 1.0)
+        "ways_seconds", 10.0, "execute: time limit for planning paths of the arm, s", (0.1, 3600.0), dynamic=True
     ),
-    Parameter("slack", 2.0, "execute: s that arm and fingers may arrive late", (0.0, 600.0)),
+    Parameter(
+        "arrival_tolerance",
+        0.003,
+        "execute: largest error of a joint at the end of a motion, rad",
+        (1e-5, 0.1),
+        dynamic=True,
+    ),
+    Parameter(
+        "path_tolerance",
+        0.05,
+        "execute: largest error on the path, rad, plus the travel in 0.15 s",
+        (1e-4, 1.0),
+        dynamic=True,
+    ),
+    Parameter("slack", 2.0, "execute: s that arm and fingers may arrive late", (0.0, 600.0), dynamic=True),
     Parameter("gripper_joint", Gripper.joint, "execute: the joint that gripper_trajectory commands"),
     Parameter(
         "gripper_open", Gripper.opened, "execute: its position with the fingers 85 mm apart, rad or m", (-10.0, 10.0)

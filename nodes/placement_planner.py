@@ -45,16 +45,19 @@ PLACEMENT_PLANNER_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with; empty: use the topic assembly"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
     Parameter("planner", DEFAULT_PLANNER, "planner that finds a placement", PLACEMENT_PLANNERS.names()),
-    Parameter("deadline", 5.0, "s, for goals without a deadline", (0.001, 3600.0)),
-    Parameter("attempts", 500, "largest number of poses to test", (1, 1_000_000)),
-    Parameter("candidates", 10, "placements to find; the best is returned", (1, 10_000)),
+    Parameter("deadline", 5.0, "s, for goals without a deadline", (0.001, 3600.0), dynamic=True),
+    Parameter("attempts", 500, "largest number of poses to test", (1, 1_000_000), dynamic=True),
+    Parameter("candidates", 10, "placements to find; the best is returned", (1, 10_000), dynamic=True),
     Parameter("criterion", "least", "criterion of the best placement", CRITERIA),
     Parameter("support", "any", "what may support the object", SUPPORT_KINDS),
     Parameter(
-        "robust", False, "require stability under errors of 2 mm, 2 degrees, 20 % of friction and 10 % of the mass"
+        "robust",
+        False,
+        "require stability under errors of 2 mm, 2 degrees, 20 % of friction and 10 % of the mass",
+        dynamic=True,
     ),
     READY_TIMEOUT,
-    Parameter("refine", False, "then move the object as long as the criterion improves"),
+    Parameter("refine", False, "then move the object as long as the criterion improves", dynamic=True),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),
@@ -127,14 +130,6 @@ class PlacementPlannerNode(ArmNode):
     def __init__(self) -> None:
         super().__init__("placement_planner")
         self._values = values = declare_parameters(self, PLACEMENT_PLANNER_PARAMETERS)
-        self._options = Options(
-            values["attempts"],
-            candidates=values["candidates"],
-            criterion=values["criterion"],
-            on=values["support"],
-            uncertainty=Uncertainty() if values["robust"] else None,
-            refining=values["refine"],
-        )
         self._planner = PLACEMENT_PLANNERS.find(values["planner"])
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._heard: AssemblyMessage | None = None
@@ -150,6 +145,19 @@ class PlacementPlannerNode(ArmNode):
         self.create_timer(_TICK, guarded(self, self._tick))
         self.watchdog = ProcessWatchdog(self, Action, "place_object", self._accept)
         self.start()
+
+    @property
+    def _options(self) -> Options:
+        """As the parameters say now."""
+        values = self._values
+        return Options(
+            values["attempts"],
+            candidates=values["candidates"],
+            criterion=values["criterion"],
+            on=values["support"],
+            uncertainty=Uncertainty() if values["robust"] else None,
+            refining=values["refine"],
+        )
 
     def destroy_node(self) -> None:
         """Stop the arm, then end the thread, before the node goes."""

@@ -6,7 +6,11 @@ from poise.errors import ErrorCode, PoiseError
 from poise.nodes.parameters import Parameter
 
 READY_TIMEOUT = Parameter(
-    "ready_timeout", 10.0, "s that a goal waits for the robot, its controllers and its sensors", (0.0, 600.0)
+    "ready_timeout",
+    10.0,
+    "s that a goal waits for the robot, its controllers and its sensors",
+    (0.0, 600.0),
+    dynamic=True,
 )
 _PASSING = (
     ErrorCode.TOPIC_MISSING,

@@ -17,17 +17,17 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from poise.assembly import load_scene
-from poise.assembly.robustness import MAX_MAP_POINTS
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import package_file
 from poise.nodes.assembly_changes import changed_meanwhile
-from poise.nodes.assembly_markers import MOST_DRAWN, cleared
+from poise.nodes.assembly_markers import cleared
 from poise.nodes.assembly_message import assembly_message
 from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Job, Jobs, Task, run_with_jobs
-from poise.nodes.parameters import WORDS, Parameter, declare_parameters
+from poise.nodes.parameters import declare_parameters
 from poise.nodes.request_checks import CallLimits
 from poise.nodes.robustness_calls import SHORT_OBJECTS, Call, call_of
+from poise.nodes.robustness_server_parameters import ROBUSTNESS_SERVER_PARAMETERS
 from poise.nodes.robustness_worker import RobustnessWorker, load_type_supports
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
 from poise.nodes.transforms import add_transforms, moved_poses
@@ -47,29 +47,6 @@ _SERVICES = {
     "plan": (PlanDisassembly, "plan_disassembly"),
     "set": (SetAssembly, "set_assembly"),
 }
-
-ROBUSTNESS_SERVER_PARAMETERS = (
-    Parameter("scene", "", "scene file to begin with, or package:// URI; empty: none"),
-    Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
-    Parameter("follow", False, "world_model keeps the assembly: take it from the topic, and do not serve set_assembly"),
-    Parameter("waiting", 200, "calls that may wait; further calls are refused with BUSY", (1, 10_000)),
-    Parameter("waiting_heavy", 20, "maps, plans and other heavy calls that may wait besides", (1, 10_000)),
-    Parameter("longest", 30.0, "longest deadline, and that of calls without one, s", (0.01, 3600.0)),
-    Parameter("workers", 2, "processes that compute; one is kept free of heavy calls if there are several", (1, 64)),
-    Parameter("worker_memory", 4096, "MB of memory that one worker may take", (256, 1_000_000)),
-    Parameter("poses_from_tf", False, "poses of movable objects are those of the tf frames named by their ids"),
-    Parameter("tf_rate", 5.0, "Hz at which tf is read", (0.1, 50.0)),
-    Parameter("tf_tolerance", 0.0005, "m and rad; smaller motions in tf are ignored", (0.0, 1.0)),
-    Parameter(
-        "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
-    ),
-    Parameter("most_objects", 2000, "largest number of objects of one call", (1, 100_000)),
-    Parameter("most_pushes", 10_000, "largest number of pushes of one call", (1, 1_000_000)),
-    Parameter("most_map_points", 100_000, "largest number of map points of one call", (1, MAX_MAP_POINTS)),
-    Parameter("most_triangles", 500_000, "largest number of mesh triangles of one call", (1, 100_000_000)),
-    Parameter("most_bytes", 64_000_000, "size of the largest call, bytes", (1000, 2_000_000_000)),
-    Parameter("marker_map_points", 0, "points of the map in the markers of a new assembly; 0: none", (0, MOST_DRAWN)),
-)
 
 
 class _Present(NamedTuple):
@@ -115,8 +92,7 @@ class RobustnessServer(Node):
         super().__init__("robustness_server")
         self._template = template
         values = declare_parameters(self, ROBUSTNESS_SERVER_PARAMETERS)
-        self._longest: float = values["longest"]
-        self._limits = CallLimits(*(values[f"most_{name}"] for name in CallLimits._fields))
+        self._values = values
         self._keys = itertools.count(1)
         self._moving = False
         # The lock guards changes of what follows. An answer is about one `_Present`, read once.
@@ -124,7 +100,7 @@ class RobustnessServer(Node):
         self._present = _Present(0, values["frame_id"])
         self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
         self._layers: dict[str, list[Any]] = {}
-        self._drawn = True
+        self._drawn, self._mapped = True, 0
         self._frames = FrameTree(one_parent=False, keep=False)
         self._follow = values["follow"]
         if self._follow and (values["scene"] or values["poses_from_tf"]):
@@ -154,7 +130,7 @@ class RobustnessServer(Node):
         self._diagnostics = DiagnosticsPublisher(self)
         self.create_timer(_HEALTH_PERIOD, guarded(self, self._publish_health))
         if values["poses_from_tf"]:
-            self.create_timer(1.0 / values["tf_rate"], guarded(self, partial(self._follow_tf, values["tf_tolerance"])))
+            self.create_timer(1.0 / values["tf_rate"], guarded(self, self._follow_tf))
 
     def destroy_node(self) -> None:
         """Answer those who wait before the node goes, and end the workers."""
@@ -164,6 +140,16 @@ class RobustnessServer(Node):
         for worker in getattr(self, "_workers", ()):
             worker.stop()
         super().destroy_node()
+
+    @property
+    def _longest(self) -> float:
+        """s that a call may take at most, now."""
+        return float(self._values["longest"])
+
+    @property
+    def _limits(self) -> CallLimits:
+        """Of one call, now."""
+        return CallLimits(*(self._values[f"most_{name}"] for name in CallLimits._fields))
 
     # -- in the executor -------------------------------------------------------------------------------------------
 
@@ -189,12 +175,12 @@ class RobustnessServer(Node):
             return
         self._change_by(replace(call, version=version), len(message.objects))
 
-    def _follow_tf(self, tolerance: float) -> None:
+    def _follow_tf(self) -> None:
         """Have what moved in tf moved, all at once; an error of poses holds until tf gives better ones."""
         present = self._present
         if present.message is None or self._moving:
             return
-        poses = moved_poses(present.message, self._frames, tolerance)
+        poses = moved_poses(present.message, self._frames, self._values["tf_tolerance"])
         if poses:
             heavy = len(present.message.objects) > SHORT_OBJECTS
             call = Call("move", b"", present.frame, True, heavy, present.version, poses=poses)
@@ -215,8 +201,13 @@ class RobustnessServer(Node):
             raise NoAnswerError(ErrorCode.BUSY, what)
 
     def _draw_soon(self) -> None:
+        """Have what has changed drawn; the map of a new assembly, which takes long, in the queue of heavy calls."""
         if not self._drawn:
             self._drawn = self._jobs.add(Task(lambda _, thread: self._draw(self._workers[thread])), self._longest)
+        version = self._present.version
+        if self._values["marker_map_points"] and self._mapped != version and "map" not in self._layers:
+            task = Task(lambda _, thread: self._draw(self._workers[thread], with_map=True), heavy=True)
+            self._mapped = version if self._jobs.add(task, self._longest) else 0
 
     def _publish_health(self) -> None:
         state = self._jobs.state
@@ -354,15 +345,20 @@ class RobustnessServer(Node):
                 self._present = self._present._replace(problem=error)
         self.get_logger().error(f"{what}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
 
-    def _draw(self, worker: Worker) -> None:
-        """Publish the markers; what another worker has drawn of this assembly stays."""
+    def _draw(self, worker: Worker, with_map: bool = False) -> None:
+        """Publish the markers; what another worker has drawn of this assembly stays.
+
+        Args:
+            worker: that draws what it has answered.
+            with_map: it computes the map of the markers, too.
+        """
         present = self._present
         markers: Sequence[Any] = ()
         if present.message is not None:
             due = time.monotonic() + self._longest
             worker.start(due)
             self._teach(worker, present)
-            header = {"do": "draw", "key": present.key, "frame": present.frame, "map": "map" not in self._layers}
+            header = {"do": "draw", "key": present.key, "frame": present.frame, "map": with_map}
             (drawn,) = self._exchanged(worker, header, [], due)
             markers = deserialize_message(drawn, MarkerArray).markers
         with self._lock:

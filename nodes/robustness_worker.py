@@ -32,7 +32,7 @@ from poise.nodes.assembly_message import (
 )
 from poise.nodes.map_message import map_message
 from poise.nodes.runtime import coded
-from poise.nodes.workers import Exchange
+from poise.nodes.workers import Exchange, Header
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
 
@@ -41,8 +41,6 @@ MAP_TOLERANCE = 0.03
 _MARKER_SECONDS = 2.0
 """s that the map of the markers may take."""
 _KINDS = {"assess": AssessRobustness, "plan": PlanDisassembly, "set": SetAssembly, "move": SetAssembly}
-
-Header = dict[str, Any]
 
 
 class RobustnessWorker:

@@ -32,9 +32,11 @@ _PIECE = 1 << 20
 NOTHING_IN_TIME = "the deadline passed before anything was certified; allow more time"
 """Message of a call that is answered DEADLINE without a result."""
 
-Exchange = tuple[dict[str, Any], list[bytes]]
-"""A header of plain values, and serialized messages."""
-Answering = Callable[[dict[str, Any], list[bytes]], Exchange]
+Header = dict[str, Any]
+"""Plain values, for JSON."""
+Exchange = tuple[Header, list[bytes]]
+"""A header, and serialized messages."""
+Answering = Callable[[Header, list[bytes]], Exchange]
 
 
 class WorkerTemplate:
@@ -155,7 +157,7 @@ class Worker:
         self.starts += 1
         self._begun = time.monotonic()
 
-    def ask(self, header: dict[str, Any], messages: Sequence[bytes], due: float) -> Exchange:
+    def ask(self, header: Header, messages: Sequence[bytes], due: float) -> Exchange:
         """Exchange with the process; it is stopped when it has not answered by `due` on the monotonic clock.
 
         Raises:
@@ -247,7 +249,7 @@ def _end_with(pipe: int) -> None:
     os._exit(0)
 
 
-def _send(pipe: socket.socket, header: dict[str, Any], messages: Sequence[bytes], due: float = _NEVER) -> None:
+def _send(pipe: socket.socket, header: Header, messages: Sequence[bytes], due: float = _NEVER) -> None:
     """Send the number of parts, their lengths, and the parts: the header as JSON, then the messages."""
     parts = [json.dumps(header).encode(), *messages]
     begin = struct.pack(f"<{len(parts) + 1}Q", len(parts), *map(len, parts))

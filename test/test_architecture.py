@@ -25,8 +25,8 @@ LEVELS = (
     {"simulation"},
     {"assembly", "inertia", "scanning"},
     {"robot"},
-    {"shape", "recording", "force_torque"},
-    {"geometry", "keystore"},
+    {"shape", "recording", "force_torque", "gripping"},
+    {"geometry", "keystore", "serial_bus"},
     {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another

@@ -15,7 +15,9 @@ from poise.cli import COMMANDS, load_command, run
 
 NODES = set(re.findall(r'^    "(\w+)": "poise\.', (ROOT / "setup.py").read_text(), re.M))
 NODE_SOURCES = "".join(
-    path.read_text() for room in ("nodes", "fake_robots", "poise/force_torque") for path in (ROOT / room).rglob("*.py")
+    path.read_text()
+    for room in ("nodes", "fake_robots", "poise/force_torque", "poise/gripping")
+    for path in (ROOT / room).rglob("*.py")
 )
 MAKE_TARGETS = set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.M))
 SHARED = ("bags", "examples", "docs", "config", "benchmarks")

@@ -2,6 +2,7 @@
 
 import math
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -181,6 +182,15 @@ def full_disk(bench: Bench) -> None:
     bench.program.start(full_disk=True)
 
 
+def disk_fills(bench: Bench) -> None:
+    """From the middle of a goal on, every write to a file fails, in all processes of the node."""
+    bench.subject.begin(bench.observer)
+    for process in bench.program.processes():
+        _, most = resource.prlimit(process, resource.RLIMIT_FSIZE)
+        resource.prlimit(process, resource.RLIMIT_FSIZE, (0, most))
+    bench.observer.rest(0.5)
+
+
 def wrong_parameters(bench: Bench) -> None:
     """Every parameter is set to values outside of its range, to NaN and to other types; none may be taken."""
     observer, name = bench.observer, bench.program.name
@@ -241,6 +251,7 @@ FAULTS: dict[str, Callable[[Bench], None]] = {
     "slow reader": slow_subscriber,
     "inputs lost": lost_inputs,
     "full disk": full_disk,
+    "disk fills": disk_fills,
     "wrong parameters": wrong_parameters,
 }
 

@@ -128,6 +128,14 @@ class NodeProgram:
             self.kill()
             return None
 
+    def processes(self) -> list[int]:
+        """Ids of the process and of those that it started, directly or not."""
+        found = [self.pid]
+        for process in found:  # grows while it is read
+            for task in Path(f"/proc/{process}/task").iterdir():
+                found += map(int, (task / "children").read_text().split())
+        return found
+
     def memory(self) -> float:
         """Resident memory, MB."""
         return int(Path(f"/proc/{self.pid}/statm").read_text().split()[1]) * _PAGE / 1e6

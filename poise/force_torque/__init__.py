@@ -1,7 +1,7 @@
 """From the bytes of a force-torque sensor to calibrated and stamped samples, with counts of losses.
 
 - `wire`: samples, and the building blocks of links and fakes. `sensors`: the registry of devices.
-- `acquisition`: the thread that reads a device; `connection`: the times of its new attempts.
+- `acquisition`: the thread that reads a device.
 - `sequence`: new, late, duplicate and lost samples. `clock`: stamps without jitter.
 - `decimation`, `batch`: block averages; all samples in one message.
 - `bias`: the mean reading, and a test that the load was at rest.

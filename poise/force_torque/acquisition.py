@@ -15,11 +15,11 @@ from poise.errors import ErrorCode, PoiseError, SensorError
 from poise.force_torque.batch import Batcher, SampleBatch
 from poise.force_torque.bias import MAX_DRIFT, Bias, BiasJob
 from poise.force_torque.clock import SampleClock
-from poise.force_torque.connection import Backoff
 from poise.force_torque.decimation import BlockAverager, BlockAverages, Stamped, block_size
 from poise.force_torque.health import Health, StreamReport
 from poise.force_torque.sequence import SequenceCounter
 from poise.force_torque.wire import Link, SensorSamples
+from poise.serial_bus import Backoff
 from poise.types import Array
 
 _LONGEST_WAIT = 0.05

@@ -5,7 +5,7 @@ import pytest
 
 from poise.errors import ErrorCode, NoAnswerError, SensorError
 from poise.force_torque.bias import MAX_DRIFT, BiasJob, estimate_bias
-from poise.force_torque.connection import Backoff
+from poise.serial_bus import Backoff
 
 LOAD = np.array([1.0, 2.0, 30.0, 0.1, 0.2, 0.3])
 NOISE = np.repeat([0.3, 0.01], 3)

@@ -11,9 +11,10 @@ from typing import Any
 
 import pytest
 import rclpy
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 
 from poise.nodes.runtime import EventsExecutor
@@ -141,6 +142,13 @@ class Graph:
             return future.result()
         finally:
             self.node.destroy_client(client)
+
+    def set_parameters(self, node: str, **values: float) -> list[bool]:
+        """Set numbers of a node, one after the other; whether each was taken."""
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        )
+        return [result.successful for result in self.call(SetParameters, f"{node}/set_parameters", request).results]
 
     def close(self) -> None:
         self._executor.shutdown()

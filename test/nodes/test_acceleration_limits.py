@@ -1,14 +1,22 @@
 """acceleration_limits in a real graph: closed forms, and what it says when assembly, payload or base change."""
 
+import json
 import math
+import os
+import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
 from assembly_calls import CUBE, FRAME, LATCHED, LID, box, message
 from nav_msgs.msg import Odometry
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
 
+from poise.assembly import acceleration_limits
 from poise.errors import ErrorCode
+from poise.nodes.acceleration_worker import AccelerationWorker, limits_of
+from poise.nodes.assembly_message import assembly_of
 from poise_msgs.msg import AccelerationLimits, Assembly, InertialEstimate
 from poise_msgs.msg import ErrorCode as ErrorCodeMessage
 
@@ -21,7 +29,8 @@ def limits(start_node, graph):
     """Start the node with parameters; return the list of what it publishes, and a publisher of assemblies."""
 
     def start(parameters=None):
-        start_node("acceleration_limits", {"azimuths": 8, "rate": 50.0, **(parameters or {})})
+        values = {"azimuths": 8, "rate": 50.0, **(parameters or {})}
+        start.pid = start_node("acceleration_limits", values).process.pid
         found = graph.collect("acceleration_limits", AccelerationLimits, LATCHED)
         graph.wait_for(lambda: graph.node.count_publishers("acceleration_limits"), 40.0, what="the node")
         return found, graph.node.create_publisher(Assembly, "assembly", LATCHED)
@@ -35,7 +44,7 @@ def newest(graph, found, holds, what):
 
 
 def test_the_limits_follow_the_assembly_and_say_when_it_does_not_stand(limits, graph):
-    found, assemblies = limits()
+    found, assemblies = limits({"longest_contacts": 3.0})
     assemblies.publish(message(CUBE))
     alone = newest(graph, found, lambda said: said.limits, "limits")
     # The cube slides at mu g, before it topples at g.
@@ -61,6 +70,56 @@ def test_the_limits_follow_the_assembly_and_say_when_it_does_not_stand(limits, g
     assert not overlap.limits
     assemblies.publish(message(CUBE, LID))
     newest(graph, found, lambda said: said.error.code == ErrorCode.OK, "limits again")
+    # A computation that hangs: the node answers, says that the limits are late, and stops its process.
+    hung = offspring(limits.pid)
+    for process in hung:
+        os.kill(process, signal.SIGSTOP)
+    assemblies.publish(message(CUBE))
+    late = newest(graph, found, lambda said: said.error.code == ErrorCode.DEADLINE, "DEADLINE")
+    assert "still being computed" in late.error.message
+    assert not late.limits
+    assert graph.set_parameters("acceleration_limits", turning_speed=0.3, longest_contacts=60.0) == [True, True]
+    assert graph.set_parameters("acceleration_limits", turning_speed=1e9, longest=math.nan) == [False, False]
+    os.kill(hung[0], signal.SIGCONT)  # the template; the worker stays as it is
+    newest(graph, found, lambda said: "before anything was certified" in said.error.message, "the end of the wait")
+    assemblies.publish(message(CUBE))
+    turned = newest(graph, found, lambda said: said.error.code == ErrorCode.OK, "limits of a new process")
+    assert turned.turning_speed == 0.3
+
+
+def offspring(process):
+    """Process ids of the children of a process, and of theirs."""
+    found = []
+    for task in Path(f"/proc/{process}/task").iterdir():
+        for child in map(int, (task / "children").read_text().split()):
+            found += [child, *offspring(child)]
+    return found
+
+
+def test_limits_pass_from_the_worker_as_they_are():
+    worker = AccelerationWorker([], "lid", [0.0] * 6 + [1.0])
+    asked = {"do": "solve", "gravity": [0.0, 0.0, -9.81], "azimuths": 8, "longest": 10.0, "axis": [-1.0, 0.0]}
+    assert worker(asked, [])[0]["error"][0] == ErrorCode.INTERNAL  # nothing is held
+    held, _ = worker({"do": "hold"}, [serialize_message(message(CUBE, LID))])
+    assert (held["frame"], held["payload"]) == (FRAME, True)
+    answer, _ = worker({**asked, "gravity": held["gravity"]}, [])
+    found = limits_of(json.loads(json.dumps(answer["limits"])))
+    expected = acceleration_limits(assembly_of(message(CUBE, LID)), 8, axis=[-1.0, 0.0])
+    for name in (
+        "directions",
+        "limits",
+        "normals",
+        "offsets",
+        "first_to_move",
+        "angular_speed",
+        "angular_acceleration",
+        "complete",
+        "doubtful",
+    ):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    for serialized, code in ((b"cut", ErrorCode.BAD_INPUT), (serialize_message(Assembly()), ErrorCode.BAD_INPUT)):
+        assert worker({"do": "hold"}, [serialized])[0]["error"][0] == code
+    assert worker(asked, [])[0]["error"][0] == ErrorCode.INTERNAL  # nor the one before
 
 
 def test_a_weighed_payload_moves_the_limits(limits, graph):

@@ -49,7 +49,7 @@ def test_a_launch_file_starts_its_node_with_a_parameter_file_that_exists(path: P
     (*arguments, node) = module.generate_launch_description().arguments[0]
     sys.modules.pop("poise.nodes.launching")
     declared = {argument.arguments[0]: argument.named["default_value"] for argument in arguments}
-    assert type(node).__name__ == ("LifecycleNode" if name == "ft_driver" else "Node")
+    assert type(node).__name__ == ("LifecycleNode" if name in ("ft_driver", "gripper_driver") else "Node")
     assert node.named["executable"] == node.named["name"] == name
     package, folder, file = declared["params_file"].arguments[0]
     assert (package.arguments, folder) == (("poise",), "config")

@@ -148,11 +148,28 @@ def test_one_move_by_tf_waits_at_a_time_and_large_ones_are_heavy(server):
     moved.transform.translation.z, moved.transform.translation.x = 0.5, -1.0
     add_transforms(server._frames, TFMessage(transforms=[moved]))
     for _ in range(3):
-        server._follow_tf(1e-3)
+        server._follow_tf()
     assert [task.heavy for task in added] == [False]
     added.pop().work(Job(None, time.monotonic() + 30.0), 0)
     assert server._present.version == 2
     boxes += [box(f"c{i}", (1, 1, 1), (2.0 * i, 5, 0.5)) for i in range(SHORT_OBJECTS)]
     server._present = server._present._replace(message=message(*boxes))
-    server._follow_tf(1e-3)
+    server._follow_tf()
     assert [task.heavy for task in added] == [True]
+
+
+def test_the_map_of_the_markers_waits_among_the_heavy_calls_and_is_asked_for_once(server):
+    server._values["marker_map_points"] = 20
+    for worker in server._workers:
+        worker.answering = RobustnessWorker([], 20)
+    answered(server, "set", replace_by(message(CUBE)))
+    added = []
+    server._jobs.add = lambda task, seconds: not added.append(task)
+    for _ in range(3):
+        server._draw_soon()
+    assert [task.heavy for task in added] == [False, True]
+    layers = []
+    for thread, task in enumerate(added):
+        task.work(Job(None, time.monotonic() + 30.0), thread)
+        layers.append(set(server._layers))
+    assert layers[1] - layers[0] == {"map"}

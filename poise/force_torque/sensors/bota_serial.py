@@ -25,10 +25,10 @@ from poise.force_torque.wire import (
     FrameParser,
     Link,
     SensorSamples,
-    SerialLine,
     WrenchSource,
     reflected_crc16,
 )
+from poise.serial_bus import SerialLine
 
 _BAUD_RATE = 460800
 _HEADER = b"\xaa"

@@ -1,7 +1,7 @@
-"""Building blocks of a sensor: samples and units, frames, the serial line, and fakes.
+"""Building blocks of a sensor: samples and units, frames, and fakes.
 
 - `link`: the interface between acquisition and device. `samples`, `units`: from counts and units to N and N m.
-- `framing`, `serial_line`: a stream of frames on a serial port.
+- `framing`: a stream of frames on a serial port (`poise.serial_bus`).
 - `fakes`: devices in software.
 """
 
@@ -9,7 +9,6 @@ from poise.force_torque.wire.fakes import FakeSensor, FakeSerialSensor, WrenchSo
 from poise.force_torque.wire.framing import FrameParser, reflected_crc16
 from poise.force_torque.wire.link import Link
 from poise.force_torque.wire.samples import Calibration, Reports, SensorSamples, no_samples
-from poise.force_torque.wire.serial_line import SerialLine, unreachable_port
 
 __all__ = [
     "Calibration",
@@ -19,9 +18,7 @@ __all__ = [
     "Link",
     "Reports",
     "SensorSamples",
-    "SerialLine",
     "WrenchSource",
     "no_samples",
     "reflected_crc16",
-    "unreachable_port",
 ]

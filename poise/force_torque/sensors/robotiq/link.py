@@ -1,25 +1,14 @@
 """A Robotiq FT 300 or FT 300-S on a serial port: the stream at 100 Hz, or Modbus RTU, slower, on a shared line."""
 
-import contextlib
-import inspect
-import logging
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pymodbus.client import ModbusSerialClient
-from pymodbus.exceptions import ModbusException
 
 from poise.errors import ErrorCode, SensorError
 from poise.force_torque.sensors.robotiq import protocol as robotiq
-from poise.force_torque.wire import Calibration, SensorSamples, SerialLine, no_samples, unreachable_port
-
-# pymodbus 3.10 renamed the argument; Ubuntu 24.04 has an older one.
-_parameters = inspect.signature(ModbusSerialClient.read_holding_registers).parameters
-_DEVICE = "device_id" if "device_id" in _parameters else "slave"
-# The driver reports a sensor that does not answer; pymodbus would print a line for every request.
-logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+from poise.force_torque.wire import Calibration, SensorSamples, no_samples
+from poise.serial_bus import ModbusLine, SerialLine
 
 
 class _RobotiqLink:
@@ -86,17 +75,13 @@ class RobotiqModbusLink(_RobotiqLink):
     """
 
     rate = None
-    ANSWER_TIME = 0.1
-    """s after which a question counts as not answered."""
 
     def __init__(
         self, port: str, calibration: Calibration, poll_rate: float = 50.0, slave: int = robotiq.SLAVE
     ) -> None:
         super().__init__(calibration)
-        self._port = port
-        self._slave = slave
+        self._line = ModbusLine(port, robotiq.BAUD_RATE, slave)
         self._period = 1.0 / poll_rate
-        self._client: ModbusSerialClient | None = None
         self._identity: robotiq.RobotiqIdentity | None = None
         self._number = 0
         self._next_poll = 0.0
@@ -104,7 +89,7 @@ class RobotiqModbusLink(_RobotiqLink):
     @property
     def name(self) -> str:
         serial_number = f" ({self._identity.serial_number})" if self._identity else ""
-        return f"robotiq modbus {self._port}{serial_number}"
+        return f"robotiq modbus {self._line.path}{serial_number}"
 
     @property
     def identity(self) -> robotiq.RobotiqIdentity | None:
@@ -112,23 +97,17 @@ class RobotiqModbusLink(_RobotiqLink):
         return self._identity
 
     def start(self) -> None:
-        if self._client is None:
-            client = ModbusSerialClient(self._port, baudrate=robotiq.BAUD_RATE, timeout=self.ANSWER_TIME, retries=0)
-            if not client.connect():
-                raise unreachable_port(self._port, OSError("cannot open"))
-            self._client = client
-            if client.socket is not None:
-                client.socket.write(robotiq.STOP_STREAM)  # it may have been left streaming
+        self._line.open(robotiq.STOP_STREAM)  # it may have been left streaming
         self._next_poll = time.monotonic()
         self._identity = robotiq.RobotiqIdentity.from_registers(
-            self._registers(robotiq.FIRMWARE_REGISTER, 3),
-            self._registers(robotiq.SERIAL_NUMBER_REGISTER, 4),
-            self._registers(robotiq.YEAR_REGISTER, 1)[0],
+            self._line.read_holding(robotiq.FIRMWARE_REGISTER, 3),
+            self._line.read_holding(robotiq.SERIAL_NUMBER_REGISTER, 4),
+            self._line.read_holding(robotiq.YEAR_REGISTER, 1)[0],
         )
 
     def read(self, timeout: float) -> SensorSamples:
-        if self._client is None:  # also before the next question is due
-            raise OSError(f"{self._port} is closed")
+        if not self._line.is_open:  # also before the next question is due
+            raise OSError(f"{self._line.path} is closed")
         wait = self._next_poll - time.monotonic()
         if wait > timeout:
             time.sleep(max(0.0, timeout))
@@ -138,29 +117,10 @@ class RobotiqModbusLink(_RobotiqLink):
         number = np.array([self._number], dtype=np.uint32)
         self._number = (self._number + 1) % (1 << 32)
         try:
-            registers = self._registers(robotiq.WRENCH_REGISTER, 6)
+            registers = self._line.read_holding(robotiq.WRENCH_REGISTER, 6)
         except SensorError:
             return no_samples(time.time_ns(), rejected=1)
         return self._samples(number, robotiq.wrench_counts(registers)[None], 0)
 
     def close(self) -> None:
-        if self._client is not None:
-            with contextlib.suppress(OSError):
-                self._client.close()  # type: ignore[no-untyped-call]
-            self._client = None
-
-    def _registers(self, address: int, count: int) -> list[int]:
-        if self._client is None or not self._client.connected:
-            raise OSError(f"{self._port} is closed")
-        try:
-            ask: Any = self._client.read_holding_registers
-            answer = ask(address, count=count, **{_DEVICE: self._slave})
-        except ModbusException as error:
-            if not self._client.connected:
-                raise OSError(f"{self._port} is gone") from error
-            raise SensorError(
-                ErrorCode.SENSOR_UNREACHABLE, f"{self._port}: slave {self._slave} does not answer ({error})"
-            ) from error
-        if answer.isError() or len(answer.registers) != count:
-            raise SensorError(ErrorCode.SENSOR_PROTOCOL, f"{self._port}: registers {address} and on refused ({answer})")
-        return list(answer.registers)
+        self._line.close()

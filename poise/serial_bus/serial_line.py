@@ -1,4 +1,4 @@
-"""A serial port of a sensor: opened for this process alone, read without waiting longer than asked."""
+"""A serial port: opened for this process alone, read without waiting longer than asked."""
 
 import contextlib
 import select
