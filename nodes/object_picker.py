@@ -24,7 +24,8 @@ from poise.manipulation import (
     require_room,
     without_held,
 )
-from poise.nodes.assembly_message import assembly_of, object_message, object_of, pose_message
+from poise.nodes.assembly_message import assembly_of, object_of
+from poise.nodes.hand_events import HandEvents
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
@@ -34,11 +35,10 @@ from poise.nodes.readiness import READY_TIMEOUT, Readiness
 from poise.nodes.request_checks import check_assembly, check_object
 from poise.nodes.runtime import LATCHED, coded, guarded, subscribe
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
-from poise.nodes.world_message import GRASP_EVENTS
 from poise.types import Array
 from poise_msgs.action import PickObject as Action
 from poise_msgs.msg import Assembly as AssemblyMessage
-from poise_msgs.msg import GraspEvent, WorldObject, WorldState
+from poise_msgs.msg import WorldObject
 
 _TICK = 0.02
 _FEEDBACK_PERIOD = 0.1
@@ -65,17 +65,15 @@ class ObjectPicker(ArmNode):
         self._values = declare_parameters(self, OBJECT_PICKER_PARAMETERS)
         self._folders = tuple(Path(folder) for folder in self._values["mesh_folders"])
         self._assembly: AssemblyMessage | None = None
-        self._world: WorldState | None = None
         self._known: Analysis | None = None
         self._task: PickTask | None = None
         self._waiting: tuple[WatchedGoal, Readiness] | None = None
         self._last_feedback = 0.0
         self._forces, self._sensor_frame = ForceWatch(), ""
         self._execution = PlaceExecution(self)
-        self._events = self.create_publisher(GraspEvent, "grasp_events", GRASP_EVENTS)
+        self._hand = HandEvents(self, self._execution.values["tcp_frame"])
         self._jobs = Jobs(self, 1)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
-        self.create_subscription(WorldState, "world", guarded(self, self._on_world), LATCHED)
         subscribe(self, WrenchStamped, "wrench", self._on_wrench, 1000)
         self.create_timer(_TICK, guarded(self, self._tick))
         self.watchdog = ProcessWatchdog(self, Action, "pick_object", self._accept)
@@ -93,9 +91,6 @@ class ObjectPicker(ArmNode):
 
     def _on_assembly(self, message: AssemblyMessage) -> None:
         self._assembly = message
-
-    def _on_world(self, message: WorldState) -> None:
-        self._world = message
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         force = message.wrench.force
@@ -154,7 +149,7 @@ class ObjectPicker(ArmNode):
         if joined is None:
             what = f"goal: tf does not connect {request.object_frame_id} with {frame}"
             raise InputError(ErrorCode.FRAME_UNKNOWN, what)
-        held = self._held()
+        held = self._hand.held
         if held is not None:
             raise InputError(ErrorCode.BUSY, f"the hand holds {held.object.id}: place it first")
         if request.plan_only:
@@ -167,10 +162,6 @@ class ObjectPicker(ArmNode):
                 raise InputError(ErrorCode.TOPIC_MISSING, what)
             carrying = self._execution.open(goal, self.watchdog, frame)
         return PickTask(goal, self._assembly, time.monotonic() + seconds, carrying, joined)
-
-    def _held(self) -> WorldObject | None:
-        known = self._world.objects if self._world is not None else ()
-        return next((each for each in known if each.state == WorldObject.HELD), None)
 
     def _tick(self) -> None:
         now = time.monotonic()
@@ -217,7 +208,7 @@ class ObjectPicker(ArmNode):
         if pick is None or item is None or steps is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
         gravity, forces = np.asarray(self._gravity(task)), self._forces if self._values["verify"] else None
-        state = next((each for each in self._objects() if each.object.id == item.id), None)
+        state = self._hand.known(item.id)
         return PickExecution(
             item,
             state is None or state.source != WorldObject.ASSUMED,
@@ -232,9 +223,6 @@ class ObjectPicker(ArmNode):
             lambda: self._released(task),
             now,
         )
-
-    def _objects(self) -> list[WorldObject]:
-        return [] if self._world is None else list(self._world.objects)
 
     def _gravity(self, task: PickTask) -> Array:
         gravity = task.assembly.gravity
@@ -256,33 +244,18 @@ class ObjectPicker(ArmNode):
     # -- the hand ---------------------------------------------------------------------------------------------------
 
     def _grasped(self, task: PickTask) -> None:
-        self._happened(task, GraspEvent.GRASPED)
+        """Publish that the object is held, and what it weighs as soon as that is known."""
+        if task.item is not None and task.pick is not None:
+            lifted = None if task.running is None else task.running.mass
+            mass, std = (math.nan, math.nan) if lifted is None else (lifted.mass, lifted.std)
+            self._hand.grasped(task.item, pose_of(task.pick.grasp.object_tcp.inverse()), mass, std)
 
     def _released(self, task: PickTask) -> None:
-        self._happened(task, GraspEvent.RELEASED)
-
-    def _happened(self, task: PickTask, event: int) -> None:
-        """Publish what the hand did."""
-        if task.item is None or task.pick is None:
-            return
-        message = GraspEvent(event=event, id=task.item.id, mass=math.nan, mass_std=math.nan)
-        message.header.stamp = self.get_clock().now().to_msg()
-        in_hand = task.pick.grasp.object_tcp.inverse()
-        if event == GraspEvent.GRASPED:
-            message.header.frame_id, message.pose = self._tool_frame, pose_message(pose_of(in_hand))
-            message.object = [object_message(task.item)]
-            running = task.running
-            if running is not None and running.mass is not None:
-                message.mass, message.mass_std = running.mass.mass, running.mass.std
-        elif event == GraspEvent.RELEASED:
+        """Publish where the object was put down."""
+        if task.item is not None and task.pick is not None:
             tool = task.carrying.arm.tool(task.carrying.robot.joints.position)
-            message.header.frame_id = task.assembly.header.frame_id
-            message.pose = pose_message(pose_of(tool * in_hand))
-        self._events.publish(message)
-
-    @property
-    def _tool_frame(self) -> str:
-        return str(self.get_parameter("tcp_frame").value)
+            pose = pose_of(tool * task.pick.grasp.object_tcp.inverse())
+            self._hand.released(task.item.id, pose, task.assembly.header.frame_id)
 
     def _attempted(self, task: PickTask, running: PickExecution) -> None:
         """End the goal, or try another grasp."""
@@ -298,14 +271,14 @@ class ObjectPicker(ArmNode):
             task.due = time.monotonic() + seconds
             return
         if running.retry and error is not None and error.code is ErrorCode.NOT_HELD:
-            self._happened(task, GraspEvent.LOST)
+            self._hand.lost(task.item.id if task.item is not None else task.goal.request.id)
         self._end(task, error)
 
     def _end(self, task: PickTask, error: PoiseError | None) -> None:
         self._task = None
         self._execution.close()
         self.watchdog.rest()
-        task.goal.execute(lambda goal: pick_result(goal, error, task, self._tool_frame))
+        task.goal.execute(lambda goal: pick_result(goal, error, task, self._hand.tool_frame))
 
     # -- in the thread of the jobs ----------------------------------------------------------------------------------
 

@@ -20,6 +20,7 @@ from poise.manipulation import (
     Arm,
     Gripper,
     Hand,
+    HeldReach,
     Limits,
     Reach,
     RobotPort,
@@ -27,6 +28,7 @@ from poise.manipulation import (
     Transfer,
     TransferExecution,
     TransferStep,
+    grasp_of_held,
     plan_transfer,
     pose_of,
     require_room,
@@ -111,6 +113,7 @@ class Carrying:
         self._transfer: Transfer | None = None
         self._steps: tuple[TransferStep, ...] = ()
         self._grasp: Pose | None = None
+        self.pose_tool_object = Pose.identity()
         self.playing: TransferExecution | None = None
 
     @property
@@ -133,15 +136,21 @@ class Carrying:
         seed: int,
         due: float,
         report: Callable[[PlacementProgress], bool],
+        pose_tool_object: Pose | None = None,
     ) -> Placement:
-        """Where the object stays, and how it gets there; in the thread of the jobs.
+        """Where the object stays, and how it gets there, from where it lies or from the hand; in the jobs' thread.
 
         Raises:
-            InputError, NoAnswerError: as the planner, `plan_transfer`, `require_room`,
+            InputError, NoAnswerError: as the planner, `plan_transfer`, `require_room`, `grasp_of_held`,
                 `Reach.require_free_start` and `Reach.require_pick`.
         """
-        require_room(analysis, item)
-        reach = Reach(self.arm, analysis, item, start=self.start, seed=seed)
+        if pose_tool_object is None or self.start is None:
+            require_room(analysis, item)
+            reach = Reach(self.arm, analysis, item, start=self.start, seed=seed)
+        else:
+            grasp = grasp_of_held(item, pose_tool_object, self.arm)
+            reach = HeldReach(self.arm, analysis, item, grasp, self.start, seed)
+            item = reach.item
         reach.require_free_start()
         reach.require_pick()
         left = seconds_left(due, "the first pose")
@@ -159,6 +168,7 @@ class Carrying:
                 self.robot.commanded.load(step.stops)
         self._transfer = transfer
         self._grasp = pose_of(se3_of(item.pose) * transfer.grasp.object_tcp)
+        self.pose_tool_object = pose_of(transfer.grasp.object_tcp.inverse())
         return found
 
     def planned(self) -> tuple[Pose | None, list[tuple[str, JointTrajectory]]]:
@@ -172,6 +182,11 @@ class Carrying:
         if self._transfer is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
         self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now)
+
+    @property
+    def tool_pose(self) -> Pose:
+        """Of the tool frame where the arm is, in the assembly's frame."""
+        return pose_of(self.arm.tool(self.robot.joints.position))
 
     def stop(self) -> None:
         """Stop the arm, also in the middle of a motion."""

@@ -14,6 +14,7 @@ from poise.manipulation.carrying import Transfer, TransferPhase, plan_transfer
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, steps_of
 from poise.manipulation.gripper import Gripper
 from poise.manipulation.hand import Grasp, Hand
+from poise.manipulation.held import HeldReach, grasp_of_held
 from poise.manipulation.lifting import LiftedMass, lifted_mass
 from poise.manipulation.pick_execution import ForceWatch, PickExecution
 from poise.manipulation.picking import Pick, PickSteps, heavier, pick_steps, plan_pick, without_held
@@ -28,6 +29,7 @@ __all__ = [
     "Grasp",
     "Gripper",
     "Hand",
+    "HeldReach",
     "LiftedMass",
     "Limits",
     "Pick",
@@ -40,6 +42,7 @@ __all__ = [
     "TransferExecution",
     "TransferPhase",
     "TransferStep",
+    "grasp_of_held",
     "heavier",
     "lifted_mass",
     "pick_steps",

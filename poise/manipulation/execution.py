@@ -64,7 +64,9 @@ def steps_of(transfer: Transfer, speed: float) -> tuple[TransferStep, ...]:
         transfer: the plan.
         speed: m/s of the tool, at most; a stop from it must not shake off what is held.
     """
-    return steps_of_phases(transfer.phases, transfer.ends.hold, speed)
+    steps = steps_of_phases(transfer.phases, transfer.ends.hold, speed)
+    # What is held already is not grasped again: fingers that it keeps open would not arrive.
+    return steps[1:] if transfer.phases[0].holding else steps
 
 
 def steps_of_phases(phases: Sequence[TransferPhase], hold: float, speed: float) -> tuple[TransferStep, ...]:
@@ -174,7 +176,7 @@ class TransferExecution:
         self._sent = 0  # ns on the joint states' clock when the motion was sent
         self._gripped: float | None = None  # where the fingers were when they were commanded to move
         self._felt = robot.fingers.position is not None
-        self.stage, self.done = "picking", False
+        self.stage, self.done = steps[0].stage, False
         self.grip: bool | None = None  # whether the fingers have closed, or opened, last; None: not moved
         self.error: PoiseError | None = None
 

@@ -105,6 +105,9 @@ class Reach:
         seed: of the inverse kinematics.
     """
 
+    held = False
+    """It is in the hand."""
+
     def __init__(
         self,
         arm: Arm,
