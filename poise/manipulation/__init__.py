@@ -5,10 +5,13 @@
 - `plan_transfer`: pick, carry, place as motions in time.
 - `plan_pick`, `PickExecution`: pick alone, verified by what was lifted (`lifted_mass`), or put down again.
 - `TransferExecution`: the execution of a transfer through a `RobotPort`, supervised within `Tolerances`.
+- `plan_base_motion`, `BaseExecution`: a base that carries objects under their acceleration limits.
 - `with_stops`: the stops of its motions, chosen ahead.
 """
 
 from poise.manipulation.arm import Arm, standing_at
+from poise.manipulation.base_execution import BaseExecution, BaseTolerances
+from poise.manipulation.base_motion import BaseLimits, BaseMotion, plan_base_motion
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.carrying import Transfer, TransferPhase, plan_transfer
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, steps_of
@@ -24,6 +27,10 @@ from poise.manipulation.timing import Limits
 
 __all__ = [
     "Arm",
+    "BaseExecution",
+    "BaseLimits",
+    "BaseMotion",
+    "BaseTolerances",
     "Ends",
     "ForceWatch",
     "Grasp",
@@ -46,6 +53,7 @@ __all__ = [
     "heavier",
     "lifted_mass",
     "pick_steps",
+    "plan_base_motion",
     "plan_pick",
     "plan_transfer",
     "pose_of",
