@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse.linalg import splu
 
 from poise.assembly.contact import Interface
-from poise.assembly.statics.block import BlockGeometry, Sparse
+from poise.assembly.statics.block import BlockGeometry
 from poise.assembly.statics.deadline import NO_DEADLINE, Deadline
 from poise.assembly.statics.elastic_contacts import ElasticContacts
 from poise.types import Array, Mask
@@ -24,12 +23,11 @@ _FALLS = 1e-3
 _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
-_STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 40, 3, 4
+_STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
-_PROBES, _EXACT = 25, 3
-"""Load factors that are tried at most, and of these how many for an answer within the tolerance: later, ten times the
-tolerance is enough, since what it stands counts."""
+_PROBES, _NEAR = 40, 5
+"""Load factors that are tried at most, and within how many tolerances Newton steps alone look for the factor."""
 FACTOR_TOLERANCE = 0.004
 """Relative tolerance of the load factor at which a block collapses."""
 
@@ -82,7 +80,12 @@ class CoulombBlock:
         self.geometry = geometry
         self.contacts = ElasticContacts(geometry, interfaces)
 
-    def settle(self, load: Array, start: Array | None = None, deadline: Deadline = NO_DEADLINE) -> ElasticState:
+    def settle(
+        self,
+        load: Array,
+        start: Array | None = None,
+        deadline: Deadline = NO_DEADLINE,
+    ) -> ElasticState:
         """Find the equilibrium under a load (6 n,), gravity included, in the block's units.
 
         Args:
@@ -93,14 +96,14 @@ class CoulombBlock:
         contacts, bounds = self.contacts, np.full(len(self.contacts.stiffness), np.inf)
         if start is not None and (found := self._newton(load, start, deadline)).settled:
             return found
-        u = self._tresca(load, bounds, _solve(contacts.glued, load), deadline)
+        u = self._tresca(load, bounds, contacts.glued.solve(load), deadline)
         for attempt in range(_ATTEMPTS):
             found = self._newton(load, u, deadline)
             if found.settled or not found.known:
                 return found
             for _ in range(_ROUNDS):
                 pressed = contacts.pressed(contacts.relative(u))
-                bounds = pressed if attempt < _ATTEMPTS // 2 else (bounds + pressed) / 2
+                bounds = pressed if attempt < 2 else (bounds + pressed) / 2
                 u = self._tresca(load, bounds, u, deadline)
             found = self._state(load, u)
             if found.settled:
@@ -134,8 +137,9 @@ class CoulombBlock:
     ) -> ElasticFactor:
         """The factor up to which the block stands under gravity and this load (6 n,), at most `above`.
 
-        Where it does not stand, the catch carries what is too much. How much that is follows from the power of
-        the motion, and from that the factor that is tried next; only factors at which it stands count.
+        The largest factor is settled in full. When it does not stand there, Newton steps from where it stands narrow
+        the factor down; where these are stuck it may still stand, so the lowest such factor is settled in full, too.
+        Only factors at which it stands count.
 
         Args:
             load: in the block's units.
@@ -144,34 +148,60 @@ class CoulombBlock:
             expected: a factor below `above` that is enough when the block stands at it, as that of a load nearby.
             tolerance: relative, of the factor.
         """
-        gravity, contacts = self.geometry.gravity.ravel(), self.contacts
+        gravity = self.geometry.gravity.ravel()
         if deadline.passed:
             return ElasticFactor(0.0, False)
         state = self.rest
         if not state.stands:
             return ElasticFactor(0.0, True, state.displacement)
+        first = min(above, expected)
+        probe = self.settle(gravity + first * load, state.displacement, deadline)
+        if probe.stands or not probe.known:
+            return ElasticFactor(first if probe.stands else 0.0, probe.known)
+        return self._below(load, first, probe, deadline, tolerance)
+
+    def _below(
+        self, load: Array, above: float, fall: ElasticState, deadline: Deadline, tolerance: float
+    ) -> ElasticFactor:
+        """The factor up to which the block stands, below one at which it does not."""
+        gravity, state, growth = self.geometry.gravity.ravel(), self.rest, np.zeros_like(load)
         # Below this share of the weight nothing is resolved.
         least = min(above, float(np.linalg.norm(gravity)) / (float(np.linalg.norm(load)) or 1.0)) / 10
-        low, high, factor, fall = 0.0, above, min(above, expected), None
-        for tries in range(_PROBES):
-            probe = self.settle(gravity + factor * load, state.displacement, deadline)
-            if not probe.known:
-                return ElasticFactor(low, False, fall)
+        low, high = 0.0, above
+        factor = self._estimate(load, above, fall, tolerance) or _middle(least, above)
+        for _ in range(_PROBES):
+            # The displacement grows along straight pieces.
+            start = state.displacement + (factor - low) * growth
+            probe = self._newton(gravity + factor * load, start, deadline)
             if probe.stands:
-                if not tries:
-                    return ElasticFactor(factor, True)
-                low, state, estimate = factor, probe, (low + high) / 2
+                growth = (probe.displacement - state.displacement) / (factor - low)
+                low, state = factor, probe
             else:
-                high, fall, u = factor, probe.displacement, probe.displacement
-                power = float(load @ u)
-                good = probe.settled and power > 0
-                estimate = (factor - contacts.catch * float(u @ u) / power) * (1 - tolerance) if good else 0.0
-            near = tolerance if tries < _EXACT else 10 * tolerance
-            if high - low <= near * max(low, least):
-                break
-            middle = (low + high) / 2 if high < 4 * max(low, least) else float(np.sqrt(high * max(low, least)))
-            factor = estimate if low < estimate < factor or probe.stands else middle
-        return ElasticFactor(low, True, fall)
+                high = factor
+            if low < high <= low + _NEAR * tolerance * max(low, least):
+                probe = self.settle(gravity + high * load, deadline=deadline)
+                if not probe.stands:
+                    between = self._estimate(load, high, probe, tolerance)
+                    asked = gravity + between * load
+                    if between > low and self._newton(asked, state.displacement, deadline).stands:
+                        low = between
+                    return ElasticFactor(low, probe.known, probe.displacement)
+                low, high, state = high, above, probe
+            if not probe.known:
+                return ElasticFactor(low, False)
+            factor = (low + high) / 2 if high < 4 * max(low, least) else _middle(max(low, least), high)
+        return ElasticFactor(low, True)
+
+    def _estimate(self, load: Array, factor: float, fall: ElasticState, tolerance: float) -> float:
+        """A factor at which the block may stand, from its fall at a larger one; 0 when it shows none.
+
+        The catch carries what is too much. How much that is follows from the power of the motion.
+        """
+        u = fall.displacement
+        power = float(load @ u)
+        if not fall.settled or power <= 0:
+            return 0.0
+        return max((factor - self.contacts.catch * float(u @ u) / power) * (1 - tolerance), 0.0)
 
     def _share(self, part: Array, load: Array) -> float:
         """The share that a part (6 n,) is of the load on a body, the largest of all bodies."""
@@ -194,7 +224,7 @@ class CoulombBlock:
             rest = contacts.left(u, load, relative)
             return float(np.linalg.norm(rest)), rest
 
-        u = self._descend(start, left, None, _SETTLED / 10 * size, _STEPS, deadline)
+        u = self._descend(load, start, left, None, _SETTLED / 10 * size, _STEPS, deadline)
         found = self._state(load, u)
         return found if found.settled else replace(found, known=not deadline.passed)
 
@@ -202,21 +232,22 @@ class CoulombBlock:
         """The displacement (6 n,) of least energy with friction limited to the bounds (P,), as far as time allows."""
         contacts, size = self.contacts, float(np.linalg.norm(load)) or 1.0
 
-        def energy(u: Array, relative: Array) -> tuple[float, Array]:
-            return contacts.energy(u, load, relative, bounds), contacts.left(u, load, relative, bounds)
+        def energy(u: Array, relative: Array) -> tuple[float, None]:
+            return contacts.energy(u, load, relative, bounds), None
 
-        return self._descend(start, energy, bounds, _SETTLED / 10 * size, _TRESCA_STEPS, deadline)
+        return self._descend(load, start, energy, bounds, _SETTLED / 10 * size, _TRESCA_STEPS, deadline)
 
     def _descend(
         self,
+        load: Array,
         start: Array,
-        merit: Callable[[Array, Array], tuple[float, Array]],
+        merit: Callable[[Array, Array], tuple[float, Array | None]],
         bounds: Array | None,
         enough: float,
         steps: int,
         deadline: Deadline,
     ) -> Array:
-        """The displacement after damped Newton steps that lessen a merit.
+        """The displacement after damped Newton steps that lessen a merit, which may give what is left, too.
 
         Where everything at a body slips, a step would leap far beyond where it sticks again: damping, as by a viscous
         bond of the contacts, shortens it.
@@ -225,14 +256,16 @@ class CoulombBlock:
         relative = contacts.relative(u)
         value, rest = merit(u, relative)
         for _ in range(steps):
+            rest = contacts.left(u, load, relative, bounds) if rest is None else rest
             if float(np.linalg.norm(rest)) <= enough or deadline.passed:
                 break
-            step = -_solve(contacts.jacobian(relative, bounds, damping), rest)
+            step = -contacts.jacobian(relative, bounds, damping).solve(rest)
+            moved = contacts.moved(step)
             for length in (1.0, 0.5, 0.25):
-                moved = contacts.relative(u + length * step)
-                new, new_rest = merit(u + length * step, moved)
+                there = relative + length * moved
+                new, new_rest = merit(u + length * step, there)
                 if new < value:
-                    u, value, rest, relative = u + length * step, new, new_rest, moved
+                    u, value, rest, relative = u + length * step, new, new_rest, there
                     damping = damping / 10 if damping > 1e-7 and length == 1 else 0.0 if length == 1 else damping
                     break
             else:
@@ -242,11 +275,6 @@ class CoulombBlock:
         return u
 
 
-def _solve(matrix: Array | Sparse, right: Array) -> Array:
-    """Solve a linear system: few bodies dense, many sparse (each touches few others)."""
-    if isinstance(matrix, np.ndarray):
-        return np.asarray(np.linalg.solve(matrix, right))
-    # The places of the entries are symmetric, and the diagonal is large.
-    options = {"SymmetricMode": True}
-    factors = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=1e-3, options=options)
-    return np.asarray(factors.solve(right))
+def _middle(low: float, high: float) -> float:
+    """Between two factors: in ratio when they are far apart."""
+    return (low + high) / 2 if high < 4 * low else float(np.sqrt(low * high))

@@ -2,24 +2,23 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
 
 from poise.assembly.contact import FIXED_NODE, Interface
-from poise.assembly.statics.block import BlockGeometry, Sparse
+from poise.assembly.statics.block import BlockGeometry, Sparse, assembled
+from poise.assembly.statics.body_stiffness import BodyStiffness
 from poise.assembly.statics.friction_surface import patch_friction
 from poise.geometry import plane_axes
-from poise.types import Array, Indices, Mask
+from poise.types import Array, Indices
 
 CATCH = 1e-8
 """Stiffness of a weak spring to the ground that supports unsupported bodies, per mean contact stiffness."""
 _SLACK = 1e-6
 """How far all contacts are open before anything loads them, in units of load per mean stiffness: far below what loads
 close. It decides where bodies touch with no force, where rounding would otherwise."""
-_DENSE = 120
-"""Systems up to this size are solved dense."""
 _AT_CORNERS = 0.3
 """Share of an interface's stiffness at its corners; the rest is at the cells within."""
 
@@ -41,6 +40,18 @@ class _Points:
     interface: Indices
 
 
+@dataclass(frozen=True, eq=False)
+class Stiffness:
+    """Stiffness (6 n, 6 n) between the bodies of a block."""
+
+    layout: BodyStiffness
+    entries: Array
+
+    def solve(self, load: Array) -> Array:
+        """(6 n,) displacements under a load (6 n,)."""
+        return self.layout.solve(self.entries, load)
+
+
 class ElasticContacts:
     """Springs between the bodies of one block, which cannot pull, and friction at them.
 
@@ -55,43 +66,41 @@ class ElasticContacts:
         self.stiffness, self.friction = points.stiffness, points.friction
         self.catch = CATCH * float(points.stiffness.mean())
         self.count = geometry.count
-        self._wrenches = points.wrenches
         self._starts = np.searchsorted(points.interface, np.arange(len(interfaces)))
         # The ground is one more body, whose motion and forces are dropped.
         self._sides = np.where(geometry.supports == FIXED_NODE, self.count, geometry.supports)
-        self._pattern()
+        self._stiffness_of_bodies = BodyStiffness(self._sides, self.count)
+        self._lay_out(points.wrenches)
 
-    def _pattern(self) -> None:
-        """Prepare where in the stiffness of the bodies the blocks (6, 6) of each interface go, and with which sign."""
-        size = 6 * self.count
-        first, second = self._sides.T
-        pairs = ((first, first, 1.0), (second, second, 1.0), (first, second, -1.0), (second, first, -1.0))
-        rows, columns, signs, source = [], [], [], []
-        for row, column, sign in pairs:
-            kept = np.flatnonzero((row < self.count) & (column < self.count))
-            shape = (len(kept), 6, 6)
-            rows.append(np.broadcast_to(6 * row[kept][:, None, None] + np.arange(6)[:, None], shape).ravel())
-            columns.append(np.broadcast_to(6 * column[kept][:, None, None] + np.arange(6), shape).ravel())
-            source.append((36 * kept[:, None] + np.arange(36)).ravel())
-            signs.append(np.full(len(kept) * 36, sign))
-        diagonal = np.arange(size)
-        at = np.concatenate([*columns, diagonal]) * size + np.concatenate([*rows, diagonal])
-        entries, self._where = np.unique(at, return_inverse=True)
-        self._source, self._signs = np.concatenate(source), np.concatenate(signs)
-        self._rows = entries % size
-        self._columns = np.searchsorted(entries // size, np.arange(size + 1))
-        self._at = entries
+    def _lay_out(self, wrenches: Array) -> None:
+        """Prepare the map (3 P, 6 n) from displacements to relative ones, and wrenches padded to equal interfaces."""
+        bodies = np.where(self._sides == self.count, FIXED_NODE, self._sides)
+        forces: Sparse = assembled(wrenches, bodies[self.interface], self.count)
+        few = self._stiffness_of_bodies.kind == "dense"
+        self._forces: Any = forces.toarray() if few else forces.tocsr()
+        self._motions: Any = np.ascontiguousarray(self._forces.T) if few else forces.T.tocsr()
+        within = np.arange(len(wrenches)) - self._starts[self.interface]
+        each = int(within.max()) + 1
+        self._slot = self.interface * each + within
+        padded = np.zeros((len(self._starts) * each, 3, 6))
+        padded[self._slot] = wrenches
+        self._padded = padded
+        # (I, 6, 3 M): the wrenches of an interface side by side.
+        self._columns = np.ascontiguousarray(padded.reshape(len(self._starts), 3 * each, 6).transpose(0, 2, 1))
 
     @cached_property
-    def glued(self) -> Array | Sparse:
-        """(6 n, 6 n) stiffness when nothing opens or slips."""
-        return self._assembled(self.stiffness[:, None, None] * np.eye(3))
+    def glued(self) -> Stiffness:
+        """Stiffness when nothing opens or slips."""
+        k, none = self.stiffness, np.zeros_like(self.stiffness)
+        return self._assembled(np.array([k, k, k, none, none, none]))
+
+    def moved(self, displacement: Array) -> Array:
+        """(P, 3) motion of the second body relative to the first at each point: parting, and two tangents."""
+        return np.asarray(self._motions @ displacement).reshape(-1, 3)
 
     def relative(self, displacement: Array) -> Array:
-        """(P, 3) displacement of the second body relative to the first at each point: parting, and two tangents."""
-        bodies = np.vstack([displacement.reshape(-1, 6), np.zeros(6)])
-        moved = bodies[self._sides[:, 1]] - bodies[self._sides[:, 0]]
-        relative = np.asarray((self._wrenches @ moved[self.interface][:, :, None])[:, :, 0])
+        """(P, 3) displacement of the second body relative to the first: `moved`, from where nothing presses."""
+        relative = self.moved(displacement)
         relative[:, 0] += _SLACK
         return relative
 
@@ -110,12 +119,7 @@ class ElasticContacts:
 
     def left(self, u: Array, load: Array, relative: Array, bounds: Array | None = None) -> Array:
         """(6 n,) what contacts and catch leave of a load, negated."""
-        wrenches = (self._wrenches * self.forces(relative, bounds)[:, :, None]).sum(axis=1)
-        each = np.add.reduceat(wrenches, self._starts)
-        total = np.zeros((self.count + 1, 6))
-        np.add.at(total, self._sides[:, 1], each)
-        np.subtract.at(total, self._sides[:, 0], each)
-        return np.asarray(self.catch * u - load - total[:-1].ravel())
+        return np.asarray(self.catch * u - load - self._forces @ self.forces(relative, bounds).ravel())
 
     def energy(self, u: Array, load: Array, relative: Array, bounds: Array) -> float:
         """Of contacts, catch and load at a displacement, with friction limited to the bounds."""
@@ -126,45 +130,44 @@ class ElasticContacts:
             friction = np.where(k * slide <= bounds, k * slide**2 / 2, bounds * slide - bounds**2 / (2 * k))
         return float(k @ pressed**2 / 2 + friction.sum() + self.catch * (u @ u) / 2 - load @ u)
 
-    def jacobian(self, relative: Array, bounds: Array | None = None, damping: float = 0.0) -> Array | Sparse:
-        """(6 n, 6 n) derivative of `left`; not symmetric without bounds, because friction follows the normal force.
+    def jacobian(self, relative: Array, bounds: Array | None = None, damping: float = 0.0) -> Stiffness:
+        """Derivative of `left`; not symmetric without bounds, because friction follows the normal force.
 
         Plus this share of the stiffness when nothing opens or slips.
         """
-        slide, closed = np.sqrt(relative[:, 1] ** 2 + relative[:, 2] ** 2), relative[:, 0] <= 0
+        k, closed = self.stiffness, relative[:, 0] <= 0
+        slide = np.sqrt(relative[:, 1] ** 2 + relative[:, 2] ** 2)
         limits = self.pressed(relative) if bounds is None else bounds
-        blocks, direction, slips = self._tangent(relative, slide, limits, closed)
-        if bounds is None:
-            blocks[:, 1:, 0] = -(self.friction * self.stiffness * (slips & closed))[:, None] * direction
-        return self._assembled(blocks + (damping * self.stiffness)[:, None, None] * np.eye(3))
-
-    def _tangent(self, relative: Array, slide: Array, bounds: Array, closed: Mask) -> tuple[Array, Array, Mask]:
-        """Stiffness (P, 3, 3) with friction bounds held, directions of slip (P, 2), and which points slip (P,)."""
-        k = self.stiffness
-        slips = k * slide > bounds
+        slips = k * slide > limits
         safe = np.where(slide > 0, slide, 1.0)
-        direction = relative[:, 1:] / safe[:, None]
-        across = np.where(slips, np.where(slips, bounds, 0.0) / safe, k)
-        blocks = np.zeros((len(k), 3, 3))
+        first, second = relative[:, 1] / safe, relative[:, 2] / safe
+        across = np.where(slips, np.where(slips, limits, 0.0) / safe, 0.0)
+        own, sticking = np.empty((6, len(k))), np.where(slips, damping, 1.0 + damping) * k
         # Open contacts keep a trace of stiffness, so that a step never leaps without end.
-        blocks[:, 0, 0] = np.where(closed, k, 1e-9 * k)
-        along = direction[:, :, None] * direction[:, None]
-        blocks[:, 1:, 1:] = across[:, None, None] * np.eye(2)
-        blocks[:, 1:, 1:] -= np.where(slips, across, 0.0)[:, None, None] * along
-        return blocks, direction, slips
+        own[0] = np.where(closed, 1.0 + damping, 1e-9 + damping) * k
+        own[1], own[2] = sticking + across * second**2, sticking + across * first**2
+        own[3] = -across * first * second
+        follows = self.friction * k * (slips & closed) if bounds is None else np.zeros_like(k)
+        own[4], own[5] = -follows * first, -follows * second
+        return self._assembled(own)
 
-    def _assembled(self, blocks: Array) -> Array | Sparse:
-        """(6 n, 6 n) stiffness of the bodies of that of the points (P, 3, 3), and of the catch."""
-        points = self._wrenches.transpose(0, 2, 1) @ (blocks @ self._wrenches)
-        each = np.add.reduceat(points, self._starts).ravel()
-        size = 6 * self.count
-        values = np.concatenate([each[self._source] * self._signs, np.full(size, self.catch)])
-        data = np.bincount(self._where, values, len(self._at))
-        if size > _DENSE:
-            return csc_array((data, self._rows, self._columns), shape=(size, size))
-        dense = np.zeros(size * size)
-        dense[self._at] = data
-        return dense.reshape(size, size).T
+    def _assembled(self, own: Array) -> Stiffness:
+        """Stiffness of the bodies, and of the catch.
+
+        Args:
+            own: (6, P) stiffness of the points along the normal and both tangents, between the tangents, and of both
+                tangential forces in the normal direction.
+        """
+        spread = np.zeros((6, len(self._padded)))
+        spread[:, self._slot] = own
+        normal, first, second, shear, first_follows, second_follows = spread[:, :, None]
+        w, rows = self._padded, np.empty_like(self._padded)
+        rows[:, 0] = normal * w[:, 0]
+        rows[:, 1] = first * w[:, 1] + shear * w[:, 2] + first_follows * w[:, 0]
+        rows[:, 2] = shear * w[:, 1] + second * w[:, 2] + second_follows * w[:, 0]
+        pairs = self._columns @ rows.reshape(len(self._columns), -1, 6)
+        bodies = self._stiffness_of_bodies
+        return Stiffness(bodies, bodies.matrix(pairs, self.catch))
 
 
 def _elastic_points(geometry: BlockGeometry, interfaces: list[Interface]) -> _Points:
