@@ -11,7 +11,7 @@
 
 from poise.manipulation.arm import Arm, standing_at
 from poise.manipulation.base_execution import BaseExecution, BaseTolerances
-from poise.manipulation.base_motion import BaseLimits, BaseMotion, plan_base_motion
+from poise.manipulation.base_motion import BaseDrive, BaseLimits, plan_base_motion
 from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.carrying import Transfer, TransferPhase, plan_transfer
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, steps_of
@@ -27,9 +27,9 @@ from poise.manipulation.timing import Limits
 
 __all__ = [
     "Arm",
+    "BaseDrive",
     "BaseExecution",
     "BaseLimits",
-    "BaseMotion",
     "BaseTolerances",
     "Ends",
     "ForceWatch",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
-from poise.manipulation.base_motion import BaseLimits, BaseMotion, in_base
+from poise.manipulation.base_motion import BaseDrive, BaseLimits, in_base
 from poise.types import Array
 
 _STALE = 0.5
@@ -50,7 +50,7 @@ class BaseExecution:
     """
 
     def __init__(
-        self, motion: BaseMotion, limits: BaseLimits, share: float, tolerances: BaseTolerances, now: float
+        self, motion: BaseDrive, limits: BaseLimits, share: float, tolerances: BaseTolerances, now: float
     ) -> None:
         self._motion, self.limits, self._share, self._tolerances = motion, limits, share, tolerances
         self._ticked = self._heard = now

@@ -70,7 +70,7 @@ class _Leg:
 
 
 @dataclass(frozen=True, eq=False)
-class BaseMotion:
+class BaseDrive:
     """Legs, one after another.
 
     Args:
@@ -111,7 +111,7 @@ def plan_base_motion(
     turn_speed: float,
     share: float,
     holonomic: bool = True,
-) -> BaseMotion:
+) -> BaseDrive:
     """A motion through the poses of a path, from rest to rest in each leg.
 
     Args:
@@ -146,7 +146,7 @@ def plan_base_motion(
         here = _turn(legs, here, float(goal[2]), limits, turn_speed, used)
     if not legs:
         raise InputError(ErrorCode.EMPTY, "path: the base is there already; give a pose to go to")
-    return BaseMotion(tuple(legs), least)
+    return BaseDrive(tuple(legs), least)
 
 
 def _turn(legs: list[_Leg], here: Array, yaw: float, limits: BaseLimits, turn_speed: float, used: float) -> Array:
