@@ -56,7 +56,7 @@ def to(x, **more):
 
 
 def test_a_load_is_carried_under_its_limits_or_not_at_all(start_node, graph, caller):
-    start_node("object_carrier", {"ready_timeout": 0.3, "share": 0.9, "path_tolerance": 0.5})
+    start_node("object_carrier", {"ready_timeout": 3.0, "share": 0.9, "path_tolerance": 0.5})
     caller.ready()
 
     def refused(code, **goal):
@@ -82,7 +82,6 @@ def test_a_load_is_carried_under_its_limits_or_not_at_all(start_node, graph, cal
 
     limit = load(0.25).limits[0]  # it topples at a fifth of gravity
     assert limit == pytest.approx(0.2 * 9.80665, rel=0.02)
-    graph.wait_for(lambda: not refused(ErrorCode.TOPIC_MISSING, speed=1e-4), 30.0, "the base")
     begun, base.commands[:] = base.place, []
     done = caller.result(caller.send(**to(begun + 0.6, share=0.5)))
     assert (done.result.error.message, done.status) == ("", GoalStatus.STATUS_SUCCEEDED)
