@@ -43,17 +43,17 @@ def test_coarse_readings_are_named_for_what_they_are() -> None:
 
 
 def test_more_evidence_is_surer_and_what_is_left_unexplained_is_not() -> None:
-    chances = [BeliefBasis(size, 0.1, 0.0, 1, False).probability for size in (1.0, 10.0, 100.0, 1e6)]
+    chances = [BeliefBasis(size, 0.1, 0.0, 0.0, 1, False).probability for size in (1.0, 10.0, 100.0, 1e6)]
     assert chances == sorted(chances)
     assert chances[-1] <= MAX_PROBABILITY
-    alone, beside = BeliefBasis(100.0, 0.1, 0.0, 1, False), BeliefBasis(100.0, 0.1, 0.0, 2, True)
+    alone, beside = BeliefBasis(100.0, 0.1, 0.0, 0.0, 1, False), BeliefBasis(100.0, 0.1, 1.0, 0.0, 2, True)
     assert beside.probability < 0.5 < alone.probability
 
 
 def test_an_effect_that_removes_nearly_all_of_the_error_is_believed_beside_others() -> None:
-    assert BeliefBasis(200.0, 0.9, 0.0, 4, True).probability > 0.8
+    assert BeliefBasis(200.0, 0.9, 0.0, 0.0, 4, True).probability > 0.8
 
 
 @pytest.mark.parametrize("rivals", [1.0, 2.0])
 def test_effects_that_fit_equally_well_share_the_belief(rivals: float) -> None:
-    assert BeliefBasis(1e4, 0.9, rivals, 1, False).probability <= 1.0 / (1.0 + rivals)
+    assert BeliefBasis(1e4, 0.9, 0.0, rivals, 1, False).probability <= 1.0 / (1.0 + rivals)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cases import make_case
 
-from poise.mismatch.answer import diagnose
+from poise.mismatch.answer import diagnose, effects_called
 from poise.mismatch.effects import Effect, EffectParameter, Values, effect_named
 from poise.mismatch.inference import EffectProof, FittedEffect, TimeLimit, names, proven, search, wrench_problem
 from poise.mismatch.inference.proof import elsewhere, immaterial
@@ -130,6 +130,20 @@ def test_an_event_that_is_one_of_several_is_known_by_what_is_left_elsewhere(
     energy[200:280] = 6 * 3.0**2
     left[:, 600:680] += 3.0 * again
     assert least <= elsewhere(left, energy, energy / energy.sum()) <= most
+
+
+def test_a_gain_that_changes_as_the_sensor_warms_up_is_no_leak_of_the_payload() -> None:
+    """A leak explains nine tenths of it; a free gain in time, which is outside the library, explains it all."""
+
+    def warming(exact: RecordedMotion, wrench: Array, rng: np.random.Generator) -> Array:
+        del rng
+        return np.asarray(0.25 * wrench * (1.0 - np.exp(-(exact.seconds - exact.seconds[0]) / 2.0))[:, None])
+
+    case = make_case(5, duration=8.0, spoil=warming)
+    found = diagnose(case.recorded(), case.model, library=effects_called(["mass_leak"]))
+    assert found.verdict == "unknown"
+    assert found.unknown is not None
+    assert "time" in found.unknown.depends_on
 
 
 def test_a_shape_that_follows_noise_is_not_named() -> None:

@@ -13,9 +13,11 @@ _NONE_TEMPERATURE = 2.0
 """The same, in the comparison of the nominal model with models that have more effects."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-_WEIGHTS = (1.55, 0.18, -1.29, -0.24, -1.0)
+_WEIGHTS = (-0.74, 0.44, -0.23, -0.13, -0.64, -2.69)
 """Of `BeliefBasis.terms` in the log odds that a name is true: fitted on answers to cases of two generators by
 `benchmarks.concealed.calibrate`."""
+_IMITATES = 0.1
+"""Energy that stays unexplained where an effect acts, in units of its own, from which it counts against the name."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 1.5
 """Difference of log evidence (tempered) below which two hypotheses are indistinguishable."""
@@ -46,7 +48,7 @@ class BeliefBasis:
     """The evidence for a name and against it.
 
     Args:
-        evidence, share: of its proof, see `EffectProof`.
+        evidence, share, rest: of its proof, see `EffectProof`.
         rivals: sum over the hypotheses that replace it by another effect: 1 for one that does as well.
         parts: of the answer, named or not.
         beside_unknown: the residual contains an effect that no name explains.
@@ -54,16 +56,21 @@ class BeliefBasis:
 
     evidence: float
     share: float
+    rest: float
     rivals: float
     parts: int
     beside_unknown: bool
 
     @property
     def terms(self) -> tuple[float, ...]:
-        """The regressors of the log odds: other effects and unknown ones question a name that removes little error."""
+        """The regressors of the log odds: other effects and unknown ones question a name that removes little error.
+
+        What stays unexplained where the effect acts could imitate it.
+        """
         little = -math.log(max(self.share, 1e-3))
         evidence, rivals = math.log(max(self.evidence, 1.0)), math.log1p(self.rivals)
-        return 1.0, evidence, little * self.beside_unknown, little * (self.parts > 1), rivals
+        left = math.log1p(self.rest / _IMITATES)
+        return 1.0, evidence, little * self.beside_unknown, little * (self.parts > 1), left, rivals
 
     @property
     def probability(self) -> float:
@@ -96,7 +103,7 @@ def beliefs(
             if len(names) == len(answer) and not without - Counter(names) and names != answer
         }
         as_well = sum(value for rival, value in instead.items() if name not in _contained((rival,)))
-        basis = BeliefBasis(proof.evidence, proof.share, as_well, len(answer), beside_unknown)
+        basis = BeliefBasis(proof.evidence, proof.share, proof.rest, as_well, len(answer), beside_unknown)
         lacking = sum(value for names, value in weight.items() if names.count(name) < answer.count(name))
         others = {rival: (1.0 - basis.probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
         reported = sorted(((rival, p) for rival, p in others.items() if p > _LEAST_REPORTED), key=lambda pair: -pair[1])

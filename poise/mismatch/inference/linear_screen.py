@@ -31,7 +31,7 @@ _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
 _GENERAL = ("link_parameters",)
 """Effects that are tried after all others, since they can imitate several of them."""
-_ALTERNATIVES = 4
+_ALTERNATIVES = 6
 """Other effects in the place of a single one that are compared in full."""
 _MOST = 10
 _CHOICES = 2
@@ -121,21 +121,22 @@ def screened(
 
 
 def _instead(sums: _Sums, chosen: int) -> list[int]:
-    """Families of other effects that lower the error nearly as much as the chosen one, the best of each effect."""
-    variance = _begun(sums, [chosen])[1]
+    """Families of other effects that lower the error nearly as much as the chosen one, the best of each effect.
+
+    An effect that the chosen one is confused with, and that has non-linear parameters, is always among them: its
+    starting points alone do not show what it can explain.
+    """
+    known, variance = sums.families[chosen], _begun(sums, [chosen])[1]
+    alike = known.effect.confused_with if known.effect else ()
     without = _relative(_error(sums, [], variance), variance)
     least = without - _SIMPLER * (without - _relative(_error(sums, [chosen], variance), variance))
     left: dict[str, tuple[float, int]] = {}
     for i, family in enumerate(sums.families):
-        if (
-            family.effect is None
-            or family.effect.made_of
-            or _event(sums, i)
-            or family.name in (*_GENERAL, sums.families[chosen].name)
-        ):
+        if family.effect is None or family.effect.made_of or _event(sums, i) or family.name == known.name:
             continue
         error = _relative(_error(sums, [i], variance), variance)
-        if error < min(least, left.get(family.name, (np.inf, 0))[0]):
+        most = np.inf if family.values and family.name in alike else least
+        if error < min(most, left.get(family.name, (np.inf, 0))[0]):
             left[family.name] = error, i
     return [i for _, i in sorted(left.values())[:_ALTERNATIVES]]
 

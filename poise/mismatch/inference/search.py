@@ -104,7 +104,27 @@ def search(
         tried = {name for _, name in state.gains}
         late = [effect for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)]
         state.untestable |= {effect.name: "the deadline came before it was tried" for effect in late}
-    return state, _pruned(state, best)
+    return state, _or_one_unknown(state, _pruned(state, best), effects)
+
+
+def _or_one_unknown(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit:
+    """The best model, or one free curve over a state in the place of several names, where it is as likely.
+
+    Rounds add one effect at a time: a name that imitates an unknown effect in part is followed by others that imitate
+    what it leaves. One cause that the library lacks is then the simpler explanation.
+    """
+    if sum(not isinstance(part.effect, Dependence) for part in best.parts) < 2 or state.limit.over():
+        return best
+    least = _BESIDE_CURVES * (best.log_evidence - state.fits[()].log_evidence)
+    gains = {each.name: state.gains.get(((), each.name), 0.0) for each in effects}
+    curves = [each for each in effects if isinstance(each, Dependence) and gains[each.name] > least]
+    if not curves:
+        return best
+    curve = max(curves, key=lambda each: gains[each.name])
+    problem = state.under(best)
+    values = {p.name: 0.0 for p in curve.parameters(problem.recorded)}
+    alone = state.fitted(problem, [FittedEffect(curve, values)], WARM_STEPS)
+    return alone if alone.log_evidence >= state.fits[names(best)].log_evidence else best
 
 
 def _together(

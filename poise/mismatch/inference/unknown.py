@@ -110,8 +110,7 @@ def _of_time_and_load(recorded: RecordedMotion, level: Array) -> VaryingState:
     """A gain of each channel that changes with time."""
     # Each knot has 36 columns.
     course = _course(recorded, max(_TIME_STEP, recorded.duration / 10))
-    felt = recorded.nominal - recorded.nominal.mean(axis=0)
-    felt = felt / np.maximum(felt.std(axis=0), 1e-9)
+    felt = recorded.nominal / np.maximum(np.sqrt(np.mean(recorded.nominal**2, axis=0)), 1e-9)
     columns = _each(course, level).reshape(len(recorded), 6, 6, -1) * felt[:, :, None, None]
     return VaryingState("time", recorded.seconds[:, None], columns.reshape(len(recorded), 6, -1))
 

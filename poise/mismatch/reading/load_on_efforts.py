@@ -19,6 +19,7 @@ from poise.types import Array
 
 _SHOWN = ("payload_parameters", "world_force", "air_drag", "cable", "mass_step", "mass_leak", "contact")
 """Effects that act on the load from outside, or change it: efforts alone can show them."""
+_WITHOUT_WRENCH = (*_SHOWN, "base_tilt", "joint_offset")
 _CALM = 0.05
 """s, one sigma of the filter that removes the noise of a wrench."""
 
@@ -94,12 +95,13 @@ class TiltOnEfforts(_OnEfforts):
 class OffsetOnEfforts(_OnEfforts):
     """Wrong zeros of encoders on the efforts that carry the arm, to first order in the offsets."""
 
-    def simulate(self, recorded: RecordedMotion, values: Values) -> Array:
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
         track, joints = recorded.effort, recorded.joints
         if track is None or joints is None:
-            return super().simulate(recorded, values)
-        offsets = np.array([values[f"offset_{joints.names.index(name) + 1}"] for name in track.names])
-        return np.asarray(-track.by_position @ offsets)
+            return super().columns(recorded, nonlinear)
+        out = np.zeros((*track.measured.shape, len(joints.names)))
+        out[:, :, [joints.names.index(name) for name in track.names]] = -track.by_position
+        return out
 
 
 class MotionOnEfforts(_OnEfforts):
@@ -179,5 +181,5 @@ def on_efforts(effect: Effect, recorded: RecordedMotion) -> Effect:
     """The effect as the efforts show it, for a recording of joint efforts without a wrench."""
     if isinstance(effect, UnreportedBaseMotion) and recorded.effort is not None and not recorded.has("wrench"):
         return MotionOnEfforts(effect, FEWEST_SPLINES)
-    shown = recorded.effort is not None and not recorded.has("wrench") and effect.name in (*_SHOWN, "base_tilt")
+    shown = recorded.effort is not None and not recorded.has("wrench") and effect.name in _WITHOUT_WRENCH
     return (acting_on_efforts(effect) if shown else None) or effect
