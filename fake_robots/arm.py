@@ -36,7 +36,7 @@ from poise.types import Array
 
 _BLOCK = 0.02  # s simulated at a time, and the longest delay of a command
 _STOP_TIME = 0.5  # s to stop in when a command says so
-_TRUTH_RATE = 20.0  # Hz of world_truth
+_TRUTH_RATE = 10.0  # Hz of world_truth
 _FARTHEST = 60.0  # s ahead that a command may lie
 
 

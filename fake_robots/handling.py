@@ -56,7 +56,9 @@ class Handling:
             seconds = np.array([tick * _TICK])
             position = motion(seconds).position[0]
             tool = self.root @ self._frames.pose(self._tool_frame, position)
-            base = self.root @ self._frames.pose(self._frames.base, position)
+            base = self.root
+            if self._frames.base_columns:
+                base = self.root @ self._frames.pose(self._frames.base, position)
             opening = self._gripper.travel.opening(float(self._gripper.at(seconds)[0][0]))
             held = self.world.advance(Hand(seconds[0], tool, base, opening, self._gripper.force(seconds[0])))
             self._gripper.stop_at(held.opening if held.id else None)

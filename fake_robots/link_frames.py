@@ -74,10 +74,11 @@ def _pose(placement: "pin.SE3") -> Pose:
 
 def tf_bytes(frames: Iterable[tuple[int, str, str, Pose]]) -> bytes:
     """CDR of tf2_msgs/TFMessage, of stamps ns, parents, children and poses."""
-    make = _types()
+    make, frames = _types(), list(frames)
+    rotation, place = (np.array([getattr(each[3], part) for each in frames]) for part in ("rotation", "translation"))
+    vectors = Pose(rotation, place).vector.tolist() if frames else []
     stamped = []
-    for stamp, parent, child, pose in frames:
-        x, y, z, qx, qy, qz, qw = pose.vector.tolist()
+    for (stamp, parent, child, _), (x, y, z, qx, qy, qz, qw) in zip(frames, vectors, strict=True):
         transform = make["geometry_msgs/msg/Transform"](
             make["geometry_msgs/msg/Vector3"](x, y, z), make["geometry_msgs/msg/Quaternion"](qx, qy, qz, qw)
         )

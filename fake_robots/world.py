@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,6 +22,8 @@ _NEAR = 0.004
 """m over a support from which on the reaction is looked for."""
 _LEAN = 0.05
 """rad of a change of attitude after which what stands on the held body is looked at."""
+_CALM, _SAME = 0.05, 0.02
+"""m/s2 of the base below which it dislodges nothing, and between which accelerations count as one."""
 _PIVOTING = 4.0
 """rad/s of a body that turns between the pads."""
 
@@ -99,7 +101,8 @@ class QuasistaticWorld:
     Args:
         assembly: at the beginning, in the world frame, whose z axis points up.
         pads: of the fingers.
-        riding: ids of fixed objects that the base carries; what stands on them rides along.
+        riding: ids of fixed objects that the base carries. What stands on them rides along, as long as the assembly
+            engine finds it stable under the acceleration of the base; else it slides, with the friction of the scene.
     """
 
     def __init__(self, assembly: Assembly, pads: Pads, riding: tuple[str, ...] = ()) -> None:
@@ -114,7 +117,9 @@ class QuasistaticWorld:
         self._riders = set(self._first_riders)
         self._held: str = ""
         self._grasp: _Grasp | None = None
-        self._before: Hand | None = None
+        self._before: tuple[Hand | None, Hand | None] = (None, None)
+        self._sliding: dict[str, Array] = {}  # velocities of what the base has dislodged, m/s
+        self._stands: dict[tuple[Any, ...], set[str]] = {}  # which riders an acceleration dislodges
         self._velocity = np.zeros(3)
         self.remarks: list[str] = []
         self._riders = self._standing_on(self._riders)
@@ -126,8 +131,8 @@ class QuasistaticWorld:
 
     def advance(self, hand: Hand) -> Held:
         """Go on to the time of the hand's state."""
-        before, self._before = self._before or hand, hand
-        self._ride(before.base, hand.base)
+        first, before, self._before = self._before[0] or hand, self._before[1] or hand, (self._before[1] or hand, hand)
+        self._ride((hand.base, before.base, first.base), max(hand.time - before.time, 1e-6))
         if self._grasp is not None and hand.opening > self._grasp.squeeze.width + _OPENED:
             self._let_go("the fingers opened")
         if self._grasp is not None:
@@ -310,9 +315,57 @@ class QuasistaticWorld:
                 return found
             found |= more
 
-    def _ride(self, before: Pose, now: Pose) -> None:
-        if not self._riders or before is now or np.array_equal(before.vector, now.vector):
+    def _ride(self, bases: tuple[Pose, Pose, Pose], step: float) -> None:
+        """Move what rides along with the base; what its acceleration dislodges slides.
+
+        Args:
+            bases: its poses now and at the two times before, latest first.
+            step: s between them.
+        """
+        now, before, first = bases
+        riders = self._riders & self._bodies.keys()
+        if not riders or all(pose is now for pose in bases):
             return
+        middle = np.mean([self._bodies[name].com_in_world for name in riders], axis=0)
+        own = before.undo(middle)
+        velocity = (now.apply(own) - middle) / step
+        acceleration = (velocity - (middle - first.apply(own)) / step) / step
+        if np.linalg.norm(acceleration) > _CALM:
+            for name in self._dislodged(before, acceleration, riders) - self._sliding.keys():
+                self._sliding[name] = (middle - first.apply(own)) / step
+                self.remarks.append(f"{name} is dislodged at {np.linalg.norm(acceleration):.2f} m/s2 of the base")
         motion = now @ before.inverse
-        for name in self._riders & self._bodies.keys():
+        for name in riders - self._sliding.keys():
             self._bodies[name] = replace(self._bodies[name], pose=motion @ self._bodies[name].pose)
+        self._slide(velocity, step)
+
+    def _dislodged(self, base: Pose, acceleration: Array, riders: set[str]) -> set[str]:
+        """Which riders do not stand while the base accelerates (3,) m/s2."""
+        key = (*np.round(base.inverse.rotation @ acceleration / _SAME), *sorted(riders), len(self._sliding))
+        if key not in self._stands:
+            gravity = np.asarray(self._beginning.gravity) - acceleration
+            bodies = tuple(self._bodies[name] for name in sorted(riders))
+            pairs = [pair for pair in self._beginning.friction_pairs if riders >= set(pair.objects)]
+            shaken = replace(self._beginning, objects=bodies, friction_pairs=tuple(pairs), gravity=gravity)
+            try:
+                self._stands[key] = set(Analysis.of(shaken).stability().falling)
+            except InputError as error:  # what has slid off stands elsewhere
+                self._stands[key] = set(error.data.get("objects", ()))
+        return self._stands[key]
+
+    def _slide(self, velocity: Array, step: float) -> None:
+        """Bodies that the base has dislodged: friction takes them up to its velocity (3,), m/s; then they rest."""
+        most = (self._beginning.friction or 0.0) * self._gravity * step
+        for name, own in list(self._sliding.items()):
+            behind = velocity - own
+            length = float(np.linalg.norm(behind))
+            own = own + behind * min(1.0, most / max(length, 1e-12))
+            item = self._bodies[name]
+            self._bodies[name] = replace(item, pose=Pose(item.pose.rotation, item.pose.translation + own * step))
+            self._sliding[name] = own
+            if length <= most:
+                del self._sliding[name]
+                self._fall(name)
+        if not self._sliding and self._stands:
+            self._stands.clear()
+            self._settle()

@@ -156,11 +156,29 @@ def test_what_stands_on_the_tray_rides_with_the_base():
     tray = RigidObject("tray", Box((0.3, 0.3, 0.02)), at(-0.3, 0, 0.2), fixed=True)
     cup = body("cup", Cylinder(0.03, 0.1), at(-0.3, 0, 0.26))
     hand = Hands(CAN, tray, cup, riding=("tray",))
-    hand.tick()
-    hand.base = at(1.0, 0.5, 0, (0, 0, 2**-0.5, 2**-0.5))
-    hand.tick()
-    np.testing.assert_allclose(hand.pose("cup").translation, [1.0, 0.2, 0.26], atol=1e-9)
+    for share in np.linspace(0, 1, 200):
+        yaw = np.pi / 2 * share**2 * (3 - 2 * share)
+        hand.base = at(2 * yaw / np.pi, 0.5 * yaw, 0, (0, 0, np.sin(yaw / 2), np.cos(yaw / 2)))
+        hand.tick()
+    np.testing.assert_allclose(hand.pose("cup").translation, hand.base.apply(np.array([-0.3, 0, 0.26])), atol=1e-9)
     np.testing.assert_array_equal(hand.pose("can").vector, CAN.pose.vector)
+
+
+@pytest.mark.parametrize(("share", "moved"), [(0.9, False), (1.3, True)])
+def test_a_base_dislodges_what_it_accelerates_beyond_friction_alone(share, moved):
+    """A flat brick slides at friction times gravity, and no earlier."""
+    tray = RigidObject("tray", Box((1.0, 0.4, 0.02)), at(0, 0, 0.2), fixed=True)
+    brick = body("brick", Box((0.1, 0.1, 0.02)), at(0, 0, 0.22))
+    hand = Hands(tray, brick, riding=("tray",))
+    x = 0.0
+    for speed in [*np.arange(0, 0.5 * G * share * 0.2, 0.5 * G * share * 0.02), *[0.5 * G * share * 0.2] * 20]:
+        x += speed * 0.02
+        hand.base = at(x, 0, 0)
+        hand.tick()
+    off = abs(hand.pose("brick").translation[0] - x)
+    assert off > 0.005 if moved else off < 1e-9
+    assert bool(hand.world.remarks) == moved
+    assert hand.pose("brick").translation[2] == pytest.approx(0.22, abs=1e-4)
 
 
 def test_a_squeeze_is_as_wide_as_the_body_between_the_pads():
