@@ -5,15 +5,21 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.fake_robots.camera import RenderedCamera, camera_topics
+from poise.fake_robots.drive import Drive
 from poise.fake_robots.gripper import SimulatedGripper
+from poise.fake_robots.handling import Handling
+from poise.fake_robots.link_frames import LinkFrames, odometry_bytes, tf_bytes
 from poise.fake_robots.stream import Message, TopicInfo, in_order
-from poise.recording import JointStream, WrenchStream, encode_stream, encode_text, typestore
+from poise.geometry import Pose
+from poise.recording import JointStream, WrenchStream, encode_stream, encode_text
+from poise.robot import sensor_motion
 from poise.simulation import (
     IdealRobot,
     JointMotion,
@@ -30,9 +36,8 @@ from poise.types import Array
 
 _BLOCK = 0.02  # s simulated at a time, and the longest delay of a command
 _STOP_TIME = 0.5  # s to stop in when a command says so
+_TRUTH_RATE = 10.0  # Hz of world_truth
 _FARTHEST = 60.0  # s ahead that a command may lie
-BASE_JOINTS = ("base_x", "base_y", "base_yaw")
-"""Joints of a mobile base in a robot description."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,27 @@ class ArmOptions:
     start_stamp: int | None = 0
     end: float | None = None
     tracking_delay: float = 0.0
+
+
+@dataclass(frozen=True)
+class Equipment:
+    """What an arm has besides its joints and its sensor; None: it has none.
+
+    Args:
+        gripper: whose joint goes into joint_states, after the arm's.
+        drive: that moves the base joints in addition to their trajectories.
+        handling: the world in which the hand grasps.
+        camera: in that world.
+        tf_rate: Hz of the links' frames; 0: they are not published.
+        fixed_frames: parents, children and poses for tf_static, beside the description's.
+    """
+
+    gripper: SimulatedGripper | None = None
+    drive: Drive | None = None
+    handling: Handling | None = None
+    camera: RenderedCamera | None = None
+    tf_rate: float = 0.0
+    fixed_frames: tuple[tuple[str, str, Pose], ...] = ()
 
 
 class Waypoints(NamedTuple):
@@ -77,7 +103,7 @@ class SimulatedArm:
         description: its URDF, for `robot_description`.
         trajectory: what it does from the start; None: rest at home until commanded.
         options: sensors, seed, clock.
-        gripper: whose joint goes into joint_states, after the arm's.
+        gear: what else it has.
     """
 
     def __init__(
@@ -86,9 +112,9 @@ class SimulatedArm:
         description: str,
         trajectory: Trajectory | None,
         options: ArmOptions,
-        gripper: SimulatedGripper | None = None,
+        gear: Equipment | None = None,
     ) -> None:
-        self.world, self._description, self._options, self._gripper = world, description, options, gripper
+        self.world, self._description, self._options, self.gear = world, description, options, gear or Equipment()
         self.model = world.model
         self._beginning = trajectory or WaypointTrajectory(np.zeros(1), home(self.model)[None])
         self._lock = threading.Lock()
@@ -97,14 +123,25 @@ class SimulatedArm:
         self.commands = 0
         """How many commands have been taken: an action sees that another one has replaced its own."""
         self._frontier = 0.0  # s up to which the motion has been simulated and cannot be changed
+        self._held = (np.zeros(10), world)  # phi of what is held, and the robot with it
+        self._base_world = world
+        self._gripper = self.gear.gripper
+        self._frames = LinkFrames(description, self.model, self.gear.fixed_frames)
+        self._base = self._frames.base_columns
         self.topics = {
             "robot_description": TopicInfo("std_msgs/msg/String", latched=True, depth=1),
             "joint_states": TopicInfo("sensor_msgs/msg/JointState"),
             "wrench": TopicInfo("geometry_msgs/msg/WrenchStamped"),
         }
-        self._drives = set(BASE_JOINTS) <= set(self.model.joint_names)
-        if self._drives:
+        if self._base:
             self.topics["odom"] = TopicInfo("nav_msgs/msg/Odometry")
+        if self.gear.tf_rate:
+            self.topics["tf"] = TopicInfo("tf2_msgs/msg/TFMessage")
+            self.topics["tf_static"] = TopicInfo("tf2_msgs/msg/TFMessage", latched=True, depth=1)
+        if self.gear.handling is not None:
+            self.topics["world_truth"] = TopicInfo("tf2_msgs/msg/TFMessage", depth=10)
+        if self.gear.camera is not None:
+            self.topics |= camera_topics()
 
     def hold(self, world: IdealRobot) -> None:
         """Take another payload (or gravity) from here on: a grasp, a release."""
@@ -167,8 +204,18 @@ class SimulatedArm:
             self.commands += 1
             return self.commands, begin
 
-    def grip(self, names: Sequence[str], position: float) -> None:
-        """Bring the gripper's joint to a position.
+    def drive(self, velocity: Array) -> None:
+        """Drive the base from now on: (3,) forward, left, m/s, and turning, rad/s.
+
+        Raises:
+            InputError: NOT_FINITE; UNSUPPORTED without a base.
+        """
+        if self.gear.drive is None:
+            raise InputError(ErrorCode.UNSUPPORTED, "cmd_vel: the robot has no base that drives")
+        self.gear.drive.command(velocity, self._frontier)
+
+    def grip(self, names: Sequence[str], position: float, force: float = 0.0) -> None:
+        """Bring the gripper's joint to a position, with a force, N; 0: the gripper's own.
 
         Raises:
             InputError: JOINT_MISSING for another joint.
@@ -179,25 +226,34 @@ class SimulatedArm:
                 ErrorCode.JOINT_MISSING, f"gripper trajectory: it is for {', '.join(names)}, and there is {known}"
             )
         with self._lock:
-            self._gripper.go(position, self._frontier)
+            self._gripper.go(position, self._frontier, force)
 
     def messages(self) -> Iterator[Message]:
         """Everything the robot says, simulated block by block as it is asked for."""
         with self._lock:
             self._plans, self._frontier = [(0.0, self._beginning)], 0.0
             self.commands += 1
+            for part in (self._gripper, self.gear.drive, self.gear.handling):
+                if part is not None:
+                    part.reset()
         start = self._options.start_stamp
-        if self._gripper is not None:
-            self._gripper.reset()
         self._start = time.time_ns() if start is None else start
         for_joints, for_wrench = np.random.default_rng(self._options.seed).spawn(2)
         encoders = NoisyJoints(self._options.joint_noise, for_joints)
         sensor = NoisyWrench(self._options.wrench_noise, for_wrench)
         yield Message(self._start, "robot_description", encode_text(self._description))
-        yield from in_order(
+        streams = [
             self._blocks(encoders.noise.rate, functools.partial(self._say_joints, encoders)),
             self._blocks(sensor.noise.rate, functools.partial(self._say_wrench, sensor)),
-        )
+        ]
+        if self.gear.tf_rate:
+            yield Message(self._start, "tf_static", self._frames.fixed(self._start))
+            streams.append(self._blocks(self.gear.tf_rate, self._say_frames))
+        if self.gear.handling is not None:
+            streams.append(self._blocks(_TRUTH_RATE, self._say_truth))
+        if self.gear.camera is not None:
+            streams.append(self._blocks(self.gear.camera.mounted.rate, self._say_images))
+        yield from (message for message in in_order(*streams) if message.topic)
 
     def _blocks(
         self, rate: float, say: Callable[[NDArray[np.int64], JointMotion], Iterator[Message]]
@@ -209,14 +265,40 @@ class SimulatedArm:
             count = np.arange(first, first + size if last is None else min(first + size, last))
             taken = np.round(count * (1e9 / rate)).astype(np.int64)
             seconds = taken * np.float64(1e-9)
+            if 1 / rate > _BLOCK:  # its time has to come: a command may change what is said
+                yield Message(self._start + int(taken[0]) - round(_BLOCK * 1e9), "", b"")
             with self._lock:
-                self._frontier = max(self._frontier, float(seconds[-1]) + 1e-9)
+                self._go_on(float(seconds[-1]) + 1e-9)
                 motion = self._actual(seconds)
             yield from say(taken, motion)
             first = int(count[-1]) + 1
 
+    def _go_on(self, until: float) -> None:
+        """Simulate base and world up to a time, s: what happens until then is no longer changed."""
+        self._frontier = max(self._frontier, until)
+        if self.gear.drive is not None:
+            self.gear.drive.advance(self._frontier)
+        if self.gear.handling is not None:
+            self.gear.handling.advance(self._frontier, self._actual)
+
     def _actual(self, seconds: Array) -> JointMotion:
-        return self._motion(seconds - self._options.tracking_delay)
+        """Where the joints are."""
+        motion = self._motion(seconds - self._options.tracking_delay)
+        if self.gear.drive is not None:
+            for value, driven in zip(motion, self.gear.drive.at(seconds), strict=True):
+                value[:, self._base] += driven
+        return motion
+
+    def _robot(self, seconds: float) -> IdealRobot:
+        """The robot with what it holds at a time."""
+        if self.gear.handling is None:
+            return self.world
+        phi = self.gear.handling.payload(seconds)
+        if not np.any(phi):
+            return self.world
+        if not np.array_equal(phi, self._held[0]) or self._base_world is not self.world:
+            self._held, self._base_world = (phi, self.world.holding(phi)), self.world
+        return self._held[1]
 
     def _motion(self, seconds: Array) -> JointMotion:
         """What the plans say, each from its beginning until the next one's."""
@@ -240,7 +322,7 @@ class SimulatedArm:
         )
 
     def _say_joints(self, reports: NoisyJoints, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
-        effort = self.world.effort(motion)
+        effort = self._robot(taken[0] * 1e-9).effort(motion)
         stamps = self._start + np.maximum(reports.stamps(taken), 0)
         said = reports.report(motion.position, motion.velocity, effort)
         names = self.model.joint_names
@@ -249,18 +331,46 @@ class SimulatedArm:
             fingers = self._gripper.at(taken * np.float64(1e-9))
             said = tuple(np.column_stack(pair) for pair in zip(said, fingers, strict=True))
         stream = JointStream(stamps, names, said[0], said[1], said[2])
-        base = [self.model.joint_names.index(name) for name in BASE_JOINTS] if self._drives else []
         for i, (stamp, data) in enumerate(encode_stream("joint_states", stream)):
             yield Message(stamp, "joint_states", data)
-            if self._drives:
-                yield Message(stamp, "odom", _odometry(stamp, motion.position[i, base], motion.velocity[i, base]))
+            if self._base:
+                place, velocity = motion.position[i, self._base], motion.velocity[i, self._base]
+                odometry = odometry_bytes(stamp, self._frames.root, self._frames.base, place, velocity)
+                yield Message(stamp, "odom", odometry)
 
     def _say_wrench(self, reports: NoisyWrench, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
-        truth = self.world.simulate(taken, motion)
+        robot = self._robot(taken[0] * 1e-9)
+        moved = sensor_motion(self.model, taken, *motion)
+        wrench = robot.wrench(moved)
+        if self.gear.handling is not None:
+            wrench = wrench + self.gear.handling.reaction(taken[0] * 1e-9, moved, robot.gravity)
         stamps = self._start + np.maximum(reports.stamps(taken), 0)
-        stream = WrenchStream(stamps, reports.report(truth.wrench_in_sensor), self.model.sensor_frame)
+        stream = WrenchStream(stamps, reports.report(wrench), self.model.sensor_frame)
         for stamp, data in encode_stream("wrench", stream):
             yield Message(stamp, "wrench", data)
+
+    def _say_frames(self, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
+        for time_taken, position in zip(taken.tolist(), motion.position, strict=True):
+            stamp = self._start + time_taken
+            yield Message(stamp, "tf", self._frames.moving(stamp, position))
+
+    def _say_truth(self, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
+        handling = self.gear.handling
+        if handling is not None:
+            stamp = self._start + int(taken[-1])
+            objects = handling.world.objects.values()
+            yield Message(stamp, "world_truth", tf_bytes([(stamp, "world", item.id, item.pose) for item in objects]))
+
+    def _say_images(self, taken: NDArray[np.int64], motion: JointMotion) -> Iterator[Message]:
+        handling, camera = self.gear.handling, self.gear.camera
+        if handling is None or camera is None:
+            return
+        for time_taken, position in zip(taken.tolist(), motion.position, strict=True):
+            stamp = self._start + time_taken
+            yield Message(stamp, "", b"")  # the image is taken when its time has come
+            parent = handling.root @ self._frames.pose(camera.mounted.parent, position)
+            number = round(time_taken * 1e-9 * camera.mounted.rate)
+            yield from camera.expose(number, stamp, parent @ camera.mounted.pose, handling.world.objects)
 
 
 def _through(now: JointMotion, columns: list[int], waypoints: Waypoints) -> WaypointTrajectory:
@@ -278,31 +388,3 @@ def _through(now: JointMotion, columns: list[int], waypoints: Waypoints) -> Wayp
         full[:, columns] = given[ahead]
         rows.append(np.vstack([present, full]))
     return WaypointTrajectory(np.concatenate([[0.0], times[ahead]]), rows[0], rows[1], rows[2])
-
-
-def _odometry(stamp: int, pose: Array, velocity: Array) -> bytes:
-    """CDR of nav_msgs/Odometry: x, y, yaw in `odom`, and the twist in `base_link` as REP-105 wants it."""
-    make: dict[str, Any] = dict(typestore().types)
-    x, y, yaw = (float(value) for value in pose)
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    forward = float(cosine * velocity[0] + sine * velocity[1])
-    left = float(-sine * velocity[0] + cosine * velocity[1])
-    seconds, nanoseconds = divmod(int(stamp), 10**9)
-
-    def vector(kind: str, *values: float) -> Any:
-        return make[f"geometry_msgs/msg/{kind}"](*values)
-
-    header = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, nanoseconds), "odom")
-    turned = vector("Quaternion", 0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2)))
-    where = make["geometry_msgs/msg/Pose"](vector("Point", x, y, 0.0), turned)
-    twist = make["geometry_msgs/msg/Twist"](
-        vector("Vector3", forward, left, 0.0), vector("Vector3", 0.0, 0.0, float(velocity[2]))
-    )
-    exact = np.zeros(36)
-    message = make["nav_msgs/msg/Odometry"](
-        header,
-        "base_link",
-        make["geometry_msgs/msg/PoseWithCovariance"](where, exact),
-        make["geometry_msgs/msg/TwistWithCovariance"](twist, exact),
-    )
-    return bytes(typestore().serialize_cdr(message, "nav_msgs/msg/Odometry"))

@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import rclpy
+from geometry_msgs.msg import Twist, TwistStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
@@ -22,8 +24,10 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, InputError, PoiseError
 from poise.fake_robots.arm import SimulatedArm
 from poise.fake_robots.bag_replay import BagSource, message_class
+from poise.fake_robots.camera import camera_topics
 from poise.fake_robots.commands import waypoints_of
 from poise.fake_robots.faults import apply_faults, parse_faults
+from poise.fake_robots.gripper_action import GripperAction
 from poise.fake_robots.parameters import PARAMETERS, PAYLOAD, make_source, make_world
 from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
@@ -41,9 +45,10 @@ _MUTUAL = 0.5
 class FakeRobot(Node):
     """A replayed bag or a simulated arm in place of hardware.
 
-    Publishes what the source says (a bag: its topics; an arm: robot_description, joint_states, wrench, odom), `/clock`
-    when asked, and `replay_done` (std_msgs/Empty, latched) at the end. Service `play` (std_srvs/SetBool) resumes and
-    pauses. An arm follows `joint_trajectory` (trajectory_msgs/JointTrajectory), its gripper `gripper_trajectory`.
+    Publishes what the source says (a bag: its topics; an arm: robot_description, joint_states, wrench, tf, odom,
+    images), `/clock` when asked, and `replay_done` (std_msgs/Empty, latched) at the end. Service `play`
+    (std_srvs/SetBool) resumes and pauses. An arm follows `joint_trajectory` (trajectory_msgs/JointTrajectory) and
+    FollowJointTrajectory, its gripper `gripper_trajectory` and GripperCommand, its base `cmd_vel`.
 
     Args:
         failed: called with the error when the node has to end because of it.
@@ -52,7 +57,7 @@ class FakeRobot(Node):
     def __init__(self, failed: Callable[[PoiseError], None]) -> None:
         super().__init__("fake_robot")
         self._failed = failed
-        self._actions: list[TrajectoryAction] = []
+        self._actions: list[TrajectoryAction | GripperAction] = []
         values = declare_parameters(self, PARAMETERS, PAYLOAD)
         self._values = values
         self._faults = parse_faults(values["faults"])
@@ -80,13 +85,28 @@ class FakeRobot(Node):
         )
         self.create_service(SetBool, "play", guarded(self, self._play))
         if isinstance(self._source, SimulatedArm):
-            self.create_subscription(JointTrajectory, "joint_trajectory", guarded(self, self._command), 10)
-            self._actions = [TrajectoryAction(self, self._source, values)]
-            if values["gripper_joint"]:
-                self.create_subscription(JointTrajectory, "gripper_trajectory", guarded(self, self._grip), 10)
+            self._obey(self._source)
         self.add_on_set_parameters_callback(self._set_payload)
         self.create_timer(0.05, self._leave_when_done)
         self._player.start()
+
+    def _obey(self, arm: SimulatedArm) -> None:
+        """Take commands for arm, gripper and base; render images while they are subscribed to."""
+        values = self._values
+        self.create_subscription(JointTrajectory, "joint_trajectory", guarded(self, self._command), 10)
+        self._actions.append(TrajectoryAction(self, arm, values))
+        gear = arm.gear
+        if gear.gripper is not None:
+            self.create_subscription(JointTrajectory, "gripper_trajectory", guarded(self, self._grip), 10)
+            self._actions.append(
+                GripperAction(self, arm, gear.gripper, values["gripper_action"], values["allow_stalling"])
+            )
+        if gear.drive is not None:
+            kind = TwistStamped if values["cmd_vel_stamped"] else Twist
+            self.create_subscription(kind, "cmd_vel", guarded(self, self._drive), 10)
+        if gear.camera is not None:
+            images = [self._outlets[topic] for topic in camera_topics()]
+            gear.camera.wanted = lambda: any(outlet.get_subscription_count() for outlet in images)
 
     def destroy_node(self) -> None:
         """Stop playing before the publishers go."""
@@ -145,6 +165,10 @@ class FakeRobot(Node):
         if len(position) != 1 or not math.isfinite(position[0]):
             raise InputError(ErrorCode.BAD_INPUT, "gripper trajectory: its last point needs one finite position")
         self._source.grip(message.joint_names, position[0])
+
+    def _drive(self, message: Twist | TwistStamped) -> None:
+        twist = message.twist if isinstance(message, TwistStamped) else message
+        self._source.drive(np.array([twist.linear.x, twist.linear.y, twist.angular.z]))
 
     def _set_payload(self, parameters: list[Any]) -> SetParametersResult:
         changed = {parameter.name: parameter.value for parameter in parameters if parameter.name in PAYLOAD}

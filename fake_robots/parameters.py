@@ -8,7 +8,8 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.fake_robots.arm import ArmOptions, SimulatedArm
 from poise.fake_robots.bag_replay import BagSource
-from poise.fake_robots.gripper import SimulatedGripper
+from poise.fake_robots.drive import mounted_on_base
+from poise.fake_robots.equipment import EQUIPMENT_PARAMETERS, make_equipment
 from poise.files import package_file
 from poise.geometry import GRAVITY_IN_WORLD
 from poise.inertia import InertialParameters
@@ -35,7 +36,7 @@ PARAMETERS = (
     Parameter("bag", "", "replay: path of the bag, or package://NAME/path"),
     Parameter("topics", WORDS, "replay: topics to replay; empty: all"),
     Parameter("refuse_unknown", False, "replay: end with an error when a topic's type is not installed"),
-    Parameter("robot", "fr3", "arm: fr3, xarm7, ridgeback_ur10, or the path of a URDF"),
+    Parameter("robot", "fr3", "arm: fr3, xarm7, ur5e, ur10e, ridgeback_ur10, or the path of a URDF"),
     Parameter("sensor_frame", "ft_sensor", "arm: frame of the force-torque sensor"),
     Parameter("trajectory", "", "arm: path of a YAML or CSV file, or `fourier`; empty: follow joint_trajectory"),
     Parameter("duration", 20.0, "arm: s of the trajectory `fourier`", (1.0, 3600.0)),
@@ -64,8 +65,7 @@ PARAMETERS = (
     Parameter("path_tolerance", 0.0, "arm: default of path_tolerance, rad or m; 0: none", (0.0, 10.0)),
     Parameter("goal_tolerance", 0.01, "arm: default of goal_tolerance, rad or m; 0: none", (0.0, 10.0)),
     Parameter("goal_time", 5.0, "arm: default of goal_time_tolerance, s", (0.0, 600.0)),
-    Parameter("gripper_joint", "", "arm: name of the joint that gripper_trajectory commands; empty: no gripper"),
-    Parameter("gripper_speed", 1.0, "arm: rad/s or m/s of that joint", (1e-3, 100.0)),
+    *EQUIPMENT_PARAMETERS,
 )
 
 
@@ -80,6 +80,8 @@ def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
             raise InputError(ErrorCode.BAD_INPUT, "parameter bag: give the path of a bag, or set mode to arm")
         return BagSource(package_file(values["bag"]), values["topics"], values["refuse_unknown"])
     description = read_urdf(find_urdf(values["robot"]))
+    if values["base"]:
+        description = mounted_on_base(description, values["base_height"])
     model = RobotModel.from_urdf(description, values["sensor_frame"])
     trajectory = None
     if values["trajectory"] == "fourier":
@@ -103,8 +105,8 @@ def make_source(values: dict[str, Any]) -> BagSource | SimulatedArm:
         end=None if trajectory is None or values["stay"] else trajectory.duration,
         tracking_delay=values["tracking_delay"],
     )
-    gripper = SimulatedGripper(values["gripper_joint"], values["gripper_speed"]) if values["gripper_joint"] else None
-    return SimulatedArm(make_world(model, values), description, trajectory, options, gripper)
+    gear = make_equipment(values, model, description)
+    return SimulatedArm(make_world(model, values), description, trajectory, options, gear)
 
 
 def make_world(model: RobotModel, values: dict[str, Any]) -> IdealRobot:

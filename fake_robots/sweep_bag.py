@@ -24,11 +24,12 @@ _HAND_EYE = Mounting(
 """On the xArm7's flange, beside the gripper and looking along it."""
 VGA = Camera(640, 480, 615.0, 615.0, 319.5, 239.5)
 """A D435's colour camera; depth is aligned to it."""
-_TOPICS = {
+CAMERA_TOPICS = {
     "depth": "camera/aligned_depth_to_color/image_raw",
     "info": "camera/aligned_depth_to_color/camera_info",
     "colour": "camera/color/image_raw",
 }
+"""What a RealSense driver calls them."""
 _JOINT_RATE = 50.0
 _FRAME_PERIOD = 0.24
 """s; the thesis took 127 images in about 30 s."""
@@ -115,12 +116,12 @@ def write_sweep(path: Path, sweep: FakeSweep, metadata: dict[str, dict[str, str]
     messages += [(stamp, "joint_states", data) for stamp, data in encode_stream("joint_states", states)]
     for view, steps in fake_views(sweep, rotation, translation):
         stamp = view.frame.stamp
-        messages.append((stamp, _TOPICS["info"], _info(stamp, sweep.camera)))
-        messages.append((stamp, _TOPICS["depth"], _image(stamp, steps, "16UC1")))
-        messages.append((stamp, _TOPICS["colour"], _image(stamp, view.frame.colours, "rgb8")))
+        messages.append((stamp, CAMERA_TOPICS["info"], info_bytes(stamp, _OPTICAL, sweep.camera)))
+        messages.append((stamp, CAMERA_TOPICS["depth"], image_bytes(stamp, _OPTICAL, steps, "16UC1")))
+        messages.append((stamp, CAMERA_TOPICS["colour"], image_bytes(stamp, _OPTICAL, view.frame.colours, "rgb8")))
     kinds = {"robot_description": "std_msgs/msg/String", "tf_static": "tf2_msgs/msg/TFMessage"}
-    kinds |= {"joint_states": "sensor_msgs/msg/JointState", _TOPICS["info"]: "sensor_msgs/msg/CameraInfo"}
-    kinds |= {_TOPICS[name]: "sensor_msgs/msg/Image" for name in ("depth", "colour")}
+    kinds |= {"joint_states": "sensor_msgs/msg/JointState", CAMERA_TOPICS["info"]: "sensor_msgs/msg/CameraInfo"}
+    kinds |= {CAMERA_TOPICS[name]: "sensor_msgs/msg/Image" for name in ("depth", "colour")}
     with RecordingWriter(path, metadata=metadata) as writer:
         for topic, kind in kinds.items():
             writer.add_topic(topic, kind)
@@ -128,26 +129,38 @@ def write_sweep(path: Path, sweep: FakeSweep, metadata: dict[str, dict[str, str]
             writer.write(topic, stamp, data)
 
 
-def _header(stamp: int) -> Any:
+def _header(stamp: int, frame: str) -> Any:
     make: Any = typestore().types
     seconds, rest = divmod(stamp, 10**9)
-    return make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), _OPTICAL)
+    return make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](seconds, rest), frame)
 
 
-def _image(stamp: int, pixels: NDArray[Any], encoding: str) -> bytes:
+def image_bytes(stamp: int, frame: str, pixels: NDArray[Any], encoding: str) -> bytes:
+    """CDR of sensor_msgs/Image: (H, W) or (H, W, 3) pixels, at a stamp, ns."""
     height, width = pixels.shape[:2]
     data = np.frombuffer(np.ascontiguousarray(pixels).tobytes(), np.uint8)
     kind = "sensor_msgs/msg/Image"
-    message = typestore().types[kind](_header(stamp), height, width, encoding, 0, len(data) // height, data)
+    message = typestore().types[kind](_header(stamp, frame), height, width, encoding, 0, len(data) // height, data)
     return bytes(typestore().serialize_cdr(message, kind))
 
 
-def _info(stamp: int, camera: Camera) -> bytes:
+def info_bytes(stamp: int, frame: str, camera: Camera) -> bytes:
+    """CDR of sensor_msgs/CameraInfo."""
     kind = "sensor_msgs/msg/CameraInfo"
     k = np.array([camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1])
     p = np.array([camera.fx, 0, camera.cx, 0, 0, camera.fy, camera.cy, 0, 0, 0, 1, 0])
     whole = typestore().types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     message = typestore().types[kind](
-        _header(stamp), camera.height, camera.width, "plumb_bob", np.zeros(5), k, np.eye(3).ravel(), p, 0, 0, whole
+        _header(stamp, frame),
+        camera.height,
+        camera.width,
+        "plumb_bob",
+        np.zeros(5),
+        k,
+        np.eye(3).ravel(),
+        p,
+        0,
+        0,
+        whole,
     )
     return bytes(typestore().serialize_cdr(message, kind))

@@ -12,8 +12,9 @@ from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from poise.errors import ErrorCode, InputError
-from poise.fake_robots.arm import BASE_JOINTS, SimulatedArm, Waypoints
+from poise.fake_robots.arm import SimulatedArm, Waypoints
 from poise.fake_robots.commands import require_complete, seconds_of, waypoints_of
+from poise.fake_robots.drive import BASE_JOINTS
 from poise.fake_robots.following import Following, JointTolerances, Outcome, outcome_of
 from poise.nodes.runtime import guarded
 from poise.types import Array

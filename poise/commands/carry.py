@@ -37,7 +37,9 @@ SpecOption = Annotated[
         show_default=False,
     ),
 ]
-RobotOption = Annotated[str, typer.Option("--robot", help="fr3, xarm7, ridgeback_ur10, or the path of a URDF.")]
+RobotOption = Annotated[
+    str, typer.Option("--robot", help="fr3, xarm7, ur5e, ur10e, ridgeback_ur10, or the path of a URDF.")
+]
 BaseOption = Annotated[
     tuple[float, float, float, float],
     typer.Option("--base", metavar="X Y Z YAW", help="Where the robot stands in the scene, m and rad."),

@@ -29,7 +29,10 @@ from poise.simulation import home
 from poise.types import Array
 
 RobotArgument = Annotated[
-    str, typer.Argument(metavar="ROBOT", help="A URDF file, or fr3, xarm7 or ridgeback_ur10.", show_default=False)
+    str,
+    typer.Argument(
+        metavar="ROBOT", help="A URDF file, or fr3, xarm7, ur5e, ur10e or ridgeback_ur10.", show_default=False
+    ),
 ]
 StartOption = Annotated[
     str | None,

@@ -40,7 +40,7 @@ def simulate(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="The .mcap to write.", show_default=False)],
     urdf: Annotated[
         Path | None,
-        typer.Option("--urdf", help="For a trajectory: URDF, or fr3, xarm7, ridgeback_ur10.", show_default=False),
+        typer.Option("--urdf", help="Of a motion: URDF, fr3, xarm7, ur5e, ur10e, ridgeback_ur10.", show_default=False),
     ] = None,
     noise: Annotated[
         bool, typer.Option("--noise", help="Add the model's noise to the wrench, 0.1 N m to efforts.")

@@ -54,7 +54,7 @@ class Arm:
         hand: Hand | None = None,
         tcp_frame: str = "tcp",
     ) -> "Arm":
-        """Read a URDF, or a robot that comes with Poise (fr3, xarm7, ridgeback_ur10).
+        """Read a URDF, or a robot that comes with Poise (fr3, xarm7, ur5e, ur10e, ridgeback_ur10).
 
         Args:
             robot: path or name; collision shapes that are meshes are not opened.

@@ -16,7 +16,7 @@ from poise.robot.urdf import Inertial, Mimic, UrdfTree, parse_urdf, read_urdf
 from poise.types import Array
 
 MODELS = Path(__file__).parent / "models"
-"""The URDFs that come with Poise: fr3, xarm7, ridgeback_ur10."""
+"""The URDFs that come with Poise: fr3, xarm7, ur5e, ur10e, ridgeback_ur10."""
 
 
 @dataclass(frozen=True)

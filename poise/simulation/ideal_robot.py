@@ -53,6 +53,7 @@ class IdealRobot:
         tool_in_wrench: bool = False,
     ) -> None:
         self.model = model
+        self.tool_in_wrench = tool_in_wrench
         self.payload = np.zeros(10) if payload is None else np.asarray(payload, dtype=np.float64)
         self.gravity = np.asarray(gravity, dtype=np.float64)
         self.load = self.payload + model.load_in_sensor if tool_in_wrench else self.payload
@@ -60,6 +61,10 @@ class IdealRobot:
         frame = self._loaded.frames[model.frame_id(model.sensor_frame)]
         self._loaded.inertias[frame.parentJoint] += frame.placement.act(inertia_of(self.payload))
         self._loaded.gravity.linear = self.gravity
+
+    def holding(self, more: Array) -> "IdealRobot":
+        """The same robot with (10,) phi added to its payload."""
+        return IdealRobot(self.model, self.payload + more, self.gravity, self.tool_in_wrench)
 
     def simulate(self, stamps: NDArray[np.int64], joints: JointMotion, base: BaseMotion | None = None) -> Truth:
         """Joint efforts and the wrench on the sensor along a motion.

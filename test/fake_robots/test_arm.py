@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.fake_robots.arm import ArmOptions, SimulatedArm, Waypoints
+from poise.fake_robots.arm import ArmOptions, Equipment, SimulatedArm, Waypoints
 from poise.fake_robots.gripper import SimulatedGripper
 from poise.recording.encoding import typestore
-from poise.robot import RobotModel, frame_poses, motion_from_joints
+from poise.robot import RobotModel, find_urdf, frame_poses, motion_from_joints
 from poise.simulation import FourierTrajectory, IdealRobot, JointNoise, home, wrench_noise
 
 PAYLOAD = np.array([1.5, 0.03, -0.02, 0.12, 0.02, 0.001, 0.0, 0.018, 0.0, 0.006])
@@ -19,7 +19,7 @@ CLEAN = ArmOptions(wrench_noise("none", rate=100.0), JointNoise(rate=100.0))
 
 def arm(name="fr3", trajectory=None, options=CLEAN, **world):
     model = RobotModel.from_file(name)
-    return SimulatedArm(IdealRobot(model, PAYLOAD, **world), "<robot/>", trajectory, options)
+    return SimulatedArm(IdealRobot(model, PAYLOAD, **world), find_urdf(name).read_text(), trajectory, options)
 
 
 def fourier(name="fr3", duration=8.0):
@@ -167,7 +167,8 @@ def test_a_grasp_changes_the_wrench_from_then_on():
 def test_a_gripper_goes_where_it_is_told_no_faster_than_it_can_and_leaves_the_arm_as_it_is():
     options = ArmOptions(CLEAN.wrench_noise, CLEAN.joint_noise, end=2.0)
     model = RobotModel.from_file("fr3")
-    held = SimulatedArm(IdealRobot(model, PAYLOAD), "<robot/>", fourier(), options, SimulatedGripper("fingers", 0.8))
+    gear = Equipment(SimulatedGripper("fingers", 0.8))
+    held = SimulatedArm(IdealRobot(model, PAYLOAD), find_urdf("fr3").read_text(), fourier(), options, gear)
     stream = held.messages()
     first = list(itertools.islice(stream, 50))
     held.grip(["fingers"], 0.4)

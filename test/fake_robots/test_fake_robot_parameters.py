@@ -19,6 +19,7 @@ from poise.nodes.parameters import declare_parameters
 
 ROOT = Path(__file__).parents[2]
 BAG = str(ROOT / "bags" / "kuka_at_rest.mcap")
+SCENE = str(ROOT / "docs" / "scenes" / "tray.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +45,11 @@ def test_a_bag_or_an_arm_is_made(context):
     assert isinstance(source_of(context, {"bag": BAG, "topics": ["wrench"]}), BagSource)
     arm = source_of(context, {"mode": "arm", "robot": "ridgeback_ur10", "payload.mass": 1.0, "trajectory": "fourier"})
     assert isinstance(arm, SimulatedArm)
-    assert set(arm.topics) == {"robot_description", "joint_states", "wrench", "odom"}
+    assert set(arm.topics) == {"robot_description", "joint_states", "wrench", "odom", "tf", "tf_static"}
+    plain = source_of(context, {"mode": "arm", "tf_rate": 0.0})
+    assert set(plain.topics) == {"robot_description", "joint_states", "wrench"}
+    seeing = {"mode": "arm", "world": SCENE, "gripper_joint": "finger_joint", "camera": True, "base": True}
+    assert set(source_of(context, seeing).topics) >= {"odom", "world_truth", "camera/color/image_raw"}
 
 
 def test_the_installed_parameter_file_finds_its_bag_from_any_folder(context, tmp_path, monkeypatch):
@@ -77,6 +82,14 @@ def test_the_payload_is_given_about_its_centre_of_mass(context):
         ({"bag": BAG, "faults": ["explode"]}, "explode"),
         ({"mode": "arm", "robot": "r2d2"}, "r2d2"),
         ({"mode": "arm", "sensor_frame": "nose"}, "nose"),
+        ({"mode": "arm", "world": SCENE}, "gripper_joint"),
+        ({"mode": "arm", "world": "/nowhere.yaml", "gripper_joint": "finger_joint"}, "/nowhere.yaml"),
+        ({"mode": "arm", "world": SCENE, "gripper_joint": "finger_joint", "tool_frame": "nose"}, "nose"),
+        ({"mode": "arm", "world": SCENE, "gripper_joint": "finger_joint", "riding": ["raft"]}, "raft"),
+        ({"mode": "arm", "camera": True}, "world"),
+        ({"mode": "arm", "robot": "ridgeback_ur10", "base": True}, "base_x"),
+        ({"mode": "arm", "base": True, "base_acceleration": [1.0, 0.0]}, "base_acceleration"),
+        ({"mode": "arm", "gripper_joint": "finger_joint", "gripper_closed": 0.0}, "gripper_closed"),
         ({"mode": "arm", "sensor": "best"}, "best"),
         ({"mode": "arm", "sensor_bias": [1.0]}, "sensor_bias"),
         ({"mode": "arm", "payload.com": [0.0]}, "payload.com"),

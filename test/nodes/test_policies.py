@@ -18,7 +18,14 @@ ROOT = Path(__file__).parents[2]
 POLICIES = sorted((ROOT / "config" / "sros2").glob("*.policy.xml"))
 PARAMETERS = {
     "acceleration_limits": {"payload": "can", "from_odom": True},
-    "fake_robot": {"mode": "arm", "robot": "ridgeback_ur10", "publish_clock": True, "gripper_joint": "finger_joint"},
+    "fake_robot": {
+        "mode": "arm",
+        "robot": "ridgeback_ur10",
+        "publish_clock": True,
+        "gripper_joint": "finger_joint",
+        "world": str(ROOT / "docs" / "scenes" / "tray.yaml"),
+        "camera": True,
+    },
     "ft_driver": {"address": "127.0.0.1", "batch_rate": 10.0},
     "object_scanner": {"patience": 30.0},
     "robustness_server": {"poses_from_tf": True},

@@ -47,6 +47,8 @@ def craig(q, table):
 FR3 = [(0, 333, 0), (0, 0, -90), (0, 316, 90), (82.5, 0, 90), (-82.5, 384, -90), (0, 0, 90), (88, 0, 90)]
 XARM7 = [(267, 0, -90), (0, 0, 90), (293, 52.5, 90), (0, 77.5, 90), (342.5, 0, 90), (0, 76, -90), (97, 0, 0)]
 UR10 = [(127.3, 0, 90), (0, -612, 0), (0, -572.3, 0), (163.941, 0, 90), (115.7, 0, -90), (92.2, 0, 0)]
+UR5E = [(162.5, 0, 90), (0, -425, 0), (0, -392.2, 0), (133.3, 0, 90), (99.7, 0, -90), (99.6, 0, 0)]
+UR10E = [(180.7, 0, 90), (0, -612.7, 0), (0, -571.55, 0), (174.15, 0, 90), (119.85, 0, -90), (116.55, 0, 0)]
 
 
 def scaled(table, lengths):
@@ -71,6 +73,12 @@ def test_ur10_stands_where_universal_robots_table_puts_it_on_the_base(seed):
     q = np.random.default_rng(seed).uniform(-2, 2, 9)
     base = translation(q[0], q[1], 0) @ rotation("z", q[2]) @ translation(0, 0, 0.28)
     check("ridgeback_ur10", q, base @ denavit_hartenberg(q[3:], scaled(UR10, (0, 1))) @ translation(0, 0, 0.0375))
+
+
+@pytest.mark.parametrize(("name", "table"), [("ur5e", UR5E), ("ur10e", UR10E)])
+def test_e_series_stands_where_universal_robots_table_puts_it(name, table):
+    q = np.random.default_rng(0).uniform(-2, 2, 6)
+    check(name, q, denavit_hartenberg(q, scaled(table, (0, 1))) @ translation(0, 0, 0.0375))
 
 
 def check(name, q, expected):

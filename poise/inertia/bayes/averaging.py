@@ -188,17 +188,20 @@ class ModelAverage:
         return (log - np.linalg.slogdet(system)[1]) / 2, (mean[:, None] + step) @ self._to_sensor().T
 
     def _typical(self, posterior: Posterior | None) -> tuple[Array, Array]:
-        """(B, n) states and (B, n) prior variances, on average over the hypotheses with the same case of the bias."""
+        """(B, n) states and (B, n) prior variances, on average over the hypotheses with the same case of the bias.
+
+        A case that was dropped takes those of the others, so that it comes back with a delay that fits the answer.
+        """
         scouts = self.hypotheses.scouts
         states, variances = self._starts.copy(), self.hypotheses.state_variances[scouts]
         if posterior is None:
             return states, variances
         for case in range(len(scouts)):
             same = posterior.bias_cases == case
-            if same.any():
-                weights = _normalised(posterior.log_weights[same])
-                states[case] = weights @ posterior.states[same]
-                variances[case] = weights @ self.hypotheses.state_variances[posterior.left[same]]
+            same |= not same.any()
+            weights = _normalised(posterior.log_weights[same])
+            states[case] = weights @ posterior.states[same]
+            variances[case] = weights @ self.hypotheses.state_variances[posterior.left[same]]
         return states, variances
 
     def _climb(

@@ -1,5 +1,7 @@
 """Errors of sensor and kinematics that last for a second: they do not average out, and widen the covariance."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from poise.geometry import STANDARD_GRAVITY
@@ -13,11 +15,17 @@ LOAD_ACCURACY = 0.01
 _DURATION = 1.0
 """s, time constant of the errors' exponential autocorrelation."""
 
-_LAGS, _NEAR = 3, 500_000_000
+_LAGS, _NEAR = (2, 3, 4), 500_000_000
 """Blocks apart, and ns, at which residual means are multiplied."""
 
 _LEAST_PAIRS, _NOTABLE = 12, 3.0
 """From this many pairs, and standard errors, on the residuals show how large lasting errors are."""
+
+MEAN_UNKNOWNS = 5
+"""Degrees of freedom that the answer takes from the means of one of the two groups of channels, about."""
+
+_MOST_CORRELATED = 0.8
+"""Of neighbouring blocks; what is more correlated lasts."""
 
 _SHOWN_AFTER = 2.0
 """s of samples, after which the residuals show lasting errors and nothing is assumed of them."""
@@ -29,28 +37,63 @@ _ARM = 0.05
 """m: lever of the weight at which the torque errs, at least."""
 
 
-def lasting_variances(means: Array, blocks: MomentBlocks, keep: Mask) -> Array:
-    """(2,) variance of errors that last, of force and torque; 0 where chance explains the autocovariance.
+def neighbour_correlation(means: Array, blocks: MomentBlocks, keep: Mask) -> Array:
+    """(2,) correlation of the errors of neighbouring blocks, of force and of torque; at least 0.
 
-    White noise of neighbouring blocks is independent; what their residual means have in common is not noise.
+    A fit takes slow errors out of its residuals, so that these are less correlated than the errors are. The bias is
+    removed to first order (Marriott and Pope 1954).
 
     Args:
         means: (B, 6) residual means, N and N m.
         blocks: the samples.
         keep: (B,) blocks that are used.
     """
-    products, count = np.zeros(2), 0
-    for lag in range(1, min(_LAGS + 1, len(means))):
-        both = keep[lag:] & keep[:-lag] & (blocks.start[lag:] - blocks.end[:-lag] < _NEAR)
-        pair = (means[lag:] * means[:-lag])[both]
-        products += [pair[:, :3].sum(), pair[:, 3:].sum()]
-        count += len(pair)
-    if count < _LAGS * _LEAST_PAIRS:
+    products, count = _products(means, blocks, keep, 1)
+    if count < _LEAST_PAIRS:
         return np.zeros(2)
-    used = means[keep] ** 2
-    total = np.array([used[:, :3].mean(), used[:, 3:].mean()])
-    common = products / (3 * count)
+    shown = products / (3 * count * _mean_squares(means, keep))
+    lost = MEAN_UNKNOWNS / (3 * count)
+    return np.asarray(np.clip((shown + lost) / (1 - 3 * lost), 0.0, _MOST_CORRELATED))
+
+
+def variance_of_sum(correlation: Array) -> Array:
+    """(2,) of many errors of first order, in units of independent ones, by the correlation (2,) of neighbours."""
+    return np.asarray((1 + correlation) / (1 - correlation))
+
+
+def lasting_variances(means: Array, blocks: MomentBlocks, keep: Mask) -> Array:
+    """(2,) variance of errors that last, of force and torque; 0 where chance explains the autocovariance.
+
+    What the residual means of blocks that are not neighbours have in common is neither white noise nor noise with a
+    short memory, whose correlation falls off as the power of that of neighbours.
+
+    Args:
+        means: (B, 6) residual means, N and N m.
+        blocks: the samples.
+        keep: (B,) blocks that are used.
+    """
+    sums = [_products(means, blocks, keep, lag) for lag in _LAGS]
+    count = sum(number for _, number in sums)
+    if count < len(_LAGS) * _LEAST_PAIRS:
+        return np.zeros(2)
+    total = _mean_squares(means, keep)
+    short = neighbour_correlation(means, blocks, keep)
+    fading = sum(number * short**lag for lag, (_, number) in zip(_LAGS, sums, strict=True)) / count
+    common = sum(products for products, _ in sums) / (3 * count) - total * fading
     return np.where(common > _NOTABLE * total / np.sqrt(3 * count), common, 0.0)
+
+
+def _products(means: Array, blocks: MomentBlocks, keep: Mask, lag: int) -> tuple[Array, int]:
+    """(2,) sums of products of means that are some blocks apart, and how many pairs there are."""
+    both = keep[lag:] & keep[:-lag] & (blocks.start[lag:] - blocks.end[:-lag] < _NEAR)
+    pairs = (means[lag:] * means[:-lag])[both]
+    return np.array([pairs[:, :3].sum(), pairs[:, 3:].sum()]), len(pairs)
+
+
+def _mean_squares(means: Array, keep: Mask) -> Array:
+    """(2,) per channel."""
+    used = means[keep] ** 2
+    return np.array([used[:, :3].mean(), used[:, 3:].mean()])
 
 
 def assumed_variances(phi: Array, noise: NoiseLevels, blocks: MomentBlocks, accuracy: float) -> Array:
@@ -72,24 +115,74 @@ def assumed_variances(phi: Array, noise: NoiseLevels, blocks: MomentBlocks, accu
     return np.asarray(unknown * ((accuracy * np.array([weight, moment])) ** 2 + by_noise**2))
 
 
-def lasting_covariance(blocks: MomentBlocks, sums: Array, covariance: Array, weight: Array, variances: Array) -> Array:
+def gains(sums: Array, covariance: Array, weight: Array) -> Array:
+    """(B, 16, 6) change of the answer per error of a block, N and N m.
+
+    Args:
+        sums: (B, 13) of the signals of blocks.
+        covariance: (16, 16) after the samples.
+        weight: (6, 6) of a sample.
+    """
+    return np.asarray(covariance @ signal_columns(sums).swapaxes(1, 2) @ weight)
+
+
+def lasting_covariance(blocks: MomentBlocks, gain: Array, variances: Array) -> Array:
     """(16, 16) covariance of phi and bias that lasting errors add.
 
     Args:
         blocks: those that are used.
-        sums: (B, 13) of their signals.
-        covariance: (16, 16) after the samples.
-        weight: (6, 6) of a sample.
+        gain: (B, 16, 6) see `gains`.
         variances: (2,) of the errors, of force and torque.
     """
-    regressor = signal_columns(sums)
-    gain = covariance @ regressor.swapaxes(1, 2) @ weight  # (B, 16, 6): change of the answer per error of a block
-    seconds = (blocks.start + blocks.end) * 0.5e-9
-    seconds -= seconds[0]
+    seconds = _middles(blocks)
     together = np.exp(-np.abs(seconds[:, None] - seconds) / _DURATION)
+    return _summed(gain, [variance * together for variance in variances])
+
+
+def averaged_out(blocks: MomentBlocks, gain: Array, covariance: Array, residual: Array, correlation: Array) -> Array:
+    """(16, 16) by how much too large a covariance is in which all parameters have the variance of a sum of errors.
+
+    Errors that are correlated over neighbouring blocks average out where the motion changes the sign of their effect.
+    At most, what is left is the variance of errors that are not correlated.
+
+    Args:
+        blocks: those that are used.
+        gain: (B, 16, 6) see `gains`.
+        covariance: (16, 16) that is too large.
+        residual: (6, 6) covariance of a sample, in which the variance is that of a sum, see `variance_of_sum`.
+        correlation: (2,) of the errors of neighbouring blocks, of force and torque.
+    """
+    seconds = _middles(blocks)
+    spacing = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
+    steps = np.abs(seconds[:, None] - seconds) / max(spacing, 1e-9)
+    sizes = np.sqrt(np.outer(blocks.sizes, blocks.sizes))
+    parts = []
+    for group, each in enumerate(correlation):
+        level = np.mean(np.diag(residual)[3 * group : 3 * group + 3])
+        excess = np.eye(len(steps)) - each**steps / variance_of_sum(each)
+        parts.append(level * excess / sizes if each else np.zeros(steps.shape))
+    scale = np.sqrt(np.diag(covariance).clip(min=1e-30))
+    values, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+    root = axes * np.sqrt(values.clip(min=1e-12))
+    inverse = axes / np.sqrt(values.clip(min=1e-12))
+    shares, directions = np.linalg.eigh(inverse.T @ (_summed(gain, parts) / np.outer(scale, scale)) @ inverse)
+    most = 1 - 1 / float(variance_of_sum(correlation.max()))
+    inside = root @ directions
+    return np.asarray((inside * shares.clip(0.0, most)) @ inside.T * np.outer(scale, scale))
+
+
+def _summed(gain: Array, errors: Sequence[Array]) -> Array:
+    """(16, 16) covariance of answers, by the covariance (B, B) of the errors of blocks of force, and of torque."""
     result = np.zeros((N_UNKNOWNS, N_UNKNOWNS))
-    for channel, variance in enumerate(np.repeat(variances, 3)):
-        if variance:
+    for channel in range(6):
+        between = errors[channel // 3]
+        if between.any():
             along = gain[:, :, channel]
-            result += variance * along.T @ together @ along
+            result += along.T @ between @ along
     return result
+
+
+def _middles(blocks: MomentBlocks) -> Array:
+    """(B,) s since the middle of the first block."""
+    seconds = (blocks.start + blocks.end) * 0.5e-9
+    return np.asarray(seconds - seconds[0])

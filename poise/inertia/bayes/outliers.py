@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from poise.inertia.bayes.lasting import MEAN_UNKNOWNS, variance_of_sum
 from poise.inertia.model import residual_moments
 from poise.types import Array, Mask
 
@@ -17,8 +18,8 @@ _NOTABLE = 4.0
 _ENOUGH_BLOCKS = 12
 """From this many on, means over blocks show whether errors are correlated in time."""
 
-_MEAN_UNKNOWNS = 5
-"""Degrees of freedom that the answer takes from the means of one of the two groups of channels, about."""
+_SLOW_NOTABLE = 3.0
+"""The same for errors that are correlated in time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +76,23 @@ def sample_excess(found: Residuals, sizes: NDArray[np.int64], free: Mask) -> Arr
     return np.where(np.abs(median - 1) > _NOTABLE * by_chance, median, 1.0)
 
 
-def slow_excess(found: Residuals, usable: Mask) -> Array:
-    """(2,) by how much more means over blocks vary than white noise lets expect; 1 where chance explains it.
+def slow_excess(found: Residuals, usable: Mask, correlation: Array) -> Array:
+    """(2,) by how much more slow errors vary than white noise lets expect; 1 where chance explains it.
 
-    Errors that hang together in time (a vibration, a model that does not fit) do that. Parameters change no faster
-    than those means, so theirs is the variance that counts.
+    Errors that are correlated in time (a filtered or vibrating sensor, a model that does not fit) make means over
+    blocks vary more, and neighbouring means alike. Parameters change no faster than those means, so that the variance
+    of their sum counts.
+
+    Args:
+        found: of all blocks.
+        usable: (B,) blocks.
+        correlation: (2,) of neighbouring means, of force and torque.
     """
     count = int(usable.sum())
     if count < _ENOUGH_BLOCKS:
         return np.ones(2)
-    freedom = 3 * count - _MEAN_UNKNOWNS
+    freedom = 3 * count - MEAN_UNKNOWNS
     means = found.mean_ratio[usable].sum(axis=0) * 3 / freedom
-    return np.where(means > 1 + _NOTABLE * np.sqrt(2 / freedom), means, 1.0)
+    together = means * variance_of_sum(correlation)
+    by_chance = np.sqrt(2 / freedom + 4 / (3 * count))
+    return np.where(together > 1 + _SLOW_NOTABLE * by_chance, together, 1.0)

@@ -9,7 +9,15 @@ from poise.inertia.bayes.blocks import MomentBlocks
 from poise.inertia.bayes.consistent_part import ConsistentPart, MeanCheck, MomentMeans, consistent_part
 from poise.inertia.bayes.delay import Delay, LagGrid
 from poise.inertia.bayes.expectation import Expectation
-from poise.inertia.bayes.lasting import assumed_variances, lasting_covariance, lasting_variances
+from poise.inertia.bayes.lasting import (
+    assumed_variances,
+    averaged_out,
+    gains,
+    lasting_covariance,
+    lasting_variances,
+    neighbour_correlation,
+    variance_of_sum,
+)
 from poise.inertia.bayes.outliers import UNLIKELY, residuals, sample_excess, slow_excess
 from poise.inertia.model import (
     N_MOTION,
@@ -117,26 +125,38 @@ class PosteriorSearch:
         known = np.asarray(self.posterior.covariance + (moved.T * self._shares) @ moved)
         shown = lasting_variances(self.found.means, self.blocks, self.keep)
         variances = np.maximum(shown, assumed_variances(self._phi, self.noise, self.blocks, self._accuracy))
-        if not variances.any():
+        memory = self._memory
+        if not variances.any() and not memory.any():
             return known
         used = self.blocks.select(self.keep)
         sums = np.tensordot(self._at_delay, used.moments[:, :, N_MOTION - 1, :N_MOTION], (0, 1))
         weight = np.asarray(np.linalg.inv(self._residual_covariance), dtype=np.float64)
-        added = lasting_covariance(used, sums, self.posterior.covariance, weight, variances)
+        gain = gains(sums, self.posterior.covariance, weight)
+        added = lasting_covariance(used, gain, variances)
+        if memory.any():
+            added -= averaged_out(used, gain, self.posterior.covariance, self._residual_covariance, memory)
         return np.asarray(known + added)
 
     @property
+    def _memory(self) -> Array:
+        """(2,) correlation of the errors of neighbouring blocks that `slow` allows for."""
+        correlation = neighbour_correlation(self.found.means, self.blocks, self.keep)
+        part = np.minimum(self.slow, variance_of_sum(correlation))
+        return np.asarray((part - 1) / (part + 1))
+
+    @property
     def expectation(self) -> Expectation:
-        """What newer samples of the same payload are compared with."""
+        """What newer samples of the same payload are compared with, block by block."""
         rejected = int(self.blocks.sizes[~self.keep].sum())
+        in_block = self._sample * self.slow / variance_of_sum(self._memory)
         return Expectation(
             stamp=int(self.blocks.end[-1]),
             seconds=float(self.blocks.end[-1] - self.blocks.start[0]) * 1e-9,
             unknowns=self.posterior.unknowns,
             covariance=self.covariance,
             noise=self.noise,
-            inflation=self._sample * self.slow,
-            residual=self._residual_covariance,
+            inflation=in_block,
+            residual=residual_covariance(self._phi, self.noise, in_block),
             lags=self._at_delay,
             touched=rejected > _MOST_REJECTED * self.blocks.sizes.sum(),
         )
@@ -237,7 +257,8 @@ class PosteriorSearch:
         self._sample = np.maximum(self._sample * sample_excess(self.found, self.blocks.sizes, self._free), 1.0)
         other_noise = _differ(self._sample, before[0])
         if not other_blocks and not other_noise:
-            self.slow = self.slow * slow_excess(self.found, keep)
+            correlation = neighbour_correlation(self.found.means, self.blocks, keep)
+            self.slow = self.slow * slow_excess(self.found, keep, correlation)
             other_noise = _differ(self.slow, before[1])
         self.keep = keep
         if other_blocks or other_noise:  # a hypothesis that was dropped may have been dropped for noise
