@@ -22,6 +22,8 @@ NODES = {
     "gripper_driver": "poise.nodes.gripper_driver:main",
     "inertial_estimator": "poise.nodes.inertial_estimator:main",
     "mismatch_diagnoser": "poise.nodes.mismatch_diagnoser:main",
+    "object_carrier": "poise.nodes.object_carrier:main",
+    "object_picker": "poise.nodes.object_picker:main",
     "object_scanner": "poise.nodes.object_scanner:main",
     "placement_planner": "poise.nodes.placement_planner:main",
     "robustness_server": "poise.nodes.robustness_server:main",

@@ -269,6 +269,20 @@ def _made_ready(assembly: Assembly) -> Analysis:
     return analysis
 
 
+def coupled(quick: bool) -> list[Row]:
+    """Where elastic contacts are asked: ten pushes on a wall, and maps of 600 points; processor times of one run."""
+    analysis = _made_ready(wall(12, 4, 10 if quick else 44))
+    pushes = surface_pushes(analysis, 200)
+    few = [pushes[i] for i in np.random.default_rng(1).choice(200, 10, replace=False)]
+    rows: list[Row] = [{"scene": f"wall{len(analysis.assembly.objects) - 1}", "what": "10 pushes"}]
+    rows[0]["ms"] = spent(lambda: assess(analysis, few))[0]
+    for scene, make in {"table": table, "wall10": lambda: wall(4, 3)}.items():
+        ready = _made_ready(make())
+        row: Row = {"scene": scene, "what": "map of 600 points"}
+        rows.append(row | {"ms": spent(lambda a=ready: robustness_map(a, 100 if quick else 600, 0.05))[0]})
+    return rows
+
+
 def accelerations(quick: bool) -> list[Row]:
     """Every direction of a stack of ten."""
     analysis = Analysis.of(stack(10))
@@ -294,6 +308,7 @@ SECTIONS: dict[str, Callable[[bool], list[Row]]] = {
     "maps": maps,
     "curved": curved,
     "sizes": sizes,
+    "coupled": coupled,
     "accelerations": accelerations,
     "memory": memory,
 }

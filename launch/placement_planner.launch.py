@@ -8,6 +8,14 @@ def generate_launch_description() -> LaunchDescription:
     """One node; arguments: params_file, namespace, and a name for every topic."""
     return describe_launch(
         "placement_planner",
-        ("assembly", "robot_description", "joint_states", "joint_trajectory", "gripper_trajectory"),
+        (
+            "assembly",
+            "world",
+            "grasp_events",
+            "robot_description",
+            "joint_states",
+            "joint_trajectory",
+            "gripper_trajectory",
+        ),
         {"scene": "scene file to begin with"},
     )

@@ -20,6 +20,7 @@ from poise.manipulation import (
     Arm,
     Gripper,
     Hand,
+    HeldReach,
     Limits,
     Reach,
     RobotPort,
@@ -27,6 +28,7 @@ from poise.manipulation import (
     Transfer,
     TransferExecution,
     TransferStep,
+    grasp_of_held,
     plan_transfer,
     pose_of,
     require_room,
@@ -105,13 +107,20 @@ class Carrying:
     """
 
     def __init__(self, arm: Arm, robot: RobotPort, values: dict[str, Any]) -> None:
-        self._arm, self.robot, self._values = arm, robot, values
+        self.arm, self.robot, self._values = arm, robot, values
         self._begun = time.monotonic()
         self.start: Array | None = None
         self._transfer: Transfer | None = None
         self._steps: tuple[TransferStep, ...] = ()
         self._grasp: Pose | None = None
+        self.pose_tool_object = Pose.identity()
         self.playing: TransferExecution | None = None
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """How well the robot has to follow."""
+        values = self._values
+        return Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
 
     def found_start(self, now: float) -> bool:
         """Whether it is known where the arm rests; raises as `RobotPort.rests_at`."""
@@ -127,15 +136,21 @@ class Carrying:
         seed: int,
         due: float,
         report: Callable[[PlacementProgress], bool],
+        pose_tool_object: Pose | None = None,
     ) -> Placement:
-        """Where the object stays, and how it gets there; in the thread of the jobs.
+        """Where the object stays, and how it gets there, from where it lies or from the hand; in the jobs' thread.
 
         Raises:
-            InputError, NoAnswerError: as the planner, `plan_transfer`, `require_room`,
+            InputError, NoAnswerError: as the planner, `plan_transfer`, `require_room`, `grasp_of_held`,
                 `Reach.require_free_start` and `Reach.require_pick`.
         """
-        require_room(analysis, item)
-        reach = Reach(self._arm, analysis, item, start=self.start, seed=seed)
+        if pose_tool_object is None or self.start is None:
+            require_room(analysis, item)
+            reach = Reach(self.arm, analysis, item, start=self.start, seed=seed)
+        else:
+            grasp = grasp_of_held(item, pose_tool_object, self.arm)
+            reach = HeldReach(self.arm, analysis, item, grasp, self.start, seed)
+            item = reach.item
         reach.require_free_start()
         reach.require_pick()
         left = seconds_left(due, "the first pose")
@@ -147,17 +162,18 @@ class Carrying:
         transfer = plan_transfer(reach, found.analysis, found.item, limits, seconds, seed)
         held = transfer.grasp.object_tcp.inverse().act(item.pose.undo(item.com_in_world))
         steps = steps_of(transfer, self._values["speed"])
-        self._steps = with_stops(steps, self._arm, held, transfer.ends.hold)
+        self._steps = with_stops(steps, self.arm, held, transfer.ends.hold)
         for step in self._steps:
             if step.stops is not None:
                 self.robot.commanded.load(step.stops)
         self._transfer = transfer
         self._grasp = pose_of(se3_of(item.pose) * transfer.grasp.object_tcp)
+        self.pose_tool_object = pose_of(transfer.grasp.object_tcp.inverse())
         return found
 
     def planned(self) -> tuple[Pose | None, list[tuple[str, JointTrajectory]]]:
         """The tool frame at the grasp, in the assembly's frame, and the motion of each stage; None before the plan."""
-        names = self._arm.joint_names
+        names = self.arm.joint_names
         motions = [(step.name, trajectory_message(names, step.motion)) for step in self._steps if step.motion]
         return self._grasp, motions
 
@@ -165,9 +181,12 @@ class Carrying:
         """Begin to move."""
         if self._transfer is None:
             raise PoiseError(ErrorCode.INTERNAL, "there is no plan to play")
-        values = self._values
-        tolerances = Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
-        self.playing = TransferExecution(name, self._steps, self.robot, tolerances, now)
+        self.playing = TransferExecution(name, self._steps, self.robot, self.tolerances, now)
+
+    @property
+    def tool_pose(self) -> Pose:
+        """Of the tool frame where the arm is, in the assembly's frame."""
+        return pose_of(self.arm.tool(self.robot.joints.position))
 
     def stop(self) -> None:
         """Stop the arm, also in the middle of a motion."""
@@ -209,6 +228,11 @@ class PlaceExecution:
         take = partial(add_transforms, self._frames)
         node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
         node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """The parameters."""
+        return self._values
 
     @property
     def known(self) -> bool:

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped
 
 from poise.assembly import Analysis, load_scene
 from poise.assembly.statics import analysis_after
@@ -14,14 +13,17 @@ from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import package_file
 from poise.geometry import Pose
 from poise.manipulation import TransferExecution
-from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of, pose_message
+from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of
+from poise.nodes.hand_events import HandEvents
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
 from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
+from poise.nodes.placement_task import PlacementTask, cancelled_placement, placement_feedback, placement_result
 from poise.nodes.readiness import READY_TIMEOUT, Readiness
 from poise.nodes.request_checks import check_assembly, check_object
-from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, to_message
+from poise.nodes.runtime import LATCHED, coded, guarded
+from poise.nodes.transforms import pose_of
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.placement import (
     CRITERIA,
@@ -64,67 +66,12 @@ PLACEMENT_PLANNER_PARAMETERS = (
 )
 
 
-class PlacementTask:
-    """One goal: what the planning thread and the executor exchange.
-
-    Args:
-        goal: its handle.
-        assembly: what it is about.
-        due: when it is answered, also when the planner is still busy; on the monotonic clock, s.
-        carrying: the robot that puts it there; None: it is only planned.
-    """
-
-    def __init__(self, goal: WatchedGoal, assembly: AssemblyMessage, due: float, carrying: Carrying | None) -> None:
-        self.goal, self.assembly, self.due, self.carrying = goal, assembly, due, carrying
-        self.accepted = time.monotonic()
-        self.seconds: float | None = None
-        self.progress = PlacementProgress(0, None, None)
-        self.abandoned = self.begun = self.done = False
-        self.error: PoiseError | None = None
-        self.assumptions: list[str] = []
-        self.remarks: list[str] = []
-        self.object_frame = Pose.identity()
-
-    def report(self, progress: PlacementProgress) -> bool:
-        """Called by the planner; False ends it."""
-        self.progress = progress
-        return not self.abandoned
-
-    @property
-    def moves(self) -> bool:
-        """The arm moves, too."""
-        return bool(self.goal.request.execute)
-
-    def without_arm(self, error: PoiseError) -> None:
-        """Plan the placement alone; the answer says why."""
-        self.carrying = None
-        self.remarks = [f"the motion of the arm is not planned: {error.message}"]
-
-    @property
-    def ready(self) -> bool:
-        """It can be planned: no arm has to move, or its start is known."""
-        return self.carrying is None or self.carrying.start is not None
-
-    @property
-    def stage(self) -> str:
-        """As feedback names it."""
-        playing = None if self.carrying is None else self.carrying.playing
-        return "planning" if playing is None else playing.stage
-
-    def best(self) -> tuple[PoseStamped, float]:
-        """The best pose so far, without a frame when there is none, and its robustness, N; NaN while unknown."""
-        message, best, score = PoseStamped(), self.progress.best, self.progress.score
-        if best is not None:
-            message.pose, message.header.frame_id = pose_message(best.pose), self.assembly.header.frame_id
-        return message, math.nan if score is None else float(score.least)
-
-
 class PlacementPlannerNode(ArmNode):
-    """Serves `place_object` (poise_msgs/PlaceObject), one goal at a time; subscribes to assembly (latched).
+    """Serves `place_object` (poise_msgs/PlaceObject), one goal at a time; subscribes to assembly and world.
 
     Planning belongs to the thread of the jobs; a timer answers the caller, in time also when the thread is not done,
     and moves the robot of a goal with `execute` (see `PlaceExecution`).
-    The assembly is never changed: who puts the object there calls set_assembly.
+    The assembly is never changed here: what the hand does is on grasp_events, for world_model.
     """
 
     def __init__(self) -> None:
@@ -140,6 +87,7 @@ class PlacementPlannerNode(ArmNode):
         self._waiting: tuple[WatchedGoal, Readiness] | None = None
         self._last_feedback, self._last_stage = 0.0, ""
         self._execution = PlaceExecution(self)
+        self._hand = HandEvents(self, self._execution.values["tcp_frame"])
         self._jobs = Jobs(self, 1)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
         self.create_timer(_TICK, guarded(self, self._tick))
@@ -192,7 +140,7 @@ class PlacementPlannerNode(ArmNode):
     def _try(self, goal: WatchedGoal, readiness: Readiness) -> None:
         """Begin with a goal as soon as what it needs is there."""
         if goal.is_cancel_requested:
-            self._refuse(goal, _cancelled(goal))
+            self._refuse(goal, cancelled_placement(goal))
             return
         try:
             task = self._begin(goal, readiness.begun)
@@ -207,7 +155,7 @@ class PlacementPlannerNode(ArmNode):
 
     def _refuse(self, goal: WatchedGoal, error: PoiseError) -> None:
         self._waiting = None
-        goal.execute(lambda handle: _result(handle, error))
+        goal.execute(lambda handle: placement_result(handle, error))
 
     def _begin_to_plan(self) -> None:
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
@@ -231,7 +179,8 @@ class PlacementPlannerNode(ArmNode):
                 ErrorCode.EMPTY, "no assembly has come on the topic assembly; publish it, or send it along"
             )
         frame, carrying = message.header.frame_id, None
-        with_arm = request.execute or (self._execution.known and request.object.pose != PoseMessage())
+        in_hand = self._in_hand(goal) if request.held else None
+        with_arm = request.execute or (self._execution.known and (request.held or request.object.pose != PoseMessage()))
         joined = self._execution.pose(request.object_frame_id or frame, frame) if with_arm else Pose.identity()
         if joined is None:
             raise InputError(
@@ -242,8 +191,22 @@ class PlacementPlannerNode(ArmNode):
         elif with_arm:
             carrying = self._execution.to_plan(frame)
         task = PlacementTask(goal, message, accepted + seconds, carrying)
-        task.object_frame = joined
+        task.object_frame, task.pose_tool_object = joined, in_hand
         return task
+
+    def _in_hand(self, goal: WatchedGoal) -> Pose:
+        """The pose in the tool frame of what is held; the goal's object becomes it.
+
+        Raises:
+            InputError: NOT_HELD, FRAME_UNKNOWN.
+        """
+        held = self._hand.require_held(goal.request.object.id)
+        joined = self._execution.pose(held.frame_id, self._hand.tool_frame)
+        if joined is None:
+            what = f"tf does not connect {held.frame_id}, which holds {held.object.id}, with {self._hand.tool_frame}"
+            raise InputError(ErrorCode.FRAME_UNKNOWN, what)
+        goal.request.object, goal.request.object_frame_id = held.object, ""
+        return joined @ pose_of(held.object.pose)
 
     def _tick(self) -> None:
         """Answer the goal when it ends; otherwise continue it and publish feedback."""
@@ -266,12 +229,19 @@ class PlacementPlannerNode(ArmNode):
             self._end(task, coded(failure))
         if self._task is not None and (now > self._last_feedback + _FEEDBACK_PERIOD or task.stage != self._last_stage):
             self._last_feedback, self._last_stage = now, task.stage
-            task.goal.publish_feedback(_feedback(task))
+            task.goal.publish_feedback(placement_feedback(task))
 
     def _play(self, task: PlacementTask, playing: TransferExecution, now: float) -> None:
         if task.goal.is_cancel_requested:
             playing.cancel(now)
         playing.tick(now)
+        if task.carrying is not None and task.item is not None and task.hand_changed(playing):
+            in_hand = task.carrying.pose_tool_object
+            if playing.grip:
+                self._hand.grasped(task.item, in_hand)
+            else:
+                there = task.carrying.tool_pose @ in_hand
+                self._hand.released(task.item.id, there, task.assembly.header.frame_id)
         if playing.done:
             self._end(task, playing.error)
 
@@ -279,7 +249,7 @@ class PlacementPlannerNode(ArmNode):
         if task.done and (task.error is not None or not task.moves):
             self._end(task, task.error)
         elif task.goal.is_cancel_requested:
-            self._end(task, _cancelled(task.goal))
+            self._end(task, cancelled_placement(task.goal))
         elif task.done and task.carrying is not None:
             task.carrying.play(task.goal.request.object.id, now)
         elif now > task.due + ANSWER_GRACE:
@@ -307,11 +277,11 @@ class PlacementPlannerNode(ArmNode):
         self._task = None
         self._execution.close()
         self.watchdog.rest()
-        task.goal.execute(lambda goal: _result(goal, error, task))
+        task.goal.execute(lambda goal: placement_result(goal, error, task))
 
     def _conclude_busy(self, goal: WatchedGoal) -> Action.Result:
         busy = NoAnswerError(ErrorCode.BUSY, "another object is being placed: cancel it, or wait for its end")
-        return _result(goal, busy)
+        return placement_result(goal, busy)
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
@@ -335,13 +305,20 @@ class PlacementPlannerNode(ArmNode):
             request.object.pose = PoseMessage()  # ignored
         check_object(request.object)
         item = object_of(request.object, self._folders)
-        item = replace(item, pose=task.object_frame @ item.pose)
+        task.item = item = replace(item, pose=task.object_frame @ item.pose)
         analysis = self._analysis(task.assembly)
         task.assumptions = assumptions_of(analysis.assembly.with_object(item))
         if task.carrying is not None:
             try:
                 return task.carrying.plan(
-                    self._planner, analysis, item, self._options, request.seed, task.due, task.report
+                    self._planner,
+                    analysis,
+                    item,
+                    self._options,
+                    request.seed,
+                    task.due,
+                    task.report,
+                    task.pose_tool_object,
                 )
             except NoAnswerError as error:
                 if task.moves or error.code is not ErrorCode.UNREACHABLE:
@@ -360,34 +337,6 @@ class PlacementPlannerNode(ArmNode):
                 self.get_logger().warning(note)
             self._known = message, analysis_after(before, assembly)
         return self._known[1]
-
-
-def _cancelled(goal: WatchedGoal) -> PoiseError:
-    return PoiseError(ErrorCode.CANCELLED, f"placing {goal.request.object.id} was cancelled; nothing was changed")
-
-
-def _feedback(task: PlacementTask) -> Action.Feedback:
-    pose, robustness = task.best()
-    return Action.Feedback(
-        stage=task.stage, iteration=task.progress.iteration, best_pose=pose, best_robustness=robustness
-    )
-
-
-def _result(goal: WatchedGoal, error: PoiseError | None, task: PlacementTask | None = None) -> Action.Result:
-    """What a goal gets in the end; sets its status, too."""
-    result = Action.Result(robustness=math.nan)
-    if task is not None:
-        result.seconds = task.seconds or time.monotonic() - task.accepted
-        result.iterations, result.assumptions = task.progress.iteration, task.assumptions
-        result.pose, result.robustness = task.best()
-        result.assumptions = [*result.assumptions, *task.remarks]
-        grasp, motions = (None, []) if task.carrying is None else task.carrying.planned()
-        if grasp is not None:
-            result.grasp.header.frame_id, result.grasp.pose = task.assembly.header.frame_id, pose_message(grasp)
-        result.stages, result.trajectories = [name for name, _ in motions], [motion for _, motion in motions]
-    result.error = to_message(error)
-    end_goal(goal, error is None)
-    return result
 
 
 def main(args: list[str] | None = None) -> None:

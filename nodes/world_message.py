@@ -1,6 +1,7 @@
 """The world of the core as poise_msgs/WorldState, poise_msgs/Assembly and transforms."""
 
 from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from poise.errors import PoiseError
 from poise.geometry import Pose
@@ -10,6 +11,9 @@ from poise.nodes.runtime import to_message
 from poise.world import KnownObject, Whereabouts, World
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import WorldObject, WorldState
+
+GRASP_EVENTS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of the topic grasp_events: what a hand has done lately, also for who comes later."""
 
 
 def state_message(world: World, now: int, error: PoiseError | None) -> WorldState:

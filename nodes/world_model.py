@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from tf2_msgs.msg import TFMessage
 
@@ -27,7 +27,7 @@ from poise.nodes.robustness_calls import Call, call_of
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, guarded
 from poise.nodes.scanned_object import scanned_object
 from poise.nodes.transforms import add_transforms, pose_between, pose_of
-from poise.nodes.world_message import standing_message, state_message, transforms_of
+from poise.nodes.world_message import GRASP_EVENTS, standing_message, state_message, transforms_of
 from poise.recording import stamp_of
 from poise.robot import FrameTree
 from poise.world import World, load_world, save_world, settled
@@ -35,8 +35,6 @@ from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import GraspEvent, InertialEstimate, SegmentedObject, WorldState
 from poise_msgs.srv import SetAssembly
 
-GRASP_EVENTS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Of the topic grasp_events: what a hand has done lately, also for who comes later."""
 _FRAME_PATIENCE = 2.0
 """s that the transform of a scanned object may come after its scan."""
 _QUESTIONED = {ErrorCode.ZEROED_UNDER_LOAD, *(ErrorCode(code) for code in range(70, 87))} - {ErrorCode.PAYLOAD_CHANGED}

@@ -1,6 +1,7 @@
 """The command `poise`, one subcommand per job; a subcommand is imported when it runs or shows its own help."""
 
 import errno
+import gc
 import importlib
 import io
 import os
@@ -129,6 +130,7 @@ def main() -> None:
     """Run the command line; exit 0 done, 2 bad input, 3 no answer, 1 internal error."""
     # Before numpy is imported: matrices are small here, and threads that wait for each other cost more than they do.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    gc.set_threshold(20_000)  # arrays are no cycles; looking for them took 5 % of a diagnosis
     sys.exit(run(sys.argv[1:]))
 
 

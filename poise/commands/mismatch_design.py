@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from poise.commands.output import progress_bar
-from poise.excitation import write_waypoints
 from poise.mismatch.answer import Diagnosis, DiscriminatingMotion, design_motion
 from poise.robot import RobotModel
 
@@ -32,6 +31,8 @@ def write_design(path: Path, design: DiscriminatingMotion) -> Path:
     Raises:
         InputError: FILE_UNWRITABLE.
     """
+    from poise.excitation import write_waypoints  # loads slowly
+
     times = np.linspace(0.0, design.trajectory.duration, round(design.trajectory.duration / _STEP) + 1)
     return write_waypoints(
         path, design.joint_names, times, design.trajectory.at(times), f"{design_sentence(design)} (poise mismatch)"

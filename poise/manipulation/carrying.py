@@ -34,7 +34,7 @@ class TransferPhase:
     """One part of a transfer.
 
     Args:
-        name: reach, approach, lift, carry, lower, retreat or return.
+        name: reach, approach, lift, carry, lower, retreat or return; what is held is not reached for and lifted.
         motions: one after another, each from rest to rest.
         opening: m, of the fingers meanwhile.
         holding: the object is in the hand.
@@ -79,10 +79,10 @@ def plan_transfer(
     seconds: float = 10.0,
     seed: int = 0,
 ) -> Transfer:
-    """Plan how the arm takes an object from where it lies to its place.
+    """Plan how the arm takes an object from where it lies, or from the hand, to its place.
 
     Args:
-        reach: of the object, where it lies.
+        reach: of the object, where it lies or is held.
         after: the assembly with the object at its place.
         placed: the object there.
         limits: of the motions; what the grip withstands limits them further while it holds.
@@ -114,19 +114,28 @@ def _phases(
     pick, place, grasp = ends.pick, ends.place, ends.grasp
     at_pick, at_place = reach.open_cell(grasp, reach.item), reach.open_cell(grasp, placed)
     bare, opening = Cell(reach.arm, reach.around, grasp.width), reach.arm.hand.opening(grasp.width)
-    with_it, with_it_there = (*reach.around, reach.item), (*reach.around, placed)
-    to_it = _way(reach, reach.start, pick.hand_away[-1], (with_it, 0.0, None), rng, deadline)
+    with_it_there = (*reach.around, placed)
+    to_it = reach.held or free_way(
+        reach, reach.start, pick.hand_away[-1], ((*reach.around, reach.item), 0.0, None), rng, deadline
+    )
     carried = reach.around, grasp.width, (reach.item, grasp)
-    across = _way(reach, pick.object_away[-1], place.object_away[-1], carried, rng, deadline)
-    back = _way(reach, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
+    across = free_way(reach, pick.object_away[-1], place.object_away[-1], carried, rng, deadline)
+    back = free_way(reach, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
     if to_it is None or across is None or back is None:
         return None
-    held = replace(limits, acceleration=min(limits.acceleration, _HOLD_SHARE * ends.hold))
+    first = (
+        ()
+        if isinstance(to_it, bool)
+        else (
+            ("reach", *to_it, 0.0, False),
+            ("approach", pick.hand_away[::-1], at_pick, opening, False),
+            ("lift", pick.object_away, bare, grasp.width, True),
+        )
+    )
+    held = held_limits(limits, ends.hold)
     com = grasp.object_tcp.inverse().act(reach.item.pose.undo(reach.item.com_in_world))
     ways = (
-        ("reach", *to_it, 0.0, False),
-        ("approach", pick.hand_away[::-1], at_pick, opening, False),
-        ("lift", pick.object_away, bare, grasp.width, True),
+        *first,
         ("carry", *across, grasp.width, True),
         ("lower", place.object_away[::-1], bare, grasp.width, True),
         ("retreat", place.hand_away, at_place, opening, False),
@@ -136,13 +145,23 @@ def _phases(
     for name, way, cell, wide, holding in ways:
         slow = held if holding else limits
         if name in ("approach", "lift", "lower", "retreat"):
-            slow = replace(slow, speed=min(slow.speed, _GENTLY))
+            slow = gentle(slow)
         motions = timed(reach.arm, way, cell, com if holding else np.zeros(3), slow)
         phases.append(TransferPhase(name, tuple(motions), wide, holding))
     return tuple(phases)
 
 
-def _way(
+def held_limits(limits: Limits, hold: float) -> Limits:
+    """Limits of motions with something in the hand, whose grip withstands `hold`, m/s2."""
+    return replace(limits, acceleration=min(limits.acceleration, _HOLD_SHARE * hold))
+
+
+def gentle(limits: Limits) -> Limits:
+    """Limits of the straight ways to and from an object."""
+    return replace(limits, speed=min(limits.speed, _GENTLY))
+
+
+def free_way(
     reach: Reach,
     start: Array,
     goal: Array,

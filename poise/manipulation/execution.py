@@ -20,7 +20,7 @@ from poise.excitation.execution import (
     ReadyStops,
     Watchdog,
 )
-from poise.manipulation.carrying import Transfer
+from poise.manipulation.carrying import Transfer, TransferPhase
 from poise.manipulation.gripper import FingerWatch, Gripper
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
@@ -64,13 +64,20 @@ def steps_of(transfer: Transfer, speed: float) -> tuple[TransferStep, ...]:
         transfer: the plan.
         speed: m/s of the tool, at most; a stop from it must not shake off what is held.
     """
+    steps = steps_of_phases(transfer.phases, transfer.ends.hold, speed)
+    # What is held already is not grasped again: fingers that it keeps open would not arrive.
+    return steps[1:] if transfer.phases[0].holding else steps
+
+
+def steps_of_phases(phases: Sequence[TransferPhase], hold: float, speed: float) -> tuple[TransferStep, ...]:
+    """As `steps_of`, of phases whose grip withstands `hold`, m/s2."""
     steps: list[TransferStep] = []
-    for phase in transfer.phases:
+    for phase in phases:
         if not steps or (phase.opening, phase.holding) != (steps[-1].opening, steps[-1].holding):
             steps.append(TransferStep(phase.name, None, phase.opening, phase.holding))
         if phase.motions:
             # Time slows down as 1 - 3 u^2 + 2 u^3, at 1.5 / stop_time at most.
-            gently = max(_STOP_TIME, 1.5 * speed / transfer.ends.hold) if phase.holding else _STOP_TIME
+            gently = max(_STOP_TIME, 1.5 * speed / hold) if phase.holding else _STOP_TIME
             steps.append(TransferStep(phase.name, joined(phase.motions), phase.opening, phase.holding, gently))
     return tuple(steps)
 
@@ -169,7 +176,8 @@ class TransferExecution:
         self._sent = 0  # ns on the joint states' clock when the motion was sent
         self._gripped: float | None = None  # where the fingers were when they were commanded to move
         self._felt = robot.fingers.position is not None
-        self.stage, self.done = "picking", False
+        self.stage, self.done = steps[0].stage, False
+        self.grip: bool | None = None  # whether the fingers have closed, or opened, last; None: not moved
         self.error: PoiseError | None = None
 
     def tick(self, now: float) -> None:
@@ -214,6 +222,8 @@ class TransferExecution:
 
     def _next(self, now: float) -> None:
         self._robot.commanded.ended()
+        if self._step is not None and self._step.motion is None:
+            self.grip = self._step.holding
         if not self._left:
             self.done = True
             return
@@ -273,9 +283,12 @@ class TransferExecution:
     @property
     def _hand(self) -> str:
         step = self._step
-        if step is not None and step.motion is None:
+        if step is None:  # what begins with a motion that holds does hold
+            holds = bool(self._left) and self._left[0].motion is not None and self._left[0].holding
+            return "it still holds it" if holds else "its hand is empty"
+        if step.motion is None:
             return f"its fingers were {'closing' if step.holding else 'opening'}"
-        return "it still holds it" if step is not None and step.holding else "its hand is empty"
+        return "it still holds it" if step.holding else "its hand is empty"
 
     def _fail(self, error: PoiseError, now: float) -> None:
         state = "was commanded to stop" if self._robot.commanded.moving or self._robot.commanded.stopped else "rests"

@@ -105,6 +105,9 @@ class Reach:
         seed: of the inverse kinematics.
     """
 
+    held = False
+    """It is in the hand."""
+
     def __init__(
         self,
         arm: Arm,
@@ -153,6 +156,15 @@ class Reach:
     def can_pick(self) -> bool:
         """Whether the arm can take the object from where it lies."""
         return any(self._pick(number, NARROW) is not None for number in range(2 * len(self._firm)))
+
+    def picks(self, margins: Margins = NARROW) -> Iterator[tuple[Grasp, float, End]]:
+        """Grasps that the arm can take it with from where it lies, and the m/s2 that they bear; the firm ones first."""
+        holds = np.array([hold for _, hold in self._firm])
+        for index in np.argsort(-np.minimum(holds, _FIRM), kind="stable").tolist():
+            for number in (2 * index, 2 * index + 1):
+                pick = self._pick(number, margins)
+                if pick is not None:
+                    yield self._grasp(number), float(holds[index]), pick
 
     def require_pick(self) -> None:
         """PoseTest whether the object can be picked up: when it cannot, there is no need to look for a place.

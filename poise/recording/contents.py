@@ -17,6 +17,9 @@ from poise.recording.blocks import MESSAGE, Loss, LossKind, longest_file
 
 _MAX_CHANNELS = 1 << 16  # the channel of a message is an unsigned 16-bit number
 
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+"""With which a ROS 1 bag begins."""
+
 
 class TemporaryFolder:
     """A folder that is deleted when it is no longer referenced, or when Python ends.

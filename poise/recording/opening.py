@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from poise.errors import ErrorCode, InputError
-from poise.recording import compressed, ros1, scan, sqlite
-from poise.recording.contents import Contents
+from poise.recording import compressed, scan, sqlite
+from poise.recording.contents import ROS1_MAGIC, Contents
 from poise.recording.table_recording import read_tables
 
 _TABLE_ENDINGS = (".csv", ".tsv", ".txt", ".mat", ".npz")
@@ -37,7 +37,13 @@ def read_contents(path: Path) -> Contents[Any]:
     return compressed.unpack_messages(path, reader(path))
 
 
-_READERS = ((sqlite.SQLITE_MAGIC, sqlite.scan_sqlite), (ros1.ROS1_MAGIC, ros1.scan_ros1))
+def _scan_ros1(path: Path) -> Contents[Any]:
+    from poise.recording import ros1  # the converters it needs load slowly
+
+    return ros1.scan_ros1(path)
+
+
+_READERS = ((sqlite.SQLITE_MAGIC, sqlite.scan_sqlite), (ROS1_MAGIC, _scan_ros1))
 
 
 def mapping_of(table: Path) -> Path:

@@ -25,10 +25,9 @@ from rosbags.typesys.store import Typestore
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.blocks import LossKind, decompress, longest_chunk, read_checked
-from poise.recording.contents import Contents, UnpackingBudget, message_table
+from poise.recording.contents import ROS1_MAGIC, Contents, UnpackingBudget, message_table
 from poise.recording.encoding import definition_of, qos_profile, typestore
 
-ROS1_MAGIC = b"#ROSBAG V2.0\n"
 _CONVERSIONS = {"none": "", "lz4": "lz4", "bz2": "bz2"}
 _MESSAGE, _CHUNK, _CHUNK_INFO, _CONNECTION = 2, 5, 6, 7
 _KNOWN_RECORDS = range(2, 8)

@@ -23,28 +23,39 @@ class ScatterMeter:
     def __init__(self) -> None:
         self._new: list[Array] = []
         self._squares: list[float] = []
-        self._n_blocks, self._stride = 0, 1
+        self._n_blocks, self._stride, self._n_new = 0, 1, 0
+        self._value: tuple[int, float] = 0, np.nan
+        """Of how many blocks, and one sigma."""
 
     def add(self, values: Array) -> None:
         """Take samples (N, K) in the order of time."""
         if len(values):
             self._new.append(values)
+            self._n_new += len(values)
         if len(self._new) > _BLOCK:
             self._settle()
 
     @property
     def value(self) -> float:
         """One sigma of a sample; NaN for too few."""
+        if self._value[0] != self.n_blocks:
+            self._value = self._n_blocks, float(np.sqrt(np.percentile(self._squares, _QUIET) / 6))
+        return self._value[1]
+
+    @property
+    def n_blocks(self) -> int:
+        """How many blocks of samples have been seen: `value` changes with it."""
         self._settle()
-        return float(np.sqrt(np.percentile(self._squares, _QUIET) / 6)) if self._squares else np.nan
+        return self._n_blocks
 
     def _settle(self) -> None:
-        if not self._new:
+        if self._n_new < _BLOCK + 2:
             return
         values = np.concatenate(self._new)
         bends = np.diff(values, n=2, axis=0)
         count = len(bends) // _BLOCK
         self._new = [values[count * _BLOCK :]]
+        self._n_new = len(self._new[0])
         for square in np.mean(bends[: count * _BLOCK].reshape(count, -1) ** 2, axis=1).tolist() if count else []:
             if self._n_blocks % self._stride == 0:
                 self._squares.append(square)

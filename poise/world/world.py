@@ -209,7 +209,10 @@ class World:
         notes = () if known is None else known.notes
         if lifted is not None:
             item, source, notes = _lifted(item, source, notes, lifted)
-        held = KnownObject(replace(item, pose=pose_hand_object), hand, Whereabouts.HELD, source, stamp, lifted, notes)
+        since, again = stamp, known is not None and known.where is Whereabouts.HELD
+        if known is not None and again:  # the same grasp, as its lift verified it
+            since, lifted = known.changed, lifted or known.lifted
+        held = KnownObject(replace(item, pose=pose_hand_object), hand, Whereabouts.HELD, source, since, lifted, notes)
         return replace(world._with(held), newest_event=stamp)
 
     def released(self, name: str, pose: Pose, stamp: int) -> "World":

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 from assembly_scenes import G, box, fixed_box
 
-from benchmarks.touching import ABOVE, KINDS, Tally, compare, holds_in_mujoco, random_scene
+from benchmarks.touching import (
+    ABOVE,
+    KINDS,
+    Tally,
+    compare,
+    holds_in_mujoco,
+    random_scene,
+    single_limits,
+    single_pushes,
+)
 from poise.assembly import (
     Analysis,
     Assembly,
@@ -165,3 +174,21 @@ def test_stability_that_is_not_known_in_time_is_no_error_but_doubtful():
     assert found.doubtful
     assert not found.stable
     assert found.margin == 0
+
+
+def test_a_row_that_falls_before_a_load_at_which_it_stands_has_the_smaller_limit():
+    scene = random_scene("row", np.random.default_rng([1, 171]))
+    analysis, direction = Analysis.of(scene), np.array([[-0.12804472, -0.95888856, -0.25325339]])
+    limits = acceleration_limits(analysis, direction, turning=False)
+    assert limits.limits[0] <= 1.01 * single_limits(analysis, limits.directions)[0]
+
+
+def test_a_map_of_few_points_of_each_face_is_near_what_single_pushes_hold():
+    scene = random_scene("row", np.random.default_rng([1, 0]))
+    analysis, rng = Analysis.of(scene), np.random.default_rng(0)
+    found = robustness_map(analysis, 60, 0.05)
+    rows = rng.choice(np.flatnonzero(np.isfinite(found.upper)), 8, replace=False)
+    surface = found.surface
+    single = single_pushes(analysis, surface.points[rows], surface.directions[rows], surface.place[rows])
+    assert np.all(found.lower[rows] <= 1.05 * single)
+    assert np.median(found.lower[rows] / single) > 0.85

@@ -59,3 +59,24 @@ def test_heavy_tailed_noise_hardly_has_spikes():
     rng = np.random.default_rng(6)
     rows = wrench(100.0, rng, 40.0) + 0.05 * rng.standard_t(3, size=(4000, 6)) / np.sqrt(3)
     assert judged(rows).mean() < 0.02
+
+
+def test_portions_judge_as_one_pass_over_the_whole_recording():
+    """Block by block: each sample against the median of five, and the block before for what is usual."""
+    rng = np.random.default_rng(7)
+    rows = wrench(100.0, rng, 6.0)
+    rows[300:340] = rows[300]  # frozen
+    rows[rng.integers(80, len(rows), 25), rng.integers(6, size=25)] += 18.0
+    expected = np.zeros(len(rows), dtype=bool)
+    for i in range(64, len(rows) - SIDE):
+        begin = i // 32 * 32 - 32
+        bends = np.abs(rows[begin + 1 : begin + 33] - 2 * rows[begin : begin + 32] + rows[begin - 1 : begin + 31]) / 2
+        for k in range(6):
+            moving = bends[bends[:, k] > 0, k]
+            usual = max(10 * np.median(bends[:, k]), 6 * np.median(moving) if len(moving) else np.inf)
+            near = np.sort(rows[i - SIDE : i + SIDE + 1, k])
+            limit = max(usual, 0.02 if k < 3 else 1e-3) + 3 * (near[3] - near[1])
+            expected[i] |= abs(rows[i, k] - near[2]) > limit
+    assert expected.sum() > 15
+    for portion in (1, 7, 31, 32, 33, 200):
+        np.testing.assert_array_equal(judged(rows, portion), expected)

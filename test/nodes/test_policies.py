@@ -33,6 +33,8 @@ PARAMETERS = {
 """With these, a node makes every interface that it has."""
 WHILE_MOVING = {
     "inertial_estimator_watchdog": {"/joint_states", "/wrench"},
+    "object_picker": {"/joint_states"},
+    "object_picker_watchdog": {"/joint_states", "/wrench"},
     "object_scanner_watchdog": {"/joint_states", "/wrench"},
     "placement_planner": {"/joint_states"},
     "placement_planner_watchdog": {"/joint_states", "/wrench"},

@@ -11,7 +11,7 @@ from poise.assembly import Mesh
 from poise.errors import ErrorCode
 from poise.geometry import Pose
 from poise.nodes.assembly_message import mesh_message, pose_message
-from poise.nodes.world_model import GRASP_EVENTS
+from poise.nodes.world_message import GRASP_EVENTS
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject, GraspEvent, InertialEstimate, Part, SegmentedObject, WorldObject, WorldState
 from poise_msgs.srv import AssessRobustness, SetAssembly

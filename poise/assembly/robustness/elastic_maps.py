@@ -38,10 +38,10 @@ class _ElasticPool(Pool):
         super().__init__(block, 0, bounds, clock, with_limit=True, with_patch=True)
         self._known, self._tolerance, self._floor, self._clock = known, tolerance, floor, clock
         self.doubtful = np.ones(len(known.upper), dtype=bool)
-        self._share = self._least = 1.0
+        self._shares, self._least = dict[tuple[float, ...], float](), 1.0
 
     def begin(self, flat: bool) -> None:
-        self._share = self._least = 1.0
+        self._shares, self._least = {}, 1.0
         self.deadline = _Ration(self._clock.at, [_FLAT_QUESTIONS if flat else _CURVED_QUESTIONS])
 
     def inverse_factor(self, body: int, wrench: Array) -> float:
@@ -54,9 +54,11 @@ class _ElasticPool(Pool):
         load = np.zeros(6 * self.block.geometry.count)
         load[6 * body : 6 * body + 6] = wrench
         above = CHECKED_SHARE / max(limit, self._floor)
-        # What elastic contacts hold at one point of a face, they nearly hold at the others.
-        found = self.block.solvers.coulomb.factor(load, above, self._clock, self._share * above, self._tolerance / 2)
-        self._share = found.value / above if found.value > 0 else 1.0
+        # What elastic contacts hold at one point of a face, they nearly hold at the others; not so on other faces.
+        face = tuple(np.round(wrench[:3], 6).tolist())
+        expected = self._shares.get(face, 1.0) * above
+        found = self.block.solvers.coulomb.factor(load, above, self._clock, expected, self._tolerance / 2)
+        self._shares[face] = found.value / above if found.value > 0 else 1.0
         self._least = min(self._least, found.value / above)
         if found.value >= above:
             return limit

@@ -24,6 +24,8 @@ _SETTLED = 1e-7
 """What may be left of the equations, per load."""
 # Newton steps in a row; steps of a Tresca problem; Tresca problems between two attempts of Newton; attempts.
 _STEPS, _TRESCA_STEPS, _ROUNDS, _ATTEMPTS = 15, 12, 3, 10
+_ON_THE_WAY = (0.95,)
+"""Shares of a factor at which a block stands that are asked, too: as the load grows, it must stand there before."""
 _IDLE = 1e-3
 """An interface that carries less than this share of the lighter body at rest only touches."""
 _PROBES, _NEAR = 40, 5
@@ -155,10 +157,15 @@ class CoulombBlock:
         if not state.stands:
             return ElasticFactor(0.0, True, state.displacement)
         first = min(above, expected)
-        probe = self.settle(gravity + first * load, state.displacement, deadline)
-        if probe.stands or not probe.known:
-            return ElasticFactor(first if probe.stands else 0.0, probe.known)
-        return self._below(load, first, probe, deadline, tolerance)
+        probe = state
+        for share in (1.0, *_ON_THE_WAY):
+            start = state.displacement + share * (probe.displacement - state.displacement)
+            probe = self.settle(gravity + share * first * load, start, deadline)
+            if not probe.known:
+                return ElasticFactor(0.0, False)
+            if not probe.stands:
+                return self._below(load, share * first, probe, deadline, tolerance)
+        return ElasticFactor(first, True)
 
     def _below(
         self, load: Array, above: float, fall: ElasticState, deadline: Deadline, tolerance: float

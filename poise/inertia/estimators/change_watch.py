@@ -35,7 +35,7 @@ class ChangeWatch:
         limits = {"longest_delay": prior.longest_delay, "lag_step": prior.lag_step}
         options = prior.options | {"load_accuracy": LOAD_ACCURACY} | limits
         self._estimator = ContinuousEstimator(prior.parts, prior.noise.filled(WATCH_NOISE), **options)
-        self._meter = NoiseMeter()
+        self._meter, self._n_believed = NoiseMeter(), -1
         self._parts = prior.parts
         self._n_changes = 0
 
@@ -79,7 +79,9 @@ class ChangeWatch:
     def add(self, motion: SensorMotion, wrench: Array) -> None:
         """See `StreamingEstimator`."""
         self._meter.add(wrench)
-        self._estimator.believe(self._given.noise.filled(self._meter.levels(None, WATCH_NOISE)))
+        if self._meter.n_blocks != self._n_believed:
+            self._n_believed = self._meter.n_blocks
+            self._estimator.believe(self._given.noise.filled(self._meter.levels(None, WATCH_NOISE)))
         self._estimator.add_rows(motion.stamps, sample_rows(motion, wrench, self._given.gravity))
 
     def solve(self, evidence: SampleEvidence) -> InertialSolution:

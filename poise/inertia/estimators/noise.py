@@ -30,6 +30,11 @@ class NoiseMeter:
         self._torque.add(wrench[:, 3:])
         self._n_samples += len(wrench)
 
+    @property
+    def n_blocks(self) -> int:
+        """How many blocks of samples have been seen: without `plain`, levels change with it alone."""
+        return self._force.n_blocks
+
     def levels(self, plain: InertialSolution | None, motion: NoiseLevels) -> NoiseLevels:
         """The noise of force and torque is what second differences show, and no more than least squares leave.
 

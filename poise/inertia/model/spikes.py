@@ -29,35 +29,55 @@ class SpikeFilter:
     def __init__(self) -> None:
         self._recent = np.zeros((0, 6))
         self._n_recent_first = 0
+        self._known: tuple[int, Array] = -1, np.full(6, np.inf)
+        """The number of a block, and what its samples are compared with."""
 
     def judge(self, wrench: Array, ahead: Array) -> Mask:
         """(N,) samples (N, 6) that are spikes; `ahead` are the samples that follow, two of which count."""
         kept = len(self._recent)
         rows = np.concatenate([self._recent, wrench, ahead[:_SIDE]])
         first = self._n_recent_first
-        result = np.zeros(len(rows), dtype=bool)
-        if len(wrench) and len(rows) > 2 * _SIDE:
-            result[_SIDE : len(rows) - _SIDE] = _spikes(rows, first + _SIDE)
+        result = np.zeros(len(wrench), dtype=bool)
+        begin, end = max(kept, _SIDE), len(rows) - _SIDE
+        if len(wrench) and end > begin:
+            block = (first + np.arange(begin, end)) // _BLOCK
+            limits = self._limits(rows, int(block[0]), int(block[-1]))[block - block[0]]
+            result[begin - kept : end - kept] = _beyond(rows[begin - _SIDE : end + _SIDE], limits)
         past = rows[: kept + len(wrench)]
         keep = min(len(past), 2 * _BLOCK + _SIDE)
         self._recent, self._n_recent_first = past[len(past) - keep :], first + len(past) - keep
-        return result[kept : kept + len(wrench)]
+        return result
+
+    def _limits(self, rows: Array, low: int, high: int) -> Array:
+        """(B, 6) what the samples of the blocks `low` to `high` are compared with: each shows it for the next.
+
+        Nothing is known before the first whole block; that of block `low` is kept from the portion before.
+        """
+        first = self._n_recent_first
+        limits = np.full((high - low + 1, 6), np.inf)
+        shown = max(low - 1, -(-(first + _SIDE) // _BLOCK))
+        if self._known[0] == low:
+            limits[0], shown = self._known[1], max(low, shown)
+        if high > shown:
+            begin = shown * _BLOCK - first
+            around = rows[begin - 1 : begin + (high - shown) * _BLOCK + 1]
+            bends = np.abs(around[2:] - 2 * around[1:-1] + around[:-2]) / 2
+            limits[shown + 1 - low :] = _usual(bends.reshape(high - shown, _BLOCK, 6))
+        self._known = high, limits[-1]
+        return limits
 
 
-def _spikes(rows: Array, number: int) -> Mask:
-    """(M,) for the inner ones of samples (M + 4, 6), the first of which has this number since the beginning."""
-    near = np.sort(sliding_window_view(rows, 2 * _SIDE + 1, axis=0), axis=2)  # (M, 6, 5)
-    apart = np.abs(rows[_SIDE : len(rows) - _SIDE] - near[:, :, _SIDE])
-    core = near[:, :, _SIDE + 1] - near[:, :, _SIDE - 1]
-    begin = -number % _BLOCK
-    count = (len(apart) - begin) // _BLOCK
-    if count < 1:
-        return np.zeros(len(apart), dtype=bool)
-    bends = np.abs(rows[2:] - 2 * rows[1:-1] + rows[:-2])[1:-1] / 2
-    blocks = bends[begin : begin + count * _BLOCK].reshape(count, _BLOCK, 6)
+def _usual(blocks: Array) -> Array:
+    """(B, 6) how far from the median is too far, of the bends of blocks (B, _BLOCK, 6)."""
     moving = np.where(blocks > 0, blocks, np.nan)
     moving[:, 0][np.isnan(moving).all(axis=1)] = np.inf  # a frozen block shows nothing
     usual = np.maximum(_USUAL * np.median(blocks, axis=1), _QUANTA * np.nanmedian(moving, axis=1))
-    limits = np.vstack([np.full((1, 6), np.inf), np.maximum(usual, _LEAST)])  # nothing is known before the first block
-    before = np.clip((np.arange(len(apart)) - begin) // _BLOCK, 0, count)
-    return np.asarray((apart > limits[before] + _CORE * core).any(axis=1))
+    return np.asarray(np.maximum(usual, _LEAST))
+
+
+def _beyond(rows: Array, limits: Array) -> Mask:
+    """(M,) for the inner ones of samples (M + 4, 6): farther from the median than their limits (M, 6) allow."""
+    near = np.sort(sliding_window_view(rows, 2 * _SIDE + 1, axis=0), axis=2)  # (M, 6, 5)
+    apart = np.abs(rows[_SIDE : len(rows) - _SIDE] - near[:, :, _SIDE])
+    core = near[:, :, _SIDE + 1] - near[:, :, _SIDE - 1]
+    return np.asarray((apart > limits + _CORE * core).any(axis=1))

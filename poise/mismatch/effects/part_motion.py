@@ -107,7 +107,7 @@ def hanging(seconds: Array, pull: Array, rate: Array, frequency: float, damping:
     turn = np.stack([np.interp(even, seconds, w) for w in (rate * (damping * square / (1.0 + half))).T], axis=1)
     steady = drive[:3] / np.linalg.norm(drive[:3], axis=1, keepdims=True)
     before = 3.0 * steady[0] - 3.0 * steady[1] + steady[2]
-    places = np.array(_shaken(steady[0].tolist(), before.tolist(), drive, turn, half))
+    places = np.array(_shaken(steady[0].tolist(), before.tolist(), drive, turn, half)).reshape(-1, 3)
     # The same correction for the speed: of a sine, a central difference says sin(w h) / (w h) of it.
     speeds = np.gradient(places, axis=0, edge_order=2) * (frequency / np.sin(frequency * step))
     return _with_second(seconds, pull, rate, damping, CubicHermiteSpline(even, places, speeds))
@@ -124,13 +124,13 @@ def _with_second(
     return u, du, force - inward[:, None] * u
 
 
-def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, half: float) -> list[list[float]]:
-    """(K, 3) positions on the sphere, step by step. Plain floats: arrays of three numbers would be slower."""
+def _shaken(now: list[float], before: list[float], drive: Array, turn: Array, half: float) -> list[float]:
+    """(3 K,) positions on the sphere, step by step. Plain floats: arrays of three numbers would be slower."""
     (x, y, z), (x0, y0, z0) = now, before
     a, b = 2.0 / (1.0 + half), (1.0 - half) / (1.0 + half)
-    out = []
-    for (px, py, pz), (wx, wy, wz) in zip(drive.tolist(), turn.tolist(), strict=True):
-        out.append([x, y, z])
+    out: list[float] = []
+    for px, py, pz, wx, wy, wz in zip(*drive.T.tolist(), *turn.T.tolist(), strict=True):
+        out += (x, y, z)
         fx = a * x - b * x0 + px + wy * z - wz * y
         fy = a * y - b * y0 + py + wz * x - wx * z
         fz = a * z - b * z0 + pz + wx * y - wy * x
@@ -233,11 +233,16 @@ class _Flight:
 
     def integrals(self, time: float) -> tuple[float, float]:
         """Speed and travel at a time, of a part that is free throughout."""
-        i = min(max(int(np.searchsorted(self._seconds, time)) - 1, 0), len(self._seconds) - 2)
-        h, t = self._seconds[i + 1] - self._seconds[i], time - self._seconds[i]
-        p, rate = self._push[i], (self._push[i + 1] - self._push[i]) / h
-        v = self.speed[i]
-        return float(v + t * (p + rate * t / 2)), float(self.travel[i] + t * (v + t * (p / 2 + rate * t / 6)))
+        i = min(max(int(self._seconds.searchsorted(time)) - 1, 0), len(self._seconds) - 2)
+        begin, p, rate, v, x = self._piece(i)
+        t = time - begin
+        return v + t * (p + rate * t / 2), x + t * (v + t * (p / 2 + rate * t / 6))
+
+    def _piece(self, i: int) -> tuple[float, float, float, float, float]:
+        """Of the piece after a stamp: its time, the push and its slope there, speed and travel; plain floats."""
+        begin, p = float(self._seconds[i]), float(self._push[i])
+        rate = (float(self._push[i + 1]) - p) / (float(self._seconds[i + 1]) - begin)
+        return begin, p, rate, float(self.speed[i]), float(self.travel[i])
 
     def departure(self, side: float, since: float) -> float:
         """When the push first points away from the stop at `side`; infinity for never."""
@@ -273,22 +278,26 @@ class _Flight:
             if len(out):
                 side = float(np.sign(place[out[0]]))
                 early = max(float(self._seconds[first + out[0] - 1]), left)
-                return self._met(early, float(self._seconds[first + out[0]]), begin - side * half, v0, x0, left), side
+                last = first + int(out[0])
+                return self._met(early, last, begin - side * half, v0, x0, left), side
             first += _SEARCHED
         return np.inf, 0.0
 
-    def _met(self, early: float, late: float, offset: float, v0: float, x0: float, left: float) -> float:
-        """By bisection, then Newton's method."""
+    def _met(self, early: float, stamp: int, offset: float, v0: float, x0: float, left: float) -> float:
+        """Between a time and the next stamp, by number: by bisection, then Newton's method."""
+        begin, p, rate, v, x = self._piece(stamp - 1)
 
         def state(time: float) -> tuple[float, float]:
-            speed, place = self.integrals(time)
+            t = time - begin
+            speed, place = v + t * (p + rate * t / 2), x + t * (v + t * (p / 2 + rate * t / 6))
             return offset + place - x0 - v0 * (time - left), speed - v0
 
-        outside = np.sign(state(late)[0])
+        late = float(self._seconds[stamp])
+        outside = state(late)[0] > 0.0
         first, last = early, late
         for _ in range(6):
             middle = (early + late) / 2
-            early, late = (early, middle) if np.sign(state(middle)[0]) == outside else (middle, late)
+            early, late = (early, middle) if (state(middle)[0] > 0.0) == outside else (middle, late)
         for _ in range(3):
             beyond, speed = state(late)
             late = min(max(late - beyond / speed, first), last) if speed else late

@@ -108,7 +108,8 @@ def columns_of(problem: Problem, parts: tuple[FittedEffect, ...], inputs: list[R
         columns += [next(straight) if p.linear else slope_of(effect, recorded, values, p, here) for p in own]
     if not columns:
         return np.zeros((0, problem.whiten(problem.measured).size))
-    return problem.whiten(np.stack(columns, axis=2))
+    # In the order in which they are whitened: a copy across the axes would take longer.
+    return problem.whiten(np.stack([column.T for column in columns]).T)
 
 
 def slope_of(effect: Effect, recorded: RecordedMotion, values: Values, p: EffectParameter, here: Array) -> Array:

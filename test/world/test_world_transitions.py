@@ -41,6 +41,13 @@ def test_what_is_grasped_leaves_the_assembly_and_comes_back_where_it_was_release
     assert placed.version == HELD.version + 1
 
 
+def test_a_grasp_that_its_lift_verifies_is_still_held_since_it_was_grasped():
+    grasped = START.grasped("can", IN_HAND, "tcp", 2 * S)
+    verified = grasped.grasped("can", IN_HAND, "tcp", 9 * S, lifted=(0.31, 0.01))
+    assert (verified.held.changed, verified.held.lifted) == (2 * S, (0.31, 0.01))
+    assert verified.weighed(replace(CAN, mass=0.3), 3 * S).held.source is WeightSource.WEIGHED
+
+
 def test_an_event_that_is_not_newer_changes_nothing():
     for stamp in (S, 2 * S):
         assert HELD.grasped("cube", IN_HAND, "tcp", stamp) is HELD

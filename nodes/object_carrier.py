@@ -1,0 +1,250 @@
+"""Node: the action `carry_object`: moves the base, and what stands on it, under the published acceleration limits."""
+
+import math
+import time
+from functools import partial
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
+from tf2_msgs.msg import TFMessage
+
+from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.geometry import Pose
+from poise.manipulation import BaseExecution, BaseLimits, BaseTolerances, plan_base_motion
+from poise.nodes.assembly_message import pose_message
+from poise.nodes.lifecycle import ArmNode
+from poise.nodes.parameters import Parameter, declare_parameters
+from poise.nodes.readiness import READY_TIMEOUT, Readiness
+from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, run, to_message
+from poise.nodes.transforms import add_transforms, pose_between, pose_of
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
+from poise.recording import stamp_of
+from poise.robot import FrameTree
+from poise.types import Array
+from poise_msgs.action import CarryObject as Action
+from poise_msgs.msg import AccelerationLimits, Assembly
+
+_FEEDBACK_PERIOD = 0.1
+_UNFOLLOWED = 2.0
+"""s after a change of the assembly by which its limits have to be there."""
+_QUIET = 1.0
+"""s without odometry after which a goal does not begin."""
+
+OBJECT_CARRIER_PARAMETERS = (
+    Parameter("rate", 50.0, "Hz of cmd_vel while it moves", (5.0, 500.0)),
+    Parameter("stamped", False, "cmd_vel is geometry_msgs/TwistStamped, as nav2 of Jazzy may want it"),
+    Parameter("holonomic", True, "the base drives in any direction; false: it turns, drives forwards, and turns"),
+    Parameter("speed", 0.5, "largest speed, m/s", (0.01, 5.0)),
+    Parameter("turn_speed", 0.5, "largest angular speed, rad/s", (0.01, 5.0)),
+    Parameter("share", 0.8, "largest share of the acceleration limits that is used", (0.01, 1.0)),
+    Parameter("path_tolerance", 0.15, "m that the base may be off its path", (0.001, 5.0)),
+    Parameter("arrival_tolerance", 0.02, "m that it may be off the goal at the end", (0.001, 1.0)),
+    READY_TIMEOUT,
+)
+
+
+class ObjectCarrier(ArmNode):
+    """Serves `carry_object` (poise_msgs/CarryObject), one goal at a time; publishes cmd_vel while it moves.
+
+    Subscribes to acceleration_limits and assembly (latched), odom, tf and tf_static.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("object_carrier")
+        self._values = values = declare_parameters(self, OBJECT_CARRIER_PARAMETERS)
+        self._limits: AccelerationLimits | None = None
+        self._assembly_stamp, self._assembly_heard = 0, 0.0
+        self._odom: tuple[Array, str, str] | None = None
+        self._heard = -math.inf
+        self._frames = FrameTree(one_parent=False, keep=False)
+        self._waiting: tuple[WatchedGoal, Readiness] | None = None
+        self._goal: WatchedGoal | None = None
+        self._running: BaseExecution | None = None
+        self._begun = self._last_feedback = self._least = 0.0
+        kind = TwistStamped if values["stamped"] else Twist
+        self._commands = self.create_publisher(kind, "cmd_vel", 10)
+        self.create_subscription(AccelerationLimits, "acceleration_limits", guarded(self, self._on_limits), LATCHED)
+        self.create_subscription(Assembly, "assembly", guarded(self, self._on_assembly), LATCHED)
+        self.create_subscription(Odometry, "odom", guarded(self, self._on_odom), QoSProfile(depth=10))
+        take = partial(add_transforms, self._frames)
+        self.create_subscription(TFMessage, "tf", guarded(self, take), 100)
+        self.create_subscription(TFMessage, "tf_static", guarded(self, partial(take, fixed=True)), TF_STATIC)
+        self.create_timer(1.0 / values["rate"], guarded(self, self._tick))
+        self.watchdog = ProcessWatchdog(self, Action, "carry_object", self._accept)
+        self.start()
+
+    # -- what is heard ----------------------------------------------------------------------------------------------
+
+    def _on_limits(self, message: AccelerationLimits) -> None:
+        self._limits = message
+        if self._running is None:
+            return
+        try:
+            self._running.limits = self._in_base()
+        except PoiseError as error:
+            self._running.stop(error)
+
+    def _on_assembly(self, message: Assembly) -> None:
+        self._assembly_stamp, self._assembly_heard = stamp_of(message), time.monotonic()
+
+    def _on_odom(self, message: Odometry) -> None:
+        pose = pose_of(message.pose.pose)
+        yaw = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
+        place = np.array([*pose.translation[:2], yaw])
+        self._odom, self._heard = (place, message.header.frame_id, message.child_frame_id), time.monotonic()
+        if self._running is not None:
+            self._running.add_odometry(place, self._heard)
+
+    # -- a goal -----------------------------------------------------------------------------------------------------
+
+    def halt(self, reason: str) -> None:
+        """Stop the base and end the goal."""
+        error = PoiseError(ErrorCode.CANCELLED, reason)
+        if self._waiting is not None:
+            self._refuse(self._waiting[0], error)
+        if self._running is not None:
+            self._running.stop(error)
+
+    def _accept(self, goal: WatchedGoal) -> None:
+        if self._waiting is not None or self._running is not None:
+            busy = NoAnswerError(ErrorCode.BUSY, "the base is carrying already: cancel that, or wait for its end")
+            goal.execute(lambda handle: self._result(handle, busy))
+            return
+        self._waiting = goal, Readiness(self._values["ready_timeout"])
+        self._try(*self._waiting)
+
+    def _try(self, goal: WatchedGoal, readiness: Readiness) -> None:
+        """Begin with a goal as soon as what it needs is there."""
+        if goal.is_cancel_requested:
+            self._refuse(goal, PoiseError(ErrorCode.CANCELLED, "cancelled before the base moved"))
+            return
+        try:
+            self._running = self._begin(goal)
+        except Exception as failure:  # of any kind: the caller must get an answer
+            error = coded(failure)
+            if not readiness.may_change(error):
+                self._refuse(goal, error)
+            return
+        self._waiting, self._goal, self._begun = None, goal, time.monotonic()
+
+    def _refuse(self, goal: WatchedGoal, error: PoiseError) -> None:
+        self._waiting = None
+        goal.execute(lambda handle: self._result(handle, error))
+
+    def _begin(self, goal: WatchedGoal) -> BaseExecution:
+        """The motion that a goal asks for.
+
+        Raises:
+            InputError, NoAnswerError: as `_in_base` and `plan_base_motion`; BAD_INPUT; TOPIC_MISSING.
+        """
+        request, values, now = goal.request, self._values, time.monotonic()
+        speed, share = request.speed or values["speed"], request.share or values["share"]
+        if not (0 < speed <= values["speed"] and 0 < share <= values["share"]):
+            what = f"goal: speed {request.speed:g} and share {request.share:g}; they may be up to"
+            raise InputError(ErrorCode.BAD_INPUT, f"{what} {values['speed']:g} m/s and {values['share']:g}")
+        if self._odom is None or now - self._heard > _QUIET:
+            raise InputError(ErrorCode.TOPIC_MISSING, "no odom comes: start the driver of the base")
+        if not self._commands.get_subscription_count():
+            raise InputError(ErrorCode.TOPIC_MISSING, "no base listens on cmd_vel: remap it to the base's, or start it")
+        limits, (start, frame, _) = self._in_base(), self._odom
+        path = [self._place(each, frame) for each in request.path]
+        motion = plan_base_motion(start, path, limits, speed, values["turn_speed"], share, values["holonomic"])
+        self._least = min(motion.least, 1e6)
+        tolerances = BaseTolerances(values["path_tolerance"], values["arrival_tolerance"])
+        running = BaseExecution(motion, limits, share, tolerances, now)
+        running.add_odometry(start, now)
+        return running
+
+    def _place(self, message: PoseStamped, frame: str) -> Array:
+        """(3,) x, y, yaw of a pose, in the frame of the odometry."""
+        joined = pose_between(self._frames, message.header.frame_id or frame, frame)
+        pose = joined @ pose_of(message.pose)
+        return np.array([*pose.translation[:2], math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])])
+
+    def _in_base(self) -> BaseLimits:
+        """The limits of the moment, in the frame of the base.
+
+        Raises:
+            InputError: TOPIC_MISSING without limits, or without the node that publishes them; SENSOR_STALE when the
+                assembly has changed since; FRAME_UNKNOWN.
+            NoAnswerError: the error of the limits.
+        """
+        message = self._limits
+        if message is None or not self.count_publishers("acceleration_limits"):
+            raise InputError(ErrorCode.TOPIC_MISSING, "no acceleration_limits: start the node of that name")
+        if message.error.code not in (ErrorCode.OK, ErrorCode.DEADLINE):
+            raise NoAnswerError(ErrorCode(message.error.code), f"acceleration_limits: {message.error.message}")
+        if stamp_of(message) < self._assembly_stamp:
+            waited = time.monotonic() - self._assembly_heard
+            code = ErrorCode.SENSOR_STALE if waited > _UNFOLLOWED else ErrorCode.EMPTY
+            raise InputError(code, "acceleration_limits are of an earlier assembly: they have not followed its change")
+        base = "" if self._odom is None else self._odom[2]
+        turn = pose_between(self._frames, message.header.frame_id, base or message.header.frame_id).rotation
+        normals = np.array([[each.x, each.y, each.z] for each in message.normals]).reshape(-1, 3) @ turn.T
+        turning = message.angular_acceleration, message.angular_speed
+        return BaseLimits(normals[:, :2], np.array(message.offsets), *turning)
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        if self._waiting is not None:
+            self._try(*self._waiting)
+        if self._waiting is not None and now > self._last_feedback + _FEEDBACK_PERIOD:
+            self._last_feedback = now
+            self._waiting[0].publish_feedback(Action.Feedback(stage="waiting"))
+        goal, running = self._goal, self._running
+        if goal is None or running is None:
+            return
+        if goal.is_cancel_requested:
+            running.stop(PoiseError(ErrorCode.CANCELLED, "carrying was cancelled, and the base came to rest"))
+        self._require_fresh(running)
+        self._command(running.tick(now))
+        if running.done:
+            self._goal = self._running = None
+            goal.execute(lambda handle: self._result(handle, running.error, running, now - self._begun))
+        elif now > self._last_feedback + _FEEDBACK_PERIOD:
+            self._last_feedback = now
+            goal.publish_feedback(Action.Feedback(stage=running.stage, progress=running.progress))
+
+    def _require_fresh(self, running: BaseExecution) -> None:
+        """Stop when the limits are no longer those of what stands on the base."""
+        try:
+            self._in_base()
+        except PoiseError as error:
+            if error.code is not ErrorCode.EMPTY:  # they may still follow
+                running.stop(error)
+
+    def _command(self, velocity: Array) -> None:
+        twist = Twist()
+        twist.linear.x, twist.linear.y, twist.angular.z = velocity.tolist()
+        if not self._values["stamped"]:
+            self._commands.publish(twist)
+            return
+        message = TwistStamped(twist=twist)
+        message.header.stamp = self.get_clock().now().to_msg()
+        message.header.frame_id = "" if self._odom is None else self._odom[2]
+        self._commands.publish(message)
+
+    def _result(
+        self, goal: WatchedGoal, error: PoiseError | None, running: BaseExecution | None = None, seconds: float = 0.0
+    ) -> Action.Result:
+        """What a goal gets in the end; sets its status, too."""
+        result = Action.Result(seconds=seconds, error=to_message(error))
+        if running is not None:
+            result.distance, result.used, result.limit = running.distance, running.used, self._least
+        if self._odom is not None:
+            place, result.pose.header.frame_id, _ = self._odom
+            turn = [0.0, 0.0, math.sin(place[2] / 2), math.cos(place[2] / 2)]
+            result.pose.pose = pose_message(Pose.from_vector([place[0], place[1], 0.0, *turn]))
+        end_goal(goal, error is None)
+        return result
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run the node."""
+    run(ObjectCarrier, args)
+
+
+if __name__ == "__main__":
+    main()
