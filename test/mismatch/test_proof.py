@@ -121,6 +121,12 @@ def test_what_a_proof_lacks_is_said(proof: EffectProof, words: str) -> None:
     assert bool(words) == bool(proof.lacking)
 
 
+def test_evidence_counts_no_more_than_what_is_won_outside_the_fits() -> None:
+    """As on a real UR10: the noise is a hundredth of the error that stays, and a payload imitates a part of it."""
+    assert EffectProof(6, 6, 5.9, 5.5, 240.0, 0.1, 1.7, 7.0, 8900.0, 19.0, 0.0).support == 240.0
+    assert EffectProof(6, 6, 1.2, 1.0, 240.0, 0.1, 0.0, 7.0, 200.0, 2.0, 0.0).support == 200.0
+
+
 @pytest.mark.parametrize(("again", "least", "most"), [(0.0, 0.0, 0.0), (1.0, 0.6, 1.1)])
 def test_an_event_that_is_one_of_several_is_known_by_what_is_left_elsewhere(
     again: float, least: float, most: float

@@ -96,6 +96,18 @@ def test_a_base_motion_is_named_from_joint_efforts_alone() -> None:
     assert found.findings[0].windows[0] == pytest.approx((5.0, 6.5), abs=0.4)
 
 
+def test_a_contact_at_the_end_of_its_reach_is_no_answer_for_efforts() -> None:
+    """There it follows what friction leaves of some joints, as on a real UR10; the wrench would show the place."""
+    recorded = read(Recorded(seconds=6.0).joints()).recorded
+    contact = effect_named("contact")
+    assert contact is not None
+    acting = acting_on_efforts(contact)
+    assert acting is not None
+    values = {p.name: 0.0 if p.linear else p.from_unit(0.5) for p in acting.parameters(recorded)}
+    assert acting.implausible(recorded, values) == ""
+    assert "reach" in acting.implausible(recorded, values | {"z": -0.4999999})
+
+
 def test_what_the_wrench_names_is_fitted_again_for_the_efforts() -> None:
     reading = read(Recorded(seconds=6.0).joints())
     usual, wide = (effort_problem(reading.recorded, reading.model, frozenset(names)) for names in ((), ("tilt",)))

@@ -13,7 +13,7 @@ _NONE_TEMPERATURE = 2.0
 """The same, in the comparison of the nominal model with models that have more effects."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-_WEIGHTS = (-0.74, 0.44, -0.23, -0.13, -0.64, -2.69)
+_WEIGHTS = (-0.74, 0.47, -0.23, -0.13, -0.64, -2.69)
 """Of `BeliefBasis.terms` in the log odds that a name is true: fitted on answers to cases of two generators by
 `benchmarks.concealed.calibrate`."""
 _IMITATES = 0.1
@@ -48,7 +48,7 @@ class BeliefBasis:
     """The evidence for a name and against it.
 
     Args:
-        evidence, share, rest: of its proof, see `EffectProof`.
+        evidence, share, rest: `support`, `share` and `rest` of its proof, see `EffectProof`.
         rivals: sum over the hypotheses that replace it by another effect: 1 for one that does as well.
         parts: of the answer, named or not.
         beside_unknown: the residual contains an effect that no name explains.
@@ -103,7 +103,7 @@ def beliefs(
             if len(names) == len(answer) and not without - Counter(names) and names != answer
         }
         as_well = sum(value for rival, value in instead.items() if name not in _contained((rival,)))
-        basis = BeliefBasis(proof.evidence, proof.share, proof.rest, as_well, len(answer), beside_unknown)
+        basis = BeliefBasis(proof.support, proof.share, proof.rest, as_well, len(answer), beside_unknown)
         lacking = sum(value for names, value in weight.items() if names.count(name) < answer.count(name))
         others = {rival: (1.0 - basis.probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
         reported = sorted(((rival, p) for rival, p in others.items() if p > _LEAST_REPORTED), key=lambda pair: -pair[1])

@@ -81,6 +81,11 @@ class EffectProof:
     elsewhere: float
 
     @property
+    def support(self) -> float:
+        """Log evidence; beside a large unexplained error, the log likelihood won on samples that no fit saw."""
+        return min(self.evidence, self.gain)
+
+    @property
     def lacking(self) -> str:
         """What the proof lacks, as a clause; "" for a proof that holds."""
         if self.gain < _LEAST_GAIN:

@@ -68,6 +68,10 @@ class LoadOnEfforts(_OnEfforts):
         return self._inner.windows(recorded, values)
 
     def implausible(self, recorded: RecordedMotion, values: Values) -> str:
+        """An event of free course that acts at the end of its reach follows what other effects leave of the joints."""
+        places = [p for p in self.parameters(recorded) if self.free_course and p.unit == "m"]
+        if any(p.at_end(values[p.name]) for p in places):
+            return "it would act at the end of its reach"
         return self._inner.implausible(recorded, values)
 
     def untestable(self, recorded: RecordedMotion) -> str:
