@@ -10,7 +10,7 @@ from assembly_scenes import box, on_floor
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poise.assembly import Analysis, Mesh, Push, RigidObject, assess, robustness_map
+from poise.assembly import Analysis, Assembly, Mesh, Push, RigidObject, assess, robustness_map
 from poise.assembly.contact.surface import SurfacePoints, sample_surface
 from poise.assembly.robustness.convexity import upper_planes
 from poise.assembly.robustness.maps import MAX_MAP_POINTS
@@ -260,3 +260,10 @@ def capsule():
     cut = trimesh.intersections.slice_mesh_plane(round_one, [0, 0, 1], [0, 0, bottom], cap=True)
     pose = Pose.from_vector([0, 0, -bottom, 0, 0, 0, 1])
     return RigidObject("capsule", Mesh(np.array(cut.vertices), np.array(cut.faces)), pose, mass=1.0)
+
+
+def test_a_map_of_fixed_objects_alone_is_refused():
+    fixed = Assembly((scenes.fixed_box("floor", (1, 1, 0.1), (0, 0, -0.05)),))
+    with pytest.raises(InputError, match="all objects of this assembly are fixed") as raised:
+        robustness_map(fixed, 20)
+    assert raised.value.code == ErrorCode.EMPTY

@@ -6,6 +6,7 @@ import numpy as np
 
 from poise.assembly.contact.graph import Structure
 from poise.assembly.contact.placed import triangle_areas
+from poise.errors import ErrorCode, InputError
 from poise.geometry import plane_axes
 from poise.types import Array, Indices, Mask
 
@@ -26,7 +27,13 @@ class SurfacePoints:
 
 
 def sample_surface(structure: Structure, count: int) -> SurfacePoints:
-    """About `count` points on the movable objects, evenly by area, with the inward normals; none where bodies touch."""
+    """About `count` points on the movable objects, evenly by area, with the inward normals; none where bodies touch.
+
+    Raises:
+        InputError: EMPTY when all objects are fixed.
+    """
+    if not len(structure.movable):
+        raise InputError(ErrorCode.EMPTY, "a map shows movable objects, and all objects of this assembly are fixed")
     objects = structure.assembly.objects
     corners, places, normals = [], [], []
     for movable in structure.movable:

@@ -91,7 +91,7 @@ def robustness_map(
 
     Raises:
         InputError: BAD_INPUT for a model without certified bounds, or for no points or more than `MAX_MAP_POINTS`;
-            INTERPENETRATION, FLOATING.
+            EMPTY when points are asked for and all objects are fixed; INTERPENETRATION, FLOATING.
         NoAnswerError: UNSTABLE, SOLVER_FAILED.
     """
     start, clock, name = time.perf_counter(), Deadline.after(deadline), model or DEFAULT_MODEL
