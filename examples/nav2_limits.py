@@ -138,7 +138,7 @@ class Nav2Limits(Node):
             self._asked = self._set.call_async(SetParametersAtomically.Request(parameters=values))
             self._asked_at = time.monotonic()
             if wanted != self._sent:
-                self.get_logger().info(f"accelerations up to {wanted.max_accel}, velocities up to {wanted.max_velocity}")
+                self.get_logger().info(f"accelerations to {wanted.max_accel}, velocities to {wanted.max_velocity}")
             self._sent = wanted
 
     def _ask_base(self) -> None:
