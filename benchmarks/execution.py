@@ -31,7 +31,7 @@ from poise.manipulation.bodies import pose_of, se3_of
 from poise.manipulation.cell import Cell
 from poise.placement import KeptFree, Options, Uncertainty, plan_placement
 from poise.recording.encoding import typestore
-from poise.robot import RobotModel
+from poise.robot import RobotModel, find_urdf
 from poise.simulation import IdealRobot, JointNoise, WaypointTrajectory, wrench_noise
 
 STEPS = ("placement planning", "grasping", "motion planning", "placement execution", "stable assembly")
@@ -105,11 +105,11 @@ def plan(
 
 def played(phase: TransferPhase, arm: Arm, rng: np.random.Generator) -> np.ndarray:
     """(N, J) joint positions of the fake arm while it does one phase, from its messages, and its own error."""
-    model = RobotModel.from_file("fr3", "tcp")
+    model, description = RobotModel.from_file("fr3", "tcp"), find_urdf("fr3").read_text()
     rows = []
     for motion in phase.motions:
         options = ArmOptions(wrench_noise("none", rate=1.0), JointNoise(rate=RATE), end=motion.duration)
-        source = SimulatedArm(IdealRobot(model), "<robot/>", WaypointTrajectory(*_fields(motion)), options)
+        source = SimulatedArm(IdealRobot(model), description, WaypointTrajectory(*_fields(motion)), options)
         said = [m for m in source.messages() if m.topic == "joint_states"]
         states = [typestore().deserialize_cdr(m.data, "sensor_msgs/msg/JointState") for m in said]
         rows += [state.position for state in states]

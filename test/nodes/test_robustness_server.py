@@ -128,7 +128,11 @@ def test_a_scene_file_is_there_from_the_start_and_published(start_node, graph, t
     markers = graph.collect("robustness_markers", MarkerArray, LATCHED)
     start_node("robustness_server", {"scene": str(tmp_path / "scene.yaml"), "frame_id": FRAME, "marker_map_points": 50})
     assert ask(graph, assess(LOW_PUSH)).robustness[0].robustness == pytest.approx(MU * G)
-    graph.wait_for(lambda: assemblies and markers, what="the latched topics")
+    # The map is computed after the markers without it.
+    graph.wait_for(
+        lambda: assemblies and markers and any(marker.ns == "map" for marker in markers[-1].markers),
+        what="the latched topics, and the map",
+    )
     assert [item.id for item in assemblies[-1].objects] == ["floor", "cube"]
     assert assemblies[-1].header.frame_id == FRAME
     kinds = {marker.ns: marker.type for marker in markers[-1].markers}
