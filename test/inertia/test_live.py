@@ -281,3 +281,17 @@ def test_all_of_tf_may_come_before_the_first_wrench():
     live.update(0.2)
     live.update(2.0)
     assert live.estimate().parameters.mass == pytest.approx(1.0, abs=1e-6)
+
+
+def test_a_shape_is_placed_in_the_hand_only_by_a_frame_that_moves_with_it():
+    live = LiveEstimator(LiveOptions(sensor_frame="ft_sensor", motion_source="joint_states"))
+    level = np.eye(3)
+    for parent, child, fixed in [("base", "wrist", False), ("wrist", "ft_sensor", True), ("wrist", "tcp", True)]:
+        live.add_transform(0, parent, child, level, (0.0, 0.0, 0.1), fixed, 0.0)
+    live.add_transform(0, "base", "cup", level, (0.5, 0.0, 0.0), True, 0.0)  # where it was scanned
+    with pytest.raises(InputError, match="does not move with ft_sensor") as caught:
+        live.pose_in_sensor("cup")
+    assert caught.value.code is ErrorCode.FRAME_UNKNOWN
+    live.add_transform(1, "tcp", "cup", level, (0.0, 0.0, 0.05), False, 0.0)  # held, as world_model says
+    np.testing.assert_allclose(live.pose_in_sensor("cup").translation, [0.0, 0.0, 0.05])
+    np.testing.assert_allclose(live.pose_in_sensor("ft_sensor").translation, 0.0)

@@ -210,9 +210,16 @@ class LiveEstimator:
         """The pose of a frame, such as the object's, in the sensor's.
 
         Raises:
-            InputError: FRAME_UNKNOWN when tf does not join them.
+            InputError: FRAME_UNKNOWN when tf does not join them, or the frame does not move with the sensor.
         """
         pose = self.hand.pose(frame, self.sensor_frame)
+        in_hand = self.hand.ancestors(self.sensor_frame, fixed_only=True).keys() & self.hand.ancestors(frame).keys()
+        if pose is not None and not in_hand:
+            raise InputError(
+                ErrorCode.FRAME_UNKNOWN,
+                f"frame {frame} does not move with {self.sensor_frame}, so its pose in the hand is not known: the shape"
+                " is not used; give it when the object is held",
+            )
         if pose is None:
             raise InputError(
                 ErrorCode.FRAME_UNKNOWN,
