@@ -7,11 +7,13 @@ each time the limits change. The first values of the smoother are taken for what
 `smoother` (name of its node), `share` (of the limits that is used).
 
 When nothing is known (no publisher of acceleration_limits, an error without limits, an unstable load), the velocity
-becomes zero, at `braking` m/s2 and rad/s2. It is not done with nav2's speed_limit topic, whose 0 means "no limit".
+becomes zero, at `braking` m/s2 and rad/s2. The values are sent again every two seconds, because a smoother that was
+started again has its own. It is not done with nav2's speed_limit topic, whose 0 means "no limit".
 """
 
 import contextlib
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -29,6 +31,7 @@ NAMES = ("max_accel", "max_decel", "max_velocity", "min_velocity")
 PARTS = (0.6, 0.2, 0.2)
 """Of the limits: for accelerations along a line, for the centrifugal force of turning, for angular acceleration. Loads
 that are sustained each alone are sustained together in parts that add up to one, because the set of them is convex."""
+_AGAIN = 2.0  # s after which values are sent again, and a service that does not answer is asked again
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ class Nav2Limits(Node):
         self._base: Smoother | None = None
         self._limits: AccelerationLimits | None = None
         self._sent: Smoother | None = None
-        self._asked = None
+        self._asked, self._asked_at = None, -math.inf
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.create_subscription(AccelerationLimits, "acceleration_limits", self._hear, latched)
         self.create_timer(0.1, self._tick)
@@ -115,7 +118,10 @@ class Nav2Limits(Node):
         self._limits = message
 
     def _tick(self) -> None:
+        late = time.monotonic() - self._asked_at > _AGAIN
         if self._asked is not None and not self._asked.done():
+            if late:  # its server has gone: it may never answer
+                self._asked = self._sent = None
             return
         if self._base is None:
             self._ask_base()
@@ -127,16 +133,18 @@ class Nav2Limits(Node):
         known = self._limits is not None and self.count_publishers("acceleration_limits") > 0
         wanted = within(self._limits, self._base, self._share) if known else None
         wanted = wanted or standstill(self._base, self._braking)
-        if wanted != self._sent and self._set.service_is_ready():
+        if (late or wanted != self._sent) and self._set.service_is_ready():
             values = [Parameter(name, value=list(getattr(wanted, name))).to_parameter_msg() for name in NAMES]
             self._asked = self._set.call_async(SetParametersAtomically.Request(parameters=values))
+            self._asked_at = time.monotonic()
+            if wanted != self._sent:
+                self.get_logger().info(f"accelerations to {wanted.max_accel}, velocities to {wanted.max_velocity}")
             self._sent = wanted
-            self.get_logger().info(f"accelerations up to {wanted.max_accel}, velocities up to {wanted.max_velocity}")
 
     def _ask_base(self) -> None:
         if self._asked is None:
             if self._get.service_is_ready():
-                self._asked = self._get.call_async(GetParameters.Request(names=NAMES))
+                self._asked, self._asked_at = self._get.call_async(GetParameters.Request(names=NAMES)), time.monotonic()
             return
         values = [tuple(value.double_array_value) for value in self._asked.result().values]
         self._asked = None

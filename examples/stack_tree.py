@@ -72,7 +72,8 @@ class StackHolds:
         if not answer.stable or answer.error.code not in (answer.error.OK, answer.error.DEADLINE):
             return self._end(Status.FAILURE, answer.error.message or "the stack does not stand")
         found = answer.robustness[0]
-        if found.lower < self._force:  # the certified bound decides, also when it is doubtful or the deadline passed
+        # The certified bound decides, also when it is doubtful or the deadline passed.
+        if not found.lower >= self._force:
             return self._end(
                 Status.FAILURE, f"{', '.join(found.moves) or 'something'} may move from {found.lower:.2f} N on"
             )

@@ -69,7 +69,7 @@ class GripperAction:
         self._goal, self._target, self._rests_since, self._looks = handle, position, self._arm.now, 0
 
     def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        if handle is self._goal:  # the fingers stay where they are
+        if handle is self._goal and not self._state()[2]:  # the fingers stay where they are; what they hold stays held
             self._arm.grip([self._gripper.joint], self._state()[0])
         return CancelResponse.ACCEPT
 

@@ -182,8 +182,7 @@ class AccelerationLimitsNode(Node):
             since = self._busy_since
             if since is not None and not self._said_late and now - since > self._values["longest"] + _GRACE:
                 self._said_late = True
-                what = "the limits of the present assembly are still being computed; wait for them"
-                self._publisher.publish(self._message(NoAnswerError(ErrorCode.DEADLINE, what)))
+                self._publisher.publish(self._message(_late()))
 
     # -- in the thread of the jobs ---------------------------------------------------------------------------------
 
@@ -200,6 +199,8 @@ class AccelerationLimitsNode(Node):
                 self._again = now + _AGAIN * max(now - begun, _GRACE)
         with self._lock:
             self._published, self._busy_since = inputs, None
+            if self._assemblies != inputs.assembly:  # their stamp would say that they are of the new one
+                self._limits, error = None, _late()
             if error is None:
                 self._publish(inputs.base)
             else:
@@ -286,6 +287,11 @@ class AccelerationLimitsNode(Node):
 
 def _azimuths(count: int) -> list[float]:
     return (2 * np.pi * np.arange(count) / count).tolist()
+
+
+def _late() -> NoAnswerError:
+    what = "the limits of the present assembly are still being computed; wait for them"
+    return NoAnswerError(ErrorCode.DEADLINE, what)
 
 
 def _require_none(answer: dict[str, Any]) -> None:

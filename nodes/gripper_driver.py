@@ -172,8 +172,8 @@ class GripperDriverNode(LifecycleNode):
             raise InputError(
                 ErrorCode.JOINT_MISSING, f"gripper_trajectory: it needs one position of {self._gripper.joint}"
             )
-        self._end(False, "a trajectory has replaced this goal")
         self._command(last[0])
+        self._end(False, "a trajectory has replaced this goal")
 
     def _consider(self, request: GripperCommand.Goal) -> GoalResponse:
         """Command the fingers; GripperCommand has no field for the reason of a refusal, so the log has it."""

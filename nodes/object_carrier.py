@@ -83,8 +83,8 @@ class ObjectCarrier(ArmNode):
             return
         try:
             self._running.limits = self._in_base()
-        except PoiseError as error:
-            self._running.stop(error)
+        except Exception as failure:  # of any kind: the base must stop
+            self._running.stop(coded(failure))
 
     def _on_assembly(self, message: Assembly) -> None:
         self._assembly_stamp, self._assembly_heard = stamp_of(message), time.monotonic()
@@ -169,13 +169,16 @@ class ObjectCarrier(ArmNode):
         Raises:
             InputError: TOPIC_MISSING without limits, or without the node that publishes them; SENSOR_STALE when the
                 assembly has changed since; FRAME_UNKNOWN.
-            NoAnswerError: the error of the limits.
+            NoAnswerError: the error of the limits; DEADLINE while they are being computed.
         """
         message = self._limits
         if message is None or not self.count_publishers("acceleration_limits"):
             raise InputError(ErrorCode.TOPIC_MISSING, "no acceleration_limits: start the node of that name")
         if message.error.code not in (ErrorCode.OK, ErrorCode.DEADLINE):
             raise NoAnswerError(ErrorCode(message.error.code), f"acceleration_limits: {message.error.message}")
+        if not message.limits:  # an answer without limits is no freedom from limits
+            what = message.error.message or "a message without limits"
+            raise NoAnswerError(ErrorCode.DEADLINE, f"acceleration_limits: {what}")
         if stamp_of(message) < self._assembly_stamp:
             waited = time.monotonic() - self._assembly_heard
             code = ErrorCode.SENSOR_STALE if waited > _UNFOLLOWED else ErrorCode.EMPTY
@@ -199,7 +202,11 @@ class ObjectCarrier(ArmNode):
         if goal.is_cancel_requested:
             running.stop(PoiseError(ErrorCode.CANCELLED, "carrying was cancelled, and the base came to rest"))
         self._require_fresh(running)
-        self._command(running.tick(now))
+        try:
+            self._command(running.tick(now))
+        except Exception as failure:  # of any kind: the caller must get an answer, and the base must stop
+            running.done, running.error = True, coded(failure)
+            guarded(self, self._command)(np.zeros(3))
         if running.done:
             self._goal = self._running = None
             goal.execute(lambda handle: self._result(handle, running.error, running, now - self._begun))
@@ -211,7 +218,8 @@ class ObjectCarrier(ArmNode):
         """Stop when the limits are no longer those of what stands on the base."""
         try:
             self._in_base()
-        except PoiseError as error:
+        except Exception as failure:  # of any kind: the base must stop
+            error = coded(failure)
             if error.code is not ErrorCode.EMPTY:  # they may still follow
                 running.stop(error)
 
@@ -232,7 +240,7 @@ class ObjectCarrier(ArmNode):
         """What a goal gets in the end; sets its status, too."""
         result = Action.Result(seconds=seconds, error=to_message(error))
         if running is not None:
-            result.distance, result.used, result.limit = running.distance, running.used, self._least
+            result.distance, result.used, result.limit = running.distance, min(running.used, 1e6), self._least
         if self._odom is not None:
             place, result.pose.header.frame_id, _ = self._odom
             turn = [0.0, 0.0, math.sin(place[2] / 2), math.cos(place[2] / 2)]

@@ -3,6 +3,7 @@
 import math
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -206,7 +207,7 @@ class ObjectPicker(ArmNode):
         elif now > task.due + ANSWER_GRACE:
             self._end(task, NoAnswerError(ErrorCode.DEADLINE, "the deadline passed while planning; allow more time"))
         elif not task.begun and task.carrying.found_start(now):
-            task.begun = self._jobs.do(self._plan)
+            task.begun = self._jobs.do(partial(self._plan, task))
 
     def _run(self, task: PickTask, now: float) -> PickExecution:
         pick, item, steps = task.pick, task.item, task.steps
@@ -271,7 +272,8 @@ class ObjectPicker(ArmNode):
             self._grasped(task)
         if running.retry and len(task.tried) < self._values["attempts"] and not task.goal.is_cancel_requested:
             seconds = float(task.goal.request.deadline or self._values["deadline"])
-            task.running, task.pick, task.carrying.start = None, None, None
+            task.running, task.pick = None, None
+            task.carrying.plan_again()
             task.begun = task.planned = False
             task.due = time.monotonic() + seconds
             return
@@ -287,9 +289,8 @@ class ObjectPicker(ArmNode):
 
     # -- in the thread of the jobs ----------------------------------------------------------------------------------
 
-    def _plan(self) -> None:
-        task = self._task
-        if task is None:
+    def _plan(self, task: PickTask) -> None:
+        if task is not self._task:  # it has ended
             return
         try:
             self._find(task)

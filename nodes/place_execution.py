@@ -122,6 +122,10 @@ class Carrying:
         values = self._values
         return Tolerances(values["arrival_tolerance"], values["path_tolerance"], values["slack"])
 
+    def plan_again(self) -> None:
+        """Begin again to wait until the arm rests."""
+        self.start, self._begun = None, time.monotonic()
+
     def found_start(self, now: float) -> bool:
         """Whether it is known where the arm rests; raises as `RobotPort.rests_at`."""
         self.start = self.robot.rests_at(now, self._begun)

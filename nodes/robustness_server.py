@@ -95,6 +95,7 @@ class RobustnessServer(Node):
         self._values = values
         self._keys = itertools.count(1)
         self._moving = False
+        self._newest: Call | None = None  # of the newest assembly on the topic
         # The lock guards changes of what follows. An answer is about one `_Present`, read once.
         self._lock = threading.RLock()
         self._present = _Present(0, values["frame_id"])
@@ -167,13 +168,17 @@ class RobustnessServer(Node):
         if (message.header.stamp.sec, message.header.stamp.nanosec) in self._own_stamps:
             return
         request = SetAssembly.Request(assembly=message)
-        version = message.version if self._follow else 0
+        before, version = self._newest, message.version if self._follow else 0
+        self._newest = None
         try:
             call = call_of("set", request, self._frames, self._present.frame, self._limits, self._longest)
+            self._newest = replace(call, version=version)
+            self._change_by(self._newest, len(message.objects))
         except PoiseError as error:
+            if error.code == ErrorCode.BUSY and not self._follow:
+                self._newest = before
+                raise
             self._refuse("assembly", error, version=version)
-            return
-        self._change_by(replace(call, version=version), len(message.objects))
 
     def _follow_tf(self) -> None:
         """Have what moved in tf moved, all at once; an error of poses holds until tf gives better ones."""
@@ -257,8 +262,8 @@ class RobustnessServer(Node):
         what = "assembly" if call.kind == "set" else "poses from tf"
         worker, present = self._workers[thread], self._present
         try:
-            if call.kind == "move" and call.expected != present.version:
-                return
+            if call.expected != present.version if call.kind == "move" else call is not self._newest:
+                return  # something else has come since
             response, proposed = self._asked(worker, call, present, job.due, job.deadline)
             if proposed is None:
                 raise InputError(ErrorCode(response.error.code), response.error.message)

@@ -35,6 +35,8 @@ from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import GraspEvent, InertialEstimate, SegmentedObject, WorldState
 from poise_msgs.srv import SetAssembly
 
+_AHEAD = 1.0
+"""s that a stamp may be ahead of this node's clock: one that is further would outlast all that happens until then."""
 _FRAME_PATIENCE = 2.0
 """s that the transform of a scanned object may come after its scan."""
 _QUESTIONED = {ErrorCode.ZEROED_UNDER_LOAD, *(ErrorCode(code) for code in range(70, 87))} - {ErrorCode.PAYLOAD_CHANGED}
@@ -69,7 +71,7 @@ class WorldModel(Node):
         self._file = Path(values["state_file"]) if values["state_file"] else None
         self._lock = threading.RLock()
         self._frames = FrameTree(one_parent=False, keep=False)
-        self._scan_frames: dict[str, tuple[str, Pose]] = {}
+        self._scan_frames: dict[str, tuple[str, Pose, int]] = {}
         self._scan: tuple[SegmentedObject, float] | None = None
         self._weighed = 0.0
         self._known: Analysis | None = None
@@ -166,11 +168,19 @@ class WorldModel(Node):
         for each in message.transforms:
             shift, turn = each.transform.translation, each.transform.rotation
             vector = [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w]
-            self._scan_frames[each.child_frame_id] = each.header.frame_id, Pose.from_vector(vector)
+            self._scan_frames[each.child_frame_id] = each.header.frame_id, Pose.from_vector(vector), stamp_of(each)
         add_transforms(self._frames, message, fixed=True)
 
+    def _stamp_of(self, message: Any) -> int:
+        """ns; raises BAD_INPUT for a time that has not come."""
+        stamp = stamp_of(message)
+        if stamp > self._now() + _AHEAD * 1e9:
+            what = f"its stamp is {1e-9 * (stamp - self._now()):.0f} s ahead: synchronize the clocks"
+            raise InputError(ErrorCode.BAD_INPUT, what)
+        return stamp
+
     def _on_event(self, message: GraspEvent) -> None:
-        stamp, pose = stamp_of(message), pose_of(message.pose)
+        stamp, pose = self._stamp_of(message), pose_of(message.pose)
         check_range("position", pose.vector.tolist(), f"grasp_events of {message.id}: ")
         if message.event == GraspEvent.GRASPED:
             item = None
@@ -183,8 +193,10 @@ class WorldModel(Node):
         elif message.event == GraspEvent.RELEASED:
             there = pose_between(self._frames, message.header.frame_id, self._world.frame) @ pose
             self._change(lambda world: world.released(message.id, there, stamp))
-        else:
+        elif message.event == GraspEvent.LOST:
             self._change(lambda world: world.lost(message.id, stamp, "the hand is empty: scan it again"))
+        else:
+            raise InputError(ErrorCode.BAD_INPUT, f"grasp_events of {message.id}: there is no event {message.event}")
 
     def _on_estimate(self, message: InertialEstimate) -> None:
         held, now = self._world.held, time.monotonic()
@@ -215,7 +227,9 @@ class WorldModel(Node):
         try:
             if frame not in self._scan_frames:
                 raise InputError(ErrorCode.FRAME_UNKNOWN, f"no transform of {frame} has come on tf_static")
-            parent, pose = self._scan_frames[frame]
+            parent, pose, stamp = self._scan_frames[frame]
+            if 0 < stamp < stamp_of(message):
+                raise InputError(ErrorCode.FRAME_UNKNOWN, f"the transform of {frame} is of an earlier scan")
             there = pose_between(self._frames, parent, self._world.frame) @ pose
         except InputError as error:
             if time.monotonic() < heard + _FRAME_PATIENCE:
@@ -228,14 +242,14 @@ class WorldModel(Node):
 
     def _take_scan(self, pose: Pose, message: SegmentedObject) -> None:
         """In the thread of the jobs: the object, settled on what it stands on, if that makes an assembly."""
-        item, notes = scanned_object(message, pose)
+        (item, notes), stamp = scanned_object(message, pose), self._stamp_of(message)
         while True:
             world = self._world
             assembly = world.assembly
             if assembly is not None:
                 rest = assembly.without(item.id) if item.id in assembly.index else assembly
                 item = settled(item, rest, self._values["settle"])
-            after = world.scanned(item, stamp_of(message), notes)
+            after = world.scanned(item, stamp, notes)
             if after is world or after.assembly is None:
                 return
             self._known = analysis_after(self._known, after.assembly)
@@ -268,13 +282,15 @@ class WorldModel(Node):
         found = stability_of(after, response, Deadline(job.deadline))
         if found.doubtful:
             raise not_checked()
-        changed_world = world.with_assembly(after.assembly, call.frame, self._now())
+        world.with_assembly(after.assembly, call.frame, self._now())  # refused before its stability is looked into
         response.assumptions, response.version = [*call.notes, *response.assumptions], world.version
         if job.claim():
             with self._lock:
-                if self._world is not world:
+                if self._world.version != world.version:
                     raise changed_meanwhile(world.version, self._world.version)
-                response.version = self._change(lambda _: changed_world).version
+                # What is held may have been weighed meanwhile: that is kept.
+                change = partial(World.with_assembly, assembly=after.assembly, frame=call.frame, now=self._now())
+                response.version = self._change(change).version
             self._known = after
         if not found.stable:
             error = unstable(found.falling, found.margin)

@@ -1,5 +1,6 @@
 """One thread that commands a gripper, reports what its fingers do, and connects again when the line was gone."""
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable
@@ -114,7 +115,7 @@ class GripperDriver:
         self._motion: _Motion | None = None
         self._command: list[int] | None = None
         self._fingers: Fingers | None = None
-        self._held = False
+        self._held = self._resumes = False
         self._answered: float | None = None
         self._next_open = 0.0
         self._connects = 0
@@ -124,7 +125,10 @@ class GripperDriver:
         self._thread.start()
 
     def stop(self, timeout: float = 3.0) -> bool:
-        """End the thread; the fingers stay as they are. False when a system call still blocks it after `timeout` s."""
+        """End the thread, after a command that waits, such as `halt`.
+
+        False when a system call still blocks it after `timeout` s.
+        """
         self._stopping.set()
         self._due.set()
         self._thread.join(timeout)
@@ -179,9 +183,11 @@ class GripperDriver:
         self._due.set()
 
     def halt(self) -> None:
-        """Stop the fingers where they are; what they hold stays held."""
+        """Stop the fingers where they are; fingers that rest already keep their grip."""
         with self._lock:
-            if self._motion is not None:
+            now = self._fingers
+            rests = now is not None and self._command is None and (now.holds or now.at_request)
+            if self._motion is not None and not rests:
                 self._command = self._moving(False)
         self._due.set()
 
@@ -220,6 +226,9 @@ class GripperDriver:
                 self._set("failed", ErrorCode.INTERNAL, f"please report this: {error!r}")
             self._due.wait(max(0.0, period - (time.monotonic() - begun)))
             self._due.clear()
+        with contextlib.suppress(OSError, PoiseError):  # without a gripper there is nothing to stop
+            if self._command is not None:
+                self._exchange()
         self._line.close()
 
     def _step(self, now: float) -> None:
@@ -241,9 +250,12 @@ class GripperDriver:
         self._take(status, self._answered)
 
     def _exchange(self) -> GripperStatus:
-        """Send the command that waits, then read the status; a command that failed is sent again."""
+        """Send the command that waits, then read the status; a command that failed is sent again.
+
+        After a silence the status comes first: every command would activate a gripper that was reset meanwhile.
+        """
         with self._lock:
-            command = self._command
+            command = None if self._resumes else self._command
         if command is not None:
             self._line.write(robotiq.COMMAND_REGISTER, command)
             with self._lock:
@@ -258,17 +270,30 @@ class GripperDriver:
             self._set("unreachable", error.code, error.message)
         elif time.monotonic() - self._answered > _PATIENCE:
             code = error.code if error.code is ErrorCode.SENSOR_PROTOCOL else ErrorCode.SENSOR_STALE
+            self._give_up()
             self._set("silent", code, f"no answer for {time.monotonic() - self._answered:.1f} s ({error.message})")
+
+    def _give_up(self) -> None:
+        """A motion is not carried out after a silence: the fingers get a stop. An activation is forgotten."""
+        self._resumes = True
+        with self._lock:
+            if self._motion is None:
+                self._command = None
+            elif self._command is not None or (self._fingers is not None and self._fingers.moves):
+                self._command = self._moving(False)
 
     def _take(self, status: GripperStatus, now: float) -> None:
         """One status: the fingers, the condition, and an activation where it is due."""
         with self._lock:
+            if self._resumes and status.activation != Activation.DONE:
+                self._command = None
+            self._resumes = False
             motion, model = self._motion, self._options.model
             pending = self._command is not None
             echoed = motion is None or (status.going and status.requested == motion.counts) or not status.going
             starting = motion is not None and (pending or not echoed) and now - motion.asked < _STARTING
             stopped = Contact(status.contact) in (Contact.STOPPED_OPENING, Contact.STOPPED_CLOSING)
-            done = status.activation == Activation.DONE and status.going and not starting
+            done = status.activation == Activation.DONE and status.going and echoed and not pending
             fingers = Fingers(
                 opening=model.opening(status.counts),
                 moves=starting or (done and status.contact is Contact.MOVING),

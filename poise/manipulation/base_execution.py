@@ -19,6 +19,8 @@ _ASIDE, _BRAKING = 0.1, 0.1
 """Shares of what may be used: for what the leg does not do, a turn or a way; and of a turn, for coming to rest."""
 _AT_REST = 1e-3
 """m/s and rad/s of the command at which it stops at once."""
+_LONGEST_STOP = 4.0
+"""Times what it takes under the limits of the plan: a stop takes no longer when limits have fallen on the way."""
 _LONGEST_TICK = 0.1
 """s: after a pause, commands go on from where they were."""
 
@@ -53,6 +55,7 @@ class BaseExecution:
         self, motion: BaseDrive, limits: BaseLimits, share: float, tolerances: BaseTolerances, now: float
     ) -> None:
         self._motion, self.limits, self._share, self._tolerances = motion, limits, share, tolerances
+        self._stopping = limits.times(1 / _LONGEST_STOP)
         self._ticked = self._heard = now
         self._time = 0.0  # s of the plan; it waits while the program is held up, and when the base stops
         self._pose: Array | None = None
@@ -85,7 +88,7 @@ class BaseExecution:
         self._pose = np.asarray(pose, dtype=np.float64)
 
     def stop(self, error: PoiseError) -> None:
-        """Come to rest within the limits, and end."""
+        """Come to rest within the limits, or by a quarter of those of the plan where these are more; and end."""
         self._fault = self._fault or error
 
     def tick(self, now: float) -> Array:
@@ -99,6 +102,8 @@ class BaseExecution:
                 wanted = self._wanted(now)
             except PoiseError as error:
                 self._fault = error
+            except Exception as failure:  # of ours; the base has to stop all the same
+                self._fault = PoiseError(ErrorCode.INTERNAL, f"internal error: {failure!r}; please report it")
         self._command(wanted, passed)
         if self._fault is not None and np.abs(self._velocity).max() < _AT_REST:
             self._velocity[:] = 0.0
@@ -136,18 +141,18 @@ class BaseExecution:
     def _command(self, wanted: Array, passed: float) -> None:
         """Change the command towards what is wanted, as far as the limits allow."""
         yaw = 0.0 if self._pose is None else float(self._pose[2])
+        allowed = [self.limits] if self._fault is None else [self.limits, self._stopping]
         change = (wanted - self._velocity) / passed
         for_way = self._share * (_ASIDE if self._motion.at(self._time)[2] else 1 - _ASIDE)
-        linear = self.limits.share(in_base(change[:2], yaw))
+        linear = min(limits.share(in_base(change[:2], yaw)) for limits in allowed)
         if linear > for_way:
             change[:2] *= for_way / linear
-            linear = for_way
-        spinning = self.limits.turning_share(0.0, float(self._velocity[2]))
+        spinning = min(limits.turning_share(0.0, float(self._velocity[2])) for limits in allowed)
         for_turn = self._share - for_way
         left = max(for_turn - spinning, _BRAKING * for_turn)
-        angular = self.limits.turning_share(float(change[2]), 0.0)
+        angular = min(limits.turning_share(float(change[2]), 0.0) for limits in allowed)
         if angular > left:
             change[2] *= left / angular
-            angular = left
+        turning = self.limits.turning_share(float(change[2]), float(self._velocity[2]))
+        self.used = max(self.used, self.limits.share(in_base(change[:2], yaw)) + turning)
         self._velocity = self._velocity + passed * change
-        self.used = max(self.used, linear + angular + spinning)

@@ -14,6 +14,8 @@ MAIN_SHARE = 0.8
 """Of what may be used, for the motion that is planned; the rest is left for corrections, as shares add up."""
 _STILL, _STRAIGHT = 1e-4, 1e-3
 """m and rad below which there is nothing to do."""
+_MOST_POSES, _FARTHEST = 1000, 1e6
+"""Poses of a path, and m."""
 _LEAST_ACCELERATION = 1e-3
 """m/s2 or rad/s2 below which nothing can be carried."""
 
@@ -32,6 +34,20 @@ class BaseLimits:
     offsets: Array
     angular_acceleration: float
     angular_speed: float
+
+    def __post_init__(self) -> None:
+        """Refuse what limits nothing by mistake: InputError BAD_INPUT, NOT_FINITE."""
+        if self.normals.shape != (len(self.offsets), 2):
+            what = f"acceleration limits: {len(self.normals)} normals and {len(self.offsets)} offsets"
+            raise InputError(ErrorCode.BAD_INPUT, what)
+        turning = self.angular_acceleration, self.angular_speed
+        if not np.isfinite(self.normals).all() or np.isnan([*self.offsets, *turning]).any():
+            raise InputError(ErrorCode.NOT_FINITE, "acceleration limits: a value is not a number")
+
+    def times(self, factor: float) -> "BaseLimits":
+        """Limits that are this much larger."""
+        turning = factor * self.angular_acceleration, factor * self.angular_speed
+        return BaseLimits(self.normals, factor * self.offsets, *turning)
 
     def along(self, direction: Array) -> float:
         """m/s2 sustained along a direction (2,) and against it, whichever is less."""
@@ -123,14 +139,18 @@ def plan_base_motion(
         holonomic: it may drive in any direction; otherwise it turns, drives forwards, and turns again.
 
     Raises:
-        InputError: EMPTY without a way to go, NOT_FINITE.
+        InputError: EMPTY without a way to go, NOT_FINITE, BAD_INPUT with more than 1,000 poses or poses too far away.
         NoAnswerError: UNSTABLE when a limit on the way is 0.
     """
+    if len(path) > _MOST_POSES:
+        raise InputError(ErrorCode.BAD_INPUT, f"path: {len(path)} poses; give {_MOST_POSES} at most")
     legs: list[_Leg] = []
     least, here, used = np.inf, np.asarray(start, dtype=np.float64), MAIN_SHARE * share
     for goal in path:
-        if not np.isfinite(goal).all():
-            raise InputError(ErrorCode.NOT_FINITE, f"path: {goal} is not finite")
+        if not (np.isfinite(goal).all() and np.isfinite(here).all()):
+            raise InputError(ErrorCode.NOT_FINITE, f"path: {goal}, or where the base is, is not finite")
+        if np.abs(goal).max() > _FARTHEST:
+            raise InputError(ErrorCode.BAD_INPUT, f"path: {goal} is farther away than {_FARTHEST:g} m")
         way = goal[:2] - here[:2]
         length = float(np.linalg.norm(way))
         if length > _STILL and not holonomic:

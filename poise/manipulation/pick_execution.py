@@ -30,7 +30,7 @@ class ForceWatch:
 
     def __init__(self) -> None:
         self._rows: list[Array] = []
-        self._since = np.inf
+        self._since = self._begun = np.inf
         self.heard = -np.inf
         """s, time of the last wrench."""
 
@@ -40,7 +40,7 @@ class ForceWatch:
         if not np.isfinite(row).all():
             return
         self.heard = now
-        if now >= self._since:
+        if self._since <= now <= self._begun + _PATIENCE:
             self._rows.append(row)
 
     def begin(self, now: float) -> None:

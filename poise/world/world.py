@@ -50,7 +50,7 @@ class KnownObject:
         where: it is.
         source: of its weight.
         changed: ns, time of the last change.
-        lifted: kg and standard deviation, by the wrench at the lift; None: not measured.
+        lifted: kg and standard deviation, by the wrench at the lift, or as known before the last scan; None: neither.
         notes: what to read it with, one sentence each.
     """
 
@@ -108,7 +108,7 @@ class World:
         """An assembly is set. What is held stays held; what was lost and stands in it is found.
 
         Raises:
-            InputError: BAD_INPUT when it has the object that is held, or another frame while something is held.
+            InputError: BAD_INPUT when it has the object that is held.
         """
         held = self.held
         if held is not None and held.item.id in assembly.index:
@@ -120,7 +120,8 @@ class World:
         for item in assembly.objects:
             known = self.objects.get(item.id)
             same = known is not None and known.where is Whereabouts.STANDING and same_object(known.item, item)
-            objects[item.id] = known if known is not None and same else KnownObject(item, frame, changed=now)
+            kept_one = replace(known, frame=frame) if known is not None and same else None
+            objects[item.id] = kept_one or KnownObject(item, frame, changed=now)
         absent = {frozenset(pair.objects): pair for pair in self.pairs if set(pair.objects) & set(kept)}
         pairs = absent | {frozenset(pair.objects): pair for pair in assembly.friction_pairs}
         return replace(
@@ -152,7 +153,7 @@ class World:
             raise InputError(
                 ErrorCode.EMPTY, "no assembly has been set: set the table or tray first, on which scanned objects stand"
             )
-        source, remarks = WeightSource.ASSUMED, list(notes)
+        source, remarks, lifted = WeightSource.ASSUMED, list(notes), None
         if before is not None:
             if before.where is Whereabouts.HELD:
                 raise InputError(ErrorCode.BAD_INPUT, f"object {item.id} is in the hand: scan under another id")
@@ -163,9 +164,10 @@ class World:
                 remarks.append("its volume is another one than before: it is taken for another object, and not weighed")
             elif before.source is not WeightSource.ASSUMED or before.lifted is not None:
                 # The new object frame lies elsewhere in the object: of the weight, the mass alone still holds.
-                item = lifted_weight(item, before.item.mass, _mass_std(before.item))
+                lifted = before.item.mass, _mass_std(before.item)
+                item = lifted_weight(item, *lifted)
                 remarks.append("its mass is the one from before this scan; its centre of mass is not known")
-        known = KnownObject(item, self.frame, source=source, changed=stamp, notes=tuple(remarks))
+        known = KnownObject(item, self.frame, source=source, changed=stamp, lifted=lifted, notes=tuple(remarks))
         return replace(self._with(known), newest_scan=stamp)
 
     # -- the hand ---------------------------------------------------------------------------------------------------

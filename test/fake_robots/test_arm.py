@@ -134,6 +134,18 @@ def test_an_empty_command_stops_the_arm():
     np.testing.assert_allclose([s.velocity for s in late], 0.0, atol=1e-12)
 
 
+def test_a_stop_is_not_refused_at_the_limit_of_a_joint():
+    """The path of the stop may pass the limit by rounding of its interpolation."""
+    robot = arm()
+    there = np.append(home(robot.model)[:-1], robot.model.upper[-1])
+    for left in (0.01, 0.02):  # s of the motion
+        run(robot.messages(), 0.1)
+        _, begin = robot.command(Waypoints(list(robot.model.joint_names), np.array([1.1]), there[None]))
+        robot._frontier = begin + 1.1 - left
+        robot.command(Waypoints([], np.zeros(0), np.zeros((0, 0))))
+        np.testing.assert_allclose(robot.states(begin + 2.0)[1].velocity, 0.0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("waypoints", "code"),
     [

@@ -97,6 +97,59 @@ def test_halt_stops_the_fingers_on_their_way() -> None:
         assert gripper.position == rested < 200
 
 
+def test_a_halt_reaches_the_fingers_when_the_driver_ends_at_once() -> None:
+    with FakeGripper(active=True) as gripper:
+        with driving(gripper, DriverOptions(MODEL, speed=0.02)) as (driver, _):
+            until(state(driver, "ready"))
+            driver.go(0.0)
+            until(lambda: gripper.position > 20)
+            driver.halt()
+        assert not gripper.command[0] & 0x800
+
+
+def test_a_halt_leaves_what_is_held_to_the_motor() -> None:
+    with FakeGripper(active=True) as gripper:
+        gripper.object_width = 0.030
+        with driving(gripper) as (driver, _):
+            until(state(driver, "ready"))
+            driver.go(0.0)
+            until(state(driver, "holding"))
+            driver.halt()
+        assert gripper.command[0] & 0x800
+
+
+@pytest.mark.parametrize("was_reset", [False, True])
+def test_a_motion_that_a_silence_has_ended_is_not_carried_out_later(was_reset: bool) -> None:
+    """A gripper that was reset is not activated by the stop either."""
+    with FakeGripper(active=True) as gripper, driving(gripper) as (driver, _):
+        until(state(driver, "ready"))
+        gripper.silent = True
+        driver.go(0.0)
+        until(state(driver, "silent"))
+        if was_reset:
+            gripper._was_active = False
+            gripper.power_up()
+        gripper.silent = False
+        until(state(driver, "inactive" if was_reset else "ready"))
+        time.sleep(0.1)  # several exchanges
+        assert gripper.activations == 0
+        assert gripper.position == 3.0
+        assert not gripper.command[0] & 0x800
+
+
+def test_a_request_that_the_device_ignores_is_never_reached() -> None:
+    with FakeGripper(active=True) as gripper, driving(gripper) as (driver, heard):
+        until(state(driver, "ready"))
+        driver.go(0.080)
+        until(lambda: driver.fingers.at_request)  # type: ignore[union-attr]
+        gripper._written = lambda address, values: None  # type: ignore[method-assign]
+        gripper._modbus._written = gripper._written
+        driver.go(0.020)
+        begun = len(heard)
+        until(lambda: len(heard) > begun + 25)  # longer than the echo may take
+        assert not any(fingers.at_request for fingers in heard[begun + 1 :])
+
+
 @pytest.mark.parametrize(
     ("request_", "match"),
     [

@@ -108,3 +108,39 @@ def test_what_sustains_nothing_is_not_carried_and_no_way_is_no_motion():
 def test_a_smaller_share_takes_longer_by_its_root():
     slow, fast = (Base([(0.5, 0.0, 0.3)], share=share).motion.duration for share in (0.2, 0.8))
     assert slow / fast == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("left", [0.0, 0.01])
+def test_a_base_whose_limits_are_gone_comes_to_rest_all_the_same(left):
+    quick, late = Base([(3.0, 0.0, 0.3)]), Base([(3.0, 0.0, 0.3)])
+    seconds = []
+    for base in (quick, late):
+        base.run(lambda base=base: base.running.progress > 0.5)
+        begun = base.now
+        base.running.stop(PoiseError(ErrorCode.CANCELLED, "cancelled"))
+        if base is late:
+            base.running.limits = LIMITS.times(left)
+        base.run()
+        seconds.append(base.now - begun)
+    assert seconds[0] < seconds[1] < 4.2 * seconds[0]
+    assert late.running.used > 1.0  # and it says so
+
+
+def test_limits_that_are_no_numbers_or_incomplete_are_refused():
+    nan, turning = np.nan, (LIMITS.angular_acceleration, 1.0)
+    for code, values in (
+        (ErrorCode.NOT_FINITE, (LIMITS.normals, nan * LIMITS.offsets, *turning)),
+        (ErrorCode.NOT_FINITE, (nan * LIMITS.normals, LIMITS.offsets, *turning)),
+        (ErrorCode.NOT_FINITE, (LIMITS.normals, LIMITS.offsets, nan, 1.0)),
+        (ErrorCode.BAD_INPUT, (LIMITS.normals, LIMITS.offsets[:-1], *turning)),
+    ):
+        with pytest.raises(InputError) as caught:
+            BaseLimits(*values)
+        assert caught.value.code == code
+
+
+@pytest.mark.parametrize("path", [[(1e200, 0.0, 0.3)], [(0.001 * n, 0.0, 0.3) for n in range(2000)]])
+def test_a_path_without_end_is_refused(path):
+    with pytest.raises(InputError) as caught:
+        Base(path)
+    assert caught.value.code == ErrorCode.BAD_INPUT

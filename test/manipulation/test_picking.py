@@ -138,6 +138,15 @@ def test_the_zero_of_the_sensor_and_the_hand_cancel_and_an_unknown_attitude_wide
     assert upwards.mass == pytest.approx(-0.5)  # a push from below is no load
 
 
+def test_forces_after_the_measurement_are_not_kept():
+    forces = ForceWatch()
+    forces.begin(0.0)
+    for step in range(400):
+        forces.add((0.0, 0.0, 1.0), 0.1 * step)
+    assert forces.average(40.0) is not None
+    assert len(forces._rows) < 40
+
+
 def test_what_carries_others_or_is_fixed_is_not_picked_up():
     under = RigidObject("box", Box((0.1, 0.1, 0.1)), Pose.from_vector([0.4, 0, 0.05, 0, 0, 0, 1]), mass=1.0)
     lid = RigidObject("lid", Box((0.1, 0.1, 0.02)), Pose.from_vector([0.4, 0, 0.11, 0, 0, 0, 1]), mass=0.2)

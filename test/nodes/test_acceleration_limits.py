@@ -4,7 +4,9 @@ import json
 import math
 import os
 import signal
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from rclpy.serialization import serialize_message
 
 from poise.assembly import acceleration_limits
 from poise.errors import ErrorCode
+from poise.nodes.acceleration_limits import AccelerationLimitsNode
 from poise.nodes.acceleration_worker import AccelerationWorker, limits_of
 from poise.nodes.assembly_message import assembly_of
 from poise_msgs.msg import AccelerationLimits, Assembly, InertialEstimate
@@ -214,3 +217,22 @@ def test_a_tilted_and_turning_base_leaves_less(limits, graph):
     thrown = newest(graph, found, lambda said: said.error.code == ErrorCode.UNSTABLE, "UNSTABLE")
     assert set(thrown.limits) == {0.0}
     assert "more slowly" in thrown.error.message
+
+
+def test_limits_of_an_assembly_that_was_replaced_meanwhile_are_withheld():
+    """Their stamp would be later than that of the assembly which they are not of."""
+    published = []
+    node = SimpleNamespace(
+        _solved=lambda *_: "limits",
+        _lock=threading.Lock(),
+        _assemblies=1,
+        _publish=lambda _: published.append(ErrorCode.OK),
+        _publisher=SimpleNamespace(publish=lambda error: published.append(error.code)),
+        _message=lambda error: error,
+    )
+    inputs = SimpleNamespace(assembly=1, base=None)
+    AccelerationLimitsNode._compute(node, inputs, b"", [])
+    node._assemblies = 2
+    AccelerationLimitsNode._compute(node, inputs, b"", [])
+    assert published == [ErrorCode.OK, ErrorCode.DEADLINE]
+    assert node._limits is None

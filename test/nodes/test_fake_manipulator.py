@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,8 @@ from tf2_msgs.msg import TFMessage
 
 from poise.assembly import Assembly, Box, RigidObject, write_scene
 from poise.fake_robots.drive import mounted_on_base
+from poise.fake_robots.gripper import SimulatedGripper
+from poise.fake_robots.gripper_action import GripperAction
 from poise.fake_robots.link_frames import LinkFrames
 from poise.geometry import Pose
 from poise.nodes.runtime import TF_STATIC
@@ -38,6 +41,17 @@ def scene(path: Path) -> str:
     table = RigidObject("table", Box((0.08, 0.08, 0.04)), Pose(np.eye(3), under), fixed=True)
     write_scene(Assembly((table, block)), path)
     return str(path)
+
+
+def test_a_cancelled_goal_does_not_drop_what_the_fingers_hold() -> None:
+    gripper = SimulatedGripper("finger_joint", speed=1.0)
+    gripper.go(0.8, 0.0, 60.0)
+    gripper.stop_at(0.04)
+    action, goal = GripperAction.__new__(GripperAction), object()
+    action._arm = SimpleNamespace(now=1.0, grip=lambda names, position: gripper.go(position, 1.0))  # type: ignore[assignment]
+    action._gripper, action._goal = gripper, goal  # type: ignore[assignment]
+    action._on_cancel(goal)  # type: ignore[arg-type]
+    assert gripper.force(1.0) == 60.0
 
 
 def test_it_grasps_drives_and_sees(graph: Graph, start_node: Start, tmp_path: Path) -> None:

@@ -54,6 +54,10 @@ def test_goals_end_at_the_position_at_an_object_or_cancelled(
     publisher.publish(JointTrajectory(joint_names=[JOINT], points=[JointTrajectoryPoint(positions=[0.0])]))
     graph.wait_for(lambda: states[-1].position[0] < 0.01, what="open fingers")
 
+    running = caller.send(command=Command(position=0.4))
+    publisher.publish(JointTrajectory(joint_names=[JOINT], points=[JointTrajectoryPoint(positions=[9.0])]))
+    assert caller.result(running).status == GoalStatus.STATUS_SUCCEEDED  # the trajectory is refused
+
     gripper.silent = True  # the motion cannot end
     handle = caller.send(command=Command(position=0.8))
     caller.cancel(handle)

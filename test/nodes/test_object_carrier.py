@@ -1,5 +1,7 @@
 """carry_object with acceleration_limits and an ideal base of the test: it arrives, stops, or refuses."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from action_caller import Caller
@@ -9,9 +11,11 @@ from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
 
 from poise.assembly import Assembly, Box, RigidObject
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, NoAnswerError
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message
+from poise.nodes.object_carrier import ObjectCarrier
+from poise.robot import FrameTree
 from poise_msgs.action import CarryObject
 from poise_msgs.msg import AccelerationLimits
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -108,3 +112,15 @@ def test_a_load_is_carried_under_its_limits_or_not_at_all(start_node, graph, cal
     assert caller.result(handle).result.error.code == ErrorCode.UNSTABLE
     graph.wait_for(lambda: base.velocity == 0.0, what="rest")
     assert refused(ErrorCode.UNSTABLE)
+
+
+@pytest.mark.parametrize("code", [ErrorCode.OK, ErrorCode.DEADLINE])
+def test_an_answer_without_limits_is_no_freedom_from_limits(code):
+    message = AccelerationLimits()
+    message.header.frame_id, message.error.code = "base_link", int(code)
+    heard = SimpleNamespace(
+        _limits=message, _assembly_stamp=0, _odom=None, _frames=FrameTree(), count_publishers=lambda _: 1
+    )
+    with pytest.raises(NoAnswerError) as caught:
+        ObjectCarrier._in_base(heard)
+    assert caught.value.code == ErrorCode.DEADLINE

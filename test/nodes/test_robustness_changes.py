@@ -173,3 +173,25 @@ def test_the_map_of_the_markers_waits_among_the_heavy_calls_and_is_asked_for_onc
         task.work(Job(None, time.monotonic() + 30.0), thread)
         layers.append(set(server._layers))
     assert layers[1] - layers[0] == {"map"}
+
+
+def test_a_large_assembly_that_waited_longer_does_not_replace_the_newer_small_one(server):
+    waiting = []
+    server._jobs.add = lambda task, seconds: not waiting.append(task.work)
+    server._on_assembly(message(CUBE, LID))
+    server._on_assembly(message(CUBE))
+    for work in reversed(waiting):  # the large one waits among the heavy calls
+        work(Job(None, time.monotonic() + 10.0), 0)
+    assert [item.id for item in server._present.message.objects] == ["floor", "cube"]
+
+
+def test_a_follower_that_missed_an_assembly_does_not_answer_for_the_one_before(server):
+    server._follow = True
+    server._on_assembly(message(CUBE))
+    deadline = time.monotonic() + 10.0
+    while server._present.message is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    server._jobs.add = lambda task, seconds: False
+    server._on_assembly(message(CUBE, LID))
+    assert server._present.problem.code == ErrorCode.BUSY
+    assert server._present.message is None

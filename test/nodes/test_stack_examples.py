@@ -12,6 +12,7 @@ from geometry_msgs.msg import Point, Vector3
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from poise.nodes.runtime import LATCHED
 from poise_msgs.msg import AccelerationLimits, Push
@@ -84,6 +85,8 @@ def test_the_smoother_follows_the_limits_and_stops_the_base_without_them(graph) 
     publisher.publish(limits_of([1.0] * 8, np.arange(8) * np.pi / 4))
     graph.wait_for(lambda: velocity()[0] > 0.0, what="a base that may move")
     assert 0 < smoother.get_parameter("max_accel").value[0] < BASE.max_accel[0]
+    smoother.set_parameters([Parameter("max_velocity", value=list(BASE.max_velocity))])  # it was started again
+    graph.wait_for(lambda: velocity() != list(BASE.max_velocity), what="the limits of a smoother that lost them")
     graph.node.destroy_publisher(publisher)
     graph.wait_for(lambda: velocity() == [0.0] * 3, what="a base that stands when acceleration_limits has ended")
     node.destroy_node()

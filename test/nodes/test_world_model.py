@@ -1,17 +1,27 @@
 """world_model in a real graph: set, scanned, grasped, weighed, placed, restarted; robustness_server follows it."""
 
+import threading
+import time
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from assembly_calls import CUBE, FRAME, LATCHED, LOW_PUSH, assess, box, change, message, replace_by
+from assembly_calls import CUBE, FLOOR, FRAME, LATCHED, LOW_PUSH, assess, box, change, message, replace_by
 from geometry_msgs.msg import TransformStamped
+from rclpy.serialization import serialize_message
 from shape_msgs.msg import Mesh as MeshMessage
 from tf2_msgs.msg import TFMessage
 
-from poise.assembly import Mesh
+from poise.assembly import Assembly, Mesh
 from poise.errors import ErrorCode
 from poise.geometry import Pose
-from poise.nodes.assembly_message import mesh_message, pose_message
+from poise.nodes.assembly_message import assembly_message, mesh_message, pose_message
+from poise.nodes.jobs import Job
+from poise.nodes.robustness_calls import Call
 from poise.nodes.world_message import GRASP_EVENTS
+from poise.nodes.world_model import WorldModel
+from poise.world import World
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject, GraspEvent, InertialEstimate, Part, SegmentedObject, WorldObject, WorldState
 from poise_msgs.srv import AssessRobustness, SetAssembly
@@ -165,6 +175,11 @@ def test_what_makes_no_sense_is_said_and_changes_nothing(start_node, graph, frie
         GraspEvent.GRASPED, "bad", HAND, Pose.from_vector([np.nan, 0, 0, 0, 0, 0, 1]), object=[AssemblyObject(id="bad")]
     )
     friend.wait(lambda state: state.error.code == ErrorCode.NOT_FINITE, "a pose that is not finite")
+    friend.happened(7, "cube", HAND, IN_HAND)
+    friend.wait(lambda state: "no event 7" in state.error.message, "an event that does not exist")
+    friend.event.event, friend.event.header.stamp.sec = GraspEvent.GRASPED, friend.event.header.stamp.sec + 3600
+    friend.events.publish(friend.event)
+    friend.wait(lambda state: "ahead" in state.error.message, "an event in an hour")
     state = friend.states[-1]
     assert [each.object.id for each in state.objects] == ["cube"]
     assert state.version == version
@@ -177,3 +192,25 @@ def test_a_damaged_state_file_is_refused_in_one_line(start_node, tmp_path):
     assert node.output.count("\n") == 1
     assert "FILE_CORRUPT" in node.output
     assert "checksum" in node.output
+
+
+def test_an_assembly_that_is_set_while_the_held_object_is_weighed_takes_nothing_away():
+    can, cup = box("can", (0.1, 0.1, 0.1), (0, 0, 0.05), 0.3), box("cup", (0.1, 0.1, 0.1), (0.3, 0, 0.05), 0.3)
+    begun = World(FRAME).with_assembly(Assembly((FLOOR, can)), FRAME, 1).grasped("can", IN_HAND, HAND, 2)
+    node = SimpleNamespace(_world=begun, _lock=threading.Lock(), _folders=(), _now=lambda: 4)
+
+    def weigh(world):
+        node._world = world.weighed(replace(can, mass=0.31), 3)
+        return world.assembly
+
+    def make(transition):
+        node._world = transition(node._world)
+        return node._world
+
+    node._present, node._change = weigh, make
+    request = change(SetAssembly.Request.ADD_OR_MOVE, assembly_message(Assembly((FLOOR, cup)), FRAME))
+    call = Call("set", serialize_message(request), FRAME, True)
+    response = WorldModel._set(node, call, Job(SetAssembly, time.monotonic() + 10.0))
+    assert response.version == begun.version + 1
+    assert node._world.held.item.mass == 0.31
+    assert "cup" in node._world.objects

@@ -89,6 +89,11 @@ def test_an_assembly_with_the_held_object_is_refused_and_one_without_it_keeps_it
     assert [item.id for item in back.assembly.objects] == ["floor", "can"]
 
 
+def test_the_same_poses_in_another_frame_are_in_that_frame():
+    moved = START.with_assembly(SCENE, "tray", 2 * S)
+    assert {known.frame for known in moved.objects.values()} == {"tray"}
+
+
 def test_a_scan_of_what_is_held_or_fixed_or_without_an_assembly_is_refused():
     refused(ErrorCode.BAD_INPUT, HELD.scanned, assumed_weight(CAN), 3 * S)
     refused(ErrorCode.BAD_INPUT, START.scanned, assumed_weight(replace(CAN, id="floor")), 3 * S)
@@ -111,6 +116,7 @@ def test_a_second_scan_replaces_the_first_and_keeps_the_mass_but_not_the_centre_
     assert len(again.objects) == 2
     assert (item.mass, item.com) == (0.3, None)
     assert np.sqrt(item.covariance[3, 3]) > 0.3 * 0.005  # metres times mass: it may be anywhere within the can
+    assert again.scanned(assumed_weight(CAN), 3 * S).objects["can"].item.mass == 0.3  # also at the third scan
     other = start.scanned(assumed_weight(replace(CAN, shape=Cylinder(0.03, 0.2))), 2 * S).objects["can"]
     assert other.item.mass != 0.3
     assert "another object" in other.notes[0]
