@@ -214,17 +214,11 @@ class LiveEstimator:
         """
         pose = self.hand.pose(frame, self.sensor_frame)
         in_hand = self.hand.ancestors(self.sensor_frame, fixed_only=True).keys() & self.hand.ancestors(frame).keys()
-        if pose is not None and not in_hand:
+        if pose is None or not in_hand:
+            said = "does not move with" if pose is not None else "is not connected by tf with"
+            what = f"frame {frame} {said} {self.sensor_frame or 'the sensor'}, so the shape is not used: publish the"
             raise InputError(
-                ErrorCode.FRAME_UNKNOWN,
-                f"frame {frame} does not move with {self.sensor_frame}, so its pose in the hand is not known: the shape"
-                " is not used; give it when the object is held",
-            )
-        if pose is None:
-            raise InputError(
-                ErrorCode.FRAME_UNKNOWN,
-                f"tf does not connect {frame} with {self.sensor_frame or 'the sensor'}: publish the pose of the object"
-                " in the hand, or give its shape in the sensor frame",
+                ErrorCode.FRAME_UNKNOWN, f"{what} object's pose in the hand, or give it in the sensor frame"
             )
         return pose
 
