@@ -7,7 +7,8 @@ python examples/moveit_scene.py to-moveit scene.yaml --frame world --output plan
 
 Reads and writes the YAML (or JSON) of moveit_msgs/PlanningScene. MoveIt does not know masses: `--masses` is a file with
 `id: kg`; an object without a mass is fixed. Objects of several shapes, spheres and cones become meshes beside the
-output. What the hand holds (attached objects), planes and octomaps are left out; stderr lists them.
+output. What the hand holds (attached objects), planes and octomaps are left out; stderr lists them. MoveIt publishes
+the whole scene once, and then differences (`is_diff`), which lack what did not change; stderr says so.
 """
 
 import argparse
@@ -97,7 +98,8 @@ def to_poise(
     """The content of a scene file, and what was left out, one sentence each.
 
     Raises:
-        InputError: objects in several frames; an object that cannot be read; a mass of an unknown object.
+        InputError: objects in several frames; an object that cannot be read, or is removed or moved; a mass of an
+            unknown object.
     """
     items = (scene.get("world") or {}).get("collision_objects") or []
     frames = {item["header"]["frame_id"] for item in items}
@@ -107,10 +109,13 @@ def to_poise(
         raise InputError(ErrorCode.OBJECT_UNKNOWN, f"masses: there is no {', '.join(sorted(unknown))}")
     objects = []
     for item in items:
+        if item.get("operation", 0) not in (0, b"\0", "\0"):
+            raise InputError(ErrorCode.UNSUPPORTED, f"{item['id']}: operation {item['operation']!r} is not that of ADD")
         entry = {"id": item["id"], **shape_entry(item, pose_of(item.get("pose")), folder)}
         mass = masses.get(item["id"])
         objects.append(entry | ({"fixed": True} if mass is None else {"mass": float(mass)}))
-    left = [f"{item['id']}: no mass is given; it is fixed" for item in items if item["id"] not in masses]
+    left = ["the scene is a difference (is_diff): it lacks what did not change"] if scene.get("is_diff") else []
+    left += [f"{item['id']}: no mass is given; it is fixed" for item in items if item["id"] not in masses]
     held = (scene.get("robot_state") or {}).get("attached_collision_objects") or []
     left += [f"{one['object']['id']}: the robot holds it; left out" for one in held]
     left += [f"{item['id']}: its planes are left out" for item in items if item.get("planes")]

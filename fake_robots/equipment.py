@@ -108,6 +108,8 @@ def _handling(
         raise InputError(
             ErrorCode.BAD_INPUT, "parameter world: the scene gives no friction; what falls may meet any body"
         )
+    if movable := [item.id for item in scene.objects if item.id in values["riding"] and not item.fixed]:
+        raise InputError(ErrorCode.BAD_INPUT, f"parameter riding: {', '.join(movable)} is not fixed in the scene")
     world: World = engine(scene, pads, tuple(values["riding"]))
     return Handling(world, model, LinkFrames(description, model), gripper, values["tool_frame"], standing)
 
@@ -119,9 +121,10 @@ def _mounted(values: dict[str, Any], model: RobotModel) -> Mounted:
     height = round(VGA.height * scale)
     lens = (VGA.fx * scale, VGA.fy * scale, (VGA.cx + 0.5) * scale - 0.5, (VGA.cy + 0.5) * scale - 0.5)
     camera = Camera(values["camera_width"], height, *lens)
-    return Mounted(
-        parent, _OPTICAL, Pose.from_vector(_numbers(values, "camera_pose", 7)), camera, values["camera_rate"]
-    )
+    pose = _numbers(values, "camera_pose", 7)
+    if not pose[3:].any():
+        raise InputError(ErrorCode.BAD_INPUT, "parameter camera_pose: its quaternion is zero")
+    return Mounted(parent, _OPTICAL, Pose.from_vector(pose), camera, values["camera_rate"])
 
 
 def _numbers(values: dict[str, Any], name: str, count: int) -> Any:

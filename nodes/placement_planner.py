@@ -2,6 +2,7 @@
 
 import math
 import time
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -205,7 +206,8 @@ class PlacementPlannerNode(ArmNode):
         if joined is None:
             what = f"tf does not connect {held.frame_id}, which holds {held.object.id}, with {self._hand.tool_frame}"
             raise InputError(ErrorCode.FRAME_UNKNOWN, what)
-        goal.request.object, goal.request.object_frame_id = held.object, ""
+        # A copy: what is done to a goal must not change what the world says.
+        goal.request.object, goal.request.object_frame_id = deepcopy(held.object), ""
         return joined @ pose_of(held.object.pose)
 
     def _tick(self) -> None:

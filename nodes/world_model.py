@@ -182,11 +182,22 @@ class WorldModel(Node):
     def _on_event(self, message: GraspEvent) -> None:
         stamp, pose = self._stamp_of(message), pose_of(message.pose)
         check_range("position", pose.vector.tolist(), f"grasp_events of {message.id}: ")
+        try:
+            self._take_event(message, stamp, pose)
+        except InputError as error:
+            if error.code is ErrorCode.OBJECT_UNKNOWN:
+                self._change(lambda world: world.passed(stamp))
+            raise
+
+    def _take_event(self, message: GraspEvent, stamp: int, pose: Pose) -> None:
         if message.event == GraspEvent.GRASPED:
             item = None
             for brought in message.object:
                 check_object(brought)
                 item = object_of(brought, self._folders)
+            if not message.header.frame_id or (item is not None and item.id != message.id):
+                what = "no frame_id of the hand, or an object of another id"
+                raise InputError(ErrorCode.BAD_INPUT, f"grasp_events of {message.id}: {what}")
             lifted = (message.mass, message.mass_std) if message.mass > 0 and message.mass_std >= 0 else None
             hand = message.header.frame_id
             self._change(lambda world: world.grasped(message.id, pose, hand, stamp, item, lifted))

@@ -76,7 +76,10 @@ def test_a_planning_scene_is_assessed_and_comes_back(planning_scene: Path, tmp_p
     vertices = np.array([[vertex[axis] for axis in "xyz"] for vertex in items["dumbbell"]["meshes"][0]["vertices"]])
     np.testing.assert_allclose(np.ptp(vertices, axis=0), [0.3, 0.1, 0.1], atol=1e-6)
     again = tmp_path / "again.yaml"
-    assert convert("to-poise", back, again, "--masses", str(masses), "--friction", "0.9").returncode == 0
+    assert "is_diff" not in done.stderr
+    done = convert("to-poise", back, again, "--masses", str(masses), "--friction", "0.9")
+    assert done.returncode == 0
+    assert "is a difference (is_diff)" in done.stderr
     for before, after in zip(assembly.objects, load_scene(again).objects, strict=True):
         assert after.shape.volume == pytest.approx(before.shape.volume, rel=1e-5)
         np.testing.assert_allclose(after.pose.vector, before.pose.vector, atol=1e-9)
@@ -87,6 +90,7 @@ def test_a_planning_scene_is_assessed_and_comes_back(planning_scene: Path, tmp_p
     [
         (lambda items: items[1].update(header={"frame_id": "tray"}), "several frames: tray, world"),
         (lambda items: items[1].update(id="other"), "masses: there is no box"),
+        (lambda items: items[1].update(operation=b"\1"), "box: operation"),
         (lambda items: items[1]["primitives"][0].update(type=5), "box: primitive type 5"),
         (lambda items: items[1].update(primitives=[], primitive_poses=[]), "box: it has no primitive"),
     ],

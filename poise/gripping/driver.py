@@ -65,7 +65,7 @@ class GripperReport:
     """The condition, one of the table in docs/gripper.md.
 
     Attributes:
-        kind: connecting, unreachable, silent, refused, inactive, activating, fault, lost, moving, holding, ready.
+        kind: connecting, unreachable, silent, failed, inactive, activating, fault, lost, moving, holding, ready.
         code: OK, or what is wrong.
         text: one sentence.
         connects: how often the line was opened.

@@ -59,7 +59,6 @@ class BaseExecution:
         self._ticked = self._heard = now
         self._time = 0.0  # s of the plan; it waits while the program is held up, and when the base stops
         self._pose: Array | None = None
-        self._before: Array | None = None
         self._velocity = np.zeros(3)  # commanded: x, y m/s in the frame of the odometry, rad/s
         self.used = self.distance = 0.0
         self.done = False

@@ -247,6 +247,10 @@ class World:
         gone = replace(self._movable(name), where=Whereabouts.LOST, changed=stamp, notes=(why,))
         return replace(self._with(gone), newest_event=stamp)
 
+    def passed(self, stamp: int) -> "World":
+        """An event of the hand was refused: the ones before it, which may still come, are history all the same."""
+        return self if stamp <= self.newest_event else replace(self, newest_event=stamp)
+
     def weighed(self, item: RigidObject, since: int) -> "World":
         """The held object has the weight of an estimate.
 

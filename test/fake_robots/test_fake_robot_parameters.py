@@ -86,6 +86,11 @@ def test_the_payload_is_given_about_its_centre_of_mass(context):
         ({"mode": "arm", "world": "/nowhere.yaml", "gripper_joint": "finger_joint"}, "/nowhere.yaml"),
         ({"mode": "arm", "world": SCENE, "gripper_joint": "finger_joint", "tool_frame": "nose"}, "nose"),
         ({"mode": "arm", "world": SCENE, "gripper_joint": "finger_joint", "riding": ["raft"]}, "raft"),
+        ({"mode": "arm", "world": SCENE, "gripper_joint": "finger_joint", "riding": ["crate"]}, "is not fixed"),
+        (
+            {"mode": "arm", "world": SCENE, "gripper_joint": "f", "camera": True, "camera_pose": [0.0] * 7},
+            "quaternion is zero",
+        ),
         ({"mode": "arm", "camera": True}, "world"),
         ({"mode": "arm", "robot": "ridgeback_ur10", "base": True}, "base_x"),
         ({"mode": "arm", "base": True, "base_acceleration": [1.0, 0.0]}, "base_acceleration"),

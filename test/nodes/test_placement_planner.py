@@ -20,7 +20,7 @@ from poise.nodes.assembly_message import assembly_message, assembly_of, mesh_mes
 from poise.placement import PLACEMENT_PLANNERS, Options, plan_placement
 from poise_msgs.action import PlaceObject
 from poise_msgs.msg import Assembly as AssemblyMessage
-from poise_msgs.msg import AssemblyObject
+from poise_msgs.msg import AssemblyObject, WorldObject
 
 pytestmark = pytest.mark.ros
 ENDLESS = {"candidates": 10_000, "attempts": 1_000_000}
@@ -239,3 +239,16 @@ def test_the_arm_is_stopped_before_the_end_of_the_thread_is_awaited(monkeypatch)
         setattr(node, name, SimpleNamespace(close=lambda name=name: closed.append(name)))
     node.destroy_node()
     assert closed == ["watchdog", "_jobs", "node"]
+
+
+def test_what_a_goal_does_to_its_object_leaves_what_the_hand_holds_as_it_is():
+    held = WorldObject(frame_id="tcp", object=AssemblyObject(id="can"))
+    held.object.pose.position.z = 0.05
+    goal = SimpleNamespace(request=PlaceObject.Goal(held=True))
+    node = SimpleNamespace(
+        _hand=SimpleNamespace(require_held=lambda _: held, tool_frame="tcp"),
+        _execution=SimpleNamespace(pose=lambda *_: Pose.identity()),
+    )
+    assert placement_planner.PlacementPlannerNode._in_hand(node, goal).translation[2] == 0.05
+    goal.request.object.pose.position.z = 0.0  # as for a goal that is only planned
+    assert placement_planner.PlacementPlannerNode._in_hand(node, goal).translation[2] == 0.05

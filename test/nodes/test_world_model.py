@@ -175,6 +175,8 @@ def test_what_makes_no_sense_is_said_and_changes_nothing(start_node, graph, frie
         GraspEvent.GRASPED, "bad", HAND, Pose.from_vector([np.nan, 0, 0, 0, 0, 0, 1]), object=[AssemblyObject(id="bad")]
     )
     friend.wait(lambda state: state.error.code == ErrorCode.NOT_FINITE, "a pose that is not finite")
+    friend.happened(GraspEvent.GRASPED, "bad", HAND, IN_HAND, object=[AssemblyObject(id="other")])
+    friend.wait(lambda state: "of bad" in state.error.message, "an object of another id")
     friend.happened(7, "cube", HAND, IN_HAND)
     friend.wait(lambda state: "no event 7" in state.error.message, "an event that does not exist")
     friend.event.event, friend.event.header.stamp.sec = GraspEvent.GRASPED, friend.event.header.stamp.sec + 3600

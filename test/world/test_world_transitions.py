@@ -55,6 +55,12 @@ def test_an_event_that_is_not_newer_changes_nothing():
         assert HELD.lost("can", stamp, "") is HELD
 
 
+def test_a_grasp_that_comes_after_the_release_that_ended_it_is_history():
+    empty = World("table").with_assembly(Assembly((FLOOR,)), "table", S)
+    refused(ErrorCode.OBJECT_UNKNOWN, empty.released, "can", CAN.pose, 5 * S)
+    assert empty.passed(5 * S).grasped("can", IN_HAND, "tcp", 2 * S, item=CAN).held is None
+
+
 def test_the_hand_holds_one_object_and_what_it_held_before_is_lost():
     after = HELD.grasped("cube", IN_HAND, "tcp", 3 * S)
     assert after.held.item.id == "cube"
