@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from poise.assembly.contact import SurfacePoints
-from poise.assembly.robustness.block_answers import CHECKED_SHARE
+from poise.assembly.robustness.block_answers import CHECKED_SHARE, both_factors
 from poise.assembly.robustness.map_regions import Bounds, Pool, Region, bound_block
 from poise.assembly.statics import BlockAnalysis, Deadline
 from poise.types import Array, Indices, Mask
@@ -48,11 +48,13 @@ class _ElasticPool(Pool):
         """Inverse load factor of a wrench (6,) on a body of the block by the weakest of all models."""
         if isinstance(self.deadline, _Ration):
             self.deadline.left[0] -= 1
-        limit = super().inverse_factor(body, wrench)
-        if not np.isfinite(limit):
-            return limit
         load = np.zeros(6 * self.block.geometry.count)
         load[6 * body : 6 * body + 6] = wrench
+        # As single pushes: with the centres of pressure where they are at collapse, not at rest as in the map before.
+        limit = max(factor.upper for factor in both_factors(self.block, load))
+        self.bounds.solves += 1
+        if not np.isfinite(limit):
+            return limit
         above = CHECKED_SHARE / max(limit, self._floor)
         # What elastic contacts hold at one point of a face, they nearly hold at the others; not so on other faces.
         face = tuple(np.round(wrench[:3], 6).tolist())
