@@ -43,6 +43,8 @@ from poise_msgs.msg import WorldObject
 
 _TICK = 0.02
 _FEEDBACK_PERIOD = 0.1
+_NEWS = 1.0
+"""s that a goal waits for an object that the assembly does not have: world may have reached the client first."""
 
 OBJECT_PICKER_PARAMETERS = (
     Parameter("deadline", 20.0, "s of planning, for goals without a deadline", (0.001, 3600.0)),
@@ -121,7 +123,7 @@ class ObjectPicker(ArmNode):
             self._refuse(goal, cancelled(goal))
             return
         try:
-            self._task = self._begin(goal)
+            self._task = self._begin(goal, readiness.begun)
         except Exception as failure:  # of any kind: the caller must get an answer
             error = coded(failure)
             if not readiness.may_change(error):
@@ -133,8 +135,8 @@ class ObjectPicker(ArmNode):
         self._waiting = None
         goal.execute(lambda handle: pick_result(handle, error))
 
-    def _begin(self, goal: WatchedGoal) -> PickTask:
-        """What the goal asks for.
+    def _begin(self, goal: WatchedGoal, accepted: float) -> PickTask:
+        """What the goal asks for, accepted at s of the monotonic clock.
 
         Raises:
             InputError: when it makes no sense; EMPTY, TOPIC_MISSING and others while something is missing.
@@ -145,6 +147,9 @@ class ObjectPicker(ArmNode):
             raise InputError(ErrorCode.BAD_INPUT, f"goal: deadline {request.deadline} s; give 0 for the node's")
         if self._assembly is None:
             raise InputError(ErrorCode.EMPTY, "no assembly has come on the topic assembly; start world_model")
+        known = bool(request.object) or request.id in (each.id for each in self._assembly.objects)
+        if not known and time.monotonic() < accepted + min(_NEWS, self._values["ready_timeout"]):
+            raise InputError(ErrorCode.EMPTY, f"the assembly has no object {request.id!r} yet")
         frame = self._assembly.header.frame_id
         joined = self._execution.pose(request.object_frame_id or frame, frame)
         if joined is None:
