@@ -16,7 +16,8 @@ demo: ## weigh a real payload: replay the committed recording through live nodes
 	@$(BIN)/python tools/demo.py
 
 test: lint ## everything CI checks: formatting, types, tests
-	@$(BIN)/pytest -n 3 --dist worksteal  # of two cores: many tests wait for nodes
+	@$(BIN)/pytest -n 3 --dist worksteal -m "not alone"  # on two cores: many tests wait for nodes
+	@$(BIN)/pytest -m alone
 
 lint: ## ruff and mypy alone
 	@tools/set_up.sh viewer,test

@@ -22,7 +22,7 @@ from poise_msgs.action import CarryObject, IdentifyPayload, PickObject, PlaceObj
 from poise_msgs.msg import Part, SegmentedObject, WorldObject, WorldState
 from poise_msgs.srv import SetAssembly
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.alone]
 
 Start = Callable[..., NodeProcess]
 FRAME, FINGERS, MASS = "base_footprint", "finger_joint", 0.62
