@@ -51,7 +51,7 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
     except PoiseError as error:
         print(f"{error.code.name}: {error.message}", file=sys.stderr)
         status = error.exit_status
-    except RCLError:
+    except (RCLError, ValueError):  # an action server that is made during the shutdown raises a ValueError
         if rclpy.ok():
             raise
     finally:

@@ -79,7 +79,6 @@ def codes(findings) -> set[ErrorCode]:
         ("free_motion", "constant", 0.5, 1),
         ("free_motion", "friction", 0.7, 3),
         ("vibration", "spring", 0.5, 3),
-        ("vibration", "friction", 0.5, 1),
     ],
 )
 def test_a_real_arm_that_rests_against_something_for_most_of_the_time(name, kind, share, pieces, tmp_path):
