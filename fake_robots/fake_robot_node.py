@@ -33,7 +33,7 @@ from poise.fake_robots.player import Player
 from poise.fake_robots.stream import CLOCK, Message, TopicInfo, with_clock
 from poise.fake_robots.trajectory_action import TrajectoryAction
 from poise.nodes.parameters import declare_parameters
-from poise.nodes.runtime import guarded, run
+from poise.nodes.runtime import guarded, publish, run
 
 _ACKNOWLEDGED = Duration(seconds=2)
 """How long the end waits for subscribers to confirm the last messages."""
@@ -136,11 +136,7 @@ class FakeRobot(Node):
         return apply_faults(messages, self._faults, self._types, self._values["seed"])
 
     def _publish(self, message: Message) -> None:
-        try:
-            self._outlets[message.topic].publish(message.data)
-        except RCLError:
-            if rclpy.ok():
-                raise
+        publish(self._outlets[message.topic], message.data)
 
     def _say_done(self) -> None:
         try:

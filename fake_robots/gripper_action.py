@@ -11,7 +11,7 @@ from rclpy.node import Node
 
 from poise.fake_robots.arm import SimulatedArm
 from poise.fake_robots.gripper import SimulatedGripper
-from poise.nodes.runtime import guarded
+from poise.nodes.runtime import end_goal, guarded
 
 _LOOK = 0.02  # s between two looks at the fingers
 _NEAR = 1e-3
@@ -112,12 +112,7 @@ class GripperAction:
         result = self._said(GripperCommand.Result())
 
         def end(goal: ServerGoalHandle) -> GripperCommand.Result:
-            if goal.is_cancel_requested:
-                goal.canceled()
-            elif succeeded:
-                goal.succeed()
-            else:
-                goal.abort()
+            end_goal(goal, succeeded and not goal.is_cancel_requested)
             return result
 
         handle.execute(end)

@@ -16,7 +16,7 @@ from poise.fake_robots.arm import SimulatedArm, Waypoints
 from poise.fake_robots.commands import require_complete, seconds_of, waypoints_of
 from poise.fake_robots.drive import BASE_JOINTS
 from poise.fake_robots.following import Following, JointTolerances, Outcome, outcome_of
-from poise.nodes.runtime import guarded
+from poise.nodes.runtime import end_goal, guarded
 from poise.types import Array
 
 _LOOK = 0.02  # s between two looks at the motion
@@ -153,12 +153,7 @@ class TrajectoryAction:
             self._node.get_logger().error(f"{code.name}: {sentence}")
 
         def end(goal: ServerGoalHandle) -> FollowJointTrajectory.Result:
-            if goal.is_cancel_requested:
-                goal.canceled()
-            elif code is Outcome.SUCCESSFUL:
-                goal.succeed()
-            else:
-                goal.abort()
+            end_goal(goal, code is Outcome.SUCCESSFUL and not goal.is_cancel_requested)
             return FollowJointTrajectory.Result(error_code=int(code), error_string=sentence)
 
         handle.execute(end)

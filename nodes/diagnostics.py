@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.node import Node
+
+from poise.nodes.runtime import publish
 
 OK, WARN, ERROR = 0, 1, 2
 """Levels of diagnostic_msgs/DiagnosticStatus."""
@@ -32,11 +32,7 @@ class DiagnosticsPublisher:
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         array = DiagnosticArray(status=[status])
         array.header.stamp = self._node.get_clock().now().to_msg()
-        try:
-            self._publisher.publish(array)
-        except RCLError:
-            if rclpy.ok():  # otherwise the process is shutting down, in another thread
-                raise
+        publish(self._publisher, array)
 
     def destroy(self) -> None:
         """Destroy the publisher."""

@@ -6,7 +6,6 @@ import numpy as np
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -16,9 +15,9 @@ from poise.errors import PoiseError
 from poise.force_torque import Acquisition, BlockAverages, SampleBatch, Severity, StreamReport
 from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.ft_driver_parameters import FT_DRIVER_PARAMETERS, DriverSetup, read_parameters
-from poise.nodes.lifecycle import survive_impossible_transitions
+from poise.nodes.lifecycle import ManagedNode
 from poise.nodes.parameters import declare_parameters
-from poise.nodes.runtime import guarded, run
+from poise.nodes.runtime import guarded, publish, run
 from poise_msgs.msg import WrenchBatch
 
 WRENCH_QOS = QoSProfile(depth=1000)
@@ -29,7 +28,7 @@ _BIAS_PATIENCE = 3.0
 """s that a bias may take beyond the time of its samples at 100 Hz."""
 
 
-class FtDriver(LifecycleNode):
+class FtDriver(ManagedNode):
     """Reads one sensor while active. Parameters are taken in on_configure; the fault contract is in docs/ft_driver.md.
 
     The samples arrive in the acquisition's thread, which publishes them itself: handing them to the executor first
@@ -38,7 +37,6 @@ class FtDriver(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("ft_driver")
-        survive_impossible_transitions(self)
         declare_parameters(
             self, FT_DRIVER_PARAMETERS, changeable=[parameter.name for parameter in FT_DRIVER_PARAMETERS]
         )
@@ -46,6 +44,7 @@ class FtDriver(LifecycleNode):
         self._setup: DriverSetup | None = None
         self._publisher: SamplePublisher | None = None
         self._acquisition: Acquisition | None = None
+        self.start()
 
     def start(self) -> None:
         """Configure and activate, when `autostart` says so.
@@ -55,8 +54,7 @@ class FtDriver(LifecycleNode):
         """
         if self.get_parameter("autostart").value:
             read_parameters(self)  # here an error still ends the process with its reason
-            self.trigger_configure()
-            self.trigger_activate()
+        super().start()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         try:
@@ -173,7 +171,7 @@ class SamplePublisher:
         for time, wrench in zip(blocks.stamps.tolist(), blocks.wrench_in_sensor.tolist(), strict=True):
             stamp.sec, stamp.nanosec = divmod(time, 1_000_000_000)
             force.x, force.y, force.z, torque.x, torque.y, torque.z = wrench
-            self._publish(self._wrench, message)
+            publish(self._wrench, message)
 
     def batch(self, batch: SampleBatch) -> None:
         message = self._batch_message
@@ -184,7 +182,7 @@ class SamplePublisher:
         message.wrench = array.array("f", batch.wrench_in_sensor.astype(np.float32).tobytes())
         message.status = array.array("I", batch.status.tobytes())
         message.received, message.lost, message.out_of_order = batch.received, batch.lost, batch.out_of_order
-        self._publish(self._batch, message)
+        publish(self._batch, message)
 
     def report(self, report: StreamReport) -> None:
         condition = report.condition
@@ -220,25 +218,10 @@ class SamplePublisher:
         """Report that the driver is inactive on purpose."""
         self._diagnostics.publish(Severity.OK, "inactive", {"condition": "inactive"}, device)
 
-    @staticmethod
-    def _publish(publisher: rclpy.publisher.Publisher, message: object) -> None:
-        try:
-            publisher.publish(message)
-        except RCLError:
-            if rclpy.ok():  # otherwise the process is on its way out, in another thread
-                raise
-
-
-def make_node() -> FtDriver:
-    """Build the driver and, with autostart, configure and activate it."""
-    node = FtDriver()
-    node.start()
-    return node
-
 
 def main() -> None:
     """Run until Ctrl-C."""
-    run(make_node)
+    run(FtDriver)
 
 
 if __name__ == "__main__":

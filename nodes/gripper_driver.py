@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import rclpy
 from control_msgs.action import GripperCommand
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -20,9 +19,9 @@ from poise.gripping import GRIPPERS, DriverOptions, Fingers, GripperDriver, Grip
 from poise.manipulation import Gripper
 from poise.nodes.diagnostics import ERROR, OK, WARN, DiagnosticsPublisher
 from poise.nodes.estimate_message import time_message
-from poise.nodes.lifecycle import survive_impossible_transitions
+from poise.nodes.lifecycle import ManagedNode
 from poise.nodes.parameters import AUTOSTART, Parameter, declare_parameters
-from poise.nodes.runtime import end_goal, guarded, run
+from poise.nodes.runtime import end_goal, guarded, publish, run
 
 _TICK = 0.02  # s between looks at a goal
 _FEEDBACK = 5  # looks between two feedbacks
@@ -52,7 +51,7 @@ class _Goal:
     looks: int = 0
 
 
-class GripperDriverNode(LifecycleNode):
+class GripperDriverNode(ManagedNode):
     """Drives one gripper while active; the fault contract is in docs/gripper.md.
 
     Serves gripper_controller/gripper_cmd (control_msgs/GripperCommand; its position is that of the joint) and
@@ -62,7 +61,6 @@ class GripperDriverNode(LifecycleNode):
 
     def __init__(self) -> None:
         super().__init__("gripper_driver")
-        survive_impossible_transitions(self)
         self._values = values = declare_parameters(self, GRIPPER_DRIVER_PARAMETERS)
         model = GRIPPERS[values["model"]]
         if values["opened"] == values["closed"]:
@@ -91,12 +89,7 @@ class GripperDriverNode(LifecycleNode):
             cancel_callback=self._cancel,
         )
         self.create_timer(_TICK, guarded(self, self._tick))
-
-    def start(self) -> None:
-        """Configure and activate, when `autostart` says so."""
-        if self._values["autostart"]:
-            self.trigger_configure()
-            self.trigger_activate()
+        self.start()
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Connect, and take goals."""
@@ -136,11 +129,7 @@ class GripperDriverNode(LifecycleNode):
     def _publish_state(self, fingers: Fingers) -> None:
         message = JointState(name=[self._gripper.joint], position=[self._position(fingers)])
         message.header.stamp = time_message(fingers.stamp)
-        try:
-            self._states.publish(message)
-        except RCLError:
-            if rclpy.ok():
-                raise
+        publish(self._states, message)
 
     # -- in the executor -------------------------------------------------------------------------------------------
 
@@ -280,16 +269,9 @@ class GripperDriverNode(LifecycleNode):
             self.get_logger().warning(text)
 
 
-def make_node() -> GripperDriverNode:
-    """Build the driver and, with autostart, configure and activate it."""
-    node = GripperDriverNode()
-    node.start()
-    return node
-
-
 def main() -> None:
     """Run until Ctrl-C."""
-    run(make_node)
+    run(GripperDriverNode)
 
 
 if __name__ == "__main__":

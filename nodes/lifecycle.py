@@ -1,4 +1,4 @@
-"""Managed nodes that move an arm, and a fix for rclpy 7.1's lifecycle nodes."""
+"""Managed nodes, those of them that move an arm, and a fix for rclpy 7.1's lifecycle nodes."""
 
 from typing import Any
 
@@ -11,7 +11,25 @@ from poise.nodes.watchdog import WATCHDOG_DYNAMIC, WATCHDOG_PARAMETERS, ProcessW
 ARM_NODE_PARAMETERS = (AUTOSTART, *WATCHDOG_PARAMETERS)
 
 
-class ArmNode(LifecycleNode):
+class ManagedNode(LifecycleNode):
+    """A node with a lifecycle. A subclass declares `autostart`, and calls `start` when it is complete.
+
+    Args:
+        name: of the node.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        survive_impossible_transitions(self)
+
+    def start(self) -> None:
+        """Configure and activate, when `autostart` says so."""
+        if self.get_parameter("autostart").value:
+            self.trigger_configure()
+            self.trigger_activate()
+
+
+class ArmNode(ManagedNode):
     """A node whose action moves an arm: it takes goals while it is active; its other functions always work.
 
     A subclass sets `watchdog`, which serves the action, and calls `start` when it is complete.
@@ -24,14 +42,7 @@ class ArmNode(LifecycleNode):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        survive_impossible_transitions(self)
-        self._autostart = declare_parameters(self, ARM_NODE_PARAMETERS, WATCHDOG_DYNAMIC)["autostart"]
-
-    def start(self) -> None:
-        """Configure and activate, when `autostart` says so."""
-        if self._autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+        declare_parameters(self, ARM_NODE_PARAMETERS, WATCHDOG_DYNAMIC)
 
     def halt(self, reason: str) -> None:
         """Stop the arm and end the goal."""

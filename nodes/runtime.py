@@ -11,6 +11,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 
 from poise.errors import ErrorCode, PoiseError
@@ -78,6 +79,15 @@ def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:
         return None
 
     return call
+
+
+def publish(publisher: Publisher, message: Any) -> None:
+    """Publish from any thread; what comes while the process shuts down is dropped."""
+    try:
+        publisher.publish(message)
+    except RCLError:
+        if rclpy.ok():
+            raise
 
 
 def subscribe(
