@@ -272,10 +272,10 @@ class PlaceExecution:
 
     def _stand(self, frame: str) -> None:
         """The arm's base in a frame: by tf, or where tf does not have it, by the parameter."""
-        found = self._frames.pose(self._arm.model.frames[1].name, frame)
-        base = self._base if found is None else found
-        if not np.allclose(se3_of(base).homogeneous, self._arm.base.homogeneous, atol=1e-6):
-            self._arm = replace(self._arm, base=se3_of(base))
+        found = self._frames.pose(self._arm.foot[0], frame)
+        arm = replace(self._arm, base=se3_of(self._base)) if found is None else self._arm.standing_on(found)
+        if not np.allclose(arm.base.homogeneous, self._arm.base.homogeneous, atol=1e-6):
+            self._arm = arm
 
     def _listen(self, robot: RobotPort) -> Carrying:
         self._listening = self._node.create_subscription(
