@@ -281,7 +281,8 @@ class PlacementPlannerNode(ArmNode):
         item = object_of(request.object, self._folders)
         task.item = item = replace(item, pose=task.object_frame @ item.pose)
         analysis = self._analysis(task.assembly)
-        task.assumptions = assumptions_of(analysis.assembly.with_object(item))
+        about_base = [] if task.carrying is None else task.carrying.assumptions
+        task.assumptions = [*about_base, *assumptions_of(analysis.assembly.with_object(item))]
         if task.carrying is not None:
             try:
                 return task.carrying.plan(
