@@ -32,20 +32,17 @@ SCANNER_PARAMETERS = (
         "sweep",
         "",
         "plan: planned for the region; a path: trajectory file (YAML, CSV); empty: another program moves the arm",
-        dynamic=True,
     ),
     Parameter(
         "support",
         "",
         "plan: fixed object of the assembly (a table) whose top is looked at; empty: the only one",
-        dynamic=True,
     ),
     Parameter("region_height", 0.2, "plan: m above the support that objects may be tall", (0.01, 1.0), dynamic=True),
     Parameter(
         "region",
         [float("nan")] * 6,
         "plan: x y z of the middle of its bottom and its size along x y z, m, in the assembly's frame; NaN: support",
-        dynamic=True,
     ),
     Parameter(
         "view_nearest", 0.3, "plan: least distance of the camera from what it looks at, m", (0.05, 5.0), dynamic=True
@@ -59,7 +56,6 @@ SCANNER_PARAMETERS = (
         "near",
         _NOWHERE,
         "of several objects, the one nearest to this point in the robot's base, m; NaN: to the middle",
-        dynamic=True,
     ),
     Parameter(
         "all_objects",

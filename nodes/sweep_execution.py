@@ -32,7 +32,7 @@ _WAYPOINT_PERIOD = 0.1
 _OPTIONS = ExecutionOptions()
 
 
-class Jointed(Protocol):
+class SweptArm(Protocol):
     """What a sweep needs of a robot."""
 
     @property
@@ -82,7 +82,7 @@ class SweepExecution:
         watchdog: ProcessWatchdog,
         goal: WatchedGoal,
         tolerance: float,
-        model: Jointed,
+        model: SweptArm,
         motion: Motion,
     ) -> None:
         if not arm.get_subscription_count():

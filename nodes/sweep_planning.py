@@ -15,6 +15,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.manipulation import Arm, LookPlan, plan_look, pose_of, standing_at
 from poise.nodes.assembly_message import assembly_of
+from poise.nodes.placed_arm import placed_arm
 from poise.nodes.request_checks import check_assembly
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
 from poise.nodes.transforms import add_transforms
@@ -82,8 +83,8 @@ class SweepPlanner:
         if not robot.description:
             raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description to sweep with")
         arm = Arm.from_urdf(robot.description, standing_at(self._values["base"]), tcp_frame=self._values["tcp_frame"])
-        found = None if self._assembly is None else self._frames.pose(arm.foot[0], self._assembly.header.frame_id)
-        return arm if found is None else arm.standing_on(found)
+        found = None if self._assembly is None else placed_arm(arm, self._frames, self._assembly.header.frame_id)
+        return found or arm
 
     def task(self, name: str, arm: Arm, robot: RobotLog, given: list[Any]) -> "SweepTask":
         """What a goal is planned with; given: the parameter `hand_eye`, where there is one.

@@ -85,14 +85,9 @@ def plan_look(
     arm, wrist_eye = _with_camera(arm, *eye)
     around = (*obstacles, RigidObject("region", Box(tuple(region.size.tolist())), region.pose, mass=0.0, fixed=True))
     cell = Cell(arm, around, 0.0)
-    if (touching := cell.touching(start)) is not None:
-        raise NoAnswerError(
-            ErrorCode.INTERPENETRATION,
-            f"where the arm is, {touching[0]} touches {touching[1]}, or nearly: move it away from what is scanned",
-        )
+    _require_free(cell, start)
     rng, deadline = np.random.default_rng(seed), time.monotonic() + seconds
-    hiding = [box for box in map(_box, obstacles) if not _meets(box, region)]
-    coverage = Coverage(region, camera, options, hiding)
+    coverage = Coverage(region, camera, options, [box for box in map(_box, obstacles) if not _meets(box, region)])
     found = _viewpoints(arm, wrist_eye, coverage, cell, start, rng, cancelled)
     tour = _tour(arm, around, found, start, rng, deadline, cancelled)
     if not tour or coverage.seen < _LEAST_SEEN:
@@ -107,6 +102,14 @@ def plan_look(
     eyes = np.array([(_wrist(arm, way[-1]) * wrist_eye).translation for way, _ in tour[:-1]])
     notes = () if coverage.seen >= _WELL_SEEN else (f"the sweep sees {coverage.seen:.0%} of the faces of its region",)
     return LookPlan(joined(motions), eyes, coverage.seen, notes)
+
+
+def _require_free(cell: Cell, start: Array) -> None:
+    if (touching := cell.touching(start)) is not None:
+        raise NoAnswerError(
+            ErrorCode.INTERPENETRATION,
+            f"where the arm is, {touching[0]} touches {touching[1]}, or nearly: move it away from what is scanned",
+        )
 
 
 def _with_camera(arm: Arm, link: str, pose: Pose) -> tuple[Arm, pin.SE3]:

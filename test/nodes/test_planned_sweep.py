@@ -56,7 +56,8 @@ def test_what_stands_on_the_table_is_found_by_a_planned_sweep(graph: Graph, star
     for scan in scans:
         shift = there[scan.header.frame_id]
         coms = [[part.unit_inertia.com.x, part.unit_inertia.com.y, part.unit_inertia.com.z] for part in scan.parts]
-        centre = np.average(coms, axis=0, weights=[part.volume for part in scan.parts]) + [shift.x, shift.y, shift.z]
+        middle = np.average(coms, axis=0, weights=[part.volume for part in scan.parts])
+        centre = np.array([shift.x, shift.y, shift.z]) + middle
         truth = min((BOX, CAN), key=lambda item: abs(item.pose.translation[1] - shift.y))
         assert np.abs(truth.pose.translation - centre).max() < 0.005
         assert scan.volume == pytest.approx(truth.shape.volume, rel=0.15)
