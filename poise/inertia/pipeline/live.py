@@ -238,9 +238,10 @@ class LiveEstimator:
 
     def update(self, now: float) -> None:
         """Bring together what has come in; call it some tens of times a second."""
-        if self.estimator is None and self._frames_since is not None and self.sensor_frame:
-            if now - self._frames_since >= (GRACE if self.options.motion_source == AUTO else 0.0):
-                self._choose(self.frames)
+        patience = GRACE if self.options.motion_source == AUTO else 0.0
+        known = self._frames_since is not None and now - self._frames_since >= patience
+        if self.estimator is None and known and self.sensor_frame:
+            self._choose(self.frames)
         if self.estimator is None or self.estimator.imu is None:
             self.imu.keep_last(_EARLY_SPAN)
         if self.estimator is None:
