@@ -115,7 +115,7 @@ class LiveEstimator:
         self._wrench_frame = ""
         self._description = ""
         self._early: deque[tuple[int, ArrayLike]] = deque(maxlen=_EARLY)
-        self._frames_since: float | None = None
+        self._frames_since = np.inf
         self._flushed = True
         self._estimator_for(self.frames)  # what makes no sense is refused now
 
@@ -239,8 +239,7 @@ class LiveEstimator:
     def update(self, now: float) -> None:
         """Bring together what has come in; call it some tens of times a second."""
         patience = GRACE if self.options.motion_source == AUTO else 0.0
-        known = self._frames_since is not None and now - self._frames_since >= patience
-        if self.estimator is None and known and self.sensor_frame:
+        if self.estimator is None and self.sensor_frame and now - self._frames_since >= patience:
             self._choose(self.frames)
         if self.estimator is None or self.estimator.imu is None:
             self.imu.keep_last(_EARLY_SPAN)
@@ -335,7 +334,7 @@ class LiveEstimator:
         """Note that tf says how the sensor moves, if it does."""
         if self.frames.newest is not None:
             self._has_moved(now)
-            self._frames_since = now if self._frames_since is None else self._frames_since
+            self._frames_since = min(self._frames_since, now)
 
     def _read_description(self, now: float) -> None:
         """Build the robot once both its description and the sensor frame are known."""
