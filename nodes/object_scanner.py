@@ -37,10 +37,10 @@ from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.recording import image_of, stamp_of
 from poise.robot import RobotModel
 from poise.scanning import (
-    Region,
     RobotLog,
     Scan,
     ScanSession,
+    ViewRegion,
     camera_of,
     chosen_places,
     frame_of_cloud,
@@ -97,7 +97,7 @@ class ObjectScanner(ArmNode):
         self.create_subscription(String, "robot_description", guarded(self, self._on_description), LATCHED)
         self.create_subscription(TFMessage, "tf_static", guarded(self, self._on_tf_static), TF_STATIC)
         self._planner = SweepPlanner(self, INFO, self._values)
-        self._region: Region | None = None
+        self._region: ViewRegion | None = None
         self._jobs = Jobs(self, 1)
         self.create_timer(_TICK, guarded(self, self._tick))
         self.watchdog = ProcessWatchdog(self, ScanObject, "scan_object", self._accept)

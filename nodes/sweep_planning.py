@@ -20,7 +20,7 @@ from poise.nodes.request_checks import check_assembly
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
 from poise.nodes.transforms import add_transforms
 from poise.robot import FrameTree, parse_urdf
-from poise.scanning import Camera, Region, RobotLog, ViewOptions, camera_of, hand_eye_of
+from poise.scanning import Camera, RobotLog, ViewOptions, ViewRegion, camera_of, hand_eye_of
 from poise.types import Array, Cancelled
 from poise_msgs.msg import Assembly as AssemblyMessage
 
@@ -130,14 +130,14 @@ class SweepTask:
         arm: Arm,
         eye: tuple[str, Pose],
         camera: Camera,
-        region: Region,
+        region: ViewRegion,
         around: tuple[RigidObject, ...],
         options: ViewOptions,
         root: Pose,
     ) -> None:
         self.arm, self._options = arm, options
         self._with = eye, camera, region, around
-        self.region = Region(root.inverse @ region.pose, region.size)
+        self.region = ViewRegion(root.inverse @ region.pose, region.size)
         """In the robot's root link."""
 
     def plan(self, start: Array, seconds: float, cancelled: Cancelled) -> LookPlan:
@@ -145,7 +145,9 @@ class SweepTask:
         return plan_look(self.arm, *self._with, start, self._options, seconds, cancelled=cancelled)
 
 
-def region_of(name: str, objects: tuple[RigidObject, ...], values: dict[str, Any]) -> tuple[Region, RigidObject | None]:
+def region_of(
+    name: str, objects: tuple[RigidObject, ...], values: dict[str, Any]
+) -> tuple[ViewRegion, RigidObject | None]:
     """The region to see, and the object of the assembly that is scanned again, or None.
 
     Args:
@@ -194,11 +196,11 @@ def _support(name: str, objects: tuple[RigidObject, ...]) -> RigidObject:
     )
 
 
-def _upright(low: Array, high: Array) -> Region:
-    return Region(Pose(np.eye(3), (low + high) / 2), high - low)
+def _upright(low: Array, high: Array) -> ViewRegion:
+    return ViewRegion(Pose(np.eye(3), (low + high) / 2), high - low)
 
 
-def _slab(region: Region) -> RigidObject:
+def _slab(region: ViewRegion) -> RigidObject:
     """What the region stands on, where the assembly has nothing fixed."""
     size = region.size[:2] + 0.3
     place = region.pose.translation - [0.0, 0.0, (region.size[2] + _SLAB) / 2]

@@ -18,7 +18,7 @@ from poise.manipulation.cell import Cell
 from poise.manipulation.execution import joined
 from poise.manipulation.inverse import solutions
 from poise.manipulation.timing import Limits, timed
-from poise.scanning import Camera, Coverage, Region, ViewOptions
+from poise.scanning import Camera, Coverage, ViewOptions, ViewRegion
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
@@ -56,7 +56,7 @@ def plan_look(
     arm: Arm,
     eye: tuple[str, Pose],
     camera: Camera,
-    region: Region,
+    region: ViewRegion,
     obstacles: Sequence[RigidObject],
     start: Array,
     options: ViewOptions = ViewOptions(),  # noqa: B008
@@ -224,7 +224,7 @@ def _box(item: RigidObject) -> tuple[Array, Array]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-def _meets(box: tuple[Array, Array], region: Region) -> bool:
+def _meets(box: tuple[Array, Array], region: ViewRegion) -> bool:
     """Whether an obstacle is in the region, or it stands on it: that hides nothing before the region."""
     half = region.size / 2 + 0.01
     corners = region.pose.apply(np.array(np.meshgrid(*zip(-half, half, strict=True))).reshape(3, -1).T)

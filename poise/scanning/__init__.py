@@ -19,7 +19,7 @@ from poise.scanning.scan import Scan, ScanOptions, places_of, scan
 from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions
 from poise.scanning.standing import StandingMesh, standing_mesh, united_surfaces
 from poise.scanning.sweep import Ring, plan_sweep
-from poise.scanning.viewpoints import Coverage, Region, ViewOptions, chosen_places
+from poise.scanning.viewpoints import Coverage, ViewOptions, ViewRegion, chosen_places
 
 __all__ = [
     "MOST_FRAMES",
@@ -27,7 +27,6 @@ __all__ = [
     "Camera",
     "Coverage",
     "Frame",
-    "Region",
     "Ring",
     "RobotLog",
     "Scan",
@@ -39,6 +38,7 @@ __all__ = [
     "SweepOptions",
     "View",
     "ViewOptions",
+    "ViewRegion",
     "camera_of",
     "chosen_places",
     "depth_in_metres",

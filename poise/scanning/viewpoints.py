@@ -45,7 +45,7 @@ class ViewOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class ViewRegion:
     """An upright box to look at.
 
     Args:
@@ -82,7 +82,7 @@ class Region:
 
 
 def chosen_places(
-    places: Array, region: Region | None, near: tuple[float, float, float] | None, every: bool
+    places: Array, region: ViewRegion | None, near: tuple[float, float, float] | None, every: bool
 ) -> list[tuple[float, float, float] | None]:
     """Where the objects are that are scanned, the one that is meant first.
 
@@ -122,7 +122,7 @@ class Coverage:
     """
 
     def __init__(
-        self, region: Region, camera: Camera, options: ViewOptions, hiding: Sequence[tuple[Array, Array]] = ()
+        self, region: ViewRegion, camera: Camera, options: ViewOptions, hiding: Sequence[tuple[Array, Array]] = ()
     ) -> None:
         self._options = options
         points, normals = region.patches()
@@ -177,7 +177,7 @@ class Coverage:
         return float(self._sees[self._chosen].any(axis=0).mean()) if self._chosen else 0.0
 
 
-def _candidates(region: Region, options: ViewOptions) -> tuple[Array, Array]:
+def _candidates(region: ViewRegion, options: ViewOptions) -> tuple[Array, Array]:
     """(C, 3) m places of a camera, and the points (C, 3) that it looks at."""
     azimuth = 2 * np.pi * np.arange(options.azimuths) / options.azimuths
     eyes, aims = [], []

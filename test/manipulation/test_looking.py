@@ -11,7 +11,7 @@ from poise.geometry import Pose, rotation_about
 from poise.manipulation import Arm, plan_look
 from poise.manipulation.cell import Cell
 from poise.robot import RobotModel
-from poise.scanning import Camera, Region, chosen_places
+from poise.scanning import Camera, ViewRegion, chosen_places
 from poise.simulation import home
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -26,8 +26,8 @@ def arm() -> Arm:
     return Arm.load("fr3")
 
 
-def region(x: float = 0.5, size: float = 0.25) -> Region:
-    return Region(Pose(np.eye(3), np.array([x, 0.0, 0.05])), np.array([size, size, 0.1]))
+def region(x: float = 0.5, size: float = 0.25) -> ViewRegion:
+    return ViewRegion(Pose(np.eye(3), np.array([x, 0.0, 0.05])), np.array([size, size, 0.1]))
 
 
 def test_a_sweep_covers_its_region_and_touches_nothing(arm: Arm) -> None:
@@ -60,7 +60,7 @@ def test_what_hides_the_region_costs_views(arm: Arm) -> None:
     ],
 )
 def test_what_cannot_be_seen_is_refused(arm: Arm, x: float, eye: tuple[str, Pose], code: ErrorCode) -> None:
-    tall = Region(Pose(np.eye(3), np.array([x, 0.0, 0.4])), np.array([0.4, 0.4, 0.8]))
+    tall = ViewRegion(Pose(np.eye(3), np.array([x, 0.0, 0.4])), np.array([0.4, 0.4, 0.8]))
     wanted = tall if code is ErrorCode.INTERPENETRATION else region(x)
     with pytest.raises(PoiseError) as caught:
         plan_look(arm, eye, CAMERA, wanted, [TABLE], START)
