@@ -17,8 +17,8 @@ demo: ## weigh a real payload: replay the committed recording through live nodes
 
 test: lint ## everything CI checks: formatting, types, tests
 	@status=0; \
-	$(BIN)/pytest -n 3 --dist worksteal -m "not alone" || status=1; \
-	$(BIN)/pytest -m alone || status=1; \
+	$(BIN)/pytest -n 3 --dist worksteal --durations 40 -m "not alone" || status=1; \
+	$(BIN)/pytest -m alone test/nodes || status=1; \
 	exit $$status  # three processes on two cores, because many tests wait for nodes; both parts run in any case
 
 lint: ## ruff and mypy alone

@@ -62,7 +62,6 @@ def test_goals_end_at_the_position_at_an_object_or_cancelled(
     publisher = graph.node.create_publisher(JointTrajectory, "gripper_trajectory", 10)
     graph.meet()
 
-
     def command(position: float) -> None:
         point = JointTrajectoryPoint(positions=[position])
         publisher.publish(JointTrajectory(joint_names=[JOINT], points=[point]))
