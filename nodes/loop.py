@@ -1,5 +1,6 @@
 """Node: the whole loop: scans, picks, weighs and places the objects of a table, then carries them."""
 
+import json
 import signal
 import sys
 import threading
@@ -12,11 +13,13 @@ import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from poise.assembly import Assembly
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
+from poise.files import write_whole
 from poise.nodes.loop_bag import LoopBag
 from poise.nodes.loop_results import loop_content
 from poise.nodes.loop_robot import NodesRobot
-from poise.nodes.loop_sequence import LoopRecord, LoopSequence, StepRecord
+from poise.nodes.loop_sequence import LoopSequence, StepRecord
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.recording import RecordingWriter
 
@@ -55,7 +58,7 @@ class Watching:
 
 def perform(
     node: Node, values: dict[str, Any], watching: Watching, stopped: Callable[[], bool]
-) -> tuple[LoopRecord, dict[str, Any]]:
+) -> tuple[dict[str, Any], Assembly | None]:
     """Run a loop with nodes that run already or are being started.
 
     Args:
@@ -65,7 +68,7 @@ def perform(
         stopped: the loop is to end, with the robot at rest.
 
     Returns:
-        The record, and the content of loop.json.
+        The content of loop.json, and what stands at the end.
     """
     out = Path(values["out"]) if values["out"] else None
     with ExitStack() as stack:
@@ -89,7 +92,7 @@ def perform(
             record.error = error
         else:
             record = sequence.run()
-        return record, loop_content(record, robot.planning, watching.restarts)
+        return loop_content(record, robot.planning, watching.restarts), robot.assembly
 
 
 class _Logged(Watching):
@@ -117,25 +120,24 @@ def stop_on_signals() -> threading.Event:
 
 def main(args: list[str] | None = None) -> None:
     """Run one loop; exit 0 when it is complete, 3 when not."""
-    from poise.commands.output import to_json, write_json
-
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    stopped = stop_on_signals()
+    stopped, status = stop_on_signals(), 0
     node = Node("loop")
     try:
         values = declare_parameters(node, LOOP_PARAMETERS)
-        record, content = perform(node, values, _Logged(node), stopped.is_set)
+        content, _ = perform(node, values, _Logged(node), stopped.is_set)
         if values["out"]:
-            write_json(str(Path(values["out"]) / "loop.json"), to_json(content))
-        error = record.error or (None if record.whole else NoAnswerError(ErrorCode.NO_PLACEMENT, "not all are placed"))
-    except PoiseError as failure:
-        error = failure
+            write_whole(Path(values["out"]) / "loop.json", json.dumps(content, indent=2).encode())
+        if not content["complete"]:
+            print(content["sentence"] or "not all objects were placed", file=sys.stderr)
+            status = NoAnswerError.exit_status
+    except PoiseError as error:
+        print(f"{error.code.name}: {error.message}", file=sys.stderr)
+        status = error.exit_status
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    if error is not None:
-        print(f"{error.code.name}: {error.message}", file=sys.stderr)
-        sys.exit(error.exit_status)
+    sys.exit(status)
 
 
 if __name__ == "__main__":

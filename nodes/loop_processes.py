@@ -26,7 +26,7 @@ class NodeProcesses:
         folder: for what they print, one file each.
         domain: ROS domain; None: that of the environment.
         keep: names that are not started again, because their state ends with them.
-        extra: parameters of single nodes, NAME:=VALUE as ROS takes them.
+        extra: parameters of single nodes, by node and name.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class NodeProcesses:
         folder: Path,
         domain: int | None = None,
         keep: Sequence[str] = (),
-        extra: Mapping[str, Sequence[str]] | None = None,
+        extra: Mapping[str, Mapping[str, str | int]] | None = None,
     ) -> None:
         self._files, self._folder, self._keep, self._extra = parameter_files, folder, tuple(keep), extra or {}
         self._environment = dict(os.environ)
@@ -101,8 +101,8 @@ class NodeProcesses:
             command = ["setpriv", "--pdeathsig", "INT", *command]
         for file in self._files:
             command += ["--params-file", str(file)]
-        for value in self._extra.get(name, ()):
-            command += ["-p", value]
+        for parameter, value in self._extra.get(name, {}).items():
+            command += ["-p", f"{parameter}:={value}"]
         with self._log(name).open("ab") as sink:
             self._running[name] = subprocess.Popen(
                 command,

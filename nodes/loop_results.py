@@ -1,4 +1,4 @@
-"""A loop as numbers and words: for JSON, the report and the table."""
+"""A loop as the content of loop.json, from which the table and the report are made."""
 
 import math
 from typing import Any
@@ -45,7 +45,8 @@ def loop_content(record: LoopRecord, planning: float, restarts: dict[str, int]) 
 
 def _object(known: ObjectRecord) -> dict[str, Any]:
     content: dict[str, Any] = {"id": known.name, "outcome": known.outcome, "why": known.why}
-    content["robustness"] = known.robustness
+    strength = known.robustness
+    content["robustness"] = strength if strength is not None and math.isfinite(strength) else None
     if known.weight is not None:
         content |= _weight(known.weight)
     return content
@@ -57,8 +58,8 @@ def _weight(weight: WeighedObject) -> dict[str, Any]:
     content: dict[str, Any] = {
         "mass": weight.mass,
         "mass_std": math.sqrt(max(weight.covariance[0, 0], 0.0)),
-        "com": weight.com,
-        "com_std": deviations,
+        "com": weight.com.tolist(),
+        "com_std": deviations.tolist(),
     }
     if weight.true_mass is None or weight.true_com is None:
         return content
@@ -66,7 +67,7 @@ def _weight(weight: WeighedObject) -> dict[str, Any]:
     within = bool(abs(mass_off) <= _SIGMAS * content["mass_std"] and (np.abs(com_off) <= _SIGMAS * deviations).all())
     return content | {
         "true_mass": weight.true_mass,
-        "true_com": weight.true_com,
+        "true_com": weight.true_com.tolist(),
         "mass_error": mass_off / weight.true_mass,
         "com_error": float(np.linalg.norm(com_off)),
         "within": within,

@@ -14,9 +14,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from tf2_msgs.msg import TFMessage
 
+from poise.assembly import Assembly as AssembledScene
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
 from poise.geometry import Pose
-from poise.nodes.assembly_message import pose_message
+from poise.nodes.assembly_message import assembly_of, pose_message
 from poise.nodes.loop_scan import LoopScan
 from poise.nodes.loop_sequence import Carried, NodeEndedError, WeighedObject
 from poise.nodes.loop_truth import LoopTruth
@@ -99,6 +100,11 @@ class NodesRobot:
     def close(self) -> None:
         """Stop listening."""
         self._executor.shutdown()
+
+    @property
+    def assembly(self) -> AssembledScene | None:
+        """What stands, as the world says."""
+        return None if self._assembly is None else assembly_of(self._assembly, ())
 
     # -- what is heard ----------------------------------------------------------------------------------------------
 

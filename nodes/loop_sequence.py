@@ -105,7 +105,7 @@ class ObjectRecord:
 
     Args:
         name: its id in the world.
-        outcome: placed, skipped (it stands where it stood) or held.
+        outcome: placed, skipped (it stands where it stood), held, or lost from the hand.
         weight: None: it was not weighed.
         robustness: N of the stack after it was placed; None: it was not.
         why: of what was not done.
@@ -202,9 +202,12 @@ class LoopSequence:
         try:
             known.weight = self._step("weigh", name, robot.weigh, lambda: None, again=True)
         except PoiseError as error:
-            if error.code in _ENDING or not robot.held():
+            if error.code in _ENDING:
                 raise
             known.why = error.message
+            if not robot.held():
+                known.outcome = "lost"
+                return
         known.robustness = self._step(
             "place", name, lambda attempt: robot.place(seed + attempt), lambda: self._placed(name), again=True
         )

@@ -11,9 +11,17 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from poise.commands.output import JsonOption, console, refuse_folder, to_json, write_json
+from poise.assembly import Analysis, Assembly
+from poise.commands.output import JsonOption, add_scene, console, refuse_folder, write_json
 from poise.commands.run import prepare_nodes
 from poise.errors import ErrorCode, NoAnswerError
+from poise.viewing import (
+    LOOP_COLUMNS,
+    loop_rows,
+    loop_sentences,
+    write_assembly_recording,
+    write_loop_report,
+)
 
 
 def loop(
@@ -22,7 +30,7 @@ def loop(
     seed: Annotated[int, typer.Option("--seed", help="Equal seeds give equal objects and plans.", min=0)] = 0,
     world: Annotated[
         Path | None,
-        typer.Option("--world", help="Scene file of the true world, instead of random objects.", exists=True),
+        typer.Option("--world", help="Scene file of the true world, instead of random objects."),
     ] = None,
     distance: Annotated[float, typer.Option("--distance", help="m to carry the stack; 0: not at all.", min=0.0)] = 3.0,
     shapes: Annotated[
@@ -37,7 +45,7 @@ def loop(
     ] = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Run the whole loop on a fake mobile manipulator: scan, pick, weigh, place on the tray, carry.
+    """Run the whole loop on a fake robot: scan, pick, weigh, place and carry unknown objects.
 
     The nodes run as separate processes; one that ends is started again. Ctrl-C brings the robot to rest and ends
     them. The exit status is 0 when all objects were weighed, placed and carried, 3 otherwise.
@@ -49,18 +57,30 @@ def loop(
         raise typer.BadParameter("--shapes is scan or given")
     prepare_nodes("loop")
     people = console(json_target)
-    job = import_module("poise.nodes.loop_job")
+    job = import_module("poise.fake_robots.loop_job")
     with _Screen(people) as screen:
-        content = job.run_job(
-            job.LoopJob(robot, objects, seed, world, distance, shapes, out, rerun), screen.step, screen.progress
+        content, stack = job.run_job(
+            job.LoopJob(robot, objects, seed, world, distance, shapes, out), screen.step, screen.progress
         )
-    write_json(json_target, to_json(content))
+    written = _files(content, stack, out, rerun)
+    write_json(json_target, content)
     _print(people, content)
-    if out is not None:
-        people.print(f"written: {', '.join(content['files'])}")
+    if written:
+        people.print(f"written: {', '.join(map(str, written))}")
     if not content["complete"]:
         code = ErrorCode[content["error"]["name"]] if content["error"] else ErrorCode.NO_PLACEMENT
         raise NoAnswerError(code, content["sentence"] or _not_done(content))
+
+
+def _files(content: dict[str, Any], stack: Assembly | None, out: Path | None, rerun: Path | None) -> list[Path]:
+    """Write what was asked for, besides the bag; the names of all files."""
+    analysis, written = None if stack is None else Analysis.of(stack), []
+    if out is not None:
+        write_json(str(out / "loop.json"), content)
+        written = [write_loop_report(out, content, analysis), out / "loop.json", out / "loop.mcap"]
+    if rerun is not None and analysis is not None:
+        return add_scene(written, lambda: write_assembly_recording(rerun, analysis))
+    return written
 
 
 class _Screen:
@@ -109,33 +129,13 @@ class _Screen:
 
 def _print(people: Console, content: dict[str, Any]) -> None:
     table = Table(title="Objects", title_justify="left")
-    for name in ("object", "outcome", "mass, kg", "true", "off, %", "com off, mm", "within 3 sigma", "stack, N"):
-        table.add_column(name, justify="left" if name in ("object", "outcome") else "right")
-    for each in content["objects"]:
-        cells = ["", "", "", "", ""]
-        if "mass" in each:
-            cells[0] = f"{each['mass']:.4f} ± {each['mass_std']:.4f}"
-        if "true_mass" in each:
-            cells[1:] = [
-                f"{each['true_mass']:.4f}",
-                f"{100 * each['mass_error']:+.2f}",
-                f"{1e3 * each['com_error']:.2f}",
-                "yes" if each["within"] else "no",
-            ]
-        strength = each["robustness"]
-        cells.append("" if strength is None or math.isnan(strength) else f"{strength:.3g}")
-        table.add_row(each["id"], each["outcome"], *cells)
+    for name in LOOP_COLUMNS:
+        table.add_column(name, justify="left" if name in LOOP_COLUMNS[:2] else "right")
+    for row in loop_rows(content):
+        table.add_row(*row)
     people.print(table)
-    for each in content["objects"]:
-        if each["why"]:
-            people.print(f"{each['id']}: {each['why']}", markup=False)
-    if (carried := content["carried"]) is not None:
-        moved = "" if carried["moved"] is None else f"; objects moved by at most {1e3 * carried['moved']:.2f} mm"
-        people.print(
-            f"carried {carried['distance']:.2f} m in {carried['seconds']:.1f} s, with at most {carried['used']:.0%} of"
-            f" the limit of {carried['limit']:.3g} m/s2{moved}"
-        )
-    people.print(f"{content['seconds']:.0f} s in all, {content['planning']:.1f} s of them planning")
+    for sentence in loop_sentences(content):
+        people.print(sentence, markup=False)
 
 
 def _not_done(content: dict[str, Any]) -> str:

@@ -14,7 +14,6 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from poise.assembly import Assembly, load_scene, write_scene
-from poise.commands.output import to_json, write_json
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.fake_robots.tables import random_table
 from poise.nodes.loop import LOOP_PARAMETERS, Watching, perform, stop_on_signals
@@ -46,7 +45,6 @@ class LoopJob(NamedTuple):
     distance: float
     shapes: str
     out: Path | None
-    rerun: Path | None
 
 
 class _Watched(Watching):
@@ -74,8 +72,8 @@ def run_job(
     step: Callable[[StepRecord | None, str], None],
     progress: Callable[[str, float], None],
     began: Callable[[NodeProcesses], None] = lambda processes: None,
-) -> dict[str, Any]:
-    """Run a loop; the content of loop.json, with the names of the written files.
+) -> tuple[dict[str, Any], Assembly | None]:
+    """Run a loop; the content of loop.json, and what stands at the end. Its bag is written, and nothing else.
 
     Args:
         job: options.
@@ -90,23 +88,34 @@ def run_job(
         folder = Path(scratch) if job.out is None else job.out
         folder.mkdir(parents=True, exist_ok=True)
         config = parameter_file(job.robot)
-        world = job.world or random_table(job.objects, np.random.default_rng(job.seed), folder)
-        truth = load_scene(world)
-        fixed = folder / "fixed.yaml"
-        write_scene(Assembly(tuple(item for item in truth.objects if item.fixed), truth.gravity, truth.friction), fixed)
-        state = folder / "world_state"
-        state.unlink(missing_ok=True)
-        extra = {
-            "fake_robot": [f"world:={world.resolve()}", f"seed:={job.seed}"],
-            "world_model": [f"scene:={fixed.resolve()}", f"state_file:={state.resolve()}"],
-        }
+        world, extra = prepare_world(job.world, job.objects, job.seed, folder)
         names = [name for name in NODES if name != "object_scanner" or job.shapes == "scan"]
         processes = NodeProcesses(names, [config], folder, keep=["fake_robot"], extra=extra)
         values = _values(job, config, world)
-        content = _run(processes, values, step, progress, began)
+        content, stack = _run(processes, values, step, progress, began)
         content["world"] = str(world)
-        content["files"] = [] if job.out is None else _write(job, content)
-        return content
+        return content, stack
+
+
+def prepare_world(
+    world: Path | None, objects: int, seed: int, folder: Path
+) -> tuple[Path, dict[str, dict[str, str | int]]]:
+    """The scene of the true world, and the parameters of single nodes that name it.
+
+    Args:
+        world: the scene file; None: random objects.
+        objects, seed: of random ones.
+        folder: for the files that are made.
+    """
+    world = (world or random_table(objects, np.random.default_rng(seed), folder)).resolve()
+    truth = load_scene(world)
+    fixed, state = (folder / name for name in ("fixed.yaml", "world_state"))
+    write_scene(Assembly(tuple(item for item in truth.objects if item.fixed), truth.gravity, truth.friction), fixed)
+    state.unlink(missing_ok=True)
+    return world, {
+        "fake_robot": {"world": str(world), "seed": seed},
+        "world_model": {"scene": str(fixed.resolve()), "state_file": str(state.resolve())},
+    }
 
 
 def parameter_file(robot: str) -> Path:
@@ -148,7 +157,7 @@ def _run(
     step: Callable[[StepRecord | None, str], None],
     progress: Callable[[str, float], None],
     began: Callable[[NodeProcesses], None],
-) -> dict[str, Any]:
+) -> tuple[dict[str, Any], Assembly | None]:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     stopped = stop_on_signals()
     node = Node("loop")
@@ -156,12 +165,12 @@ def _run(
         _refuse_second(node)
         processes.start()
         began(processes)
-        _, content = perform(node, values, _Watched(processes, step, progress), stopped.is_set)
+        answer = perform(node, values, _Watched(processes, step, progress), stopped.is_set)
     finally:
         processes.stop()
         node.destroy_node()
         rclpy.try_shutdown()
-    return content
+    return answer
 
 
 def _refuse_second(node: Node) -> None:
@@ -175,12 +184,3 @@ def _refuse_second(node: Node) -> None:
     if others:
         what = f"{', '.join(others)} runs already in this ROS domain: stop it, or set another ROS_DOMAIN_ID"
         raise NoAnswerError(ErrorCode.BUSY, what)
-
-
-def _write(job: LoopJob, content: dict[str, Any]) -> list[str]:
-    """loop.json beside the bag that is written already; the names of all files."""
-    if job.out is None:
-        return []
-    path = job.out / "loop.json"
-    write_json(str(path), to_json(content))
-    return [str(path), str(job.out / "loop.mcap")]
