@@ -12,6 +12,8 @@ _TRIES = 3
 """How often a step is begun whose node ended, or that may succeed the next time."""
 _ENDING = (ErrorCode.CANCELLED, ErrorCode.INTERNAL)
 """Codes after which nothing is tried again."""
+_PASSING = (ErrorCode.TOPIC_MISSING, ErrorCode.NOT_FOLLOWING, ErrorCode.SENSOR_STALE, ErrorCode.DEADLINE)
+"""Codes of what may be gone the next time: a node that ended, a message that came late."""
 
 
 class NodeEndedError(NoAnswerError):
@@ -187,29 +189,61 @@ class LoopSequence:
         Raises:
             PoiseError: after which the loop cannot go on; the robot rests.
         """
-        robot, seed = self._robot, self._seed + len(self.record.objects)
         known = ObjectRecord(name)
         self.record.objects.append(known)
+        if self._picked(known):
+            # The arm may be anywhere near the table, where weighing is not safe: put it down, and begin again.
+            self._place(known)
+            if self._picked(known):
+                raise NoAnswerError(ErrorCode.NOT_HELD, f"picking {name} was interrupted twice; the hand holds it")
+        if known.outcome != "held":
+            return
         try:
-            self._step("pick", name, lambda attempt: robot.pick(name, seed + attempt), lambda: self._holds(name))
+            known.weight = self._step("weigh", name, self._robot.weigh, lambda: None, again=True)
         except PoiseError as error:
             if error.code in _ENDING:
                 raise
             known.why = error.message
-            if not robot.held():
-                return  # it stands where it stood, or is lost: the loop goes on with the others
-        known.outcome = "held"
-        try:
-            known.weight = self._step("weigh", name, robot.weigh, lambda: None, again=True)
-        except PoiseError as error:
-            if error.code in _ENDING:
-                raise
-            known.why = error.message
-            if not robot.held():
+            if not self._robot.held():
                 known.outcome = "lost"
                 return
+        self._place(known)
+
+    def _picked(self, known: ObjectRecord) -> bool:
+        """Pick an object, or say why not in its record; True: it is in the hand, but picking was interrupted.
+
+        Raises:
+            PoiseError: as `_one`.
+        """
+        name, robot, seed = known.name, self._robot, self._seed + len(self.record.objects)
+        interrupted = False
+        try:
+            interrupted = bool(
+                self._step("pick", name, lambda attempt: robot.pick(name, seed + attempt), lambda: self._holds(name))
+            )
+        except PoiseError as error:
+            if error.code in _ENDING:
+                raise
+            known.why = error.message
+            if robot.held() != name:
+                return False  # the loop goes on with the others
+            interrupted = True
+        known.outcome = "held"
+        return interrupted
+
+    def _place(self, known: ObjectRecord) -> None:
+        """Place what the hand holds.
+
+        Raises:
+            PoiseError: as `_one`.
+        """
+        seed = self._seed + len(self.record.objects)
         known.robustness = self._step(
-            "place", name, lambda attempt: robot.place(seed + attempt), lambda: self._placed(name), again=True
+            "place",
+            known.name,
+            lambda attempt: self._robot.place(seed + attempt),
+            lambda: self._placed(known.name),
+            again=True,
         )
         known.outcome = "placed"
 
@@ -223,12 +257,12 @@ class LoopSequence:
     def _step(
         self, step: str, name: str, act: Callable[[int], Any], done: Callable[[], Any], again: bool = False
     ) -> Any:
-        """Do a step; one whose node ended is begun again, when it turns out not to be done.
+        """Do a step; one whose node ended is begun again, unless it was done before.
 
         Args:
             step, name: as in `StepRecord`.
             act: does it, given the number of the attempt.
-            done: after an interruption, its answer if it was done all the same, or None.
+            done: after an error, its answer if it was done all the same, or None.
             again: a failure is tried again, too.
 
         Raises:
@@ -243,11 +277,13 @@ class LoopSequence:
             except PoiseError as error:
                 self._keep(StepRecord(step, name, time.monotonic() - begun, error.code, error.message))
                 attempt += 1
-                if error.code in _ENDING or attempt == _TRIES or not (again or isinstance(error, NodeEndedError)):
+                if error.code in _ENDING or not (again or error.code in _PASSING):
                     raise
                 self._robot.recover()
-                if isinstance(error, NodeEndedError) and (found := done()) is not None:
+                if (found := done()) is not None:
                     return found
+                if attempt == _TRIES:
+                    raise
                 continue
             self._keep(StepRecord(step, name, time.monotonic() - begun))
             return answer
