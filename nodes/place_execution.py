@@ -38,6 +38,7 @@ from poise.manipulation import (
     with_stops,
 )
 from poise.nodes.parameters import Parameter, declare_parameters
+from poise.nodes.placed_arm import placed_arm
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
 from poise.nodes.transforms import add_transforms
@@ -273,14 +274,13 @@ class PlaceExecution:
 
     def _stand(self, frame: str) -> list[str]:
         """Place the arm's base in a frame: by tf, or by the parameter; return what was assumed."""
-        name = self._arm.model.frames[1].name
-        found = self.pose(name, frame)
-        base = self._base if found is None else found
-        if not np.allclose(se3_of(base).homogeneous, self._arm.base.homogeneous, atol=1e-6):
-            self._arm = replace(self._arm, base=se3_of(base))
+        found = placed_arm(self._arm, self._frames, frame)
+        arm = found or replace(self._arm, base=se3_of(self._base))
+        if not np.allclose(arm.base.homogeneous, self._arm.base.homogeneous, atol=1e-6):
+            self._arm = arm
         if found is not None:
             return []
-        where = ", ".join(f"{value:g}" for value in self._values["base"])
+        name, where = self._arm.model.frames[1].name, ", ".join(f"{value:g}" for value in self._values["base"])
         return [f"{name}: tf does not connect it with {frame}; it stands at the parameter base, [{where}]"]
 
     def _listen(self, robot: RobotPort, assumptions: list[str]) -> Carrying:
