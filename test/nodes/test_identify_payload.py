@@ -25,6 +25,7 @@ ARM |= {"payload.inertia": INERTIA}
 NODE = {"tcp_frame": "tcp", "object_radius": RADIUS}
 NODE |= {"stop_unattended": 60.0, "stop_silence": 2.0}  # on machines that do other things
 NODE |= {"noise_linear_acceleration": 0.01, "noise_angular_acceleration": 0.05}
+NODE |= {"continuous": False, "publish_rate": 0.5}  # the running estimate is not asked for here
 STOP_AND_GO, EXCITATION = IdentifyPayload.Goal.MOTION_STOP_AND_GO, IdentifyPayload.Goal.MOTION_EXCITATION
 
 
