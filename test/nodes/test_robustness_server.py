@@ -16,12 +16,12 @@ from assembly_calls import (
     change,
     message,
     push,
+    records,
     replace_by,
     wall,
 )
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import PointField
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -107,16 +107,6 @@ def test_a_map_is_certified_to_its_tolerance_and_names_what_moves(answering):
     for point in points:
         assert point["mover"] < 0 or found.ids[point["object"]] in found.movers[point["mover"]].ids
     assert found.header.frame_id == found.cloud.header.frame_id == FRAME
-
-
-def records(cloud):
-    """The points of a cloud as NumPy records."""
-    kinds = {PointField.FLOAT32: "<f4", PointField.FLOAT64: "<f8", PointField.UINT32: "<u4", PointField.INT32: "<i4"}
-    names, formats = zip(*((field.name, kinds.get(field.datatype, "u1")) for field in cloud.fields), strict=True)
-    offsets = [field.offset for field in cloud.fields]
-    return np.frombuffer(
-        cloud.data, {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
-    )
 
 
 def test_the_order_of_disassembly_begins_at_the_top(answering):
