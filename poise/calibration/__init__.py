@@ -8,7 +8,7 @@
 """
 
 from poise.calibration.boards import Board
-from poise.calibration.calibrate import Calibration, CalibrationOptions, calibrate
+from poise.calibration.calibrate import HandEyeCalibration, HandEyeOptions, calibrate
 from poise.calibration.recorded import LinkKinematics, RecordedViews, recorded_views
 from poise.calibration.results import (
     StoredCalibration,
@@ -20,8 +20,8 @@ from poise.calibration.sightings import Sighting
 
 __all__ = [
     "Board",
-    "Calibration",
-    "CalibrationOptions",
+    "HandEyeCalibration",
+    "HandEyeOptions",
     "LinkKinematics",
     "RecordedViews",
     "Sighting",

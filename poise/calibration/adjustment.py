@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from poise.calibration.sightings import Kinematics, Sighting, joints_of, turned
+from poise.calibration.sightings import CameraCarrier, Sighting, joints_of, turned
 from poise.geometry import Pose
 from poise.scanning import Camera
-from poise.types import Array
+from poise.types import Array, Mask
 
 EYE, BOARD = slice(0, 6), slice(6, 12)
 """Of the parameters: rotation vector about the parent's axes, rad, and translation, m."""
@@ -56,7 +56,7 @@ def _moved(pose: Pose, step: Array) -> Pose:
     return Pose(turned(step[:3]) @ pose.rotation, pose.translation + step[3:])
 
 
-class Problem:
+class BoardProblem:
     """Reprojection errors of many sightings.
 
     Args:
@@ -65,7 +65,7 @@ class Problem:
         sightings: at least one.
     """
 
-    def __init__(self, kinematics: Kinematics, camera: Camera, sightings: Sequence[Sighting]) -> None:
+    def __init__(self, kinematics: CameraCarrier, camera: Camera, sightings: Sequence[Sighting]) -> None:
         self._kinematics, self._camera = kinematics, camera
         self._position, self._velocity = joints_of(sightings)
         self.of_view = np.repeat(np.arange(len(sightings)), [2 * len(each.corners) for each in sightings])
@@ -94,7 +94,7 @@ class Problem:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class BoardFit:
     """A solution.
 
     Args:
@@ -106,7 +106,7 @@ class Fit:
     """
 
     parameters: Parameters
-    active: Array
+    active: Mask
     covariance: Array
     errors: Array
     rms: Array
@@ -118,8 +118,8 @@ class Fit:
 
 
 def adjust(
-    problem: Problem, start: Parameters, active: Array, considered: Array | None = None, robust: bool = False
-) -> Fit:
+    problem: BoardProblem, start: Parameters, active: Mask, considered: Array | None = None, robust: bool = False
+) -> BoardFit:
     """Least squares over the active parameters.
 
     Args:
@@ -148,14 +148,14 @@ def adjust(
         inner = inner + drag @ drag.T
     covariance[np.ix_(rows, rows)] = inner
     squares = np.bincount(problem.of_view, errors**2, problem.views) / np.bincount(problem.of_view)
-    return Fit(best, active, covariance, errors, np.sqrt(squares))
+    return BoardFit(best, active, covariance, errors, np.sqrt(squares))
 
 
-def _scales(problem: Problem) -> Array:
+def _scales(problem: BoardProblem) -> Array:
     return np.array([*[0.01] * 3, *[1e-3] * 3, *[0.01] * 3, *[1e-3] * 3, *[0.01] * (problem.size - 14), 0.01, 0.01])
 
 
-def jackknife(slopes: Array, errors: Array, problem: Problem) -> Array:
+def jackknife(slopes: Array, errors: Array, problem: BoardProblem) -> Array:
     """(P, P) covariance by leaving out one view at a time."""
     unit = np.linalg.norm(slopes, axis=0)
     unit[unit == 0] = 1.0

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
-from poise.calibration.adjustment import BOARD, EYE, Fit, Parameters, Problem, adjust, jackknife
-from poise.calibration.sightings import LEAST_CORNERS, Kinematics, Sighting, board_pose, closed_form, joints_of
+from poise.calibration.adjustment import BOARD, EYE, BoardFit, BoardProblem, Parameters, adjust, jackknife
+from poise.calibration.sightings import LEAST_CORNERS, CameraCarrier, Sighting, board_pose, closed_form, joints_of
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.scanning import Camera
@@ -36,7 +36,7 @@ _FAR = 3e-3
 
 
 @dataclass(frozen=True)
-class CalibrationOptions:
+class HandEyeOptions:
     """What is estimated besides the hand-eye transform.
 
     Args:
@@ -49,7 +49,7 @@ class CalibrationOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class HandEyeCalibration:
     """The answer.
 
     Args:
@@ -94,13 +94,13 @@ class Calibration:
 
 
 def calibrate(
-    kinematics: Kinematics,
+    kinematics: CameraCarrier,
     link: str,
     camera: Camera,
     sightings: Sequence[Sighting],
-    options: CalibrationOptions = CalibrationOptions(),
+    options: HandEyeOptions = HandEyeOptions(),
     cancelled: Cancelled = lambda: False,
-) -> Calibration:
+) -> HandEyeCalibration:
     """Estimate the hand-eye transform from views of a flat board that stands still.
 
     Args:
@@ -128,34 +128,41 @@ def calibrate(
             f"calibrate: {len(rejected)} of {len(seen)} views do not fit the others: the board slipped, images are late"
             " or the robot description is not this robot's",
         )
-    problem = Problem(kinematics, camera, used)
     depth = float(np.median([pose.translation[2] for pose, keep in zip(boards, kept, strict=True) if keep]))
+    problem = BoardProblem(kinematics, camera, used)
+    return _judged(problem, fit, kinematics.joint_names, reasons, depth / camera.fx, (link, rejected, dropped, noise))
+
+
+def _judged(
+    problem: BoardProblem,
+    fit: BoardFit,
+    names: tuple[str, ...],
+    reasons: dict[str, str],
+    size: float,
+    seen: tuple[str, tuple[int, ...], int, float],
+) -> HandEyeCalibration:
+    """The answer, when nothing speaks against it.
+
+    Args:
+        problem, fit: of the views that were used.
+        names: of the joints.
+        reasons: why something is not identified.
+        size: m of a pixel at the board.
+        seen: link, stamps of outliers, number of outliers among corners, and their noise, pixels.
+    """
+    link, rejected, dropped, noise = seen
     rms = float(np.sqrt(np.mean(fit.errors**2)))
-    disagreement = _require_agreement(rms, noise, depth / camera.fx)
+    disagreement = _require_agreement(rms, noise, size)
     scale, scale_sigma = _require_size(problem, fit)
     if scale_sigma > _SCALE_SIGMA:
         reasons["board_scale"] = f"sigma {scale_sigma:.0%}: the size of the board is taken as stated"
-    joints = len(kinematics.joint_names)
+    joints = len(names)
+    identified, late = np.asarray(fit.active[12 : 12 + joints], dtype=bool), bool(fit.active[12 + joints])
     notes = () if rms < 3 * noise else (f"views disagree by {1e3 * disagreement:.2f} mm: the limits of the arm",)
-    return Calibration(
-        link,
-        kinematics.joint_names,
-        fit.parameters,
-        fit.covariance,
-        np.asarray(fit.active[12 : 12 + joints], dtype=bool),
-        bool(fit.active[12 + joints]),
-        reasons,
-        len(used),
-        rejected,
-        dropped,
-        noise,
-        rms,
-        disagreement,
-        scale,
-        scale_sigma,
-        _require_one_place(problem, fit),
-        notes,
-    )
+    halves = _require_one_place(problem, fit)
+    answer = fit.parameters, fit.covariance, identified, late, reasons
+    quality = noise, rms, disagreement, scale, scale_sigma, halves, notes
+    return HandEyeCalibration(link, names, *answer, problem.views, rejected, dropped, *quality)
 
 
 def _require_agreement(rms: float, noise: float, size: float) -> float:
@@ -249,27 +256,27 @@ def _start(links: Pose, boards: list[Pose], joints: int) -> Parameters:
 
 
 def _fitted(
-    kinematics: Kinematics,
+    kinematics: CameraCarrier,
     camera: Camera,
     seen: list[Sighting],
     start: Parameters,
-    options: CalibrationOptions,
+    options: HandEyeOptions,
     cancelled: Cancelled,
-) -> tuple[Fit, Mask, dict[str, str]]:
+) -> tuple[BoardFit, Mask, dict[str, str]]:
     """The fit without outliers, over what can be identified; which views it has, and why others are not."""
     kept = np.ones(len(seen), dtype=bool)
-    problem = Problem(kinematics, camera, seen)
+    problem = BoardProblem(kinematics, camera, seen)
     base = np.zeros(problem.size, dtype=bool)
     base[:12] = True
     fit = adjust(problem, start, base, robust=True)
     for number in range(4):
-        problem = Problem(kinematics, camera, [each for each, keep in zip(seen, kept, strict=True) if keep])
+        problem = BoardProblem(kinematics, camera, [each for each, keep in zip(seen, kept, strict=True) if keep])
         fit = adjust(problem, fit.parameters, base, robust=number == 0)
         active, reasons = _separable(problem, fit, kinematics.joint_names, options)
         fit = _reduced(problem, fit, active, reasons, kinematics.joint_names, not number)
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "calibrate: cancelled")
-        everything = Problem(kinematics, camera, seen)
+        everything = BoardProblem(kinematics, camera, seen)
         squares = np.bincount(everything.of_view, everything.errors(fit.parameters) ** 2, everything.views)
         rms = np.sqrt(squares / np.bincount(everything.of_view))
         now = rms < _VIEW * np.median(rms[kept])
@@ -280,8 +287,8 @@ def _fitted(
 
 
 def _reduced(
-    problem: Problem, fit: Fit, active: Mask, reasons: dict[str, str], names: tuple[str, ...], robust: bool
-) -> Fit:
+    problem: BoardProblem, fit: BoardFit, active: Mask, reasons: dict[str, str], names: tuple[str, ...], robust: bool
+) -> BoardFit:
     """The fit of what can be identified: the worst offset is left out until all are known well enough.
 
     What is left out may be wrong by as much as it may be: the covariance of the others has that.
@@ -302,7 +309,7 @@ def _reduced(
 
 
 def _separable(
-    problem: Problem, fit: Fit, names: tuple[str, ...], options: CalibrationOptions
+    problem: BoardProblem, fit: BoardFit, names: tuple[str, ...], options: HandEyeOptions
 ) -> tuple[Mask, dict[str, str]]:
     """Which parameters are not a motion of the camera or the board in disguise; why others are."""
     slopes = problem.slopes(fit.parameters)
@@ -327,7 +334,7 @@ def _separable(
     return active, reasons
 
 
-def _require_size(problem: Problem, fit: Fit) -> tuple[float, float]:
+def _require_size(problem: BoardProblem, fit: BoardFit) -> tuple[float, float]:
     """The size of the board through the stated one, and its sigma.
 
     Raises:
@@ -347,7 +354,7 @@ def _require_size(problem: Problem, fit: Fit) -> tuple[float, float]:
     return scale, sigma
 
 
-def _require_one_place(problem: Problem, fit: Fit) -> float:
+def _require_one_place(problem: BoardProblem, fit: BoardFit) -> float:
     """The probability of as large a motion of the board between the halves, by chance.
 
     One step of Gauss-Newton over all parameters and a second place of the board.

@@ -10,7 +10,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from poise.calibration.adjustment import EYE
-from poise.calibration.calibrate import Calibration
+from poise.calibration.calibrate import HandEyeCalibration
 from poise.errors import ErrorCode, InputError
 from poise.robot import Mounting, parse_urdf
 
@@ -33,7 +33,7 @@ class StoredCalibration:
     delay: float
 
 
-def calibration_content(found: Calibration, frame: str, provenance: dict[str, Any]) -> dict[str, Any]:
+def calibration_content(found: HandEyeCalibration, frame: str, provenance: dict[str, Any]) -> dict[str, Any]:
     """The content of the file; numbers in m, rad, s, pixels.
 
     Args:

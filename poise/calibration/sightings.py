@@ -33,7 +33,7 @@ class Sighting:
     pixels: Array
 
 
-class Kinematics(Protocol):
+class CameraCarrier(Protocol):
     """Where the link that carries the camera is."""
 
     @property

@@ -15,8 +15,8 @@ from rich.table import Table
 
 from poise.calibration import (
     Board,
-    Calibration,
-    CalibrationOptions,
+    HandEyeCalibration,
+    HandEyeOptions,
     calibration_content,
     corrected_description,
     recorded_views,
@@ -92,8 +92,7 @@ def calibrate(
     targets = {"--out": out, "--urdf-out": urdf_out, "--draw-board": draw_board, "--json": json_target}
     for option, target in targets.items():
         refuse_folder(None if target is None else str(target), option)
-    columns, rows = _size(squares)
-    board = Board(columns, rows, square, marker, dictionary)
+    board = Board(*_size(squares), square, marker, dictionary)
     people = console(json_target)
     if draw_board is not None:
         people.print(f"written: {escape(str(write_whole(draw_board, board.picture())))}", soft_wrap=True)
@@ -101,25 +100,9 @@ def calibrate(
     if bag is None:
         raise InputError(ErrorCode.BAD_INPUT, "calibrate: give a recording, or --draw-board PNG; see --help")
     description = None if urdf is None else read_urdf(find_urdf(urdf))
-    recording = open_recording(bag)
-    for loss in recording.losses:
-        warn(loss.sentence)
-    with progress_bar("looking for the board") as reach:
-        views = recorded_views(recording, board.detector(), link, description, topic, reach)
-    options = CalibrationOptions(offsets, delay)
-    found = calibrate_views(views.kinematics, views.kinematics.link, views.camera, views.sightings, options)
-    provenance = {
-        "recording": str(bag),
-        "sha256": _digest(bag),
-        "images": views.images,
-        "board": f"{squares} squares of {square:g} m, {dictionary}",
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "poise": version("poise"),
-    }
-    content = to_json(calibration_content(found, views.frame, provenance))
+    found, content, text = _work(bag, board, (link, description, topic), HandEyeOptions(offsets, delay))
     written = [] if out is None else [write_whole(out, yaml.safe_dump(content, sort_keys=False).encode())]
     if urdf_out is not None:
-        text = recording.robot_description() if description is None else description
         given = {name: each["offset"] for name, each in content["joint_offsets"].items()}
         written.append(write_whole(urdf_out, corrected_description(text, given).encode()))
     write_json(json_target, content)
@@ -128,7 +111,29 @@ def calibrate(
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 
-def _say(people: Console, found: Calibration) -> None:
+def _work(
+    bag: Path, board: Board, where: tuple[str, str | None, str], options: HandEyeOptions
+) -> tuple[HandEyeCalibration, dict[str, Any], str]:
+    """The calibration, the content of its file, and the robot description that it holds for."""
+    recording = open_recording(bag)
+    for loss in recording.losses:
+        warn(loss.sentence)
+    with progress_bar("looking for the board") as reach:
+        views = recorded_views(recording, board.detector(), *where, reach)
+    found = calibrate_views(views.kinematics, views.kinematics.link, views.camera, views.sightings, options)
+    provenance = {
+        "recording": str(bag),
+        "sha256": _digest(bag),
+        "images": views.images,
+        "board": f"{board.columns}x{board.rows} squares of {board.square:g} m, {board.dictionary}",
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "poise": version("poise"),
+    }
+    text = recording.robot_description() if where[1] is None else where[1]
+    return found, to_json(calibration_content(found, views.frame, provenance)), text
+
+
+def _say(people: Console, found: HandEyeCalibration) -> None:
     sigma, x = np.sqrt(np.diag(found.covariance)), found.parameters
     people.print(
         f"{found.views} views ({len(found.rejected)} outliers); corners {found.rms:.2f} pixels rms, noise"

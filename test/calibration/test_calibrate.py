@@ -11,7 +11,7 @@ import yaml
 from benchmarks.calibration import LINK, Views, World, errors_of, views_of
 from poise.calibration import (
     Board,
-    Calibration,
+    HandEyeCalibration,
     calibrate,
     calibration_content,
     corrected_description,
@@ -22,7 +22,7 @@ from poise.robot import RobotModel, find_urdf, frame_poses, read_urdf
 
 
 @cache
-def found_once(**wrong: float) -> Calibration:
+def found_once(**wrong: float) -> HandEyeCalibration:
     return found(views(**wrong))
 
 
@@ -31,11 +31,11 @@ def views(seed: int = 0, **wrong: float) -> Views:
     return views_of(World(**wrong), seed)
 
 
-def found(seen: Views) -> Calibration:
+def found(seen: Views) -> HandEyeCalibration:
     return calibrate(seen.kinematics, LINK, seen.camera, seen.sightings)
 
 
-def require_near(seen: Views, answer: Calibration) -> None:
+def require_near(seen: Views, answer: HandEyeCalibration) -> None:
     assert np.abs(errors_of(seen.eye, answer.parameters.eye) / answer.eye_sigma).max() < 4
 
 
@@ -123,17 +123,11 @@ def test_the_file_comes_back_and_the_description_has_the_offsets(tmp_path: Path)
     np.testing.assert_allclose(stored.hand_eye.rotation, answer.parameters.eye.rotation, atol=1e-9)
     assert (stored.hand_eye.parent, stored.hand_eye.child) == (LINK, "eye")
     text = read_urdf(find_urdf("fr3"))
-    before, after = (
-        RobotModel.from_urdf(text, LINK),
-        RobotModel.from_urdf(corrected_description(text, stored.offsets), LINK),
-    )
+    after = RobotModel.from_urdf(corrected_description(text, stored.offsets), LINK)
     q = np.linspace(-0.5, 0.5, 7)[None]
-    for wanted, got in zip(
-        frame_poses(seen.kinematics.model, q + answer.parameters.offsets, LINK),
-        frame_poses(after, q, LINK),
-        strict=True,
-    ):
-        np.testing.assert_allclose(got, wanted, atol=1e-9)
+    wanted = frame_poses(seen.kinematics.model, q + answer.parameters.offsets, LINK)
+    for expected, got in zip(wanted, frame_poses(after, q, LINK), strict=True):
+        np.testing.assert_allclose(got, expected, atol=1e-9)
     with pytest.raises(InputError, match="no joint"):
         corrected_description(text, {"elbow": 0.1})
 
