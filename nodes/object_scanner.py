@@ -17,8 +17,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import Arm
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.jobs import Jobs, run_with_jobs
-from poise.nodes.lifecycle import ArmNode
 from poise.nodes.object_scanner_parameters import (
     SCANNER_PARAMETERS,
     given_eye,
