@@ -1,4 +1,4 @@
-"""ChArUco boards: chessboards with a marker in each white square, which distinguish its corners. Detection needs OpenCV."""
+"""ChArUco boards: chessboards with a marker in each white square, by which OpenCV distinguishes corners."""
 
 import importlib
 from collections.abc import Callable
