@@ -7,11 +7,11 @@ import sys
 import tomllib
 from pathlib import Path
 
-from setuptools import Distribution, find_packages, setup
+from setuptools import Distribution, Extension, find_packages, setup
 
 PACKAGE = "poise"
 HERE = Path(__file__).resolve().parent  # the sources, also where colcon --symlink-install runs a link to this file
-# `POISE_CORE=1 pip install .` installs the library and the command line alone: no ROS, no nodes, no compiler.
+# `POISE_CORE=1 pip install .` installs the library and the command line alone: no ROS, no nodes, no need of a compiler.
 CORE_ONLY = os.environ.get("POISE_CORE", "0") not in ("", "0")
 
 # Executables of `ros2 run poise NAME`.
@@ -125,6 +125,20 @@ def write_shims() -> list[str]:
     return [str(folder / name) for name in NODES]
 
 
+# Inner loops in C, called through ctypes: no header of Python or numpy is needed. Without a compiler the core is
+# installed without them, and computes the same in Python. A module of its own, so that a source tree on PYTHONPATH,
+# which shadows the package `poise`, uses the installed one.
+KERNELS = Extension(
+    "poise_kernels",
+    sources=files("kernels", "*.c"),
+    depends=files("kernels", "*.h"),
+    extra_compile_args=["-std=c11", "-O3", "-ffp-contract=off", "-fvisibility=hidden"],  # same rounding everywhere
+    libraries=["m"],
+    py_limited_api=True,  # of no Python version in particular
+    optional=CORE_ONLY,
+)
+
+
 class BinaryDistribution(Distribution):
     """The interfaces are compiled: the wheel belongs to one Python and platform."""
 
@@ -136,7 +150,7 @@ data_files = [(f"share/{PACKAGE}/bags", files("bags", "*"))]
 for folder in ("", "/placement"):
     data_files.append((f"share/{PACKAGE}/scenes{folder}", files(f"docs/scenes{folder}", "*")))
 scripts = ["poise = poise.cli:main"]
-options = {}
+options: dict[str, object] = {"options": {"bdist_wheel": {"py_limited_api": "cp311"}}} if CORE_ONLY else {}
 if not CORE_ONLY:
     data_files += [
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
@@ -163,6 +177,7 @@ setup(
     ),
     package_data={"poise": ["py.typed", *(f"**/*.{kind}" for kind in ("j2", "urdf", "css", "js", "json", "yaml"))]},
     data_files=data_files,
+    ext_modules=[KERNELS],
     zip_safe=False,
     python_requires=">=3.11",
     install_requires=CORE_REQUIRES + ([] if CORE_ONLY else ROS_REQUIRES),

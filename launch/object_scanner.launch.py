@@ -11,7 +11,9 @@ _TOPICS = {
     "joint_states": "joint_states",
     "robot_description": "robot_description",
     "joint_trajectory": "joint_trajectory",
+    "tf": "tf",
     "tf_static": "tf_static",
+    "assembly": "assembly",
 }
 
 

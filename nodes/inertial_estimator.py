@@ -30,6 +30,8 @@ _UPDATE_PERIOD = 0.05
 """s between bringing wrenches and motion together: many at once cost less than one by one."""
 _SOLVING = 0.2
 """Share of a core that solving may take: with many samples it is done less often."""
+_DEPTH = 10_000
+"""Messages that may wait, such as those of 10 s at 1 kHz: solving and a busy machine hold the node up."""
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -47,7 +49,7 @@ class InertialEstimator(ArmNode):
         self._estimates = self.create_publisher(InertialEstimate, "inertial_estimate", _LATCHED)
         self._changes = self.create_publisher(PayloadChange, "payload_change", _LATCHED)
         self._diagnostics = DiagnosticsPublisher(self)
-        best_effort = QoSProfile(depth=2000, reliability=ReliabilityPolicy.BEST_EFFORT)
+        best_effort = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         for message_type, topic, callback in (
             (WrenchStamped, "wrench", self._on_wrench),
             (JointState, "joint_states", self._on_joint_state),
@@ -56,7 +58,7 @@ class InertialEstimator(ArmNode):
             if topic == "wrench" and values["best_effort"]:
                 self.create_subscription(message_type, topic, guarded(self, callback), best_effort)
             else:
-                subscribe(self, message_type, topic, callback, 2000)
+                subscribe(self, message_type, topic, callback, _DEPTH)
         for message_type, topic, callback, qos in (
             (Odometry, "odom", self._on_odometry, best_effort),
             (String, "robot_description", self._on_description, _LATCHED),

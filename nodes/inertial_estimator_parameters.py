@@ -78,6 +78,12 @@ PARAMETERS = (
         "s of motion on either side of a block that its spline includes; block and margin delay the estimate",
         (0.1, 10.0),
     ),
+    Parameter(
+        "flush_after",
+        0.5,
+        "s without any message after which samples no longer wait for later motion; more if messages come in bursts",
+        (0.1, 60.0),
+    ),
     Parameter("best_effort", False, "take wrenches by best effort, even from a reliable publisher (some may be lost)"),
 )
 
@@ -117,4 +123,5 @@ def live_options(values: dict[str, Any]) -> LiveOptions:
         saturation=(values["max_force"] or np.inf, values["max_torque"] or np.inf),
         **shape,
         settings=PairingSettings(**{name: values[name] for name in _SETTINGS}),
+        flush_after=values["flush_after"],
     )

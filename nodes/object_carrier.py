@@ -16,7 +16,7 @@ from poise.manipulation import BaseExecution, BaseLimits, BaseTolerances, plan_b
 from poise.nodes.assembly_message import pose_message
 from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import Parameter, declare_parameters
-from poise.nodes.readiness import READY_TIMEOUT, Readiness
+from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, run, to_message
 from poise.nodes.transforms import add_transforms, pose_between, pose_of
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
@@ -26,7 +26,6 @@ from poise.types import Array
 from poise_msgs.action import CarryObject as Action
 from poise_msgs.msg import AccelerationLimits, Assembly
 
-_FEEDBACK_PERIOD = 0.1
 _UNFOLLOWED = 2.0
 """s after a change of the assembly by which its limits have to be there."""
 _QUIET = 1.0
@@ -59,7 +58,7 @@ class ObjectCarrier(ArmNode):
         self._odom: tuple[Array, str, str] | None = None
         self._heard = -math.inf
         self._frames = FrameTree(one_parent=False, keep=False)
-        self._waiting: tuple[WatchedGoal, Readiness] | None = None
+        self._waiting = WaitingGoal(self._begin, self._result, _cancelled, Action.Feedback(stage="waiting"))
         self._goal: WatchedGoal | None = None
         self._running: BaseExecution | None = None
         self._begun = self._last_feedback = self._least = 0.0
@@ -102,38 +101,22 @@ class ObjectCarrier(ArmNode):
     def halt(self, reason: str) -> None:
         """Stop the base and end the goal."""
         error = PoiseError(ErrorCode.CANCELLED, reason)
-        if self._waiting is not None:
-            self._refuse(self._waiting[0], error)
+        self._waiting.refuse(error)
         if self._running is not None:
             self._running.stop(error)
 
     def _accept(self, goal: WatchedGoal) -> None:
-        if self._waiting is not None or self._running is not None:
+        if self._waiting.goal is not None or self._running is not None:
             busy = NoAnswerError(ErrorCode.BUSY, "the base is carrying already: cancel that, or wait for its end")
             goal.execute(lambda handle: self._result(handle, busy))
             return
-        self._waiting = goal, Readiness(self._values["ready_timeout"])
-        self._try(*self._waiting)
+        self._waiting.take(goal, self._values["ready_timeout"])
 
-    def _try(self, goal: WatchedGoal, readiness: Readiness) -> None:
-        """Begin with a goal as soon as what it needs is there."""
-        if goal.is_cancel_requested:
-            self._refuse(goal, PoiseError(ErrorCode.CANCELLED, "cancelled before the base moved"))
-            return
-        try:
-            self._running = self._begin(goal)
-        except Exception as failure:  # of any kind: the caller must get an answer
-            error = coded(failure)
-            if not readiness.may_change(error):
-                self._refuse(goal, error)
-            return
-        self._waiting, self._goal, self._begun = None, goal, time.monotonic()
+    def _begin(self, goal: WatchedGoal, _accepted: float) -> None:
+        self._running = self._motion(goal)
+        self._goal, self._begun = goal, time.monotonic()
 
-    def _refuse(self, goal: WatchedGoal, error: PoiseError) -> None:
-        self._waiting = None
-        goal.execute(lambda handle: self._result(handle, error))
-
-    def _begin(self, goal: WatchedGoal) -> BaseExecution:
+    def _motion(self, goal: WatchedGoal) -> BaseExecution:
         """The motion that a goal asks for.
 
         Raises:
@@ -191,11 +174,7 @@ class ObjectCarrier(ArmNode):
 
     def _tick(self) -> None:
         now = time.monotonic()
-        if self._waiting is not None:
-            self._try(*self._waiting)
-        if self._waiting is not None and now > self._last_feedback + _FEEDBACK_PERIOD:
-            self._last_feedback = now
-            self._waiting[0].publish_feedback(Action.Feedback(stage="waiting"))
+        self._waiting.tick()
         goal, running = self._goal, self._running
         if goal is None or running is None:
             return
@@ -210,7 +189,7 @@ class ObjectCarrier(ArmNode):
         if running.done:
             self._goal = self._running = None
             goal.execute(lambda handle: self._result(handle, running.error, running, now - self._begun))
-        elif now > self._last_feedback + _FEEDBACK_PERIOD:
+        elif now > self._last_feedback + FEEDBACK_PERIOD:
             self._last_feedback = now
             goal.publish_feedback(Action.Feedback(stage=running.stage, progress=running.progress))
 
@@ -247,6 +226,10 @@ class ObjectCarrier(ArmNode):
             result.pose.pose = pose_message(Pose.from_vector([place[0], place[1], 0.0, *turn]))
         end_goal(goal, error is None)
         return result
+
+
+def _cancelled(_goal: WatchedGoal) -> PoiseError:
+    return PoiseError(ErrorCode.CANCELLED, "cancelled before the base moved")
 
 
 def main(args: list[str] | None = None) -> None:

@@ -32,7 +32,7 @@ from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.pick_task import PickTask, cancelled, pick_result
 from poise.nodes.place_execution import PlaceExecution, seconds_left
-from poise.nodes.readiness import READY_TIMEOUT, Readiness
+from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal, seconds_of
 from poise.nodes.request_checks import check_assembly, check_object
 from poise.nodes.runtime import LATCHED, coded, guarded, subscribe
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
@@ -42,7 +42,6 @@ from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import WorldObject
 
 _TICK = 0.02
-_FEEDBACK_PERIOD = 0.1
 _NEWS = 1.0
 """s that a goal waits for an object that the assembly does not have: world may have reached the client first."""
 
@@ -70,7 +69,7 @@ class ObjectPicker(ArmNode):
         self._assembly: AssemblyMessage | None = None
         self._known: Analysis | None = None
         self._task: PickTask | None = None
-        self._waiting: tuple[WatchedGoal, Readiness] | None = None
+        self._waiting = WaitingGoal(self._begin, pick_result, cancelled, Action.Feedback(stage="waiting"))
         self._last_feedback = 0.0
         self._forces, self._sensor_frame = ForceWatch(), ""
         self._execution = PlaceExecution(self)
@@ -104,47 +103,28 @@ class ObjectPicker(ArmNode):
 
     def halt(self, reason: str) -> None:
         """Stop the arm and end the goal."""
-        if self._waiting is not None:
-            self._refuse(self._waiting[0], PoiseError(ErrorCode.CANCELLED, reason))
-        elif self._task is not None:
+        self._waiting.refuse(PoiseError(ErrorCode.CANCELLED, reason))
+        if self._task is not None:
             self._task.goal.is_cancel_requested = True
 
     def _accept(self, goal: WatchedGoal) -> None:
-        if self._task is not None or self._waiting is not None:
+        if self._task is not None or self._waiting.goal is not None:
             busy = NoAnswerError(ErrorCode.BUSY, "another object is being picked: cancel it, or wait for its end")
             goal.execute(lambda handle: pick_result(handle, busy))
             return
-        self._waiting = goal, Readiness(self._values["ready_timeout"])
-        self._try(*self._waiting)
+        self._waiting.take(goal, self._values["ready_timeout"])
 
-    def _try(self, goal: WatchedGoal, readiness: Readiness) -> None:
-        """Begin with a goal as soon as what it needs is there."""
-        if goal.is_cancel_requested:
-            self._refuse(goal, cancelled(goal))
-            return
-        try:
-            self._task = self._begin(goal, readiness.begun)
-        except Exception as failure:  # of any kind: the caller must get an answer
-            error = coded(failure)
-            if not readiness.may_change(error):
-                self._refuse(goal, error)
-            return
-        self._waiting = None
+    def _begin(self, goal: WatchedGoal, accepted: float) -> None:
+        self._task = self._task_of(goal, accepted)
 
-    def _refuse(self, goal: WatchedGoal, error: PoiseError) -> None:
-        self._waiting = None
-        goal.execute(lambda handle: pick_result(handle, error))
-
-    def _begin(self, goal: WatchedGoal, accepted: float) -> PickTask:
+    def _task_of(self, goal: WatchedGoal, accepted: float) -> PickTask:
         """What the goal asks for, accepted at s of the monotonic clock.
 
         Raises:
             InputError: when it makes no sense; EMPTY, TOPIC_MISSING and others while something is missing.
         """
         request = goal.request
-        seconds = float(request.deadline or self._values["deadline"])
-        if not 0 < seconds < math.inf:
-            raise InputError(ErrorCode.BAD_INPUT, f"goal: deadline {request.deadline} s; give 0 for the node's")
+        seconds = seconds_of(goal, self._values["deadline"])
         if self._assembly is None:
             raise InputError(ErrorCode.EMPTY, "no assembly has come on the topic assembly; start world_model")
         known = bool(request.object) or request.id in (each.id for each in self._assembly.objects)
@@ -171,24 +151,19 @@ class ObjectPicker(ArmNode):
 
     def _tick(self) -> None:
         now = time.monotonic()
-        if self._waiting is not None:
-            self._try(*self._waiting)
-        goal = self._waiting[0] if self._waiting is not None else None if self._task is None else self._task.goal
-        if goal is None:
-            return
+        self._waiting.tick()
         task = self._task
+        if task is None:
+            return
         try:
-            if task is not None:
-                self._advance(task, now)
+            self._advance(task, now)
         except Exception as failure:  # of any kind: the caller must get an answer, and the arm must stop
-            if task is not None and task.running is not None:
+            if task.running is not None:
                 task.running.cancel(now)
-            if task is not None:
-                self._end(task, coded(failure))
-        if now > self._last_feedback + _FEEDBACK_PERIOD and (self._task is not None or self._waiting is not None):
+            self._end(task, coded(failure))
+        if self._task is not None and now > self._last_feedback + FEEDBACK_PERIOD:
             self._last_feedback = now
-            stage, tried = ("waiting", 0) if self._task is None else (self._task.stage, len(self._task.tried))
-            goal.publish_feedback(Action.Feedback(stage=stage, attempt=tried))
+            task.goal.publish_feedback(Action.Feedback(stage=task.stage, attempt=len(task.tried)))
 
     def _advance(self, task: PickTask, now: float) -> None:
         running = task.running
@@ -271,11 +246,10 @@ class ObjectPicker(ArmNode):
         if running.holding and running.mass is not None and error is None:
             self._grasped(task)
         if running.retry and len(task.tried) < self._values["attempts"] and not task.goal.is_cancel_requested:
-            seconds = float(task.goal.request.deadline or self._values["deadline"])
             task.running, task.pick = None, None
             task.carrying.plan_again()
             task.begun = task.planned = False
-            task.due = time.monotonic() + seconds
+            task.due = time.monotonic() + seconds_of(task.goal, self._values["deadline"])
             return
         if running.retry and error is not None and error.code is ErrorCode.NOT_HELD:
             self._hand.lost(task.item.id if task.item is not None else task.goal.request.id)

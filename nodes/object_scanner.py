@@ -3,9 +3,12 @@
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_msgs.msg import String
@@ -13,10 +16,12 @@ from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
+from poise.manipulation import Arm
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.lifecycle import ArmNode
 from poise.nodes.object_scanner_parameters import (
     SCANNER_PARAMETERS,
+    given_eye,
     near_of,
     scan_options,
     session_options,
@@ -24,19 +29,36 @@ from poise.nodes.object_scanner_parameters import (
 )
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.readiness import Readiness
-from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, to_message
+from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
-from poise.nodes.sweep_execution import SweepExecution
+from poise.nodes.sweep_execution import Motion, SweepExecution, motion_of_file
+from poise.nodes.sweep_planning import PLANNED, SweepPlanner
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.recording import image_of, stamp_of
-from poise.scanning import RobotLog, ScanSession, camera_of, frame_of_cloud, scan_session, transform_of
-from poise.shape import independent_parts, segment
+from poise.robot import RobotModel
+from poise.scanning import (
+    RobotLog,
+    Scan,
+    ScanSession,
+    ViewRegion,
+    camera_of,
+    chosen_places,
+    frame_of_cloud,
+    places_of,
+    scan,
+    transform_of,
+)
+from poise.shape import Segmentation, independent_parts, segment
+from poise.simulation import WaypointTrajectory
+from poise.types import Array
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import SegmentedObject
 
 _TICK = 0.02
 _FEEDBACK_TICKS = 10
 _STILL_ENDING = "scan: a cancelled scan is still ending; call again"
+_LATE = 0.5
+"""s that images may come after the end of a sweep."""
 _SETTLE = 1.0
 """s that joint states may come after the last frame."""
 _COLLECTING = 0.8
@@ -68,12 +90,14 @@ class ObjectScanner(ArmNode):
         self._cancelled = threading.Event()
         self._listening: list[Any] = []
         self._frames: dict[str, Any] = {}
-        self._objects = self.create_publisher(SegmentedObject, "segmented_object", LATCHED)
+        self._objects = self.create_publisher(SegmentedObject, "segmented_object", SCANS)
         self._transforms = self.create_publisher(TFMessage, "tf_static", LATCHED)
         self._arm = self.create_publisher(JointTrajectory, "joint_trajectory", 10)
         self.create_subscription(JointState, "joint_states", guarded(self, self._on_joint_state), 1000)
         self.create_subscription(String, "robot_description", guarded(self, self._on_description), LATCHED)
         self.create_subscription(TFMessage, "tf_static", guarded(self, self._on_tf_static), TF_STATIC)
+        self._planner = SweepPlanner(self, INFO, self._values)
+        self._region: ViewRegion | None = None
         self._jobs = Jobs(self, 1)
         self.create_timer(_TICK, guarded(self, self._tick))
         self.watchdog = ProcessWatchdog(self, ScanObject, "scan_object", self._accept)
@@ -137,10 +161,13 @@ class ObjectScanner(ArmNode):
             return
         self._goal, self._answer, self._share, self._ended = goal, None, 0.0, 0.0
         self._cancelled = threading.Event()  # the one of a goal before still ends its computation
-        self._error = self._session = self._sweep = None
+        self._error = self._session = self._sweep = self._region = None
+        self._over = 0.0
         self._readiness = Readiness(self._values["ready_timeout"])
         if goal.request.stationary or not self._values["sweep"]:
             self._begin_to_look(goal)
+        elif self._values["sweep"] == PLANNED:
+            self._planner.listen()
         self._tick()
 
     def halt(self, reason: str) -> None:
@@ -150,24 +177,44 @@ class ObjectScanner(ArmNode):
             self._fail(NoAnswerError(ErrorCode.CANCELLED, f"scan: {reason}"))
 
     def _begin_to_look(self, goal: WatchedGoal) -> None:
-        options = session_options(self._values, goal.request)
+        options = session_options(self._values, goal.request, 0.0 if self._sweep is None else self._sweep.seconds)
         self._session = ScanSession(options, self._values["depth_unit"], time.monotonic())
         self._listen()
 
     def _await_robot(self, goal: WatchedGoal) -> None:
-        """Begin to prepare the sweep as soon as the robot is known.
+        """Begin with the sweep as soon as what it needs is known.
 
         Raises:
             PoiseError: it does not become known in time.
         """
         try:
-            self._sweep = SweepExecution(self, self._arm, self.watchdog, goal, self._values, self._robot.description)
+            model, motion = self._to_plan(goal) if self._values["sweep"] == PLANNED else self._to_read()
+            tolerance = self._values["start_tolerance"]
+            self._sweep = SweepExecution(self, self._arm, self.watchdog, goal, tolerance, model, motion)
         except PoiseError as error:
             if not self._readiness.may_change(error):
                 raise
-            return
-        if not self._jobs.do(self._sweep.prepare):
-            raise NoAnswerError(ErrorCode.BUSY, _STILL_ENDING)
+
+    def _to_read(self) -> tuple[RobotModel, Motion]:
+        """The robot, and the sweep of the file."""
+        if not self._robot.description:
+            raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description to sweep with")
+        model = RobotModel.from_urdf(self._robot.description, self._values["hand_frame"])
+        return model, motion_of_file(Path(self._values["sweep"]), model)
+
+    def _to_plan(self, goal: WatchedGoal) -> tuple[Arm, Motion]:
+        """The robot, and the sweep of a plan; the camera has to be there."""
+        eye = given_eye(self._values)
+        task = self._planner.task(
+            goal.request.id, self._planner.arm(self._robot), self._robot, [] if eye is None else [eye]
+        )
+        seconds, cancelled = self._values["plan_seconds"], self._cancelled.is_set
+
+        def motion(start: Array) -> WaypointTrajectory:
+            self._region = task.region
+            return task.plan(start, seconds, cancelled).motion
+
+        return task.arm, motion
 
     def _tick(self) -> None:
         goal = self._goal
@@ -197,13 +244,22 @@ class ObjectScanner(ArmNode):
             raise answer[0]
         if session is None and sweep is None and not self._computing:
             self._await_robot(goal)
+        now = time.monotonic()
         if sweep is not None:
+            if sweep.start is None and sweep.found_start(now) and not self._jobs.do(sweep.prepare):
+                raise NoAnswerError(ErrorCode.BUSY, _STILL_ENDING)
             begun = sweep.begun
-            sweep.tick(time.monotonic())
+            sweep.tick(now)
             if sweep.begun and not begun:
                 self._begin_to_look(goal)
-        if session is not None and session.enough(time.monotonic()) and self._settled(session):
+            self._over = self._over or (now if sweep.over else 0.0)
+        if session is not None and self._enough(session, now) and self._settled(session):
             self._compute(session, goal)
+
+    def _enough(self, session: ScanSession, now: float) -> bool:
+        """All frames are there, or none that is wanted comes."""
+        late = bool(self._over) and now - self._over > _LATE and session.count > 0
+        return late or session.enough(now)
 
     def _fail(self, error: PoiseError) -> None:
         """End a goal that still moves or takes frames, as soon as the arm has its stop."""
@@ -240,6 +296,7 @@ class ObjectScanner(ArmNode):
             self._answer = NoAnswerError(ErrorCode.BUSY, _STILL_ENDING), None
 
     def _hush(self) -> None:
+        self._planner.hush()
         for subscription in self._listening:
             self.destroy_subscription(subscription)
         self._listening = []
@@ -280,21 +337,42 @@ class ObjectScanner(ArmNode):
     def _scanned(
         self, name: str, session: ScanSession, robot: RobotLog, cancelled: Callable[[], bool]
     ) -> SegmentedObject:
-        where, how = sweep_options(self._values), scan_options(self._values)
-        sweep, scanned = scan_session(session, robot, where, how, self._reach, cancelled)
-        found = segment(scanned.points, scanned.colours)
-        parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
-        notes = (*sweep.notes, *scanned.notes, *found.notes)
-        message = segmented_message(name, name, session.newest, scanned, found, parts, notes)
+        """The object that was meant; with `all_objects` the others are published, too, under further names."""
+        where, how, region = sweep_options(self._values), scan_options(self._values), self._region
+        sweep = session.sweep(robot, where)
+        near = [how.near]
+        if region is not None or self._values["all_objects"]:
+            near = chosen_places(places_of(sweep.views, how), region, how.near, self._values["all_objects"])
+        objects, notes = list[tuple[str, Scan, Segmentation]](), list(sweep.notes)
+        for number, point in enumerate(near):
+            own = name if number == 0 else f"{name}_{number + 1}"
+
+            def reach(share: float, number: int = number) -> None:
+                self._share = (number + share) / len(near)
+
+            try:
+                scanned = scan(sweep.views, replace(how, near=point), reach, cancelled)
+                objects.append((own, scanned, segment(scanned.points, scanned.colours)))
+            except InputError as error:
+                if number == 0:
+                    raise
+                notes.append(f"{own} at {np.round(point, 3).tolist()} m was left out: {error.message}")
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
-        self._frames[name] = object_transform(sweep.base, name, session.newest, scanned)
+        messages = [self._message(own, session, *found, notes) for own, *found in objects]
+        for own, scanned, _ in objects:
+            self._frames[own] = object_transform(sweep.base, own, session.newest, scanned)
         self._transforms.publish(TFMessage(transforms=list(self._frames.values())))
-        self._objects.publish(message)
-        return message
+        for message in messages:
+            self._objects.publish(message)
+        return messages[0]
 
-    def _reach(self, share: float) -> None:
-        self._share = share
+    def _message(
+        self, name: str, session: ScanSession, scanned: Scan, found: Segmentation, notes: list[str]
+    ) -> SegmentedObject:
+        parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
+        remarks = (*notes, *scanned.notes, *found.notes)
+        return segmented_message(name, name, session.newest, scanned, found, parts, remarks)
 
 
 def main(args: list[str] | None = None) -> None:

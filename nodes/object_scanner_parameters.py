@@ -28,10 +28,40 @@ SCANNER_PARAMETERS = (
         _UNKNOWN,
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
-    Parameter("sweep", "", "trajectory file (YAML, CSV) for joint_trajectory; empty: another program moves the arm"),
+    Parameter(
+        "sweep",
+        "",
+        "plan: planned for the region; a path: trajectory file (YAML, CSV); empty: another program moves the arm",
+    ),
+    Parameter(
+        "support",
+        "",
+        "plan: fixed object of the assembly (a table) whose top is looked at; empty: the only one",
+    ),
+    Parameter("region_height", 0.2, "plan: m above the support that objects may be tall", (0.01, 1.0), dynamic=True),
+    Parameter(
+        "region",
+        [float("nan")] * 6,
+        "plan: x y z of the middle of its bottom and its size along x y z, m, in the assembly's frame; NaN: support",
+    ),
+    Parameter(
+        "view_nearest", 0.3, "plan: least distance of the camera from what it looks at, m", (0.05, 5.0), dynamic=True
+    ),
+    Parameter("view_farthest", 0.5, "plan: largest one, m", (0.05, 5.0), dynamic=True),
+    Parameter("plan_seconds", 20.0, "plan: time limit for planning paths of the arm, s", (0.1, 600.0), dynamic=True),
+    Parameter("tcp_frame", "tcp", "plan: frame of robot_description between the finger tips"),
+    Parameter("base", [0.0] * 4, "plan: pose of the robot's base in the assembly's frame without tf, x y z m, yaw rad"),
     Parameter("start_tolerance", 0.05, "largest distance of a joint from the start of the sweep, rad", (0.0, 3.2)),
     Parameter(
-        "near", _NOWHERE, "of several objects, the one nearest to this point in the robot's base, m; NaN: to the middle"
+        "near",
+        _NOWHERE,
+        "of several objects, the one nearest to this point in the robot's base, m; NaN: to the middle",
+    ),
+    Parameter(
+        "all_objects",
+        False,
+        "publish every object on the table (planned: of the region), ids ID, ID_2, ...; false: one",
+        dynamic=True,
     ),
     READY_TIMEOUT,
     Parameter("voxel", 0.0015, "spacing of the points, m", (2e-4, 0.05), dynamic=True),
@@ -47,11 +77,22 @@ SCANNER_PARAMETERS = (
 )
 
 
-def session_options(values: dict[str, Any], request: Any) -> SessionOptions:
-    """When frames are taken."""
+def session_options(values: dict[str, Any], request: Any, sweep: float = 0.0) -> SessionOptions:
+    """When frames are taken; over all of a sweep of so many s."""
     frames = int(request.max_frames) or (STATIONARY_FRAMES if request.stationary else values["max_frames"])
-    period = 0.0 if request.stationary else values["frame_period"]
-    return SessionOptions(frames, period, values["duration"], values["patience"])
+    period = 0.0 if request.stationary else max(values["frame_period"], sweep / frames)
+    return SessionOptions(frames, period, max(values["duration"], sweep + values["patience"]), values["patience"])
+
+
+def given_eye(values: dict[str, Any]) -> Mounting | None:
+    """The parameter `hand_eye`.
+
+    Raises:
+        InputError: BAD_INPUT when it is no pose.
+    """
+    if np.isnan(values["hand_eye"]).all():
+        return None
+    return Mounting.of_vector(values["hand_frame"], "camera", values["hand_eye"])
 
 
 def sweep_options(values: dict[str, Any]) -> SweepOptions:
@@ -60,10 +101,7 @@ def sweep_options(values: dict[str, Any]) -> SweepOptions:
     Raises:
         InputError: BAD_INPUT for a hand-eye transform that is none.
     """
-    given = None
-    if not np.isnan(values["hand_eye"]).all():
-        given = Mounting.of_vector(values["hand_frame"], "camera", values["hand_eye"])
-    return SweepOptions(hand_eye=given, unit=values["depth_unit"], delay=values["camera_delay"])
+    return SweepOptions(hand_eye=given_eye(values), unit=values["depth_unit"], delay=values["camera_delay"])
 
 
 def scan_options(values: dict[str, Any]) -> ScanOptions:

@@ -42,7 +42,7 @@ class PickTask:
         self.running: PickExecution | None = None
         self.error: PoiseError | None = None
         self.begun = self.planned = False
-        self.assumptions: list[str] = []
+        self.assumptions = [*carrying.assumptions]
 
     @property
     def stage(self) -> str:

@@ -38,6 +38,7 @@ from poise.manipulation import (
     with_stops,
 )
 from poise.nodes.parameters import Parameter, declare_parameters
+from poise.nodes.placed_arm import placed_arm
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
 from poise.nodes.transforms import add_transforms
@@ -104,10 +105,11 @@ class Carrying:
     Args:
         arm, robot: the same one, to plan with and to command.
         values: parameters.
+        assumptions: about where the arm stands.
     """
 
-    def __init__(self, arm: Arm, robot: RobotPort, values: dict[str, Any]) -> None:
-        self.arm, self.robot, self._values = arm, robot, values
+    def __init__(self, arm: Arm, robot: RobotPort, values: dict[str, Any], assumptions: list[str]) -> None:
+        self.arm, self.robot, self._values, self.assumptions = arm, robot, values, assumptions
         self._begun = time.monotonic()
         self.start: Array | None = None
         self._transfer: Transfer | None = None
@@ -245,8 +247,8 @@ class PlaceExecution:
 
     def to_plan(self, frame: str) -> Carrying:
         """Begin to listen for a goal that is only planned; the assembly's frame."""
-        self._stand(frame)
-        return self._listen(RobotPort(self._arm, self._gripper, lambda *_: None, lambda _: None))
+        assumptions = self._stand(frame)
+        return self._listen(RobotPort(self._arm, self._gripper, lambda *_: None, lambda _: None), assumptions)
 
     def open(self, goal: WatchedGoal, watchdog: ProcessWatchdog, frame: str) -> Carrying:
         """Begin to listen for a goal, with the watchdog of its motions; the assembly's frame.
@@ -261,27 +263,31 @@ class PlaceExecution:
                 raise InputError(
                     ErrorCode.TOPIC_MISSING, f"no controller listens on {name}: remap it to the robot's, or start it"
                 )
-        self._stand(frame)
+        assumptions = self._stand(frame)
         robot = RobotPort(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip, watchdog)
         watchdog.watch(goal, self._arm.joint_names, watch_limits(self._node))
-        return self._listen(robot)
+        return self._listen(robot, assumptions)
 
     def pose(self, frame: str, reference: str) -> Pose | None:
         """By tf; None when nothing joins the frames."""
         return Pose.identity() if frame == reference else self._frames.pose(frame, reference)
 
-    def _stand(self, frame: str) -> None:
-        """The arm's base in a frame: by tf, or where tf does not have it, by the parameter."""
-        found = self._frames.pose(self._arm.model.frames[1].name, frame)
-        base = self._base if found is None else found
-        if not np.allclose(se3_of(base).homogeneous, self._arm.base.homogeneous, atol=1e-6):
-            self._arm = replace(self._arm, base=se3_of(base))
+    def _stand(self, frame: str) -> list[str]:
+        """Place the arm's base in a frame: by tf, or by the parameter; return what was assumed."""
+        found = placed_arm(self._arm, self._frames, frame)
+        arm = found or replace(self._arm, base=se3_of(self._base))
+        if not np.allclose(arm.base.homogeneous, self._arm.base.homogeneous, atol=1e-6):
+            self._arm = arm
+        if found is not None:
+            return []
+        name, where = self._arm.model.frames[1].name, ", ".join(f"{value:g}" for value in self._values["base"])
+        return [f"{name}: tf does not connect it with {frame}; it stands at the parameter base, [{where}]"]
 
-    def _listen(self, robot: RobotPort) -> Carrying:
+    def _listen(self, robot: RobotPort, assumptions: list[str]) -> Carrying:
         self._listening = self._node.create_subscription(
             JointState, "joint_states", guarded(self._node, partial(_hear, robot)), 100
         )
-        return Carrying(self._arm, robot, self._values)
+        return Carrying(self._arm, robot, self._values, assumptions)
 
     def close(self) -> None:
         """Listen no more."""

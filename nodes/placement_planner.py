@@ -21,7 +21,7 @@ from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.placement_task import PlacementTask, cancelled_placement, placement_feedback, placement_result
-from poise.nodes.readiness import READY_TIMEOUT, Readiness
+from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal, seconds_of
 from poise.nodes.request_checks import check_assembly, check_object
 from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.transforms import pose_of
@@ -41,8 +41,6 @@ from poise_msgs.msg import Assembly as AssemblyMessage
 
 _TICK = 0.02
 """s between looks at a running goal: what a cancel may wait for an answer."""
-_FEEDBACK_PERIOD = 0.1
-"""s between two feedbacks."""
 
 PLACEMENT_PLANNER_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with; empty: use the topic assembly"),
@@ -85,7 +83,8 @@ class PlacementPlannerNode(ArmNode):
             self._heard = assembly_message(load_scene(package_file(values["scene"])), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
-        self._waiting: tuple[WatchedGoal, Readiness] | None = None
+        feedback = Action.Feedback(stage="waiting", best_robustness=math.nan)
+        self._waiting = WaitingGoal(self._begin, placement_result, cancelled_placement, feedback)
         self._last_feedback, self._last_stage = 0.0, ""
         self._execution = PlaceExecution(self)
         self._hand = HandEvents(self, self._execution.values["tcp_frame"])
@@ -125,55 +124,32 @@ class PlacementPlannerNode(ArmNode):
 
     def halt(self, reason: str) -> None:
         """Stop the arm and end the goal."""
-        waiting, task = self._waiting, self._task
-        if waiting is not None:
-            self._refuse(waiting[0], PoiseError(ErrorCode.CANCELLED, reason))
-        elif task is not None:
-            task.goal.is_cancel_requested = True
+        self._waiting.refuse(PoiseError(ErrorCode.CANCELLED, reason))
+        if self._task is not None:
+            self._task.goal.is_cancel_requested = True
 
     def _accept(self, goal: WatchedGoal) -> None:
-        if self._task is not None or self._waiting is not None:
+        if self._task is not None or self._waiting.goal is not None:
             goal.execute(self._conclude_busy)
             return
-        self._waiting = goal, Readiness(min(self._values["ready_timeout"], self._seconds(goal)))
-        self._try(goal, self._waiting[1])
+        self._waiting.take(goal, min(self._values["ready_timeout"], goal.request.deadline or self._values["deadline"]))
 
-    def _try(self, goal: WatchedGoal, readiness: Readiness) -> None:
-        """Begin with a goal as soon as what it needs is there."""
-        if goal.is_cancel_requested:
-            self._refuse(goal, cancelled_placement(goal))
-            return
-        try:
-            task = self._begin(goal, readiness.begun)
-        except Exception as failure:  # of any kind: the caller must get an answer
-            error = coded(failure)
-            if not readiness.may_change(error):
-                self._refuse(goal, error)
-            return
-        self._waiting, self._task = None, task
+    def _begin(self, goal: WatchedGoal, accepted: float) -> None:
+        self._task = task = self._task_of(goal, accepted)
         if task.ready:
             self._begin_to_plan()
-
-    def _refuse(self, goal: WatchedGoal, error: PoiseError) -> None:
-        self._waiting = None
-        goal.execute(lambda handle: placement_result(handle, error))
 
     def _begin_to_plan(self) -> None:
         self._jobs.do(self._plan)  # where no more can wait, one that waits will find the task
 
-    def _seconds(self, goal: WatchedGoal) -> float:
-        return float(goal.request.deadline or self._values["deadline"])
-
-    def _begin(self, goal: WatchedGoal, accepted: float) -> PlacementTask:
+    def _task_of(self, goal: WatchedGoal, accepted: float) -> PlacementTask:
         """What the goal asks for, accepted at s of the monotonic clock.
 
         Raises:
             InputError: when it makes no sense, or there is no assembly.
         """
         request = goal.request
-        seconds = self._seconds(goal)
-        if not 0 < seconds < math.inf:
-            raise InputError(ErrorCode.BAD_INPUT, f"goal: deadline {request.deadline} s; give 0 for the node's")
+        seconds = seconds_of(goal, self._values["deadline"])
         message = request.assembly[0] if request.assembly else self._heard
         if message is None:
             raise InputError(
@@ -213,11 +189,7 @@ class PlacementPlannerNode(ArmNode):
     def _tick(self) -> None:
         """Answer the goal when it ends; otherwise continue it and publish feedback."""
         now = time.monotonic()
-        if self._waiting is not None:
-            self._try(*self._waiting)
-        if self._waiting is not None and now > self._last_feedback + _FEEDBACK_PERIOD:
-            self._last_feedback = now
-            self._waiting[0].publish_feedback(Action.Feedback(stage="waiting", best_robustness=math.nan))
+        self._waiting.tick()
         task = self._task
         if task is None:
             return
@@ -229,7 +201,7 @@ class PlacementPlannerNode(ArmNode):
         except Exception as failure:  # of any kind: the caller must get an answer, and the arm must stop
             self._stop_arm()
             self._end(task, coded(failure))
-        if self._task is not None and (now > self._last_feedback + _FEEDBACK_PERIOD or task.stage != self._last_stage):
+        if self._task is not None and (now > self._last_feedback + FEEDBACK_PERIOD or task.stage != self._last_stage):
             self._last_feedback, self._last_stage = now, task.stage
             task.goal.publish_feedback(placement_feedback(task))
 
@@ -309,7 +281,8 @@ class PlacementPlannerNode(ArmNode):
         item = object_of(request.object, self._folders)
         task.item = item = replace(item, pose=task.object_frame @ item.pose)
         analysis = self._analysis(task.assembly)
-        task.assumptions = assumptions_of(analysis.assembly.with_object(item))
+        about_base = [] if task.carrying is None else task.carrying.assumptions
+        task.assumptions = [*about_base, *assumptions_of(analysis.assembly.with_object(item))]
         if task.carrying is not None:
             try:
                 return task.carrying.plan(

@@ -23,6 +23,8 @@ except ImportError:  # an rclpy without it
     EventsExecutor = SingleThreadedExecutor
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SCANS = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Of segmented_object: one scan may give several objects at once."""
 TF_STATIC = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """For subscribers: every broadcaster has one latched message."""
 

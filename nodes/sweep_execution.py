@@ -1,8 +1,9 @@
 """The motion that a scan looks from: read, given its stops, commanded and supervised."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from rclpy.node import Node
@@ -24,10 +25,38 @@ from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, watch_limits
 from poise.recording import stamp_of
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory, read_trajectory
+from poise.types import Array
 
 _WAYPOINT_PERIOD = 0.1
 """s between waypoints of the sweep."""
 _OPTIONS = ExecutionOptions()
+
+
+class SweptArm(Protocol):
+    """What a sweep needs of a robot."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """(J)."""
+
+    @property
+    def velocity_limit(self) -> Array:
+        """(J,) rad/s."""
+
+
+Motion = Callable[[Array], WaypointTrajectory]
+"""The motion of a sweep that begins with the arm at (J,)."""
+
+
+def motion_of_file(path: Path, model: RobotModel) -> Motion:
+    """The motion in a trajectory file, wherever the arm is."""
+
+    def read(_: Array) -> WaypointTrajectory:
+        motion = read_trajectory(path, model)
+        times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / _WAYPOINT_PERIOD)) + 1)
+        return WaypointTrajectory(times, *motion.at(times))
+
+    return read
 
 
 class SweepExecution:
@@ -38,41 +67,68 @@ class SweepExecution:
         arm: publisher of the motion.
         watchdog: stops the arm when the node cannot.
         goal: for which it is.
-        values: parameters of the node.
-        text: URDF of the robot.
+        tolerance: rad that a joint may be off the sweep.
+        model: the robot.
+        motion: makes the sweep.
 
     Raises:
-        InputError: TOPIC_MISSING, ROBOT_DESCRIPTION_MISSING while the robot is not known.
+        InputError: TOPIC_MISSING while no controller is known.
     """
 
     def __init__(
-        self, node: Node, arm: Any, watchdog: ProcessWatchdog, goal: WatchedGoal, values: dict[str, Any], text: str
+        self,
+        node: Node,
+        arm: Any,
+        watchdog: ProcessWatchdog,
+        goal: WatchedGoal,
+        tolerance: float,
+        model: SweptArm,
+        motion: Motion,
     ) -> None:
         if not arm.get_subscription_count():
             raise InputError(ErrorCode.TOPIC_MISSING, "no controller listens on joint_trajectory: remap or start it")
-        if not text:
-            raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description to sweep with")
-        self._values, self._publisher = values, arm
-        self._model = RobotModel.from_urdf(text, values["hand_frame"])
-        self._joints = JointWatch(self._model)
+        self._tolerance, self._publisher, self._model, self._motion = tolerance, arm, model, motion
+        self._joints = JointWatch(model)
         self._arm = CommandedArm(self._joints, self._send, watchdog)
-        self._since = time.monotonic()
+        self._since = self._ticked = self._trusting_until = time.monotonic()
+        self.start: Array | None = None
         self._prepared: ReadyStops | PoiseError | None = None
         self.begun = self.over = False
-        watchdog.watch(goal, self._model.joint_names, watch_limits(node))
+        watchdog.watch(goal, model.joint_names, watch_limits(node))
 
     def add_joint_state(self, message: JointState) -> None:
         """Take a joint state."""
         self._joints.add(stamp_of(message), message.name, message.position, time.monotonic())
 
+    @property
+    def seconds(self) -> float:
+        """Of the motion; 0 before it is known."""
+        return self._prepared.motion.duration if isinstance(self._prepared, ReadyStops) else 0.0
+
+    def found_start(self, now: float) -> bool:
+        """Whether it is known where the arm rests.
+
+        Raises:
+            PoiseError: it does not become known in time, or the arm moves.
+        """
+        problem = self._joints.problem(now)
+        if problem is None and not self._joints.at_rest():
+            problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
+        if problem is None:
+            self.start = self._joints.position.copy()
+        elif now - self._since > _OPTIONS.patience:
+            raise problem
+        return problem is None
+
     def prepare(self) -> None:
-        """Read the motion and choose its stops; in the thread of the jobs. Never raises."""
+        """Make the motion and choose its stops; in the thread of the jobs. Never raises."""
         try:
-            motion = read_trajectory(Path(self._values["sweep"]), self._model)
-            times = np.linspace(0.0, motion.duration, int(np.ceil(motion.duration / _WAYPOINT_PERIOD)) + 1)
+            if self.start is None:
+                raise PoiseError(ErrorCode.INTERNAL, "a sweep was prepared before the arm was known")
             judge = joint_judge(self._model.joint_names, self._model.velocity_limit)
-            stops = ReadyStops.judged(WaypointTrajectory(times, *motion.at(times)), judge)
+            stops = ReadyStops.judged(self._motion(self.start), judge)
             self._arm.load(stops)
+            self._since = time.monotonic()
             self._prepared = stops
         except Exception as failure:
             self._prepared = coded(failure)
@@ -88,13 +144,16 @@ class SweepExecution:
             return
         if isinstance(prepared, PoiseError):
             raise prepared
+        if now - self._ticked > _OPTIONS.held_up:  # messages wait that would prove the joints alive
+            self._trusting_until = now + _OPTIONS.stale
+        self._ticked = now
         if not self.begun:
             self._begin(prepared, now)
             return
         self._arm.check()
-        if (problem := self._joints.problem(now)) is not None:
+        if now >= self._trusting_until and (problem := self._joints.problem(now)) is not None:
             raise problem
-        self._arm.require_on_path(self._values["start_tolerance"], "the sweep")
+        self._arm.require_on_path(self._tolerance, "the sweep")
         if self._arm.seconds > prepared.motion.duration:
             self._arm.ended()
             self.over = True
@@ -123,7 +182,7 @@ class SweepExecution:
                 raise problem
             return
         away = float(np.abs(self._joints.position - stops.motion.position[0]).max())
-        if away > self._values["start_tolerance"]:
+        if away > self._tolerance:
             raise InputError(
                 ErrorCode.NOT_FOLLOWING,
                 f"the arm is {away:.2f} rad away from where the sweep begins: bring it there first (start_tolerance)",

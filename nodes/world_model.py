@@ -24,7 +24,7 @@ from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.payload import require_usable, weighed
 from poise.nodes.request_checks import CallLimits, check_object, check_range
 from poise.nodes.robustness_calls import Call, call_of
-from poise.nodes.runtime import LATCHED, TF_STATIC, coded, guarded
+from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC, coded, guarded
 from poise.nodes.scanned_object import scanned_object
 from poise.nodes.transforms import add_transforms, pose_between, pose_of
 from poise.nodes.world_message import GRASP_EVENTS, standing_message, state_message, transforms_of
@@ -72,7 +72,7 @@ class WorldModel(Node):
         self._lock = threading.RLock()
         self._frames = FrameTree(one_parent=False, keep=False)
         self._scan_frames: dict[str, tuple[str, Pose, int]] = {}
-        self._scan: tuple[SegmentedObject, float] | None = None
+        self._scans: dict[str, tuple[SegmentedObject, float]] = {}
         self._weighed = 0.0
         self._known: Analysis | None = None
         self._assemblies = self.create_publisher(AssemblyMessage, "assembly", LATCHED)
@@ -83,7 +83,7 @@ class WorldModel(Node):
         self._jobs = Jobs(self, values["waiting"])
         self._jobs.serve(SetAssembly, "set_assembly", self._task, self._seconds, self._say_version)
         for kind, topic, take, qos in (
-            (SegmentedObject, "segmented_object", self._on_scan, LATCHED),
+            (SegmentedObject, "segmented_object", self._on_scan, SCANS),
             (GraspEvent, "grasp_events", self._on_event, GRASP_EVENTS),
             (InertialEstimate, "inertial_estimate", self._on_estimate, LATCHED),
         ):
@@ -140,8 +140,8 @@ class WorldModel(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _publish_frames(self) -> None:
-        if self._scan is not None:
-            self._begin_scan(*self._scan)
+        for waiting in list(self._scans.values()):
+            self._begin_scan(*waiting)
         if transforms := transforms_of(self._world, self._now()):
             self._transforms.publish(TFMessage(transforms=transforms))
 
@@ -228,12 +228,11 @@ class WorldModel(Node):
     # -- a scan -----------------------------------------------------------------------------------------------------
 
     def _on_scan(self, message: SegmentedObject) -> None:
-        self._scan = None
         self._begin_scan(message, time.monotonic())
 
     def _begin_scan(self, message: SegmentedObject, heard: float) -> None:
         """Hand a scan to the thread, as soon as tf says where it was."""
-        self._scan = None
+        self._scans.pop(message.id, None)
         frame = message.header.frame_id
         try:
             if frame not in self._scan_frames:
@@ -244,7 +243,7 @@ class WorldModel(Node):
             there = pose_between(self._frames, parent, self._world.frame) @ pose
         except InputError as error:
             if time.monotonic() < heard + _FRAME_PATIENCE:
-                self._scan = message, heard
+                self._scans[message.id] = message, heard
             else:
                 self._refused("segmented_object", error)
             return

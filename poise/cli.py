@@ -79,7 +79,13 @@ def _print_version(wanted: bool) -> None:
     if wanted:
         from importlib.metadata import version
 
+        from poise.kernels import COMPILED
+
         print(f"poise {version('poise')}")
+        if not COMPILED:
+            print(
+                "without the compiled kernels, which only make it faster: reinstall Poise where there is a C compiler"
+            )
         raise typer.Exit
 
 

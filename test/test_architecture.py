@@ -26,7 +26,7 @@ LEVELS = (
     {"assembly", "inertia", "scanning"},
     {"robot"},
     {"shape", "recording", "force_torque", "gripping"},
-    {"geometry", "keystore", "serial_bus"},
+    {"geometry", "kernels", "keystore", "serial_bus"},
     {"types", "errors", "files", "registry"},
 )
 SEPARATE = LEVELS[-3]  # these do not import one another

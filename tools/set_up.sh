@@ -50,7 +50,7 @@ step() {
 
 sources() { git ls-files -co --exclude-standard 2>/dev/null || find . -type f -not -path './.venv/*' -not -path './build/*' -not -path './out/*'; }
 # Only what the installed package is made of: a changed test or page does not reinstall.
-fingerprint=$( { "$python" -V; sources | grep -E '^(\./)?(poise|nodes|fake_robots|msg_defs|third_party|launch|config|bags|resource)/|^(\./)?(setup\.(py|cfg)|pyproject\.toml|package\.xml|tools/pip_backend\.py)$' \
+fingerprint=$( { "$python" -V; sources | grep -E '^(\./)?(poise|kernels|nodes|fake_robots|msg_defs|third_party|launch|config|bags|resource)/|^(\./)?(setup\.(py|cfg)|pyproject\.toml|package\.xml|tools/pip_backend\.py)$' \
   | LC_ALL=C sort | while read -r file; do [ -f "$file" ] && sha256sum "$file"; done; } | sha256sum | cut -c1-16)
 stamp=$venv/poise-$fingerprint
 covered() { [ -f "$stamp" ] && for extra in ${extras//,/ }; do grep -qw "$extra" "$stamp" || return 1; done; }

@@ -77,6 +77,8 @@ def certify(model: RobotModel, motion: WaypointTrajectory, guard: Guard) -> Cert
     half, left = step / 2, step**2 / 8
     turning = _largest(hand.omega, hand.alpha, half) + spin * left
     speed = _fastest(hand, guard.points, half) + jerk * left + guard.radius * turning
+    tool_jerk = _jerk(_reaches(model, Guard.ball(guard.tcp, 0.0), high - low), rate, change, third)
+    tool_speed = _fastest(hand, guard.tcp[None], half) + tool_jerk * left
     tool = hand.position + hand.rotation @ guard.tcp
     first = hand_motion(model, *motion.at(np.zeros(1)))
     away = np.linalg.norm(tool - first.position - first.rotation @ guard.tcp, axis=1)
@@ -85,7 +87,7 @@ def certify(model: RobotModel, motion: WaypointTrajectory, guard: Guard) -> Cert
         joint_speed=float((rate / model.velocity_limit).max()),
         acceleration=float(change.max()),
         overrun=float(max((lower - low).max(), (high - upper).max(), 0.0)),
-        room=float(away.max() + speed.max() * half),
+        room=float(away.max() + tool_speed.max() * half),
         duration=motion.duration,
     )
 

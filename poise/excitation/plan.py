@@ -218,17 +218,17 @@ def _kept(
             break
         motion = slowed(motion, factor * (1 + 1e-6))
         certificate = certify(model, motion, guard)
-    if not certificate.holds(limits):
-        raise NoAnswerError(
-            ErrorCode.SOLVER_FAILED,
-            f"the motion found could not be certified: {certificate.overrun:.3f} rad beyond a joint's range, tool"
-            f" {certificate.room:.3f} m from its start; allow more room, or start elsewhere",
-        )
     if motion.duration > LONGEST:
         raise NoAnswerError(
             ErrorCode.UNREACHABLE,
             f"at {limits.speed:g} m/s the motion would take {motion.duration:.0f} s, more than {LONGEST:g}: the object"
             f" reaches {guard.reach:.2f} m from the sensor; raise the limit, or give its shape instead of a radius",
+        )
+    if not certificate.holds(limits):
+        raise NoAnswerError(
+            ErrorCode.SOLVER_FAILED,
+            f"the motion found could not be certified: {certificate.overrun:.3f} rad beyond a joint's range, tool"
+            f" {certificate.room:.3f} m from its start; allow more room, or start elsewhere",
         )
     return motion, certificate
 

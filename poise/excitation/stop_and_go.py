@@ -20,6 +20,8 @@ _AZIMUTHS = 8
 _ROUNDS = 30
 _DAMPING = 0.05
 """Of inverse kinematics: how much, in m or gravity's share, a rad of joint motion is worth avoiding."""
+_INSTANT = 1e-3
+"""s: what the tool moves in it is kept from the end of the room, because the certificate bounds it between instants."""
 _QUICKEST = 0.3
 """s that a move takes at the least."""
 
@@ -143,7 +145,7 @@ def _travel_time(
     along = hand_motion(model, *move.at(np.linspace(0.0, 1.0, 101)))
     tools = along.position + along.rotation @ guard.tcp
     away = np.linalg.norm(tools - first.position - first.rotation @ guard.tcp, axis=1).max()
-    if away > limits.room:
+    if away > limits.room - limits.speed * _INSTANT:
         return float(np.inf)
     return max(found.slow_down(limits) * (1 + 1e-6), _QUICKEST)
 

@@ -1,7 +1,7 @@
 """KUKA: a line of KRL (system variable `$LOAD`, structure LOAD; e.g. MA KR IONTEC, section 4.3, loads)."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from poise.exporting.base import ExportedPayload, Exporter
 
@@ -20,7 +20,7 @@ class KukaExporter(Exporter):
         parameters = payload.parameters
         moments, axes = np.linalg.eigh(parameters.inertia)
         axes[:, 2] *= np.sign(np.linalg.det(axes))
-        angles = Rotation.from_matrix(axes).as_euler("ZYX", degrees=True)
+        angles = scipy.spatial.transform.Rotation.from_matrix(axes).as_euler("ZYX", degrees=True)
         centre = _fields("XYZABC", [*(parameters.com * 1e3), *angles])
         return (
             f"; {payload.remark}\n"

@@ -1,8 +1,8 @@
 """MoveIt: an attached object of the planning scene (moveit_msgs/AttachedCollisionObject)."""
 
 import numpy as np
+import scipy
 import yaml
-from scipy.spatial.transform import Rotation
 
 from poise.exporting.base import ExportedPayload, Exporter
 
@@ -31,7 +31,9 @@ class MoveitExporter(Exporter):
         edges = np.sqrt(np.maximum(6 * (moments.sum() - 2 * moments) / parameters.mass, 0.0))
         pose = {
             "position": dict(zip("xyz", parameters.com.tolist(), strict=True)),
-            "orientation": dict(zip("xyzw", Rotation.from_matrix(axes).as_quat().tolist(), strict=True)),
+            "orientation": dict(
+                zip("xyzw", scipy.spatial.transform.Rotation.from_matrix(axes).as_quat().tolist(), strict=True)
+            ),
         }
         message = {
             "link_name": payload.frame_id,

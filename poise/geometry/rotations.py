@@ -1,11 +1,14 @@
 """Rotation matrices: from and to quaternions, about an axis, between two vectors; cross-product matrices."""
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from poise.geometry.vectors import plane_axes
 from poise.types import Array, Mask
+
+_ROUNDING = 1e-12
+"""Error of a rotation matrix that is left as it is."""
 
 
 def rotation_of_quaternion(quaternion: ArrayLike) -> Array:
@@ -16,20 +19,80 @@ def rotation_of_quaternion(quaternion: ArrayLike) -> Array:
     valid = (length > 0) & np.isfinite(length)
     rotation = np.full((*length.shape, 3, 3), np.nan)
     if np.any(valid):
-        rotation[valid] = Rotation.from_quat(values[valid]).as_matrix()
+        rotation[valid] = _matrices(values[valid] / length[valid][:, None])
     return rotation
 
 
 def quaternion_of_rotation(rotation: ArrayLike) -> Array:
     """(..., 4) unit quaternions x y z w, w not negative, of rotation matrices (..., 3, 3)."""
     matrices = np.asarray(rotation, dtype=np.float64)
-    quaternion = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_quat(canonical=True)
+    quaternion = _quaternions(matrices.reshape(-1, 3, 3))
+    w, z, y, x = quaternion.T[::-1]
+    # w positive, or the first of x, y, z that is not zero
+    negative = (w < 0) | ((w == 0) & ((x < 0) | ((x == 0) & ((y < 0) | ((y == 0) & (z < 0))))))
+    quaternion[negative] *= -1.0
     return np.asarray(quaternion.reshape(*matrices.shape[:-2], 4))
+
+
+def _matrices(quaternion: Array) -> Array:
+    """(N, 3, 3) of unit quaternions (N, 4)."""
+    x, y, z, w = quaternion.T
+    rows = [
+        [x * x - y * y - z * z + w * w, 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), -x * x - y * y + z * z + w * w],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _quaternions(matrices: Array) -> Array:
+    """(N, 4) unit quaternions of matrices (N, 3, 3), each from its largest component (Markley 2008).
+
+    Raises:
+        ValueError: a determinant is not positive.
+    """
+    m = _orthonormal(matrices)
+    diagonal = np.diagonal(m, axis1=1, axis2=2)
+    trace = diagonal.sum(axis=1)
+    choice = np.argmax(np.concatenate([diagonal, trace[:, None]], axis=1), axis=1)
+    result = np.empty((len(m), 4))
+    for i in range(3):
+        own = choice == i
+        j, k = (i + 1) % 3, (i + 2) % 3
+        some = m[own]
+        result[own, i] = 1 - trace[own] + 2 * some[:, i, i]
+        result[own, j] = some[:, j, i] + some[:, i, j]
+        result[own, k] = some[:, k, i] + some[:, i, k]
+        result[own, 3] = some[:, k, j] - some[:, j, k]
+    own = choice == 3
+    some = m[own]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        result[own, i] = some[:, k, j] - some[:, j, k]
+    result[own, 3] = 1 + trace[own]
+    return np.asarray(result / np.linalg.norm(result, axis=1, keepdims=True))
+
+
+def _orthonormal(matrices: Array) -> Array:
+    """(N, 3, 3) the nearest rotations, where matrices are not rotations to rounding."""
+    wrong = np.linalg.det(matrices) <= 0
+    if wrong.any():
+        raise ValueError(f"rotation matrix {int(np.argmax(wrong))} has a determinant that is not positive")
+    error = np.abs(matrices @ np.swapaxes(matrices, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    off = ~(error <= _ROUNDING)
+    if not off.any():
+        return matrices
+    result = matrices.copy()
+    left, _, right = np.linalg.svd(matrices[off])
+    result[off] = left @ right
+    return result
 
 
 def rotation_about(axis: ArrayLike, angle: float) -> Array:
     """(3, 3) rotation by an angle, rad, about a unit axis (3,) (Rodrigues; thesis eq. 5.17)."""
-    return np.asarray(Rotation.from_rotvec(angle * np.asarray(axis, dtype=np.float64)).as_matrix())
+    return np.asarray(
+        scipy.spatial.transform.Rotation.from_rotvec(angle * np.asarray(axis, dtype=np.float64)).as_matrix()
+    )
 
 
 def rotation_between(start: Array, end: Array) -> Array:

@@ -6,6 +6,7 @@
 - `plan_pick`, `PickExecution`: pick alone, verified by what was lifted (`lifted_mass`), or put down again.
 - `TransferExecution`: the execution of a transfer through a `RobotPort`, supervised within `Tolerances`.
 - `plan_base_motion`, `BaseExecution`: a base that carries objects under their acceleration limits.
+- `plan_look`: a sweep of a camera on the hand over a region, as a motion.
 - `with_stops`: the stops of its motions, chosen ahead.
 """
 
@@ -19,6 +20,7 @@ from poise.manipulation.gripper import Gripper
 from poise.manipulation.hand import Grasp, Hand
 from poise.manipulation.held import HeldReach, grasp_of_held
 from poise.manipulation.lifting import LiftedMass, lifted_mass
+from poise.manipulation.looking import LookPlan, plan_look
 from poise.manipulation.pick_execution import ForceWatch, PickExecution
 from poise.manipulation.picking import Pick, PickSteps, heavier, pick_steps, plan_pick, without_held
 from poise.manipulation.reach import Ends, Reach, require_room
@@ -39,6 +41,7 @@ __all__ = [
     "HeldReach",
     "LiftedMass",
     "Limits",
+    "LookPlan",
     "Pick",
     "PickExecution",
     "PickSteps",
@@ -54,6 +57,7 @@ __all__ = [
     "lifted_mass",
     "pick_steps",
     "plan_base_motion",
+    "plan_look",
     "plan_pick",
     "plan_transfer",
     "pose_of",

@@ -1,7 +1,7 @@
 """An arm at its place in the scene: joints, tool frame, and the simple shapes of its links."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -163,6 +163,19 @@ class Arm:
         links = zip(self.geometry.geometryObjects, data.oMg, strict=True)
         fingers = [(shape, tool * place) for shape, place in self.hand.fingers(opening)]
         return [*((link.geometry, self.base * place) for link, place in links), *fingers]
+
+    @cached_property
+    def foot(self) -> tuple[str, pin.SE3]:
+        """The link that carries the first joint, and its pose in the root link: joints of a base before it stand still.
+
+        Where a base has driven, tf has this link elsewhere; `standing_on` minds that.
+        """
+        number = self.model.frames[self.model.getFrameId(self.model.names[1])].parentFrame
+        return str(self.model.frames[number].name), self.model.frames[number].placement
+
+    def standing_on(self, foot: Pose) -> "Arm":
+        """The same arm with the link that carries its first joint at a pose in the scene."""
+        return replace(self, base=se3_of(foot) * self.foot[1].inverse())
 
     @cached_property
     def shoulder(self) -> Array:

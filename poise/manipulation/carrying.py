@@ -8,6 +8,7 @@ import numpy as np
 
 from poise.assembly import Analysis, RigidObject
 from poise.errors import ErrorCode, NoAnswerError
+from poise.manipulation.arm import Arm
 from poise.manipulation.cell import HELD_CLEARANCE, ROBOT_CLEARANCE, Cell
 from poise.manipulation.hand import Grasp
 from poise.manipulation.reach import NARROW, Ends, Margins, Reach
@@ -116,11 +117,11 @@ def _phases(
     bare, opening = Cell(reach.arm, reach.around, grasp.width), reach.arm.hand.opening(grasp.width)
     with_it_there = (*reach.around, placed)
     to_it = reach.held or free_way(
-        reach, reach.start, pick.hand_away[-1], ((*reach.around, reach.item), 0.0, None), rng, deadline
+        reach.arm, reach.start, pick.hand_away[-1], ((*reach.around, reach.item), 0.0, None), rng, deadline
     )
     carried = reach.around, grasp.width, (reach.item, grasp)
-    across = free_way(reach, pick.object_away[-1], place.object_away[-1], carried, rng, deadline)
-    back = free_way(reach, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
+    across = free_way(reach.arm, pick.object_away[-1], place.object_away[-1], carried, rng, deadline)
+    back = free_way(reach.arm, place.hand_away[-1], reach.start, (with_it_there, 0.0, None), rng, deadline)
     if to_it is None or across is None or back is None:
         return None
     first = (
@@ -162,7 +163,7 @@ def gentle(limits: Limits) -> Limits:
 
 
 def free_way(
-    reach: Reach,
+    arm: Arm,
     start: Array,
     goal: Array,
     among: tuple[tuple[RigidObject, ...], float, tuple[RigidObject, Grasp] | None],
@@ -172,14 +173,14 @@ def free_way(
     """A short way from start to goal, and the cell in which it is free: far from everything, or else as near as it may.
 
     Args:
-        reach: whose arm.
+        arm: at its place.
         start, goal: (J,).
         among: obstacles, opening of the fingers, and what is held.
         rng, deadline: see `find_way`.
     """
-    bounds = reach.arm.lower, reach.arm.upper
+    bounds = arm.lower, arm.upper
     for margins in (_WIDE, (ROBOT_CLEARANCE, HELD_CLEARANCE)):
-        cell = Cell(reach.arm, *among, margins)
+        cell = Cell(arm, *among, margins)
         if cell.free(start) and cell.free(goal):
             # The wide way may take half of the time that is left.
             until = (time.monotonic() + deadline) / 2 if margins is _WIDE else deadline

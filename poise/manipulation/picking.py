@@ -142,11 +142,11 @@ def _planned(
     item, arm = reach.item, reach.arm
     opening = arm.hand.opening(grasp.width)
     there = (*reach.around, item)
-    to_it = free_way(reach, reach.start, end.hand_away[-1], (there, 0.0, None), rng, deadline)
+    to_it = free_way(reach.arm, reach.start, end.hand_away[-1], (there, 0.0, None), rng, deadline)
     if to_it is None:
         return None
     held = reach.around, grasp.width, (item, grasp)
-    back = free_way(reach, end.object_away[-1], reach.start, held, rng, deadline)
+    back = free_way(reach.arm, end.object_away[-1], reach.start, held, rng, deadline)
     if back is None:
         return None
     at_pick, bare = reach.open_cell(grasp, item), Cell(arm, reach.around, grasp.width)

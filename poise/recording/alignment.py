@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import quaternion_of_rotation, rotation_of_quaternion
 from poise.recording.streams import Stream, flat_rows
 from poise.types import Array, Mask, Stamps
 
@@ -154,7 +154,7 @@ def interpolate_rotations(
 def _slerp(low: Array, high: Array, share: Array) -> Array:
     """Turn from low towards high by a share (K, 1) of the way."""
     try:
-        first, second = Rotation.from_matrix(low).as_quat(), Rotation.from_matrix(high).as_quat()
+        first, second = quaternion_of_rotation(low), quaternion_of_rotation(high)
     except ValueError as error:
         sentence = f"a matrix to interpolate is not a rotation ({error}): orthonormalise it first"
         raise InputError(ErrorCode.BAD_INPUT, sentence) from error
@@ -165,7 +165,7 @@ def _slerp(low: Array, high: Array, share: Array) -> Array:
     before, after = (
         np.divide(np.sin(part * angle), size, out=part.copy(), where=size > 0) for part in (1 - share, share)
     )
-    return np.asarray(Rotation.from_quat(before * first + after * second).as_matrix())
+    return rotation_of_quaternion(before * first + after * second)
 
 
 def resample(stream: StreamT, wanted: Stamps, *, max_gap: float, clock_offset: float = 0.0) -> tuple[StreamT, Reasons]:

@@ -18,6 +18,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from poise.errors import ErrorCode, InputError
+from poise.kernels import COMPILED, find_records
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length of what follows
@@ -163,11 +164,15 @@ class MessageRows:
 
     def table(self) -> npt.NDArray[np.void]:
         """(M,) of MESSAGE."""
-        columns = np.frombuffer(self._numbers, dtype=np.uint64).reshape(-1, 4).T
-        table = np.empty(len(self), dtype=MESSAGE)
-        for name, column in zip(MESSAGE.names or (), columns, strict=True):
-            table[name] = column
-        return table
+        return _message_table(np.frombuffer(self._numbers, dtype=np.uint64).reshape(-1, 4))
+
+
+def _message_table(rows: npt.NDArray[np.uint64]) -> npt.NDArray[np.void]:
+    """(M,) of MESSAGE, of rows (M, 4)."""
+    table = np.empty(len(rows), dtype=MESSAGE)
+    for name, column in zip(MESSAGE.names or (), rows.T, strict=True):
+        table[name] = column
+    return table
 
 
 def split_records(data: bytes) -> tuple[npt.NDArray[np.void], list[tuple[int, bytes]], int]:
@@ -177,8 +182,14 @@ def split_records(data: bytes) -> tuple[npt.NDArray[np.void], list[tuple[int, by
         Messages (M,) of MESSAGE, schemas and channels as (opcode, content), the first of each number, and the offset
         behind the last whole record.
     """
-    rows = MessageRows()
     definitions: dict[tuple[int, bytes], bytes] = {}
+    if COMPILED:
+        messages, records, position = find_records(data)
+        for opcode, start, behind in records.tolist():
+            definitions.setdefault((opcode, data[start : start + 2]), data[start:behind])
+        contents = [(opcode, content) for (opcode, _), content in definitions.items()]
+        return _message_table(messages), contents, position
+    rows = MessageRows()
     position, end = 0, len(data)
     head, message_head, message = RECORD_HEAD.size, MESSAGE_HEAD.size, int(Opcode.MESSAGE)  # read once a record
     read_head, read_message, append = RECORD_HEAD.unpack_from, MESSAGE_HEAD.unpack_from, rows.append

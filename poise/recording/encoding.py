@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+import scipy
 import yaml
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
-from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.recording.streams import ImuStream, JointStream, PoseStream, Stream, WrenchStream
@@ -155,7 +155,9 @@ def quaternions_of(stream: PoseStream) -> list[list[float]]:
     quaternions = np.zeros((len(stream), 4))
     known = np.isfinite(stream.rotation_parent_child).all(axis=(1, 2))
     if known.any():
-        quaternions[known] = Rotation.from_matrix(stream.rotation_parent_child[known]).as_quat(canonical=True)
+        quaternions[known] = scipy.spatial.transform.Rotation.from_matrix(stream.rotation_parent_child[known]).as_quat(
+            canonical=True
+        )
     rows: list[list[float]] = quaternions.tolist()
     return rows
 

@@ -12,10 +12,9 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
-from poise.geometry import are_rotations
+from poise.geometry import are_rotations, quaternion_of_rotation, rotation_of_quaternion
 from poise.robot.rest import find_rests
 from poise.robot.smoother import Smoother
 from poise.types import Array, Mask, Stamps
@@ -210,7 +209,7 @@ def turning(quaternion: Array, first: Array, second: Array) -> tuple[Array, Arra
     omega = 2.0 * _vector_of_product(quaternion, first) / square
     stretch = np.sum(quaternion * first, axis=1, keepdims=True) / square
     alpha = 2.0 * _vector_of_product(quaternion, second) / square - 2.0 * stretch * omega
-    return Rotation.from_quat(quaternion).as_matrix(), omega, alpha
+    return rotation_of_quaternion(quaternion), omega, alpha
 
 
 def _check(stamps: ArrayLike, values: ArrayLike) -> tuple[Stamps, Array]:
@@ -250,7 +249,7 @@ def _stretches(stamps: Stamps, gap: float | None) -> Iterator[tuple[slice, Array
 
 def continuous_quaternions(rotation: Array) -> Array:
     """(N, 4) x y z w of rotations (N, 3, 3), with signs chosen so that neighbours are close."""
-    quaternions = np.asarray(Rotation.from_matrix(rotation).as_quat())
+    quaternions = quaternion_of_rotation(rotation)
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
     sign = np.cumprod(np.concatenate([[1.0], np.where(flips, -1.0, 1.0)]))
     return np.asarray(quaternions * sign[:, None])

@@ -3,7 +3,7 @@
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import pinocchio as pin
 
 from poise.geometry import Pose
 from poise.recording import Recording
@@ -60,6 +60,6 @@ def _add_fixed_joints(tree: FrameTree, text: str) -> None:
         if joint.get("type") != "fixed" or parent is None or child is None:
             continue
         place = {} if origin is None else origin.attrib
-        turn = Rotation.from_euler("xyz", [float(part) for part in place.get("rpy", "0 0 0").split()])
+        turn = pin.rpy.rpyToMatrix(*(float(part) for part in place.get("rpy", "0 0 0").split()))
         shift = np.array([float(part) for part in place.get("xyz", "0 0 0").split()])
-        tree.add([0], parent.get("link", ""), child.get("link", ""), turn.as_matrix()[None], shift[None], fixed=True)
+        tree.add([0], parent.get("link", ""), child.get("link", ""), turn[None], shift[None], fixed=True)

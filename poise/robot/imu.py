@@ -4,7 +4,7 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
@@ -165,7 +165,7 @@ def _mounting(recording: Recording, frame: str, sensor_frame: str) -> Pose | Non
 def _integrated(imu: Imu) -> Array:
     """(N, 3, 3) attitudes, world <- sensor, from the angular velocity; the first one upright by the specific force."""
     up = -imu.specific[0] / np.linalg.norm(imu.specific[0])
-    start = Rotation.align_vectors([[0.0, 0.0, 1.0]], up[None])[0].as_matrix()
+    start = scipy.spatial.transform.Rotation.align_vectors([[0.0, 0.0, 1.0]], up[None])[0].as_matrix()
     omega = (imu.angular_velocity[1:] + imu.angular_velocity[:-1]) / 2
-    steps = Rotation.from_rotvec(omega * (np.diff(imu.stamps) * 1e-9)[:, None]).as_matrix()
+    steps = scipy.spatial.transform.Rotation.from_rotvec(omega * (np.diff(imu.stamps) * 1e-9)[:, None]).as_matrix()
     return np.array(list(itertools.accumulate(steps, np.matmul, initial=start)))

@@ -7,6 +7,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from poise.errors import ErrorCode, InputError
+from poise.kernels import COMPILED, chain_motion
 from poise.robot.model import RobotModel
 from poise.robot.motion import SensorMotion
 from poise.types import Array, Mask
@@ -67,14 +68,13 @@ class PinocchioState:
     a: Array
 
 
-def pinocchio_state(
-    model: RobotModel, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike, base: BaseMotion | None = None
-) -> PinocchioState:
-    """Pinocchio's coordinates of (N, J) joint positions, velocities, accelerations and the motion of the base.
+def _checked_joints(
+    model: RobotModel, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike, base: "BaseMotion | None"
+) -> Array:
+    """(3, N, M) positions, velocities, accelerations of the model's moving joints, mimic joints included.
 
     Raises:
-        InputError: TYPE_MISMATCH when the shapes do not fit, NOT_FINITE, or UNSUPPORTED for a moving base under a model
-            that was built with a fixed one.
+        InputError: as `pinocchio_state`.
     """
     arrays = [np.atleast_2d(np.asarray(value, dtype=np.float64)) for value in (position, velocity, acceleration)]
     expected = (len(arrays[0]), len(model.joint_names))
@@ -86,10 +86,40 @@ def pinocchio_state(
             raise InputError(
                 ErrorCode.NOT_FINITE, f"joint {name} of {model.joint_names[column]} is not finite in sample {row}"
             )
-    q = model.configuration(arrays[0])
-    v, a = arrays[1] @ model.coupling.T, arrays[2] @ model.coupling.T
     if base is not None and model.base == "fixed":
         raise InputError(ErrorCode.UNSUPPORTED, "the base moves: build the robot model with base='floating'")
+    moving = np.array(arrays) @ model.coupling.T
+    moving[0] += model.offset
+    return np.asarray(moving)
+
+
+def _by_kernel(model: RobotModel, frame: str, joints: Array, base: BaseMotion | None) -> tuple[Array, Array, Array]:
+    """As `chain_motion`, of a frame of the model."""
+    chain, columns = model.chain(frame)
+    rows = None
+    if base is not None:
+        parts = (
+            base.rotation_world_base.reshape(-1, 9),
+            base.translation_world_base,
+            base.angular_velocity_in_base,
+            base.angular_acceleration_in_base,
+            base.linear_acceleration_in_base,
+        )
+        rows = np.concatenate(parts, axis=1)
+    return chain_motion(chain, joints[:, :, columns], rows)
+
+
+def pinocchio_state(
+    model: RobotModel, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike, base: BaseMotion | None = None
+) -> PinocchioState:
+    """Pinocchio's coordinates of (N, J) joint positions, velocities, accelerations and the motion of the base.
+
+    Raises:
+        InputError: TYPE_MISMATCH when the shapes do not fit, NOT_FINITE, or UNSUPPORTED for a moving base under a model
+            that was built with a fixed one.
+    """
+    joints = _checked_joints(model, position, velocity, acceleration, base)
+    q, v, a = model.configuration(np.atleast_2d(np.asarray(position, dtype=np.float64))), joints[1], joints[2]
     if model.base == "fixed":
         return PinocchioState(q, v, a)
     base = base or _at_rest(len(q))
@@ -123,7 +153,16 @@ def sensor_motion(
     Raises:
         InputError: as `state`.
     """
-    motion = pinocchio_state(model, position, velocity, acceleration, base)
+    if COMPILED:
+        joints = _checked_joints(model, position, velocity, acceleration, base)
+        rotation, _, vectors = _by_kernel(model, model.sensor_frame, joints, base)
+    else:
+        rotation, vectors = _by_pinocchio(model, pinocchio_state(model, position, velocity, acceleration, base))
+    return SensorMotion(np.asarray(stamps, dtype=np.int64), rotation, vectors[0], vectors[1], vectors[2])
+
+
+def _by_pinocchio(model: RobotModel, motion: PinocchioState) -> tuple[Array, Array]:
+    """Rotation (N, 3, 3) of the sensor, and (3, N, 3) its angular velocity and acceleration, and its acceleration."""
     pinocchio, data, frame = model.pinocchio, model.pinocchio.createData(), model.frame_id(model.sensor_frame)
     n = len(motion.q)
     rotation, vectors = np.empty((n, 3, 3)), np.empty((3, n, 3))
@@ -134,7 +173,7 @@ def sensor_motion(
         vectors[0, i] = pin.getFrameVelocity(pinocchio, data, frame, pin.LOCAL).angular
         vectors[1, i] = classical.angular
         vectors[2, i] = classical.linear
-    return SensorMotion(np.asarray(stamps, dtype=np.int64), rotation, vectors[0], vectors[1], vectors[2])
+    return rotation, vectors
 
 
 def frame_poses(
@@ -146,6 +185,9 @@ def frame_poses(
         InputError: FRAME_UNKNOWN, or as `state`.
     """
     zeros = np.zeros_like(np.atleast_2d(np.asarray(position, dtype=np.float64)))
+    if COMPILED:
+        joints = _checked_joints(model, position, zeros, zeros, base)
+        return _by_kernel(model, frame or model.sensor_frame, joints, base)[:2]
     motion = pinocchio_state(model, position, zeros, zeros, base)
     pinocchio, data, index = model.pinocchio, model.pinocchio.createData(), model.frame_id(frame or model.sensor_frame)
     rotation, translation = np.empty((len(zeros), 3, 3)), np.empty((len(zeros), 3))

@@ -12,8 +12,9 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
+from poise.kernels import Chain
 from poise.robot.urdf import Inertial, Mimic, UrdfTree, parse_urdf, read_urdf
-from poise.types import Array
+from poise.types import Array, Indices
 
 MODELS = Path(__file__).parent / "models"
 """The URDFs that come with Poise: fr3, xarm7, ur5e, ur10e, ridgeback_ur10."""
@@ -173,6 +174,35 @@ class RobotModel:
             angle = moving[:, column]
             columns += [np.cos(angle), np.sin(angle)] if joint.nq == 2 else [angle]
         return np.stack(columns, axis=1) if columns else np.zeros((len(position), 0))
+
+    def chain(self, frame: str) -> tuple[Chain, Indices]:
+        """The joints from the base to a frame, and (J,) which of the moving joints these are.
+
+        Raises:
+            InputError: FRAME_UNKNOWN.
+        """
+        if frame not in self._chains:
+            self._chains[frame] = self._chain(frame)
+        return self._chains[frame]
+
+    @cached_property
+    def _chains(self) -> dict[str, tuple[Chain, Indices]]:
+        return {}
+
+    def _chain(self, frame: str) -> tuple[Chain, Indices]:
+        model, end = self.pinocchio, self.pinocchio.frames[self.frame_id(frame)]
+        first = 1 if self.base == "fixed" else 2
+        path = [i for i in model.supports[end.parentJoint] if i >= first]
+        data = model.createData()
+        pin.computeJointJacobians(model, data, pin.neutral(model))
+        columns = np.zeros((len(path), 6))
+        for row, i in zip(columns, path, strict=True):
+            row[:] = np.reshape(pin.getJointJacobian(model, data, i, pin.LOCAL), (6, -1))[:, model.joints[i].idx_v]
+        slides = np.linalg.norm(columns[:, 3:], axis=1) < 0.5
+        places = [*(model.jointPlacements[i] for i in path), end.placement]
+        placements = np.array([np.append(place.rotation, place.translation) for place in places])
+        chain = Chain(placements, np.where(slides[:, None], columns[:, :3], columns[:, 3:]), slides.astype(np.int64))
+        return chain, np.array(path, dtype=np.int64) - first
 
     @cached_property
     def base_joints(self) -> int:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from poise.recording import PoseStream
 from poise.robot.differentiation import differentiate
@@ -88,7 +88,7 @@ def _pose_columns(rotation: Array, translation: Array) -> Array:
 
     A base may turn many times, and never pitches by 90 degrees.
     """
-    angles = Rotation.from_matrix(rotation).as_euler("ZYX")
+    angles = scipy.spatial.transform.Rotation.from_matrix(rotation).as_euler("ZYX")
     return np.hstack([translation, np.unwrap(angles, axis=0)])
 
 
@@ -98,7 +98,7 @@ def _base_motion(position: Array, velocity: Array, acceleration: Array) -> tuple
     angle, turn, change = position[:, 3:], velocity[:, 3:], acceleration[:, 3:]
     rotation = np.full((len(position), 3, 3), np.nan)
     if known.any():
-        rotation[known] = Rotation.from_euler("ZYX", angle[known]).as_matrix()
+        rotation[known] = scipy.spatial.transform.Rotation.from_euler("ZYX", angle[known]).as_matrix()
     # omega = E(angles) d angles / dt in base axes, E by pitch and roll (Siciliano et al. 2009, section 2.4).
     matrix, matrix_rate = _euler_rates(angle, turn)
     omega = np.einsum("nij,nj->ni", matrix, turn)

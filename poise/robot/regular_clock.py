@@ -1,8 +1,7 @@
 """Stamps of a regular clock with jitter: the true sampling times, also with lost samples."""
 
 import numpy as np
-from scipy.linalg import solveh_banded
-from scipy.optimize import isotonic_regression
+import scipy
 
 from poise.types import Array
 
@@ -55,7 +54,7 @@ def _numbered(seconds: Array, period: float) -> Array:
     rows = np.arange(len(seconds))
     ticks = np.round((seconds - seconds[0]) / period - phase)
     # Stamps that are off by nearly half a period may fall on the same tick: never fewer ticks than samples.
-    return np.asarray(np.round(isotonic_regression(ticks - rows).x) + rows)
+    return np.asarray(np.round(scipy.optimize.isotonic_regression(ticks - rows).x) + rows)
 
 
 def _wandering(ticks: Array, seconds: Array) -> Array:
@@ -74,7 +73,7 @@ def _wandering(ticks: Array, seconds: Array) -> Array:
             right += np.bincount(place + offset, weight * wanted, len(knots))
             band[1] += np.bincount(place + offset, weight * (1.0 - share if offset == 0 else share), len(knots))
         band[0, 1:] = np.bincount(place, kept * share * (1.0 - share), len(knots))[:-1]
-        level = solveh_banded(band + np.array([[0.0], [1e-12]]), right)
+        level = scipy.linalg.solveh_banded(band + np.array([[0.0], [1e-12]]), right)
         fitted = line + (1.0 - share) * level[place] + share * level[place + 1]
         off = np.abs(seconds - fitted)
         kept = (off <= max(4.0 * 1.4826 * float(np.median(off)), 1e-7)).astype(np.float64)

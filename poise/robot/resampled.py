@@ -4,8 +4,7 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+import scipy
 
 from poise.errors import ErrorCode, InputError
 from poise.robot.regular_clock import regular_clock
@@ -153,8 +152,8 @@ class _Blend:
         window = self._window(len(values))
         half = len(window) // 2
         padded = np.pad(values, ((half, half), (0, 0)), mode="reflect").T
-        size = next_fast_len(padded.shape[1], real=True)
-        summed = irfft(rfft(padded, size) * rfft(window, size), size)
+        size = scipy.fft.next_fast_len(padded.shape[1], real=True)
+        summed = scipy.fft.irfft(scipy.fft.rfft(padded, size) * scipy.fft.rfft(window, size), size)
         return np.asarray(summed[:, len(window) - 1 : padded.shape[1]].T)
 
     def _window(self, count: int) -> Array:
@@ -185,9 +184,11 @@ class _Blend:
         amplitude x has the second rate (pi / h)^2 x.
         """
         half = max(round(fit.grid.spacing / float(np.median(np.diff(self._seconds)))), 1)
-        local = uniform_filter1d((values - fit(self._seconds)) ** 2, 2 * half + 1, axis=0, mode="nearest")
+        local = scipy.ndimage.uniform_filter1d((values - fit(self._seconds)) ** 2, 2 * half + 1, axis=0, mode="nearest")
         excess = np.where(local > _NOISY * self.noise**2, local - self.noise**2, 0.0)
-        ringing = maximum_filter1d(np.sqrt(excess), 2 * round(_RINGING * half) + 1, axis=0, mode="nearest")
+        ringing = scipy.ndimage.maximum_filter1d(
+            np.sqrt(excess), 2 * round(_RINGING * half) + 1, axis=0, mode="nearest"
+        )
         return np.asarray(ringing * (np.pi / fit.grid.spacing) ** 2)
 
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from poise.types import Array
 
@@ -329,14 +329,14 @@ class _Normal:
     def solve(self, right: Array) -> Array:
         """(size, K) of right sides (size, K)."""
         scale = self._scale[:, None]
-        return np.asarray(scale * lapack.dpbtrs(self._factor, scale * right, lower=1)[0])
+        return np.asarray(scale * scipy.linalg.lapack.dpbtrs(self._factor, scale * right, lower=1)[0])
 
     def inverse(self, low: int, high: int) -> Array:
         """Of the rows and columns `low` to `high` alone."""
         n = high - low
         scale = self._scale[low:high]
         band = _scaled(self.band[:, low:high], scale)
-        inverse = lapack.dpbtrs(_cholesky(band), np.eye(n), lower=1)[0]
+        inverse = scipy.linalg.lapack.dpbtrs(_cholesky(band), np.eye(n), lower=1)[0]
         return np.asarray(scale[:, None] * inverse * scale)
 
     def part(self, number: int, size: int) -> "_Normal":
@@ -351,7 +351,7 @@ def _sums(left: Array, right: Array) -> Array:
 
 def _cholesky(band: Array) -> Array:
     """Of a positive band matrix in lower form; LAPACK without scipy's checks, which would take most of the time."""
-    factor, failed = lapack.dpbtrf(band, lower=1)
+    factor, failed = scipy.linalg.lapack.dpbtrf(band, lower=1)
     if failed:
         raise np.linalg.LinAlgError("the normal matrix of a spline is not positive definite")
     return np.asarray(factor)

@@ -5,7 +5,7 @@
 - `support`: the table, and the objects on it. `looking`: depth images at given points.
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
-- `sweep`: joint positions that bring a camera around an object.
+- `sweep`: joint positions that bring a camera around an object. `viewpoints`: places from which a region is covered.
 - `standing`: the surface of a scan as one closed mesh that stands flat, for an assembly.
 """
 
@@ -13,16 +13,19 @@ from poise.scanning.camera import Camera
 from poise.scanning.cloud_files import scan_ply
 from poise.scanning.cloud_frames import frame_of_cloud
 from poise.scanning.frames import Frame, View, depth_in_metres
+from poise.scanning.poses import hand_eye_of
 from poise.scanning.reading import MOST_FRAMES, Sweep, SweepOptions, camera_of, read_sweep, transform_of
-from poise.scanning.scan import Scan, ScanOptions, scan
-from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions, scan_session
+from poise.scanning.scan import Scan, ScanOptions, places_of, scan
+from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions
 from poise.scanning.standing import StandingMesh, standing_mesh, united_surfaces
 from poise.scanning.sweep import Ring, plan_sweep
+from poise.scanning.viewpoints import Coverage, ViewOptions, ViewRegion, chosen_places
 
 __all__ = [
     "MOST_FRAMES",
     "STATIONARY_FRAMES",
     "Camera",
+    "Coverage",
     "Frame",
     "Ring",
     "RobotLog",
@@ -34,14 +37,18 @@ __all__ = [
     "Sweep",
     "SweepOptions",
     "View",
+    "ViewOptions",
+    "ViewRegion",
     "camera_of",
+    "chosen_places",
     "depth_in_metres",
     "frame_of_cloud",
+    "hand_eye_of",
+    "places_of",
     "plan_sweep",
     "read_sweep",
     "scan",
     "scan_ply",
-    "scan_session",
     "standing_mesh",
     "transform_of",
     "united_surfaces",

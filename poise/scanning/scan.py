@@ -147,6 +147,18 @@ def scan(
     return Scan(*cloud, plane, n_objects, len(views), moved, doubt, tuple(notes))
 
 
+def places_of(views: Sequence[View], options: ScanOptions = DEFAULT_SCAN) -> Array:
+    """(K, 3) m in the world: the middles of the objects on the table, the largest first.
+
+    Raises:
+        InputError: as `scan`.
+    """
+    _check_depth(views, options)
+    points = coarse_points(views, options.farthest)
+    up = np.array(options.up) / np.linalg.norm(options.up)
+    return objects_on(points, find_plane(points, up, np.random.default_rng(options.seed)))[1]
+
+
 def _joined(surface: Surface, hidden: Completed) -> Surface:
     """Both, what was seen first; what was not has the colours of what was, nearby."""
     nearest = cKDTree(surface.points).query(hidden.points)[1]

@@ -12,8 +12,6 @@ from poise.robot import Mounting
 from poise.scanning.camera import Camera
 from poise.scanning.frames import Frame
 from poise.scanning.reading import FRAMES_TOGETHER, MOST_FRAMES, Sweep, SweepOptions, frame_of, place
-from poise.scanning.scan import Scan, ScanOptions, scan
-from poise.types import Cancelled, Progress
 
 _COLOURS_KEPT = 20
 _MOST_STATES = 50_000
@@ -188,16 +186,3 @@ class ScanSession:
         if not self.problem:
             return found
         return replace(found, notes=(*found.notes, f"some messages could not be used: {self.problem.message}"))
-
-
-def scan_session(
-    session: ScanSession,
-    robot: RobotLog,
-    where: SweepOptions,
-    how: ScanOptions,
-    progress: Progress = lambda share: None,
-    cancelled: Cancelled = lambda: False,
-) -> tuple[Sweep, Scan]:
-    """What came of a session; as `ScanSession.sweep` and `scan`."""
-    sweep = session.sweep(robot, where)
-    return sweep, scan(sweep.views, how, progress, cancelled)

@@ -18,6 +18,8 @@ _TOGETHER = 16
 _LEAST_KEPT = 0.3
 """Share of its volume and second moments that every part keeps, or its points move less."""
 _ROUNDS = 6
+_FLAT = 1e14
+"""Condition of a pseudo-inertia above which it is singular."""
 
 
 def unbiased(solid: Solid, labels: Indices, spacing: float) -> Solid:
@@ -33,9 +35,12 @@ def unbiased(solid: Solid, labels: Indices, spacing: float) -> Solid:
     """
     moves = _PUSH * _standing_out(solid) - _depth(solid, _LAYER * spacing)
     before = _moments(solid, labels)
+    solid_parts = np.linalg.cond(before) < _FLAT  # a part of flat tetrahedra has no volume to keep
+    kept = np.ones(len(before))
     for _ in range(_ROUNDS):
         found = replace(solid, vertices=solid.vertices + moves)
-        kept = np.linalg.eigvals(np.linalg.solve(before, _moments(found, labels))).real.min(axis=1)
+        change = np.linalg.solve(before[solid_parts], _moments(found, labels)[solid_parts])
+        kept[solid_parts] = np.linalg.eigvals(change).real.min(axis=1)
         spoilt = kept < _LEAST_KEPT
         if not spoilt.any():
             return found

@@ -292,6 +292,20 @@ def test_an_object_too_large_to_be_moved_under_the_speed_limit_is_refused(fr3: R
     assert refused(NoAnswerError, lambda: plan_stop_and_go(fr3, HOME, guard, limits)) == ErrorCode.UNREACHABLE
 
 
+def test_the_answer_for_an_object_that_is_too_large_depends_on_no_encoder_noise(fr3: RobotModel) -> None:
+    """Seeds 0 and 1 had SOLVER_FAILED: the bound of the tool's way grew with the object."""
+    guard = Guard.ball(tool_centre(fr3, "tcp"), 100.0)
+    for seed in (0, 1):
+        start = home(fr3) + np.random.default_rng(seed).normal(0, 1e-5 if seed % 2 else 0.05, 7)
+        assert refused(NoAnswerError, lambda start=start: plan_stop_and_go(fr3, start, guard)) == ErrorCode.UNREACHABLE
+
+
+def test_the_way_of_the_tool_is_bounded_alike_for_every_object(fr3: RobotModel) -> None:
+    motion = slowed(wander(np.random.default_rng(3), fr3), 200.0)
+    small, large = (certify(fr3, motion, Guard.ball(tool_centre(fr3, "tcp"), radius)).room for radius in (0.0, 100.0))
+    assert large == pytest.approx(small, rel=1e-12)
+
+
 @pytest.mark.parametrize("plan", [plan_excitation, plan_stop_and_go])
 def test_planning_says_how_far_it_is_and_stops_when_told(fr3: RobotModel, guard: Guard, plan) -> None:
     shares: list[float] = []

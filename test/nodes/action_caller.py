@@ -15,7 +15,7 @@ class Caller:
         self.feedback: list[Any] = []
 
     def ready(self) -> "Caller":
-        self._graph.wait_for(self._client.server_is_ready, 60.0, "the action")
+        self._graph.wait_for(self._client.server_is_ready, what="the action")
         self._graph.meet()
         return self
 
@@ -27,7 +27,7 @@ class Caller:
         assert future.result().accepted
         return future.result()
 
-    def result(self, handle, timeout: float = 60.0):
+    def result(self, handle, timeout: float = TIMEOUT):
         future = handle.get_result_async()
         self._graph.wait_for(future.done, timeout, "the result")
         return future.result()

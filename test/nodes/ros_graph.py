@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 import rclpy
 from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -19,9 +20,9 @@ from rclpy.qos import QoSProfile
 
 from poise.nodes.runtime import EventsExecutor
 
-TIMEOUT = 60.0
+TIMEOUT = 120.0
 """How long a wait may last, s: far above what is expected, so that only what never comes fails."""
-RETRY = 1.0
+RETRY = 0.3
 """s after which a request that met a node too early is sent again."""
 
 
@@ -117,19 +118,23 @@ class Graph:
             client = self.node.create_client(GetParameters, f"{namespace.rstrip('/')}/{name}/get_parameters")
             try:
                 self.wait_for(client.service_is_ready, what=f"the parameters of {name}")
-                answers: list[Any] = []
-                sent = -RETRY
-
-                def answered() -> bool:
-                    nonlocal sent
-                    if time.monotonic() - sent > RETRY:
-                        sent = time.monotonic()
-                        answers.append(client.call_async(GetParameters.Request()))  # noqa: B023  # called in this turn
-                    return any(answer.done() for answer in answers)  # noqa: B023
-
-                self.wait_for(answered, what=f"an answer of {name}")
+                self.answer(client, GetParameters.Request())
             finally:
                 self.node.destroy_client(client)
+
+    def answer(self, client: Client, request: Any) -> Any:
+        """The first response to a request that does no harm when it is sent again, because it may come too early."""
+        answers: list[Any] = []
+        sent = -RETRY
+
+        def answered() -> Any:
+            nonlocal sent
+            if time.monotonic() - sent > RETRY:
+                sent = time.monotonic()
+                answers.append(client.call_async(request))
+            return next((answer for answer in answers if answer.done()), None)
+
+        return self.wait_for(answered, what=f"an answer of {client.srv_name}").result()
 
     def call(self, service_type: type, name: str, request: Any, timeout: float = TIMEOUT) -> Any:
         """Call a service, waiting for it to appear; return the response."""

@@ -35,7 +35,7 @@ def limits(start_node, graph):
         values = {"azimuths": 8, "rate": 50.0, **(parameters or {})}
         start.pid = start_node("acceleration_limits", values).process.pid
         found = graph.collect("acceleration_limits", AccelerationLimits, LATCHED)
-        graph.wait_for(lambda: graph.node.count_publishers("acceleration_limits"), 40.0, what="the node")
+        graph.wait_for(lambda: graph.node.count_publishers("acceleration_limits"), what="the node")
         return found, graph.node.create_publisher(Assembly, "assembly", LATCHED)
 
     return start

@@ -47,7 +47,7 @@ def start_both(start_node, graph, caller, arm=ARM, node=NODE):
 
 
 def wait_for_phase(graph, caller, name):
-    graph.wait_for(lambda: any(one.phase == name for one in caller.feedback), 40.0, f"phase {name}")
+    graph.wait_for(lambda: any(one.phase == name for one in caller.feedback), what=f"phase {name}")
 
 
 def wait_until_known(graph, caller):
@@ -127,11 +127,11 @@ def test_a_cancelled_goal_leaves_the_arm_at_rest_and_a_second_one_is_busy(start_
     assert second.result.error.code == ErrorCode.BUSY
     wait_for_phase(graph, caller, phase)
     caller.cancel(handle)
-    done = caller.result(handle, 5.0)
+    done = caller.result(handle)
     assert done.status == GoalStatus.STATUS_CANCELED
     assert done.result.error.code == ErrorCode.CANCELLED
     states.clear()
-    graph.wait_for(lambda: at_rest(states), 5.0, "rest")
+    graph.wait_for(lambda: at_rest(states), what="rest")
     again = caller.result(caller.send(motion=IdentifyPayload.Goal.MOTION_NONE, duration=0.5))
     assert again.result.error.code != ErrorCode.BUSY  # and the node is free again
 
@@ -193,7 +193,7 @@ def test_a_sensor_that_falls_silent_stops_the_arm(start_node, graph, caller) -> 
     wait_for_phase(graph, caller, "moving")
     with contextlib.suppress(ProcessLookupError):
         robot.process.kill()
-    done = caller.result(handle, 10.0)
+    done = caller.result(handle)
     assert done.result.error.code == ErrorCode.SENSOR_STALE
-    assert len(commands) == 2
+    graph.wait_for(lambda: len(commands) >= 2, what="the stop")
     assert not any(commands[-1].points[-1].velocities)

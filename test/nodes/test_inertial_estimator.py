@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode
+from poise.fake_robots.bag_replay import BagSource, message_class
 from poise.inertia import OnlineEstimator, identify, identify_wrenches
 from poise.nodes.estimate_message import estimate_message
 from poise.nodes.payload_causes import CauseSearch
@@ -30,21 +31,34 @@ LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 ROOT = Path(__file__).resolve().parents[2]
 STATIC = ROOT / "bags" / "kuka_static_poses.mcap"
 FREE = ROOT / "bags" / "kuka_free_motion.mcap"
+QUIET = 3.0
+"""s: a machine that does other things holds up messages, and the estimator must not take that for their end."""
 
 pytestmark = pytest.mark.ros
 
 
-def replay(start_node, graph, bag: Path, rate: float, **parameters) -> InertialEstimate:
-    """Play a bag to an estimator and return its last word."""
+def replay(start_node, graph, bag: Path, **parameters) -> InertialEstimate:
+    """Hand the messages of a bag to an estimator, as fast as it takes them, and return its last estimate."""
     estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
-    start_node("inertial_estimator", {"gravity": 9.82085, "publish_rate": 20.0, **parameters})
-    graph.wait_for(lambda: graph.node.count_publishers("inertial_estimate"), what="the estimator")
-    robot = start_node(
-        "fake_robot", {"bag": str(bag), "rate": rate, "wait_for_subscribers": ["wrench", "tf", "tf_static"]}
-    )
-    graph.wait_for(lambda: robot.process.poll() is not None, 40.0, what="the end of the bag")
+    settings = {"gravity": 9.82085, "publish_rate": 20.0, "motion_source": "tf", "flush_after": QUIET}
+    start_node("inertial_estimator", settings | parameters)
+    source, outlets = BagSource(bag, ["wrench", "tf", "tf_static"]), {}
+    for topic, info in source.topics.items():
+        qos = LATCHED if info.latched else QoSProfile(depth=5000)
+        outlets[topic] = graph.node.create_publisher(message_class(info.type), topic, qos)
+        graph.wait_for(outlets[topic].get_subscription_count, what=f"a subscriber of {topic}")
+    graph.meet()
+    client = graph.node.create_client(GetParameters, "inertial_estimator/get_parameters")
+    graph.wait_for(client.service_is_ready, what="the estimator's parameters")
+    since = 0
+    for number, message in enumerate(source.messages()):
+        outlets[message.topic].publish(message.data)
+        # A burst overflows the socket, and what is sent again comes after its motion is forgotten.
+        if number % 100 == 0 or message.time - since >= 10**9:
+            graph.answer(client, GetParameters.Request())
+            since = message.time
     expected = identify(open_recording(bag), method=parameters.get("method", "poise")).estimate.n_samples
-    graph.wait_for(lambda: estimates and estimates[-1].n_samples >= expected, what=lambda: f"{expected} samples used")
+    graph.wait_for(lambda: estimates and estimates[-1].n_samples >= expected, what=f"{expected} samples used")
     return estimates[-1]
 
 
@@ -81,7 +95,7 @@ def agrees(message: InertialEstimate, bag: Path, **options) -> None:
 
 
 def test_the_static_poses_through_the_graph_are_the_offline_answer_to_1e_9(start_node, graph):
-    message = replay(start_node, graph, STATIC, 8.0, method="auto")
+    message = replay(start_node, graph, STATIC, method="auto")
     agrees(message, STATIC, method="auto")
     assert message.inertia.m == pytest.approx(0.9323, abs=0.005)
     assert message.inertia.com.z == pytest.approx(0.0439, abs=0.001)
@@ -90,13 +104,13 @@ def test_the_static_poses_through_the_graph_are_the_offline_answer_to_1e_9(start
 
 
 def test_by_default_the_node_gives_the_answer_of_poise_identify_to_1e_9(start_node, graph):
-    message = replay(start_node, graph, STATIC, 8.0)
+    message = replay(start_node, graph, STATIC)
     assert message.method == "poise"
     agrees(message, STATIC)
 
 
 def test_a_motion_through_the_graph_is_the_offline_answer_to_1e_9(start_node, graph):
-    agrees(replay(start_node, graph, FREE, 3.0, method="ols"), FREE, method="ols")
+    agrees(replay(start_node, graph, FREE, method="ols"), FREE, method="ols")
 
 
 def test_a_wrench_that_no_payload_explains_is_published_as_an_error_without_numbers():
@@ -224,7 +238,8 @@ def watched(start_node, graph):
     """A static estimator that reads tf, a feeder for it, its estimates and its diagnostics."""
     estimates = graph.collect("inertial_estimate", InertialEstimate, LATCHED)
     diagnostics = graph.collect("/diagnostics", DiagnosticArray)
-    start_node("inertial_estimator", {"method": "static", "motion_source": "tf", "max_force": 200.0})
+    parameters = {"method": "static", "motion_source": "tf", "max_force": 200.0, "flush_after": QUIET}
+    start_node("inertial_estimator", parameters)
     return Feeder(graph), estimates, diagnostics
 
 

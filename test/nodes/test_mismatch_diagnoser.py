@@ -14,7 +14,7 @@ from poise_msgs.msg import MismatchReport
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FEW = ["sensor_bias", "clock_offset", "flywheel"]
-PATIENCE = 90.0
+PATIENCE = 120.0
 """s: an examination takes its time on a machine that does other things."""
 ARM = {"mode": "arm", "robot": "ridgeback_ur10", "trajectory": "fourier", "duration": 400.0, "rate": 2.0, "seed": 5}
 PAYLOAD = {"payload.mass": 2.0, "payload.com": [0.0, 0.0, 0.1], "payload.inertia": [0.01, 0.0, 0.0, 0.01, 0.0, 0.01]}

@@ -75,6 +75,7 @@ def test_a_can_is_picked_weighed_and_held_until_it_is_not_there(start_node, grap
     assert unknown.error.code == ErrorCode.OBJECT_UNKNOWN
     planned = caller.result(caller.send(id="can", seed=1, plan_only=True)).result
     assert (planned.error.message, planned.stages) == ("", ["reach", "approach", "lift", "hold"])
+    assert "tf does not connect it with table" in planned.assumptions[0]
     assert not events
 
     done = caller.result(caller.send(id="can", seed=1)).result

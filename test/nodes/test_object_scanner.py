@@ -39,7 +39,7 @@ class Caller:
 
     def send(self, **fields):
         """The handle of an accepted goal."""
-        self._graph.wait_for(self._client.server_is_ready, 60.0, "the action")
+        self._graph.wait_for(self._client.server_is_ready, what="the action")
         keep = lambda said: self.feedback.append(said.feedback)  # noqa: E731
         future = self._client.send_goal_async(ScanObject.Goal(**fields), feedback_callback=keep)
         self._graph.wait_for(future.done, what="acceptance")
@@ -133,7 +133,7 @@ def test_a_goal_is_cancelled_and_a_second_one_is_refused_meanwhile(start_node, c
 @pytest.mark.parametrize("wrong", [{"near": [1.0, 2.0]}, {"hand_eye": [0.0] * 7}])
 def test_parameters_that_make_no_sense_end_the_node(start_node, wrong) -> None:
     node = start_node("object_scanner", wrong)
-    assert node.wait(60.0) == 2
+    assert node.wait() == 2
     assert "BAD_INPUT" in node.output
 
 
@@ -143,9 +143,9 @@ def test_a_sweep_is_stopped_by_a_motion_that_any_controller_takes(start_node, ca
     states = graph.collect("joint_states", JointState)
     commands = graph.collect("joint_trajectory", JointTrajectory)
     start_node("fake_robot", {"mode": "arm", "robot": "fr3", "joint_noise": 0.0})
-    begin = graph.wait_for(lambda: states and states[-1], 60.0, "joint states")
+    begin = graph.wait_for(lambda: states and states[-1], what="joint states")
     end = [begin.position[0] + 1.0, *list(begin.position)[1:]]
-    waypoints = [{"time": 0.0, "position": list(begin.position)}, {"time": 8.0, "position": end}]
+    waypoints = [{"time": 0.0, "position": list(begin.position)}, {"time": 12.0, "position": end}]
     sweep = tmp_path / "sweep.yaml"
     sweep.write_text(yaml.safe_dump({"joints": list(begin.name), "waypoints": waypoints}))
     start_node("object_scanner", {"sweep": str(sweep), "patience": patience})
@@ -153,24 +153,23 @@ def test_a_sweep_is_stopped_by_a_motion_that_any_controller_takes(start_node, ca
     def moving():
         handle = caller.send()
         result = handle.get_result_async()
-        graph.wait_for(lambda: result.done() or states[-1].position[0] - begin.position[0] > 0.02, what="a motion")
+        graph.wait_for(lambda: result.done() or states[-1].position[0] - begin.position[0] > 0.002, what="a motion")
         return not result.done() and handle
 
-    handle = graph.wait_for(moving, 60.0, "the sweep")
+    handle = graph.wait_for(moving, what="the sweep")
     if code is ErrorCode.CANCELLED:
         handle.cancel_goal_async()
     assert caller.result(handle).result.error.code == code
-    graph.wait_for(lambda: len(commands) == 2 and commands[1].points, what="the stop")
-    states.clear()
-    graph.wait_for(lambda: len(states) > 150, what="a second")
-    assert np.ptp([state.position[0] for state in states[-50:]]) < 1e-9
+    graph.wait_for(lambda: end[0] - commands[-1].points[-1].positions[0] > 0.5, what="the stop")
+    graph.wait_for(lambda: len(states) > 50 and np.ptp([s.position[0] for s in states[-50:]]) < 1e-9, what="rest")
+    assert all(command.points for command in commands)
     assert end[0] - states[-1].position[0] > 0.5
 
 
 def test_the_arm_is_moved_along_the_sweep_once_it_stands_where_that_begins(start_node, caller, graph, tmp_path) -> None:
     states = graph.collect("joint_states", JointState)
     start_node("fake_robot", {"mode": "arm", "robot": "fr3", "joint_noise": 0.0})
-    begin = graph.wait_for(lambda: states and states[-1], 60.0, "joint states")
+    begin = graph.wait_for(lambda: states and states[-1], what="joint states")
     end = list(begin.position)
     end[0] += 0.3
     waypoints = [{"time": 0.0, "position": list(begin.position)}, {"time": 1.0, "position": end}]
@@ -185,6 +184,6 @@ def test_the_arm_is_moved_along_the_sweep_once_it_stands_where_that_begins(start
         assert error.code in unheard
         return "no depth" in error.message
 
-    graph.wait_for(first, 60.0, "the sweep")
+    graph.wait_for(first, what="the sweep")
     graph.wait_for(lambda: abs(states[-1].position[0] - end[0]) < 1e-3, what="the end of the sweep")
     assert caller.result(caller.send()).result.error.code == ErrorCode.NOT_FOLLOWING

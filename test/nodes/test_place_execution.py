@@ -94,6 +94,7 @@ def test_a_can_is_picked_up_and_put_on_a_cube(start_node, graph, caller):
     caller.feedback.clear()
     done = caller.result(caller.send(**goal(deadline=60.0)))
     for result in (planned, done.result):
+        assert not any("tf" in each for each in result.assumptions)
         assert result.stages == ["reach", "approach", "lift", "carry", "lower", "retreat", "return"]
         ends = [[way.points[k].positions for way in result.trajectories] for k in (0, -1)]
         np.testing.assert_allclose(ends[0][1:], ends[1][:-1], atol=1e-6)  # each begins where the one before ends
@@ -192,7 +193,7 @@ def test_joints_that_do_not_follow_are_commanded_to_stay_where_they_are(start_no
     done = caller.result(caller.send(**goal(deadline=60.0)))
     assert (done.status, done.result.error.code) == (GoalStatus.STATUS_ABORTED, ErrorCode.NOT_FOLLOWING)
     assert "its hand is empty" in done.result.error.message
-    graph.wait_for(lambda: len(commands) == 2, what="the stop")
+    graph.wait_for(lambda: len(commands) >= 2, what="the stop")
     for point in commands[-1].points:
         np.testing.assert_allclose(point.positions, arrays(states)[0][-1], atol=1e-9)
 

@@ -96,7 +96,7 @@ def test_an_assembly_on_the_topic_is_built_upon(start_node, graph, caller, tmp_p
         result = caller.result(caller.send(object=wanted())).result
         return result.pose.header.frame_id == FRAME and result
 
-    result = graph.wait_for(heard, 40.0, "the assembly to be heard")
+    result = graph.wait_for(heard, what="the assembly to be heard")
     assert abs(result.pose.pose.position.x - 5) < 0.6
 
 
@@ -107,7 +107,7 @@ def test_feedback_tells_the_best_so_far_and_a_second_goal_is_busy_until_the_firs
     caller.ready()
     goal = {"assembly": [message(CUBE)], "object": wanted(), "deadline": 600.0}
     first = caller.send(**goal)
-    graph.wait_for(lambda: len(caller.feedback) > 3 and caller.feedback[-1].best_robustness > 0, 60.0, "a placement")
+    graph.wait_for(lambda: len(caller.feedback) > 3 and caller.feedback[-1].best_robustness > 0, what="a placement")
     second = caller.result(caller.send(**goal))
     assert (second.status, second.result.error.code) == (GoalStatus.STATUS_ABORTED, ErrorCode.BUSY)
     caller.cancel(first)

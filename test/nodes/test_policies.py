@@ -88,7 +88,7 @@ def test_the_policy_of_each_node_is_what_it_uses(start_node, graph) -> None:
         return found
 
     try:
-        graph.wait_for(lambda: not differences(), 30.0)
+        graph.wait_for(lambda: not differences())
     except pytest.fail.Exception:
         pytest.fail("\n".join(differences()))
     finally:

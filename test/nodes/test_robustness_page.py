@@ -19,7 +19,7 @@ PAGE = (ROOT / "docs" / "robustness_server.md").read_text()
 
 def test_the_client_on_the_page_is_answered(start_node, graph, node_environment):
     start_node("robustness_server", {"scene": str(ROOT / "docs" / "scenes" / "tray.yaml")})
-    graph.wait_for(lambda: graph.node.count_publishers("assembly"), 40.0, what="the server")
+    graph.wait_for(lambda: graph.node.count_publishers("assembly"), what="the server")
     (example,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
     environment = node_environment | {"PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", example]

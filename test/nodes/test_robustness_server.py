@@ -363,7 +363,7 @@ def test_ctrl_c_in_the_midst_of_a_long_call_ends_the_node_at_once(server, graph)
     client.call_async(PlanDisassembly.Request(assembly=[wall(10, 20)]))
     ask_later = graph.node.create_client(AssessRobustness, "assess_robustness")
     graph.wait_for(ask_later.service_is_ready, what="the other service")
-    assert server.stop(timeout=10.0) == 0
+    assert server.stop() == 0
     assert "Traceback" not in server.output
 
 

@@ -9,9 +9,9 @@ from poise.errors import ErrorCode, InputError
 from poise.recording import open_recording
 from poise.recording.images import image_of, messages_of
 from poise.recording.streams import stamp_of
-from poise.scanning import ScanOptions, SweepOptions, read_sweep
+from poise.scanning import SweepOptions, read_sweep
 from poise.scanning.reading import camera_of, fixed_transforms
-from poise.scanning.session import RobotLog, ScanSession, SessionOptions, scan_session
+from poise.scanning.session import RobotLog, ScanSession, SessionOptions
 
 BAG = Path(__file__).parents[2] / "bags" / "hammer_sweep.mcap"
 DEPTH, INFO = "camera/aligned_depth_to_color/image_raw", "camera/aligned_depth_to_color/camera_info"
@@ -89,7 +89,7 @@ def test_it_is_enough_when_all_is_there_or_nothing_more_comes():
 )
 def test_what_did_not_come_is_named(bag, count, camera, without, code):
     with pytest.raises(InputError) as caught:
-        scan_session(taken(bag, count, camera), heard(bag, without), SweepOptions(), ScanOptions())
+        taken(bag, count, camera).sweep(heard(bag, without), SweepOptions())
     assert caught.value.code == code
 
 

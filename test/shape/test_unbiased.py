@@ -78,3 +78,11 @@ def test_every_part_of_a_random_object_is_a_possible_body(seed: int) -> None:
     made = make_composite(seed, 3e-4)
     parts = parts_of_segmentation(segment(made.points, made.colours))
     assert all(np.linalg.eigvalsh(pseudo_inertia(phi)).min() > 0 for phi in parts.unit_phi.T)
+
+
+def test_a_part_without_volume_does_not_end_the_segmentation() -> None:
+    points = samples.box(np.random.default_rng(1), (0.1, 0.08, 0.06), 400)
+    carved = carve(points, spacing_of(points))
+    labels = np.zeros(len(carved.tetrahedra), dtype=np.int64)
+    labels[0] = 2  # part 1 has no tetrahedron at all
+    assert unbiased(carved, labels, spacing_of(points)).volume == pytest.approx(carved.volume, rel=0.2)

@@ -5,8 +5,8 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.distance import cdist
 
 from poise.errors import ErrorCode
 from poise.geometry import STANDARD_GRAVITY
@@ -154,7 +154,9 @@ class MomentMeans:
         """From sums of blocks (B, 19, 19), see `signals`."""
         sizes = check.sizes
         means = moments[:, N_MOTION - 1] / sizes[:, None]
-        alike = np.exp(-cdist(means[:, :3], means[:, :3], "sqeuclidean") / (2 * _SAME_ATTITUDE**2))
+        alike = np.exp(
+            -scipy.spatial.distance.cdist(means[:, :3], means[:, :3], "sqeuclidean") / (2 * _SAME_ATTITUDE**2)
+        )
         weights = sizes / (alike @ sizes)
         return cls(signal_columns(means[:, :N_MOTION]), means[:, N_MOTION:], weights / weights.sum(), check)
 

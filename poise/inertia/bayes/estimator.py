@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import ConvexHull, QhullError
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import GRAVITY_IN_WORLD
@@ -93,8 +93,8 @@ class BayesSolution(InertialSolution):
         if len(self.points) < 4:
             return None
         try:
-            faces = ConvexHull(self.points).equations
-        except QhullError:  # a flat outline has no inside
+            faces = scipy.spatial.ConvexHull(self.points).equations
+        except scipy.spatial.QhullError:  # a flat outline has no inside
             return None
         return bool(np.all(faces[:, :3] @ self.parameters.com + faces[:, 3] <= 1e-9))
 

@@ -1,7 +1,7 @@
 """HPS: the masses of an object's homogeneous parts from a sensor that stands still (thesis section 3.2)."""
 
 import numpy as np
-from scipy.optimize import nnls
+import scipy
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators.answer import answer
@@ -38,7 +38,7 @@ def hps(problem: IdentificationProblem) -> InertialSolution:
         )
     unit_parts = merge_parts(problem.unit_parts, problem.part_volumes, MAX_PARTS)
     rows = static_regressor(problem.gravity_in_sensor[still]) @ unit_parts[:4]
-    masses, _ = nnls(rows.reshape(-1, rows.shape[2]), problem.wrench[still].ravel(), maxiter=1000)
+    masses, _ = scipy.optimize.nnls(rows.reshape(-1, rows.shape[2]), problem.wrench[still].ravel(), maxiter=1000)
     if not np.sum(masses) > 0:
         raise NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, "hps: the wrench shows no weight; is the force's sign right?")
     return answer(problem, unit_parts @ masses)

@@ -2,7 +2,7 @@
 
 import clarabel
 import numpy as np
-from scipy import sparse
+import scipy
 
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.inertia.estimators.answer import answer
@@ -113,9 +113,9 @@ def minimise_sum_of_norms(norms: list[tuple[Array, Array]]) -> Array:
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_iter, settings.time_limit = _MAX_ITERATIONS, _TIME_LIMIT
-    nothing = sparse.csc_matrix((n + count, n + count))
+    nothing = scipy.sparse.csc_matrix((n + count, n + count))
     solver = clarabel.DefaultSolver(
-        nothing, cost, sparse.csc_matrix(np.vstack(rows)), np.concatenate(right), cones, settings
+        nothing, cost, scipy.sparse.csc_matrix(np.vstack(rows)), np.concatenate(right), cones, settings
     )
     result = solver.solve()
     solution = np.array(result.x)[:n]

@@ -5,29 +5,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import QhullError, cKDTree
-from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model.parts import Parts, cells_of, likeness_of_colours, surface_moments
 from poise.inertia.model.spread_points import spread
-from poise.shape import (
-    MESH_FORMATS,
-    Segmentation,
-    Solid,
-    independent_parts,
-    read_cloud,
-    read_triangles,
-    segment,
-    tetrahedron_moments,
-)
 from poise.types import Array
 
-if TYPE_CHECKING:  # imported where it is used: few payloads come with a mesh
+if TYPE_CHECKING:  # imported where they are used: few payloads come with a mesh
     import trimesh
+
+    from poise.shape import Segmentation, Solid
 
 _SAMPLED = 6000
 """Points on a surface that is not closed."""
@@ -75,7 +64,9 @@ class ObjectShape:
             raise InputError(
                 ErrorCode.BAD_INPUT, f"object pose {[*place, *turn]}: give x y z in m and a unit quaternion x y z w"
             )
-        return replace(self, parts=self.parts.in_frame(Rotation.from_quat(turn).as_matrix(), place))
+        return replace(
+            self, parts=self.parts.in_frame(scipy.spatial.transform.Rotation.from_quat(turn).as_matrix(), place)
+        )
 
 
 def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
@@ -88,6 +79,8 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
         InputError: what `read_triangles` and `read_cloud` raise, FILE_CORRUPT for a mesh without triangles,
             OBJECT_INVALID (flat, or not of the size of something held); naming the file and how to fix it.
     """
+    from poise.shape import MESH_FORMATS, read_cloud
+
     mesh = _read_mesh(path, scale) if path.suffix.lower() in MESH_FORMATS else None
     try:
         if mesh is None:
@@ -95,7 +88,7 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
             return _of_cloud(cloud.points, cloud.colours)
         _check_size(path, mesh[0])
         return _of_mesh(*mesh)
-    except (QhullError, np.linalg.LinAlgError) as error:
+    except (scipy.spatial.QhullError, np.linalg.LinAlgError) as error:
         raise InputError(
             ErrorCode.OBJECT_INVALID, f"{path}: its points lie in a plane or on a line; give a solid shape"
         ) from error
@@ -103,6 +96,8 @@ def load_object(path: Path, scale: float = 1.0) -> ObjectShape:
 
 def _read_mesh(path: Path, scale: float) -> tuple[Array, NDArray[np.int64]] | None:
     """The surface in a file, as it is; None for a PLY file without faces."""
+    from poise.shape import read_triangles
+
     cloud = path.suffix.lower() == ".ply"
     try:
         vertices, triangles = read_triangles(path.absolute(), scale=scale)
@@ -149,8 +144,8 @@ def _of_mesh(vertices: Array, faces: NDArray[np.int64]) -> ObjectShape:
 def _bodies(mesh: "trimesh.Trimesh") -> NDArray[np.int32]:
     """(F,) which body each face belongs to."""
     pairs = mesh.face_adjacency
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(mesh.faces), len(mesh.faces)))
-    return np.asarray(connected_components(graph, directed=False)[1])
+    graph = scipy.sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(len(mesh.faces), len(mesh.faces)))
+    return np.asarray(scipy.sparse.csgraph.connected_components(graph, directed=False)[1])
 
 
 def _of_bodies(mesh: "trimesh.Trimesh", bodies: "list[trimesh.Trimesh]") -> ObjectShape:
@@ -170,6 +165,8 @@ def _cut(body: "trimesh.Trimesh") -> ObjectShape:
     if body.volume < 0:
         body.invert()
     points = np.asarray(trimesh.sample.sample_surface(body, _SAMPLED, seed=0)[0])
+    from poise.shape import independent_parts, segment
+
     try:
         found = segment(points)
         places, labels = found.solid.centroids, independent_parts(found)
@@ -183,17 +180,21 @@ def _cut(body: "trimesh.Trimesh") -> ObjectShape:
     return ObjectShape(Parts.from_surface(body.vertices, body.faces, places, labels, _CELLS), _UNCUT_ACCURACY, words)
 
 
-def parts_of_solid(solid: Solid, labels: ArrayLike | None = None) -> Parts:
+def parts_of_solid(solid: "Solid", labels: ArrayLike | None = None) -> Parts:
     """Parts of a solid, in its frame: (T,) part of each tetrahedron (one part when None); inside-out ones take away."""
+    from poise.shape import tetrahedron_moments
+
     moments = tetrahedron_moments(solid.vertices[solid.tetrahedra])
     return Parts.from_moments(moments, np.zeros(len(moments)) if labels is None else labels, solid.vertices)
 
 
-def parts_of_segmentation(found: Segmentation) -> Parts:
+def parts_of_segmentation(found: "Segmentation") -> Parts:
     """All parts that were found, with what their colours say about their densities.
 
     Where colours say nothing, at most four of them whose masses a sensor at rest can distinguish.
     """
+    from poise.shape import independent_parts
+
     likeness = None if found.part_colours is None else likeness_of_colours(found.part_colours)
     labels = independent_parts(found) if likeness is None else found.tetrahedron_labels
     parts = parts_of_solid(found.solid, labels)
@@ -201,11 +202,13 @@ def parts_of_segmentation(found: Segmentation) -> Parts:
 
 
 def _of_cloud(points: Array, colours: Array | None) -> ObjectShape:
+    from poise.shape import segment
+
     found = segment(points, colours)
     if found.n_parts > 1:
         parts = parts_of_segmentation(found)
         return ObjectShape(parts, CLOUD_ACCURACY, f"{len(points)} points, segmented into {len(parts)} parts")
     solid = found.solid
-    which = cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
+    which = scipy.spatial.cKDTree(spread(solid.centroids, PIECES)).query(solid.centroids)[1]
     words = f"{len(points)} points of one part, cut into {PIECES} pieces"
     return ObjectShape(parts_of_solid(solid, which), CLOUD_ACCURACY, words)

@@ -3,12 +3,11 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from poise.errors import ErrorCode, InputError
 from poise.inertia.model.parameters import frame_change, phi_of_pseudo_inertia, pseudo_inertia
-from poise.shape import tetrahedron_moments
 from poise.types import Array
 
 # Cells that a shape is cut into before each is given to a part.
@@ -107,6 +106,8 @@ class Parts:
     @classmethod
     def from_tetrahedra(cls, vertices: ArrayLike, tetrahedra: ArrayLike, labels: ArrayLike | None = None) -> "Parts":
         """Exact parts of a tetrahedral mesh: (V, 3) m, (T, 4) indices, (T,) part of each (one part when None)."""
+        from poise.shape import tetrahedron_moments  # slow to import; few payloads come with a shape
+
         corners = np.asarray(vertices, dtype=np.float64)[np.asarray(tetrahedra)]
         moments = tetrahedron_moments(corners)
         moments *= np.sign(moments[:, 3, 3])[:, None, None]  # either winding is welcome
@@ -149,7 +150,7 @@ class Parts:
                 ErrorCode.MESH_INVALID, f"shape: cut into cells it has {share:.0%} of its volume; close its holes"
             )
         stretch = _upper_factor(exact) @ np.linalg.inv(_upper_factor(moments.sum(axis=0)))
-        nearest = cKDTree(np.asarray(labelled_points)).query(centres)[1]
+        nearest = scipy.spatial.cKDTree(np.asarray(labelled_points)).query(centres)[1]
         return cls.from_moments(stretch @ moments @ stretch.T, np.asarray(labels)[nearest], vertices)
 
 
@@ -169,6 +170,8 @@ def likeness_of_colours(colours: ArrayLike) -> Array | None:
 
 def surface_moments(corners: ArrayLike) -> Array:
     """(4, 4) pseudo-inertia at unit density inside closed triangles (F, 3, 3) m: signed tetrahedra to one point."""
+    from poise.shape import tetrahedron_moments  # slow to import; few payloads come with a shape
+
     triangles = np.asarray(corners, dtype=np.float64)
     apex = np.broadcast_to(triangles.mean(axis=(0, 1)), (len(triangles), 1, 3))
     return np.asarray(tetrahedron_moments(np.concatenate([apex, triangles], axis=1)).sum(axis=0))

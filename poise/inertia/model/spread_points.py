@@ -1,7 +1,7 @@
 """A few points that are spread evenly over a shape."""
 
 import numpy as np
-from scipy.spatial.distance import cdist
+import scipy
 
 from poise.types import Array
 
@@ -21,9 +21,9 @@ def spread(candidates: Array, count: int, rounds: int = 20) -> Array:
         chosen.append(int(np.argmax(distance)))
     centres = candidates[chosen]
     for _ in range(rounds):
-        owner = np.argmin(cdist(candidates, centres), axis=1)
+        owner = np.argmin(scipy.spatial.distance.cdist(candidates, centres), axis=1)
         size = np.maximum(np.bincount(owner, minlength=count), 1)[:, None]
         sums = np.stack([np.bincount(owner, candidates[:, axis], minlength=count) for axis in range(3)], axis=1)
         centres = sums / size
-    nearest = np.argmin(cdist(centres, candidates), axis=1)
+    nearest = np.argmin(scipy.spatial.distance.cdist(centres, candidates), axis=1)
     return np.asarray(candidates[np.unique(nearest)])

@@ -35,7 +35,7 @@ IMUS = (AUTO, _ALWAYS, _NEVER)
 GRACE = 1.0
 """s that tf waits, in `auto`, for joint states and a robot description: they are the better source."""
 FLUSH_AFTER = 0.5
-"""s without any message after which the pipeline waits no longer."""
+"""s without any message after which the pipeline waits no longer, by default."""
 _EARLY, _EARLY_SPAN = 20_000, 20.0
 """Wrenches and joint states, and s of tf, that are kept until the source of the motion is chosen."""
 _RECENT = 4000
@@ -58,6 +58,7 @@ class LiveOptions:
         accuracy, noise, window, continuous: see `OnlineEstimator`.
         saturation: force [N] and torque [N m] at which a channel counts as saturated.
         settings: how wrenches and motion are brought together.
+        flush_after: s without any message after which wrenches wait no longer for later motion.
     """
 
     sensor_frame: str = ""
@@ -73,6 +74,7 @@ class LiveOptions:
     continuous: bool = False
     saturation: tuple[float, float] = (np.inf, np.inf)
     settings: PairingSettings = field(default_factory=PairingSettings)
+    flush_after: float = FLUSH_AFTER
 
 
 class LiveEstimator:
@@ -113,7 +115,7 @@ class LiveEstimator:
         self._wrench_frame = ""
         self._description = ""
         self._early: deque[tuple[int, ArrayLike]] = deque(maxlen=_EARLY)
-        self._frames_since: float | None = None
+        self._frames_since = np.inf
         self._flushed = True
         self._estimator_for(self.frames)  # what makes no sense is refused now
 
@@ -236,17 +238,16 @@ class LiveEstimator:
 
     def update(self, now: float) -> None:
         """Bring together what has come in; call it some tens of times a second."""
-        if self.estimator is None and self._frames_since is not None and self.sensor_frame:
-            patient = self.options.motion_source == AUTO
-            if now - self._frames_since >= (GRACE if patient else 0.0):
-                self._choose(self.frames)
+        patience = GRACE if self.options.motion_source == AUTO else 0.0
+        if self.estimator is None and self.sensor_frame and now - self._frames_since >= patience:
+            self._choose(self.frames)
         if self.estimator is None or self.estimator.imu is None:
             self.imu.keep_last(_EARLY_SPAN)
         if self.estimator is None:
             self.frames.keep_last(_EARLY_SPAN)
             return
         self._take_imu()
-        quiet = now - max(self.heard.values(), default=now) > FLUSH_AFTER
+        quiet = now - max(self.heard.values(), default=now) > self.options.flush_after
         if not self._flushed:
             self.estimator.update(flush=quiet)
             self._flushed = quiet
@@ -333,7 +334,7 @@ class LiveEstimator:
         """Note that tf says how the sensor moves, if it does."""
         if self.frames.newest is not None:
             self._has_moved(now)
-            self._frames_since = now if self._frames_since is None else self._frames_since
+            self._frames_since = min(self._frames_since, now)
 
     def _read_description(self, now: float) -> None:
         """Build the robot once both its description and the sensor frame are known."""
@@ -356,8 +357,7 @@ class LiveEstimator:
 
     def _has_joints(self, names: tuple[str, ...]) -> bool:
         """Some joint state contains these joints; True before the first one."""
-        heard = [message[1] for message in self.early_joints]
-        return not heard or any(set(names) <= set(each) for each in heard)
+        return not self.early_joints or any(set(names) <= set(message[1]) for message in self.early_joints)
 
     def _take_imu(self) -> None:
         """Once it is known how it is mounted, and wanted."""

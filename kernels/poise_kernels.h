@@ -1,0 +1,18 @@
+/* Inner loops of Poise in C. Plain functions on arrays of doubles, called through ctypes (poise/kernels). */
+#ifndef POISE_KERNELS_H
+#define POISE_KERNELS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define POISE_KERNELS_VERSION 1 /* of this interface; poise/kernels refuses another one */
+
+#if defined(_WIN32)
+#define POISE_EXPORT __declspec(dllexport)
+#else
+#define POISE_EXPORT __attribute__((visibility("default")))
+#endif
+
+enum { POISE_OK = 0, POISE_NO_MEMORY = 1, POISE_NOT_POSITIVE = 2 };
+
+#endif

@@ -1,0 +1,207 @@
+"""What a planned sweep is planned with: the camera, the arm at its place, the region to see, and what stands there."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo
+from tf2_msgs.msg import TFMessage
+
+from poise.assembly import Box, RigidObject
+from poise.errors import ErrorCode, InputError
+from poise.geometry import Pose
+from poise.manipulation import Arm, LookPlan, plan_look, pose_of, standing_at
+from poise.nodes.assembly_message import assembly_of
+from poise.nodes.placed_arm import placed_arm
+from poise.nodes.request_checks import check_assembly
+from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
+from poise.nodes.transforms import add_transforms
+from poise.robot import FrameTree, parse_urdf
+from poise.scanning import Camera, RobotLog, ViewOptions, ViewRegion, camera_of, hand_eye_of
+from poise.types import Array, Cancelled
+from poise_msgs.msg import Assembly as AssemblyMessage
+
+PLANNED = "plan"
+"""Of the parameter `sweep`."""
+_MARGIN = 0.03
+"""m around an object of the assembly that is scanned again."""
+_SLAB = 0.02
+
+
+class SweepPlanner:
+    """Hears assembly and tf all the time, and camera_info while a goal waits for it.
+
+    Args:
+        node: object_scanner.
+        topic: of camera_info.
+        values: parameters of the node.
+    """
+
+    def __init__(self, node: Node, topic: str, values: dict[str, Any]) -> None:
+        self._node, self._topic, self._values = node, topic, values
+        if len(values["base"]) != 4 or not np.isfinite(values["base"]).all():
+            raise InputError(ErrorCode.BAD_INPUT, "parameter base must be four finite numbers: x y z yaw")
+        self._assembly: AssemblyMessage | None = None
+        self._frames = FrameTree(one_parent=False, keep=False)
+        self._camera: tuple[str, Camera] | None = None
+        self._listening: Any = None
+        take = partial(add_transforms, self._frames)
+        node.create_subscription(AssemblyMessage, "assembly", guarded(node, self._on_assembly), LATCHED)
+        node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
+        node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
+
+    def listen(self) -> None:
+        """Begin to wait for the camera; it must be there before the arm moves."""
+        self._camera = None
+        if self._listening is None:
+            qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+            self._listening = self._node.create_subscription(
+                CameraInfo, self._topic, guarded(self._node, self._on_camera), qos
+            )
+
+    def hush(self) -> None:
+        """Wait no more."""
+        if self._listening is not None:
+            self._node.destroy_subscription(self._listening)
+            self._listening = None
+
+    def _on_assembly(self, message: AssemblyMessage) -> None:
+        self._assembly = message
+
+    def _on_camera(self, message: CameraInfo) -> None:
+        self._camera = message.header.frame_id, camera_of(message)
+
+    def arm(self, robot: RobotLog) -> Arm:
+        """The arm at its place in the assembly's frame, by tf, else by the parameter `base`.
+
+        Raises:
+            InputError: ROBOT_DESCRIPTION_MISSING, ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN.
+        """
+        if not robot.description:
+            raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description to sweep with")
+        arm = Arm.from_urdf(robot.description, standing_at(self._values["base"]), tcp_frame=self._values["tcp_frame"])
+        found = None if self._assembly is None else placed_arm(arm, self._frames, self._assembly.header.frame_id)
+        return found or arm
+
+    def task(self, name: str, arm: Arm, robot: RobotLog, given: list[Any]) -> "SweepTask":
+        """What a goal is planned with; given: the parameter `hand_eye`, where there is one.
+
+        Raises:
+            InputError: TOPIC_MISSING without a camera, FRAME_UNKNOWN without a hand-eye transform, EMPTY without the
+                assembly that is needed, OBJECT_UNKNOWN, BAD_INPUT.
+        """
+        if self._camera is None:
+            raise InputError(
+                ErrorCode.TOPIC_MISSING,
+                f"no camera_info came on {self._topic}: start the camera's driver, or remap the topic; the arm did not"
+                " move",
+            )
+        frame, camera = self._camera
+        given = [replace(mounting, child=frame) for mounting in given]
+        eye = hand_eye_of(robot.description, frame, [*robot.fixed.values(), *given])
+        objects: tuple[RigidObject, ...] = ()
+        if self._assembly is not None:
+            check_assembly(self._assembly)
+            objects = assembly_of(self._assembly).objects
+        region, wanted = region_of(name, objects, self._values)
+        around = tuple(item for item in objects if item is not wanted)
+        if not any(item.fixed for item in around):
+            around = (*around, _slab(region))
+        options = ViewOptions(nearest=self._values["view_nearest"], farthest=self._values["view_farthest"])
+        root = None
+        if self._assembly is not None:
+            root = self._frames.pose(parse_urdf(robot.description).root, self._assembly.header.frame_id)
+        return SweepTask(arm, (eye.parent, eye), camera, region, around, options, root or pose_of(arm.base))
+
+
+class SweepTask:
+    """The plan of one goal, before it is made.
+
+    Args:
+        arm, eye, camera, region, around, options: as `plan_look` takes them.
+        root: pose of the robot's root link in the scene.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        eye: tuple[str, Pose],
+        camera: Camera,
+        region: ViewRegion,
+        around: tuple[RigidObject, ...],
+        options: ViewOptions,
+        root: Pose,
+    ) -> None:
+        self.arm, self._options = arm, options
+        self._with = eye, camera, region, around
+        self.region = ViewRegion(root.inverse @ region.pose, region.size)
+        """In the robot's root link."""
+
+    def plan(self, start: Array, seconds: float, cancelled: Cancelled) -> LookPlan:
+        """As `plan_look`; in the thread of the jobs."""
+        return plan_look(self.arm, *self._with, start, self._options, seconds, cancelled=cancelled)
+
+
+def region_of(
+    name: str, objects: tuple[RigidObject, ...], values: dict[str, Any]
+) -> tuple[ViewRegion, RigidObject | None]:
+    """The region to see, and the object of the assembly that is scanned again, or None.
+
+    Args:
+        name: id of the goal.
+        objects: of the assembly.
+        values: the parameters region, support and region_height.
+
+    Raises:
+        InputError: OBJECT_UNKNOWN when the support is not there; EMPTY, BAD_INPUT when nothing gives a region.
+    """
+    known = next((item for item in objects if item.id == name and not item.fixed), None)
+    if known is not None:
+        low, high = known.vertices.min(axis=0), known.vertices.max(axis=0)
+        return _upright(low - [_MARGIN, _MARGIN, 0.0], high + _MARGIN), known
+    given = np.asarray(values["region"], dtype=np.float64)
+    if given.shape != (6,) or np.isinf(given).any() or np.isnan(given).any() != np.isnan(given).all():
+        raise InputError(
+            ErrorCode.BAD_INPUT, "parameter region: give x y z of the middle of its bottom and its size, m"
+        )
+    if not np.isnan(given).any():
+        if given[3:].min() <= 0:
+            raise InputError(ErrorCode.BAD_INPUT, "parameter region: its size must be positive")
+        half = np.array([given[3] / 2, given[4] / 2, 0.0])
+        return _upright(given[:3] - half, given[:3] + half + [0.0, 0.0, given[5]]), None
+    support = _support(values["support"], objects)
+    low, high = support.vertices.min(axis=0), support.vertices.max(axis=0)
+    return _upright(np.append(low[:2], high[2]), np.append(high[:2], high[2] + values["region_height"])), None
+
+
+def _support(name: str, objects: tuple[RigidObject, ...]) -> RigidObject:
+    fixed = [item for item in objects if item.fixed]
+    found = [item for item in fixed if item.id == name] if name else fixed
+    if len(found) == 1:
+        return found[0]
+    if not objects:
+        raise InputError(
+            ErrorCode.EMPTY, "no assembly has come, so that the table is not known: start world_model, or give region"
+        )
+    there = ", ".join(item.id for item in fixed) or "none"
+    if name:
+        raise InputError(
+            ErrorCode.OBJECT_UNKNOWN, f"support: the assembly has no fixed object {name!r}; it has {there}"
+        )
+    raise InputError(
+        ErrorCode.BAD_INPUT, f"the fixed objects of the assembly are {there}: choose the table by the parameter support"
+    )
+
+
+def _upright(low: Array, high: Array) -> ViewRegion:
+    return ViewRegion(Pose(np.eye(3), (low + high) / 2), high - low)
+
+
+def _slab(region: ViewRegion) -> RigidObject:
+    """What the region stands on, where the assembly has nothing fixed."""
+    size = region.size[:2] + 0.3
+    place = region.pose.translation - [0.0, 0.0, (region.size[2] + _SLAB) / 2]
+    return RigidObject("support", Box((*size.tolist(), _SLAB)), Pose(np.eye(3), place), fixed=True)

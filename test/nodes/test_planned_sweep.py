@@ -1,0 +1,68 @@
+"""A sweep that the scanner plans for the table of the assembly: the fake robot's camera sees what stands there."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from action_caller import Caller
+from ros_graph import Graph, NodeProcess
+from tf2_msgs.msg import TFMessage
+
+from poise.assembly import Assembly, Box, Cylinder, RigidObject, write_scene
+from poise.errors import ErrorCode
+from poise.geometry import Pose
+from poise.nodes.assembly_message import assembly_message
+from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC
+from poise_msgs.action import ScanObject
+from poise_msgs.msg import Assembly as AssemblyMessage
+from poise_msgs.msg import SegmentedObject
+
+pytestmark = pytest.mark.ros
+PATIENT = {"stop_silence": 2.0, "stop_unattended": 60.0}
+"""On machines that do other things."""
+Start = Callable[..., NodeProcess]
+
+
+def at(x: float, y: float, z: float) -> Pose:
+    return Pose(np.eye(3), np.array([x, y, z]))
+
+
+TABLE = RigidObject("table", Box((0.2, 0.28, 0.02)), at(0.48, 0.0, 0.19), fixed=True)
+BOX = RigidObject("box", Box((0.06, 0.05, 0.07)), at(0.46, 0.07, 0.235), mass=0.3)
+CAN = RigidObject("can", Cylinder(0.025, 0.06), at(0.5, -0.07, 0.23), mass=0.2)
+
+
+def test_what_stands_on_the_table_is_found_by_a_planned_sweep(graph: Graph, start_node: Start, tmp_path: Path) -> None:
+    write_scene(Assembly((TABLE, BOX, CAN), friction=0.5), tmp_path / "truth.yaml")
+    known = graph.node.create_publisher(AssemblyMessage, "assembly", LATCHED)
+    known.publish(assembly_message(Assembly((TABLE,), friction=0.5), "world"))
+    scans = graph.collect("segmented_object", SegmentedObject, SCANS)
+    frames = graph.collect("tf_static", TFMessage, TF_STATIC)
+    robot = {"mode": "arm", "robot": "fr3", "sensor": "none", "sensor_rate": 50.0, "joint_rate": 50.0, "camera": True}
+    robot |= {"gripper_joint": "finger_joint", "world": str(tmp_path / "truth.yaml"), "camera_width": 240}
+    start_node("fake_robot", robot)
+    start_node(
+        "object_scanner",
+        {"sweep": "plan", "all_objects": True, "region_height": 0.1, "ready_timeout": 20.0} | PATIENT,
+    )
+    scanner = Caller(graph, ScanObject, "scan_object").ready()
+    done = scanner.result(scanner.send(id="thing", max_frames=45), 180.0).result
+    assert (done.error.message, done.error.code) == ("", ErrorCode.OK)
+    graph.wait_for(lambda: len(scans) == 2, what="both objects")
+    there = {each.child_frame_id: each.transform.translation for message in frames for each in message.transforms}
+    assert [each.id for each in scans] == ["thing", "thing_2"]
+    for scan in scans:
+        shift = there[scan.header.frame_id]
+        coms = [[part.unit_inertia.com.x, part.unit_inertia.com.y, part.unit_inertia.com.z] for part in scan.parts]
+        middle = np.average(coms, axis=0, weights=[part.volume for part in scan.parts])
+        centre = np.array([shift.x, shift.y, shift.z]) + middle
+        truth = min((BOX, CAN), key=lambda item: abs(item.pose.translation[1] - shift.y))
+        assert np.abs(truth.pose.translation - centre).max() < 0.005
+        assert scan.volume == pytest.approx(truth.shape.volume, rel=0.15)
+
+    known.publish(assembly_message(Assembly((TABLE, replace(TABLE, id="shelf")), friction=0.5), "world"))
+    graph.meet()
+    lost = scanner.result(scanner.send(id="thing")).result.error
+    assert (lost.code, "shelf" in lost.message) == (ErrorCode.BAD_INPUT, True)
