@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import EQUAL_EVIDENCE, EffectCandidate, HypothesisSearch, ProvenModel
 
-_MISFIT = 2.0
-"""Weight of the misfit that an answer leaves in the comparison with its rivals."""
+_MISFIT = 3.0
+"""Weight of the misfit that an answer leaves in the comparison with its rivals: chosen on development cases."""
 _NONE_TEMPERATURE = 2.0
 """Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
 _WEIGHTS = (-1.4, 0.8)
-"""Of `BeliefBasis.terms` in the log odds that the library holds the truth: fitted on answers to cases of two
-generators by `benchmarks.concealed.calibrate`."""
+"""Of `BeliefBasis.terms` in the log odds that the library holds the truth: fitted on development cases by
+`benchmarks.concealed.calibrate`."""
 MAX_PROBABILITY = 0.995
 _ALIKE = 0.22
 """Odds relative to the name from which a rival is called indistinguishable."""
@@ -29,7 +29,7 @@ class EffectBelief:
     """The confidence in one effect of the answer.
 
     Args:
-        probability: of the effect: the rate at which comparable names were right (Platt's scaling).
+        probability: of the effect: the chance that the library holds the truth, shared with its rivals.
         rivals: (name, probability) of effects that could replace it, the likeliest first.
         alike: names of effects that the recording cannot distinguish from it.
         basis: of the probability; None where the readings alone show the effect.
@@ -59,16 +59,10 @@ class BeliefBasis:
         return 1.0, math.log(max(self.evidence, 1.0))
 
     @property
-    def shares(self) -> tuple[float, float]:
-        """Probabilities that the library holds the truth, and that the name is true; rivals share the former."""
-        odds = sum(weight * term for weight, term in zip(_WEIGHTS, self.terms, strict=True))
-        library = 1.0 / (1.0 + math.exp(-odds))
-        return library, min(library / (1.0 + self.rivals), MAX_PROBABILITY)
-
-    @property
     def probability(self) -> float:
-        """That the name is true."""
-        return self.shares[1]
+        """That the name is true: the library holds the truth, and the rivals share it."""
+        odds = sum(weight * term for weight, term in zip(_WEIGHTS, self.terms, strict=True))
+        return min(1.0 / (1.0 + math.exp(-odds)) / (1.0 + self.rivals), MAX_PROBABILITY)
 
 
 def beliefs(
@@ -85,15 +79,16 @@ def beliefs(
     found = []
     for part, proof, candidates in zip(model.fit.parts, model.proofs, instead, strict=True):
         name = part.effect.name
-        own = candidates[name].gain if name in candidates else proof.evidence
+        own = candidates[name].gain if name in candidates else -math.inf
+        own = own if math.isfinite(own) else proof.evidence
         gains = {rival: each.gain for rival, each in candidates.items() if rival != name and rival not in lost}
         odds = {rival: rival_odds(own, gain, misfit) for rival, gain in gains.items()}
+        # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
+        curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
+        odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
         # An effect that contains the name and does no better is no rival.
         against = {rival: value for rival, value in odds.items() if gains[rival] > own or not _contains(rival, name)}
-        curves = [value for rival, value in against.items() if effect_named(rival) is None]
-        # Free curves over similar states are one explanation: an effect outside the library.
-        rivals = sum(against.values()) - sum(curves) + max(curves, default=0.0)
-        basis = BeliefBasis(proof.support, rivals)
+        basis = BeliefBasis(proof.support, sum(against.values()))
         reported = sorted(((rival, basis.probability * value) for rival, value in against.items()), key=_second)
         alike = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
         kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)

@@ -49,8 +49,9 @@ _FOR_SEARCH = 0.6
 """Share of the time until the deadline for the search; the proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
-_LEAST_MISFIT = 1e-3
-"""Least energy above that of noise by which the misfit of an answer is divided."""
+_ALLOWED, _LEAST = 0.1, 1e-3
+"""Energy above that of noise that held-out samples may have, since calibration errors are extrapolated to them, and the
+least one of the nominal model by which a misfit is divided."""
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
 
@@ -273,7 +274,8 @@ def _examined(
     detected = shown_effects(final, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     unknown = _unknown(final, best, rest)
-    misfit = max(proof.augmented**2 - 1.0, rest.excess, 0.0) / max(proof.nominal**2 - 1.0, _LEAST_MISFIT)
+    left = max(proof.augmented**2 - 1.0 - _ALLOWED, rest.excess, 0.0)
+    misfit = min(left / max(proof.nominal**2 - 1.0, _LEAST), 1.0)
     channels = (
         WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"
@@ -284,7 +286,7 @@ def _examined(
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*named_effects(final, best, model, instead, min(misfit, 1.0)), *detected),
+        findings=(*named_effects(final, best, model, instead, misfit), *detected),
         unknown=unknown,
         residual_test=rest,
         # With the best model's calibration: a calibration without the findings would be biased by them.

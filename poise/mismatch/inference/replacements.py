@@ -16,6 +16,9 @@ from poise.mismatch.inference.unknown import Dependence
 
 EQUAL_EVIDENCE = 4.0
 """Difference of log evidence up to which two explanations do equally well: widths of priors are typical ones."""
+LOOKALIKE = 0.005
+"""Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
+similar effect with more parameters fits the remaining details."""
 _CANDIDATE = 0.3
 """Share of the evidence of a single effect, under the noise of the nominal model, below which another is no rival."""
 _STEPS = 4
@@ -27,8 +30,11 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
     out = []
     for part in found.parts:
         others = [other for other in found.parts if other is not part]
-        taken = {name for other in others for name in (other.effect.name, *other.effect.made_of)}
-        free = [each for each in state.library if each.name not in taken and (others or _near(state, part, each))]
+        beside_it = {other.effect.name for other in others}
+        taken = beside_it.union(*(other.effect.made_of for other in others))
+        # An effect is never named beside one that contains it.
+        free = [each for each in state.library if each.name not in taken and not beside_it & set(each.made_of)]
+        free = [each for each in free if others or _near(state, part, each)]
         out.append({each.effect.name: each for each in beside(problem, others, free, TimeLimit())})
     return tuple(out)
 
@@ -66,13 +72,18 @@ def improved(
 
 
 def _simplest(problem: Problem, own: EffectCandidate, candidates: Mapping[str, EffectCandidate]) -> EffectCandidate:
-    """Of the effects that win about as much as the best one, that with the fewest parameters; itself, if it is one."""
+    """Of the effects that win about as much as the best one, that with the fewest parameters; itself, if it is one.
+
+    One that contains it must win clearly more: no model is exact, and more parameters fit the remaining details.
+    """
+    name, more = own.effect.name, own.gain + EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0)
     named = [each for each in candidates.values() if not isinstance(each.effect, Dependence)]
+    named = [each for each in named if name not in each.effect.made_of or each.gain > more]
     top = max(each.gain for each in named)
     equal = [each for each in named if each.gain > top - EQUAL_EVIDENCE]
     sizes = {each.effect.name: len(each.effect.parameters(problem.recorded)) for each in equal}
     least = min(sizes.values())
-    if sizes.get(own.effect.name) == least:
+    if sizes.get(name) == least:
         return own
     return max((each for each in equal if sizes[each.effect.name] == least), key=lambda each: each.gain)
 

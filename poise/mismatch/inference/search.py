@@ -16,6 +16,7 @@ from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exc
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.replacements import LOOKALIKE
 from poise.mismatch.inference.screening import beside
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
@@ -44,9 +45,6 @@ _UNKNOWN = 20.0
 """log evidence that a free curve over a state must win; it may also follow noise outside the noise model."""
 _NEXT_THRESHOLD, _NEXT_MORE = 8.0, 5.0
 """log evidence to keep an effect, and what a second and third effect need in addition."""
-_LOOKALIKE = 0.005
-"""Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
-similar effect with more parameters fits the remaining details."""
 
 
 def search(
@@ -136,7 +134,7 @@ def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
     if not best.parts:
         return first
     won = best.log_evidence - nominal if any(_alike(new, part.effect) for part in best.parts) else 0.0
-    return max(first + _NEXT_MORE, _NEXT_THRESHOLD) + _LOOKALIKE * max(won, 0.0)
+    return max(first + _NEXT_MORE, _NEXT_THRESHOLD) + LOOKALIKE * max(won, 0.0)
 
 
 def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit:
@@ -150,7 +148,7 @@ def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Ef
         made = [FittedEffect(each, _alone(each, part, state.problem.recorded)) for each in pieces]
         tried = state.fitted(state.under(best), [*rest, *made], _STEPS)
         won = best.log_evidence - state.fits[()].log_evidence
-        if tried.log_evidence >= best.log_evidence - _LOOKALIKE * max(won, 0.0):
+        if tried.log_evidence >= best.log_evidence - LOOKALIKE * max(won, 0.0):
             return tried
     return best
 
@@ -219,7 +217,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
 def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     """The best fit, or one with fewer parameters of an effect that it is confused with and that is nearly as good."""
     best = max(found, key=lambda each: each.log_evidence)
-    near = best.log_evidence - _LOOKALIKE * max(best.log_evidence - nominal, 0.0)
+    near = best.log_evidence - LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
     alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
     return min((best, *alike), key=lambda each: each.regression.columns.shape[0])
