@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from poise.mismatch.effects import effect_named
 from poise.mismatch.inference import EQUAL_EVIDENCE, EffectCandidate, HypothesisSearch, ProvenModel
 
-_MISFIT = 3.0
+_MISFIT = 4.0
 """Weight of the misfit that an answer leaves in the comparison with its rivals: chosen on development cases."""
 _NONE_TEMPERATURE = 2.0
 """Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""

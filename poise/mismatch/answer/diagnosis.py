@@ -49,7 +49,7 @@ _FOR_SEARCH = 0.6
 """Share of the time until the deadline for the search; the proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
-_ALLOWED, _LEAST = 0.1, 1e-3
+_ALLOWED, _LEAST = 0.15, 1e-3
 """Energy above that of noise that held-out samples may have, since calibration errors are extrapolated to them, and the
 least one of the nominal model by which a misfit is divided."""
 
