@@ -21,6 +21,7 @@ NODES = {
     "ft_driver": "poise.nodes.ft_driver:main",
     "gripper_driver": "poise.nodes.gripper_driver:main",
     "inertial_estimator": "poise.nodes.inertial_estimator:main",
+    "loop": "poise.nodes.loop:main",
     "mismatch_diagnoser": "poise.nodes.mismatch_diagnoser:main",
     "object_carrier": "poise.nodes.object_carrier:main",
     "object_picker": "poise.nodes.object_picker:main",

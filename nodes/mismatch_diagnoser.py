@@ -24,7 +24,7 @@ from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
-from poise.nodes.runtime import LATCHED, coded, guarded, subscribe, topic_hint
+from poise.nodes.runtime import LATCHED, coded, guarded, release_memory, subscribe, topic_hint
 from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
 
@@ -256,6 +256,7 @@ class MismatchDiagnoser(Node):
             self.get_logger().error(f"internal error: {error!r}", throttle_duration_sec=10.0)
             message = no_report_message(coded(error), newest, frame)
         finally:
+            release_memory()
             self._spent = time.monotonic() - begin
             busy = time.thread_time() - used
             self._due = begin + max(self._limits["period"], busy / self._meter.left(self._limits["share"], busy))

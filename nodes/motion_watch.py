@@ -165,7 +165,7 @@ class MotionWatch:
             return None
         newest, values = self._places[-1]
         before = next((one for one in reversed(self._places) if newest - one[0] >= _SPAN), None)
-        if before is None:
+        if before is None or before[0] < self._begin * 1e-9:  # the motion before may have been faster
             return None
         speed = np.abs(values - before[1]) / (newest - before[0])
         over = speed / self._fastest

@@ -161,7 +161,7 @@ class Carrying:
         reach.require_pick()
         left = seconds_left(due, "the first pose")
         for_ways = min(self._values["ways_seconds"], left / 2)
-        wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=reach.looks)
+        wanted = replace(options, deadline=left - for_ways, tests=reach.tests, looks=(*options.looks, *reach.looks))
         found = planner.plan(analysis, item, wanted, seed, report)
         seconds = min(self._values["ways_seconds"], seconds_left(due, "a way was looked for"))
         limits = Limits(speed=self._values["speed"])

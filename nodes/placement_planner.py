@@ -35,6 +35,7 @@ from poise.placement import (
     Placement,
     PlacementProgress,
     Uncertainty,
+    kept_free,
 )
 from poise_msgs.action import PlaceObject as Action
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -57,6 +58,7 @@ PLACEMENT_PLANNER_PARAMETERS = (
         "require stability under errors of 2 mm, 2 degrees, 20 % of friction and 10 % of the mass",
         dynamic=True,
     ),
+    Parameter("keep_free", WORDS, "ids of objects over which nothing is placed: the table that objects are taken from"),
     READY_TIMEOUT,
     Parameter("refine", False, "then move the object as long as the criterion improves", dynamic=True),
     Parameter(
@@ -283,13 +285,14 @@ class PlacementPlannerNode(ArmNode):
         analysis = self._analysis(task.assembly)
         about_base = [] if task.carrying is None else task.carrying.assumptions
         task.assumptions = [*about_base, *assumptions_of(analysis.assembly.with_object(item))]
+        options = replace(self._options, looks=kept_free(analysis.assembly, self._values["keep_free"]))
         if task.carrying is not None:
             try:
                 return task.carrying.plan(
                     self._planner,
                     analysis,
                     item,
-                    self._options,
+                    options,
                     request.seed,
                     task.due,
                     task.report,
@@ -300,7 +303,7 @@ class PlacementPlannerNode(ArmNode):
                     raise
                 task.without_arm(error)
         left = seconds_left(task.due, "the first pose")
-        return self._planner.plan(analysis, item, replace(self._options, deadline=left), request.seed, task.report)
+        return self._planner.plan(analysis, item, replace(options, deadline=left), request.seed, task.report)
 
     def _analysis(self, message: AssemblyMessage) -> Analysis:
         """Of the assembly in a message; what is unchanged since the last one is not computed again."""

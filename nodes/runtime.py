@@ -1,5 +1,6 @@
 """Shared by all nodes: clean start and stop, guarded callbacks, errors as numbered codes."""
 
+import ctypes
 import functools
 import signal
 import sys
@@ -63,6 +64,13 @@ def run(make_node: Callable[[], Node], args: list[str] | None = None) -> None:
             node.destroy_node()
         rclpy.try_shutdown()
     sys.exit(status)
+
+
+def release_memory() -> None:
+    """Return freed memory to the system after large work: glibc keeps it, in ever more pieces."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)  # other C libraries have none
+    if trim is not None:
+        trim(0)
 
 
 def guarded(node: Node, callback: Callable[..., Any]) -> Callable[..., Any]:

@@ -155,7 +155,9 @@ class WorldModel(Node):
             self._refused(topic, coded(failure))
 
     def _refused(self, topic: str, error: PoiseError) -> None:
-        self.get_logger().error(f"{topic}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
+        # An estimate that is not used is no failure: the next ones follow.
+        say = self.get_logger().info if topic == "inertial_estimate" else self.get_logger().error
+        say(f"{topic}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
         with self._lock:
             self._publish(False, error)
 

@@ -27,11 +27,7 @@ def run(
 
     Example:  poise run fake_robot --ros-args --params-file fake_robot_xarm7.yaml -r __ns:=/arm
     """
-    if not _has_ros():
-        raise InputError(
-            ErrorCode.UNSUPPORTED,
-            f"{node} needs ROS 2, which is not installed here; install Poise with its nodes (pip install .)",
-        )
+    prepare_nodes(node)
     nodes = installed_nodes()
     if node not in nodes:
         raise InputError(ErrorCode.BAD_INPUT, f"no node is named {node!r}; the nodes are: {', '.join(nodes)}")
@@ -39,9 +35,22 @@ def run(
     if {"--help", "-h"} & set(context.args):
         print(help_of(nodes[node], config))
         return
-    _add_to_ament_index(Path(sys.prefix))
     sys.argv = [node, *with_installed_parameters(context.args, config)]
     nodes[node].load()()
+
+
+def prepare_nodes(what: str) -> None:
+    """Let nodes run in this process.
+
+    Raises:
+        InputError: UNSUPPORTED without ROS, naming what needs it.
+    """
+    if not _has_ros():
+        raise InputError(
+            ErrorCode.UNSUPPORTED,
+            f"{what} needs ROS 2, which is not installed here; install Poise with its nodes (pip install .)",
+        )
+    _add_to_ament_index(Path(sys.prefix))
 
 
 def _has_ros() -> bool:

@@ -21,7 +21,7 @@ from poise.placement.registry import DEFAULT_PLANNER, PLACEMENT_PLANNERS, Placem
 from poise.placement.scoring import CRITERIA, PlacementScore, evaluate
 from poise.placement.sequence import PlacementSequence, plan_sequence
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, require_new
+from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, kept_free, require_new
 
 __all__ = [
     "CRITERIA",
@@ -42,6 +42,7 @@ __all__ = [
     "Uncertainty",
     "Validator",
     "evaluate",
+    "kept_free",
     "no_placement",
     "plan_placement",
     "plan_sequence",

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from poise.assembly import Analysis, RigidObject
+from poise.assembly import Analysis, Assembly, RigidObject
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.placement.balance import BALANCE_ROUNDING, unbalanced_weight
@@ -23,6 +23,8 @@ _LOOSE = 3e-4
 """m: wider gaps, which the tolerance of scans would let pass as contact, carry no placement that is planned."""
 _LEAST_MARGIN = 1e-3
 """Of the object's weight: a placement on the verge of moving is none."""
+_TALL = 10.0
+"""m over an object that is kept free."""
 _ALMOST = 0.15
 """Of the object's weight unbalanced_weight: what is more is too far off to sink to where it stands."""
 
@@ -61,6 +63,17 @@ class KeptFree:
     def __call__(self, item: RigidObject) -> bool:
         corners = item.vertices
         return bool(np.any((corners.min(axis=0) >= self.high) | (corners.max(axis=0) <= self.low)))
+
+
+def kept_free(assembly: Assembly, names: Sequence[str]) -> tuple[tuple[str, PoseTest], ...]:
+    """For `Options.looks`: nothing is placed over objects of these names. Names that the assembly lacks do nothing."""
+    looks: list[tuple[str, PoseTest]] = []
+    for name in names:
+        if name in assembly.index:
+            corners = assembly.objects[assembly.place_of(name)].vertices
+            low, high = corners.min(axis=0), corners.max(axis=0) + np.array([0.0, 0.0, _TALL])
+            looks.append((f"is over {name}, which is kept free", KeptFree(low, high)))
+    return tuple(looks)
 
 
 @dataclass(eq=False)

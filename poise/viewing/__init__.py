@@ -1,6 +1,7 @@
 """Reports, pictures and Rerun recordings of results. No node uses it; drawing libraries load on first use.
 
-- `report`, `mismatch_report`: self-contained HTML pages. `page` is their skeleton, `inline_svg` puts figures into it.
+- `report`, `mismatch_report`, `loop_report`: self-contained HTML pages. `page` is their skeleton, `inline_svg` puts
+  figures into it.
 - `rerun_scene`, `mismatch_scene`, `assembly_recording`: recordings for the Rerun viewer (needs rerun-sdk, an extra).
 - `figures`, `*_figures`: the panels of reports and pictures. `canvas`: what all panels share, and picture files.
 - `summary`, `wording`: a result as numbers and sentences; how numbers and external names are written.
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from poise.viewing.canvas import write_picture
     from poise.viewing.carrying_figures import transfer_panel
     from poise.viewing.excitation_figures import excitation_panels
+    from poise.viewing.loop_report import LOOP_COLUMNS, loop_rows, loop_sentences, write_loop_report
     from poise.viewing.mismatch_report import write_mismatch_report
     from poise.viewing.mismatch_scene import write_mismatch_scene
     from poise.viewing.parts_picture import draw_parts
@@ -25,10 +27,13 @@ if TYPE_CHECKING:
     from poise.viewing.summary import parameter_rows
 
 __all__ = [
+    "LOOP_COLUMNS",
     "draw_parts",
     "excitation_panels",
     "graph_panel",
     "limits_panel",
+    "loop_rows",
+    "loop_sentences",
     "map_panel",
     "mechanism_panel",
     "parameter_rows",
@@ -38,19 +43,24 @@ __all__ = [
     "write_assembly_recording",
     "write_identification_recording",
     "write_identification_report",
+    "write_loop_report",
     "write_mismatch_report",
     "write_mismatch_scene",
     "write_picture",
 ]
 
 _FILES = {
+    "LOOP_COLUMNS": "loop_report",
     "draw_parts": "parts_picture",
     "excitation_panels": "excitation_figures",
+    "loop_rows": "loop_report",
+    "loop_sentences": "loop_report",
     "parameter_rows": "summary",
     "transfer_panel": "carrying_figures",
     "write_assembly_recording": "assembly_recording",
     "write_identification_recording": "rerun_scene",
     "write_identification_report": "report",
+    "write_loop_report": "loop_report",
     "write_mismatch_report": "mismatch_report",
     "write_mismatch_scene": "mismatch_scene",
     "write_picture": "canvas",

@@ -24,8 +24,8 @@ _WIDTH, _BINS = 0.04, (150.0, 300.0)
 """s over which samples are averaged, and limits of the number of averages."""
 _PER_PARAMETER = 3.0
 """Nats that a further parameter has to gain."""
-_LEAST_GAIN = 8.0
-"""Nats that a cause has to gain."""
+_LEAST_GAIN, _LEAST_FIXED_GAIN = 8.0, 4.0
+"""Nats that a cause has to gain; less where it has nothing to fit, and so cannot follow noise."""
 _AS_WELL = 0.7
 """A cause precedes contact, which explains any residual, when it reduces the log of the residual by this share of what
 contact does."""
@@ -46,6 +46,7 @@ class Cause:
         sentence: what it is, the evidence in numbers, and how to fix it.
         evidence: the numbers by name, SI units.
         gain: nats by which it explains the samples better, less what its parameters cost.
+        fixed: it has nothing to fit: a unit, a sign, an exchange of axes.
         certain: no other cause explains the samples nearly as well, and it explains most of the recording.
         repair: how to make the wrench right; None: that is not possible.
         explanation: the fit.
@@ -55,6 +56,7 @@ class Cause:
     sentence: str
     evidence: Mapping[str, float]
     gain: float
+    fixed: bool
     certain: bool
     repair: Repair | None
     explanation: Explanation
@@ -114,7 +116,8 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     n_free = best.n_free + (0 if reading.excluded is None else 2 * int(reading.excluded.sum()))
     gain = 3 * float(improvement.sum()) - _PER_PARAMETER * n_free + reading.prior
     gain += plausibility(best) - plausibility(plain)
-    if gain < _LEAST_GAIN and not (gain > 0 and impossible(plain)):
+    fixed = n_free == 0 and reading.usable is None and reading.reduced is None and reading.censored is None
+    if gain < (_LEAST_FIXED_GAIN if fixed else _LEAST_GAIN) and not (gain > 0 and impossible(plain)):
         return None
     share = float(np.mean(improvement > 0.05))
     before, after = plain.rms, np.exp(levels.mean(axis=0))
@@ -133,7 +136,7 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
         f" {after[1]:.2g} N m, in {100 * share:.0f} % of the recording)"
     )
     repair = None if reading.repair is None else reading.repair(best)
-    return Cause(reading.code, explained, evidence, gain, share >= _IMPROVED, repair, best)
+    return Cause(reading.code, explained, evidence, gain, fixed, share >= _IMPROVED, repair, best)
 
 
 def _level(cause: Cause) -> float:

@@ -18,8 +18,9 @@ from poise.weighing.gravity import weight_columns
 from poise.weighing.reading import Repair
 
 _SIGMAS = 3.0
-_CLEARLY = 15.0
-"""Nats that a cause has to gain where the fit passes its tests."""
+_CLEARLY, _FIXED_CLEARLY = 15.0, 5.0
+"""Nats that a cause has to gain where the fit passes its tests; less where it has nothing to fit. A wrong unit changes
+the number by a factor, and may show in nothing but the small forces of fast turns."""
 _LEAST_SHARE, _LEVER = 0.003, 0.1
 """Share of the mass, and m, by which an answer has to change."""
 _RIVAL = 10.0
@@ -61,7 +62,7 @@ def _only_contact(estimate: InertialEstimate) -> bool:
 def _is_material(estimate: InertialEstimate, cause: Cause) -> bool:
     """The cause is clear, and with it mass or centre of mass are others than in the estimate."""
     found, mass = cause.explanation, float(estimate.phi[0])
-    if cause.gain < _CLEARLY or cause.code is ErrorCode.IN_CONTACT:
+    if cause.gain < (_FIXED_CLEARLY if cause.fixed else _CLEARLY) or cause.code is ErrorCode.IN_CONTACT:
         return False
     step = np.abs(found.phi[:4] - np.nan_to_num(estimate.phi[:4]))
     spread = np.sqrt(np.diag(found.covariance)[:4] + np.nan_to_num(np.diag(estimate.covariance)[:4]))

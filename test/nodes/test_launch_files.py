@@ -9,10 +9,10 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FILES = sorted((ROOT / "launch").glob("*.launch.py"))
+FILES = sorted(set((ROOT / "launch").glob("*.launch.py")) - {ROOT / "launch" / "loop.launch.py"})
 NAMES = {
     "launch": ["LaunchDescription"],
-    "launch.actions": ["DeclareLaunchArgument"],
+    "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction", "Shutdown"],
     "launch.substitutions": ["LaunchConfiguration", "PathJoinSubstitution"],
     "launch_ros": [],
     "launch_ros.actions": ["LifecycleNode", "Node"],
@@ -57,3 +57,26 @@ def test_a_launch_file_starts_its_node_with_a_parameter_file_that_exists(path: P
     remapped = {argument.arguments[0] for _, argument in node.named["remappings"]}
     given = {key for values in node.named["parameters"] if isinstance(values, dict) for key in values}
     assert set(declared) == {"namespace", "params_file"} | remapped | given
+
+
+@pytest.mark.usefixtures("launch")
+def test_the_loop_starts_all_its_nodes_which_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = importlib.util.spec_from_file_location("loop", ROOT / "launch" / "loop.launch.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    (*arguments, nodes) = module.generate_launch_description().arguments[0]
+    given = {argument.arguments[0]: argument.named["default_value"] for argument in arguments} | {"objects": "1"}
+
+    class Given(Recorder):
+        def perform(self, context: dict[str, str]) -> str:
+            return context[self.arguments[0]]
+
+    monkeypatch.setattr(module, "LaunchConfiguration", Given)
+    started = {node.named["executable"]: node.named for node in nodes.named["function"](given)}
+    assert started.keys() == {*module.NODES, "loop"} - {"object_scanner"}
+    assert {name for name, named in started.items() if not named.get("respawn")} == {"fake_robot", "loop"}
+    assert (ROOT / "config" / Path(started["loop"]["parameters"][0]).name).is_file()
+    for name, parameter in (("fake_robot", "world"), ("world_model", "scene")):
+        assert Path(started[name]["parameters"][1][parameter]).is_file()

@@ -69,6 +69,18 @@ def test_what_is_wrong_is_seen_within_two_looks(change, code, word, after):
     assert played.run(0.5) is None
 
 
+def test_the_speed_of_the_motion_before_does_not_count():
+    played = Played()
+    played.watch.arm([0.0, 1.0], [5.0], BEGIN, played.now)
+    played.speed = 4.0
+    assert played.run(0.3) is None
+    begin = round((played.now + 900.0) * 1e9)
+    played.watch.arm([0.0, 1.0], [0.5], begin, played.now)
+    assert played.watch.problem(played.now) is None
+    problem, _ = played.run(1.0)
+    assert problem.code is ErrorCode.NOT_FOLLOWING  # but its own does
+
+
 def test_the_stop_that_comes_next_is_chosen():
     played = Played()
     played.run(0.3)

@@ -8,9 +8,11 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
+from poise.nodes.runtime import release_memory
 from poise.nodes.workers import Worker, WorkerTemplate
 
 SOON = 60.0
@@ -176,3 +178,16 @@ def _runs(process):
     except ProcessLookupError:
         return False
     return True
+
+
+def test_freed_memory_between_kept_pieces_is_returned_to_the_system() -> None:
+    def resident() -> float:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+    pieces = [np.ones(8192) for _ in range(1500)]  # 64 KB each: smaller than what glibc maps by itself
+    kept = pieces[::100]
+    del pieces
+    before = resident()
+    release_memory()
+    assert before - resident() > 50.0
+    assert all(piece.sum() == 8192 for piece in kept)

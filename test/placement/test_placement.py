@@ -20,6 +20,7 @@ from poise.placement import (
     Validator,
     choice,
     evaluate,
+    kept_free,
     plan_placement,
 )
 from poise.placement.matching import SupportPoint, poses_on_one, poses_on_two
@@ -119,6 +120,18 @@ def test_a_room_that_is_kept_free_stays_free():
     with pytest.raises(NoAnswerError) as error:
         plan_placement(read_scene({"objects": [table]}), read_object(CUBE), full)
     assert error.value.data["rejected"]["is to stay free"] > 0
+
+
+def test_nothing_is_placed_over_a_table_that_is_kept_free():
+    table, tray = ({"id": name, "fixed": True, "box": [0.3, 0.3, 0.02]} for name in ("table", "tray"))
+    assembly = read_scene(
+        {"objects": [table | {"pose": [-0.2, 0, 0, 0, 0, 0, 1]}, tray | {"pose": [0.2, 0, 0, 0, 0, 0, 1]}]}
+    )
+    block = read_object({"id": "block", "box": [0.05, 0.05, 0.05], "mass": 1.0})
+    free = Options(candidates=1, looks=kept_free(assembly, ["table", "a_table_that_is_not_there"]))
+    assert len(free.looks) == 1
+    for seed in range(4):
+        assert plan_placement(assembly, block, free, seed).item.vertices[:, 0].min() > 0.04
 
 
 def test_where_an_object_settled_is_looked_at_again(monkeypatch):

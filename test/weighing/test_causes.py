@@ -222,6 +222,27 @@ def test_a_number_that_contradicts_its_cause_is_withheld():
     assert with_causes(good, ()).findings == ()
 
 
+def test_a_wrong_unit_that_little_shows_withholds_a_number_that_passes_the_tests():
+    from poise.inertia.pipeline import InertialEstimate
+    from poise.inertia.verdict import FitVerdict
+
+    wrench = (CLEAN + 100 * NOISE) * np.repeat([1 / 4.4482216, 1], 3) + BIAS
+    samples = replace(MOTION, wrench=wrench)
+    plain = explain(samples, plain_design)
+    estimate = InertialEstimate(
+        *(0, "ft", InertialParameters.from_phi(plain.phi), plain.phi, plain.covariance[:10, :10], BIAS, np.eye(6)),
+        *(np.nan, np.nan, "poise", True, (), 1.0, len(SECONDS), (), 0.1, 0.1),
+        fit=FitVerdict(),
+        samples=samples,
+    )
+    causes = causes_of(estimate)
+    assert causes[0].code is ErrorCode.FORCE_UNIT
+    assert causes[0].fixed
+    assert 5 < causes[0].gain < 15  # a cause with parameters of its own would need 15
+    assert is_withheld(estimate, causes)
+    assert causes_of(replace(estimate, phi=LOAD.phi, samples=replace(MOTION, wrench=CLEAN + 100 * NOISE))) == ()
+
+
 def test_gravity_that_is_not_that_of_the_earth_is_a_finding():
     from poise.inertia.pipeline import InertialEstimate
 

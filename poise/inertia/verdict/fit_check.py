@@ -57,7 +57,8 @@ _BEYOND_CHANCE = 8.0
 
 _BLIND = (
     ("weight", 0.3, "a payload that the controller compensates, or a wrong gravity (accelerate the load)"),
-    ("lever", 2.0, "a wrong sign or unit of the torque (turn the load faster)"),
+    ("lever", 2.0, "a wrong sign of the torque (turn the load faster)"),
+    ("lever", 0.775, "a force in lbf, or another wrong unit of force or torque alone (turn the load faster)"),
     ("tilt", 0.1, "a base that is not level (turn the load about more axes)"),
 )
 """Tests, limits above which they see nothing, and what they would see."""

@@ -1,0 +1,70 @@
+"""What is true in the world of a fake robot, to compare with what the loop found; no node of the loop reads it."""
+
+from pathlib import Path
+
+import numpy as np
+from rclpy.node import Node
+from tf2_msgs.msg import TFMessage
+
+from poise.assembly import RigidObject, load_scene
+from poise.geometry import Pose
+from poise.nodes.transforms import pose_between
+from poise.robot import FrameTree
+from poise.types import Array
+
+
+class LoopTruth:
+    """The objects of the scene file, at the poses of the topic world_truth.
+
+    Args:
+        node: that listens.
+        scene: the file.
+        frames: of tf.
+    """
+
+    def __init__(self, node: Node, scene: str, frames: FrameTree) -> None:
+        self._items = {item.id: item for item in load_scene(Path(scene)).objects if not item.fixed}
+        self._frames, self._poses, self._frame = frames, dict[str, Pose](), ""
+        self._names: dict[str, str] = {}
+        node.create_subscription(TFMessage, "world_truth", self._on_truth, 10)
+
+    def _on_truth(self, message: TFMessage) -> None:
+        for each in message.transforms:
+            shift, turn = each.transform.translation, each.transform.rotation
+            self._frame = each.header.frame_id
+            self._poses[each.child_frame_id] = Pose.from_vector(
+                [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w]
+            )
+
+    def match(self, name: str, pose: Pose, frame: str) -> None:
+        """Find the true object of a scanned one: the nearest that no other is."""
+        place = (self._to_world(frame) @ pose).translation
+        free = {true: self._poses[true] for true in self._items if true in self._poses}
+        free = {true: there for true, there in free.items() if true not in self._names.values()}
+        self._names.pop(name, None)
+        if free:
+            self._names[name] = min(free, key=lambda true: float(np.linalg.norm(free[true].translation - place)))
+
+    def name(self, name: str) -> str:
+        """The true object that a scanned one is; empty: not known."""
+        return self._names.get(name, "")
+
+    def weight(self, name: str, frame: str) -> tuple[float, Array] | None:
+        """kg, and (3,) m centre of mass in a frame where it is now."""
+        item = self._items.get(self.name(name))
+        if item is None or item.id not in self._poses:
+            return None
+        there = self._to_world(frame).inverse @ self._poses[item.id]
+        return item.mass, there.apply(_com(item))
+
+    def places(self, frame: str) -> dict[str, Array]:
+        """(3,) m of the true objects that the loop knows, in a frame, by their ids."""
+        back = self._to_world(frame).inverse
+        return {true: (back @ self._poses[true]).translation for true in self._names.values() if true in self._poses}
+
+    def _to_world(self, frame: str) -> Pose:
+        return pose_between(self._frames, frame, self._frame or frame)
+
+
+def _com(item: RigidObject) -> Array:
+    return np.asarray(item.shape.centroid if item.com is None else item.com)
