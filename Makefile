@@ -16,8 +16,10 @@ demo: ## weigh a real payload: replay the committed recording through live nodes
 	@$(BIN)/python tools/demo.py
 
 test: lint ## everything CI checks: formatting, types, tests
-	@$(BIN)/pytest -n 3 --dist worksteal -m "not alone"  # on two cores: many tests wait for nodes
-	@$(BIN)/pytest -m alone
+	@status=0; \
+	$(BIN)/pytest -n 3 --dist worksteal --durations 40 -m "not alone" || status=1; \
+	$(BIN)/pytest -m alone test/nodes || status=1; \
+	exit $$status  # three processes on two cores, because many tests wait for nodes; both parts run in any case
 
 lint: ## ruff and mypy alone
 	@tools/set_up.sh viewer,test

@@ -24,7 +24,7 @@ NODES: dict[str, list[str]] = {
     "mismatch_diagnoser": [],
 }
 WAYS = ("Ctrl-C", "Ctrl-C twice", "SIGTERM", "kill -9 and restart")
-PATIENCE = 15.0  # s before a node that does not end counts as hanging
+PATIENCE = 60.0  # s before a node that does not end counts as hanging
 
 
 def start(name: str, domain: int, log: Path) -> subprocess.Popen[bytes]:
@@ -95,18 +95,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=50)
     parser.add_argument("--domain", type=int, default=88)
-    parser.add_argument("--quick", action="store_true", help="one repeat")
+    parser.add_argument("--quick", action="store_true", help="one repeat, and two of the ways for each node")
     arguments = parser.parse_args()
     repeats = 1 if arguments.quick else arguments.repeats
     table = Table(title=f"Clean of {repeats}")
     for heading in ("node", *WAYS):
         table.add_column(heading)
-    cases = [(name, way) for name in NODES for way in WAYS]
+    ways = {name: WAYS[i % 2 :: 2] if arguments.quick else WAYS for i, name in enumerate(NODES)}
+    cases = [(name, way) for name in NODES for way in ways[name]]
     faults = {case: [] for case in cases}
     for name, way in track([case for case in cases for _ in range(repeats)], description="stopping nodes"):
         faults[name, way] += [fault] if (fault := fault_of(name, way, arguments.domain)) else []
     for name in NODES:
-        table.add_row(name, *(f"{repeats - len(faults[name, way])}" for way in WAYS))
+        table.add_row(name, *(f"{repeats - len(faults[name, way])}" if way in ways[name] else "" for way in WAYS))
     console = Console()
     console.print(table)
     for (name, way), found in faults.items():

@@ -29,7 +29,7 @@ from trajectory_msgs.msg import JointTrajectory
 from poise.errors import ErrorCode, PoiseError
 from poise.excitation import Guard, MotionLimits, tool_centre
 from poise.excitation.execution import ReadyStops, brake
-from poise.nodes.lifecycle import ArmNode
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.motion_watch import WatchLimits
 from poise.nodes.runtime import run, to_message
 from poise.nodes.trajectory_message import trajectory_message

@@ -121,6 +121,7 @@ class QuasistaticWorld:
         self._riders = set(self._first_riders)
         self._held: str = ""
         self._grasp: _Grasp | None = None
+        self._widest = np.inf  # m between the fingers when they began to close
         self._before: tuple[Hand | None, Hand | None] = (None, None)
         self._sliding: dict[str, Array] = {}  # velocities of what the base has dislodged, m/s
         self._stands: dict[tuple[Any, ...], set[str]] = {}  # which riders an acceleration dislodges
@@ -141,18 +142,21 @@ class QuasistaticWorld:
         if self._grasp is not None:
             self._carry(before, hand)
         elif hand.force > 0 and hand.opening < before.opening:
-            self._close(before.opening, hand)
+            self._close(self._widest, hand)
+        else:
+            self._widest = hand.opening
         return self._felt(hand)
 
     # -- between the pads -----------------------------------------------------------------------------------------
 
-    def _close(self, before: float, hand: Hand) -> None:
+    def _close(self, widest: float, hand: Hand) -> None:
+        """Look whether both fingers touch a body; widest: m, where they began to close."""
         for name, item in self._bodies.items():
             if item.fixed or np.linalg.norm(item.com_in_world - hand.tool.translation) > 1.0:
                 continue
             corners = hand.tool.undo(item.vertices)[item.shape.polyhedron.triangles]
             found = squeeze(corners, self._pads)
-            if found is None or found.width < hand.opening or max(-found.low, found.high) > before / 2 + _OPENED:
+            if found is None or found.width < hand.opening or max(-found.low, found.high) > widest / 2 + _OPENED:
                 continue  # it is not there, not reached yet, or not between the fingers
             if not found.firm:
                 self.remarks.append(f"{hand.time:.2f} s: {name} slips out of the closing fingers")

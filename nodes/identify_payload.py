@@ -22,8 +22,8 @@ from poise.inertia import InertialEstimate
 from poise.inertia.estimators import check_method
 from poise.inertia.model import NoiseLevels, Parts
 from poise.inertia.pipeline import LiveEstimator
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.estimate_message import estimate_message, no_estimate_message
-from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.payload_causes import CauseSearch, CheckedAnswer
 from poise.nodes.payload_shape import accuracy_of

@@ -15,11 +15,11 @@ from poise.errors import PoiseError
 from poise.geometry import rotation_of_quaternion
 from poise.inertia.model import Parts
 from poise.inertia.pipeline import LiveEstimator, status_of
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.diagnostics import DiagnosticsPublisher
 from poise.nodes.estimate_message import change_message, estimate_message, no_estimate_message
 from poise.nodes.identify_payload import IdentifyPayload
 from poise.nodes.inertial_estimator_parameters import PARAMETERS, live_options
-from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.payload_shape import accuracy_of, parts_of_message
 from poise.nodes.runtime import guarded, run, subscribe, topic_hint

@@ -274,13 +274,13 @@ class NodesRobot:
             ahead = there.translation + distance * there.rotation[:, 0]
             self._goal = PoseStamped(header=self._odom.header, pose=pose_message(Pose(there.rotation, ahead)))
         frame = "" if self._assembly is None else self._assembly.header.frame_id
-        before = None if self._truth is None else self._truth.places(frame)
+        before = None if self._truth is None else self._truth.places(frame, left_behind)
         found = self._do("carry_object", path=[self._goal], speed=self._values["speed"])
         moved = None
         if self._truth is not None and before:
             ended = time.monotonic()
             self.wait(lambda: time.monotonic() > ended + 1.0, _NEWS, "poses after the way")
-            after = self._truth.places(frame)
+            after = self._truth.places(frame, left_behind)
             moved = max(float(np.linalg.norm(after[name] - place)) for name, place in before.items())
         return Carried(found.distance, found.seconds, found.used, found.limit, moved)
 

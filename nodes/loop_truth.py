@@ -1,5 +1,6 @@
 """What is true in the world of a fake robot, to compare with what the loop found; no node of the loop reads it."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -57,10 +58,11 @@ class LoopTruth:
         there = self._to_world(frame).inverse @ self._poses[item.id]
         return item.mass, there.apply(_com(item))
 
-    def places(self, frame: str) -> dict[str, Array]:
-        """(3,) m of the true objects that the loop knows, in a frame, by their ids."""
+    def places(self, frame: str, without: Sequence[str]) -> dict[str, Array]:
+        """(3,) m of the true objects that the loop knows, in a frame, by their ids; some left out by their names."""
         back = self._to_world(frame).inverse
-        return {true: (back @ self._poses[true]).translation for true in self._names.values() if true in self._poses}
+        known = [true for name, true in self._names.items() if true in self._poses and name not in without]
+        return {true: (back @ self._poses[true]).translation for true in known}
 
     def _to_world(self, frame: str) -> Pose:
         return pose_between(self._frames, frame, self._frame or frame)

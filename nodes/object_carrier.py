@@ -13,8 +13,8 @@ from tf2_msgs.msg import TFMessage
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
 from poise.manipulation import BaseExecution, BaseLimits, BaseTolerances, plan_base_motion
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.assembly_message import pose_message
-from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, run, to_message

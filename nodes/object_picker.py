@@ -25,10 +25,10 @@ from poise.manipulation import (
     require_room,
     without_held,
 )
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.assembly_message import assembly_of, object_of
 from poise.nodes.hand_events import HandEvents
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
-from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.pick_task import PickTask, cancelled, pick_result
 from poise.nodes.place_execution import PlaceExecution, seconds_left

@@ -17,8 +17,8 @@ from trajectory_msgs.msg import JointTrajectory
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import Arm
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.jobs import Jobs, run_with_jobs
-from poise.nodes.lifecycle import ArmNode
 from poise.nodes.object_scanner_parameters import (
     SCANNER_PARAMETERS,
     given_eye,
@@ -359,20 +359,21 @@ class ObjectScanner(ArmNode):
                 notes.append(f"{own} at {np.round(point, 3).tolist()} m was left out: {error.message}")
         if cancelled():
             raise NoAnswerError(ErrorCode.CANCELLED, "scan: cancelled")
-        messages = [self._message(own, session, *found, notes) for own, *found in objects]
-        for own, scanned, _ in objects:
-            self._frames[own] = object_transform(sweep.base, own, session.newest, scanned)
+        messages = []
+        for stamp, (own, scanned, found) in enumerate(
+            objects, start=session.newest
+        ):  # a scan must be newer than the last
+            messages.append(self._message(own, stamp, scanned, found, notes))
+            self._frames[own] = object_transform(sweep.base, own, stamp, scanned)
         self._transforms.publish(TFMessage(transforms=list(self._frames.values())))
         for message in messages:
             self._objects.publish(message)
         return messages[0]
 
-    def _message(
-        self, name: str, session: ScanSession, scanned: Scan, found: Segmentation, notes: list[str]
-    ) -> SegmentedObject:
+    def _message(self, name: str, stamp: int, scanned: Scan, found: Segmentation, notes: list[str]) -> SegmentedObject:
         parts = independent_parts(found) if self._values["independent_parts"] else found.tetrahedron_labels
         remarks = (*notes, *scanned.notes, *found.notes)
-        return segmented_message(name, name, session.newest, scanned, found, parts, remarks)
+        return segmented_message(name, name, stamp, scanned, found, parts, remarks)
 
 
 def main(args: list[str] | None = None) -> None:

@@ -14,10 +14,10 @@ from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.files import package_file
 from poise.geometry import Pose
 from poise.manipulation import TransferExecution
+from poise.nodes.arm_node import ArmNode
 from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, object_of
 from poise.nodes.hand_events import HandEvents
 from poise.nodes.jobs import ANSWER_GRACE, Jobs, run_with_jobs
-from poise.nodes.lifecycle import ArmNode
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
 from poise.nodes.place_execution import Carrying, PlaceExecution, seconds_left
 from poise.nodes.placement_task import PlacementTask, cancelled_placement, placement_feedback, placement_result

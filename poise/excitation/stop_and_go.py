@@ -105,33 +105,46 @@ def stop_and_go(
     """A round trip of poses from the start, `dwell` s at rest in each, in the order that takes least time.
 
     Raises:
-        NoAnswerError: UNREACHABLE when the hand can be tilted to no side, or no order of the poses keeps to the room.
+        NoAnswerError: UNREACHABLE when the hand can be tilted to no side, or no poses have ways that keep to the room.
         PoiseError: CANCELLED.
     """
     candidates = np.vstack([start, tilted(model, start, active, guard, limits)])
     check(cancelled)
     progress(0.3)
-    chosen = candidates[choose(model, candidates, poses, information, dwell)]
-    if len(chosen) < min(poses, 3):
-        raise NoAnswerError(
-            ErrorCode.UNREACHABLE,
-            "the hand cannot be tilted from here: joints are at the ends of their range; move the arm",
-        )
-    n = len(chosen)
-    times = np.zeros((n, n))
-    for i, j in itertools.combinations(range(n), 2):
-        check(cancelled)
-        times[i, j] = times[j, i] = _travel_time(model, chosen[i], chosen[j], chosen[0], guard, limits)
-        progress(0.3 + 0.7 * (i + 1) / n)
-    orders = [(0, *order, 0) for order in itertools.permutations(range(1, n))]
-    best = min(orders, key=lambda order: sum(times[a, b] for a, b in itertools.pairwise(order)))
-    legs = [times[a, b] for a, b in itertools.pairwise(best)]
-    if not np.isfinite(sum(legs)):
-        raise NoAnswerError(ErrorCode.UNREACHABLE, "no way between the poses keeps to the room; allow more of it")
-    arrivals = np.concatenate([[0.0], np.cumsum(legs) + dwell * np.arange(1, n + 1)])
+    while True:
+        picked = choose(model, candidates, poses, information, dwell)
+        chosen = candidates[picked]
+        if len(chosen) < min(poses, 3):
+            raise NoAnswerError(
+                ErrorCode.UNREACHABLE,
+                "the hand cannot be tilted from here: joints are at the ends of their range, or the room is too small;"
+                " move the arm, or allow more room",
+            )
+        times = _travel_times(model, chosen, guard, limits, progress, cancelled)
+        orders = [(0, *order, 0) for order in itertools.permutations(range(1, len(chosen)))]
+        best = min(orders, key=lambda order: sum(times[a, b] for a, b in itertools.pairwise(order)))
+        legs = [times[a, b] for a, b in itertools.pairwise(best)]
+        if np.isfinite(sum(legs)):
+            break
+        # No order keeps to the room: leave out the pose with the fewest ways, and choose again among the rest.
+        worst = 1 + int(np.argmin(np.isfinite(times[1:]).sum(axis=1)))
+        candidates = np.delete(candidates, picked[worst], axis=0)
+    arrivals = np.concatenate([[0.0], np.cumsum(legs) + dwell * np.arange(1, len(legs) + 1)])
     position = chosen[list(best)]
     stops = np.column_stack([arrivals, arrivals + dwell]).ravel()
     return WaypointTrajectory(stops, np.repeat(position, 2, axis=0))
+
+
+def _travel_times(
+    model: RobotModel, poses: Array, guard: Guard, limits: MotionLimits, progress: Progress, cancelled: Cancelled
+) -> Array:
+    """(N, N) s between poses, the first of which is the start; progress goes from 0.3 to 1."""
+    times = np.zeros((len(poses), len(poses)))
+    for i, j in itertools.combinations(range(len(poses)), 2):
+        check(cancelled)
+        times[i, j] = times[j, i] = _travel_time(model, poses[i], poses[j], poses[0], guard, limits)
+        progress(0.3 + 0.7 * (i + 1) / len(poses))
+    return times
 
 
 def _travel_time(

@@ -19,6 +19,7 @@ from poise.manipulation.cell import HELD_CLEARANCE, ROBOT_CLEARANCE, Cell
 from poise.manipulation.grasps import APPROACH_SIDES, antipodal_grasps
 from poise.manipulation.hand import Grasp
 from poise.manipulation.inverse import follow, solutions
+from poise.manipulation.probing import probed_grasps
 from poise.placement import PlacementTest, PoseTest, require_new
 from poise.types import Array
 
@@ -227,6 +228,7 @@ class Reach:
         gravity = float(np.linalg.norm(self.before.assembly.gravity))
         hand, item = self.arm.hand, self.item
         grasps = antipodal_grasps(item.shape, hand, sides)
+        grasps += probed_grasps(item.shape, hand, item.pose.rotation.T @ self._up)
         holds = [(grasp, hand.acceleration_limit(item, grasp.object_tcp, gravity)) for grasp in grasps]
         firm = [(grasp, hold) for grasp, hold in holds if hold > _LEAST_HOLD]
         self._no_grasp = f"there is no room for the hand at any of its {len(firm)} grasps"

@@ -21,7 +21,7 @@ from poise.placement.refinement import refine
 from poise.placement.scoring import PlacementScore, check_criterion, estimate_score, evaluate
 from poise.placement.supports import Supports, find_supports
 from poise.placement.uncertainty import Uncertainty
-from poise.placement.validation import PlacementTest, PoseTest, Validator, require_new
+from poise.placement.validation import KeptFree, PlacementTest, PoseTest, Validator, require_new
 
 SUPPORT_KINDS = ("any", "objects", "fixed")
 SUPPORT_PLACES = 400
@@ -147,6 +147,7 @@ def plan_placement(
     features = ContactFeatures.of(item.shape, item.com)
     size = float(np.linalg.norm(np.ptp(item.shape.polyhedron.vertices, axis=0)))
     supports = find_supports(analysis, options.on, options.guide, SUPPORT_PLACES, size, rng)
+    supports = supports.outside([(look.low, look.high) for _, look in options.looks if isinstance(look, KeptFree)])
     validator = Validator(analysis, item, options.tests, options.looks, options.uncertainty)
     search = _Search(supports, features, validator, options, size, start, progress)
     found = search.run(rng)

@@ -67,6 +67,24 @@ class Supports:
         rest = float(np.minimum(self.robustness, top).sum()) or 1.0
         self._cap = top * max(1.0, _FIRST_SHARE * rest / top)
 
+    def outside(self, rooms: Sequence[tuple[Array, Array]]) -> "Supports":
+        """Those outside boxes, given by two corners, m; all of them when none is."""
+        within = [np.all((self.points >= low) & (self.points <= high), axis=1) for low, high in rooms]
+        kept = ~np.any(within, axis=0) if rooms else np.ones(len(self.points), dtype=bool)
+        if kept.all() or not kept.any():
+            return self
+        found = Supports(
+            self.places[kept],
+            self.points[kept],
+            self.normals[kept],
+            self.robustness[kept],
+            self.nearness[kept],
+            self.sharp[kept],
+            self.reach,
+        )
+        found.trust = self.trust[kept]
+        return found
+
     @property
     def weights(self) -> Array:
         """(N,) probability of each place at the next draw (eq. 5.10, with the cap decayed, and 5.13)."""

@@ -292,6 +292,15 @@ def test_an_object_too_large_to_be_moved_under_the_speed_limit_is_refused(fr3: R
     assert refused(NoAnswerError, lambda: plan_stop_and_go(fr3, HOME, guard, limits)) == ErrorCode.UNREACHABLE
 
 
+def test_where_the_best_poses_have_no_way_within_the_room_others_are_chosen(fr3: RobotModel) -> None:
+    start = HOME + np.random.default_rng(0).uniform(-0.5, 0.5, 7)
+    guard, limits = Guard.ball(tool_centre(fr3, "tcp"), 0.1), MotionLimits(room=0.02)
+    found = plan_stop_and_go(fr3, start, guard, limits)
+    assert found.certificate.room <= 0.02
+    assert len(np.unique(np.round(found.motion.position, 9), axis=0)) >= 3
+    assert found.mass_std < 0.01
+
+
 def test_the_answer_for_an_object_that_is_too_large_depends_on_no_encoder_noise(fr3: RobotModel) -> None:
     """Seeds 0 and 1 had SOLVER_FAILED: the bound of the tool's way grew with the object."""
     guard = Guard.ball(tool_centre(fr3, "tcp"), 100.0)

@@ -66,9 +66,7 @@ def nees(estimate, truth: InertialParameters) -> float:
     return float((error / deviation) @ np.linalg.pinv(correlation, rcond=1e-9, hermitian=True) @ (error / deviation))
 
 
-@pytest.mark.parametrize(
-    ("motion", "name"), [("swing", "drill"), ("swing", "bottle"), ("swing", "block"), ("round_trip", "drill")]
-)
+@pytest.mark.parametrize(("motion", "name"), [("swing", "bottle"), ("swing", "block"), ("round_trip", "drill")])
 def test_the_payload_is_found_within_its_covariance_and_slowly_enough(motion, name, guard, request) -> None:
     truth = PAYLOADS[name]
     stage = Rehearsal(truth.phi, seed=len(name))
@@ -118,7 +116,7 @@ def test_a_brake_takes_over_without_a_jump_and_keeps_the_limits(model, guard, sw
     assert stop.duration <= 0.6
 
 
-@pytest.mark.parametrize("at", [0.5, 0.56, 0.7, 1.1, 1.6, 2.15, 2.3, 2.4])
+@pytest.mark.parametrize("at", [0.5, 0.7, 1.6, 2.3])
 def test_cancelling_in_any_phase_brings_the_arm_to_rest_within_the_limits(guard, swing, at) -> None:
     stage = Rehearsal(PAYLOADS["drill"].phi, weighs=False)
     session = stage.run(ready(swing), guard, LIMITS, events=[(at, lambda session, now: session.cancel(now))])

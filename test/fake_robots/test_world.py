@@ -103,6 +103,17 @@ def test_an_open_hand_and_a_hand_beside_the_body_lift_nothing():
         np.testing.assert_array_equal(hand.pose("can").vector, CAN.pose.vector)
 
 
+def test_the_finger_that_touches_first_moves_the_body_to_the_middle():
+    moved = Hands(CAN)
+    moved.place = np.array([0.3, 0.008, 0.05])
+    moved.close()
+    assert moved.felt.id == "can"
+    np.testing.assert_allclose(moved.pose("can").translation, [0.3, 0.008, 0.05], atol=1e-9)
+    outside = Hands(CAN)
+    outside.place = np.array([0.3, 0.02, 0.05])
+    assert outside.close().felt.id == ""
+
+
 def test_a_body_too_wide_stops_nothing_and_one_with_slanting_sides_slips_out():
     wide = Hands(body("block", Box((0.1, 0.1, 0.1)), at(0.3, 0, 0.05))).close()
     assert wide.felt.id == ""

@@ -203,7 +203,7 @@ def test_parts_whose_centroids_lie_in_one_plane_keep_their_masses(rng):
     assert np.all(errors_in_sigma(ours, phi) < 4)
 
 
-@pytest.mark.parametrize("delay", [-0.03, 0.0, 0.02, 0.05])
+@pytest.mark.parametrize("delay", [-0.03, 0.0, 0.05])
 def test_the_clocks_are_told_apart(delay: float):
     errors, sure = [], []
     for seed in range(15):

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from composites import composite, measured, without_shape
+from kuka_recordings import kuka
 from scipy.spatial.transform import Rotation, Slerp
 
 from poise.errors import ErrorCode, NoAnswerError
@@ -91,7 +92,7 @@ def test_a_real_arm_that_rests_against_something_for_most_of_the_time(name, kind
 
 @pytest.mark.parametrize("name", ["free_motion", "vibration", "static_poses"])
 def test_recordings_without_contact_have_no_such_finding_and_every_estimate_on_the_way_holds(name):
-    answer = identify(open_recording(ROOT / "bags" / f"kuka_{name}.mcap"))
+    answer = kuka(name)
     assert ErrorCode.IN_CONTACT not in codes(answer.estimate.findings)
     assert len(answer.history) >= 10
     for past in answer.history:

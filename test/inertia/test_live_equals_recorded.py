@@ -200,7 +200,7 @@ def outcome(answer: Callable[[], InertialEstimate]) -> InertialEstimate | ErrorC
 
 
 # What comes before the estimator is one pipeline: the others need a few of the inputs only.
-FOR_ALL = ("healthy", "late messages", "not finite", "wrong shape", "no kinematics", "too short")
+FOR_ALL = ("healthy", "late messages", "wrong shape", "too short")
 PAIRS = [(method, name) for method in method_choices() for name in INPUTS if method == "poise" or name in FOR_ALL]
 
 
@@ -228,7 +228,7 @@ def test_live_and_recorded_give_the_same_answer(scene, tmp_path, method, name):
     assert on_robot.unidentified == from_file.unidentified
 
 
-@pytest.mark.parametrize("method", method_choices())
+@pytest.mark.parametrize("method", ["poise", "auto", "geo"])
 def test_a_wrench_of_the_opposite_sign_is_refused_live(scene, method):
     messages = replace(scaled(-1.0)(scene), parts=PARTS)
     assert outcome(lambda: live(messages, method)) is ErrorCode.NOT_CONSISTENT

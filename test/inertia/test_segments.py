@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kuka_recordings import kuka
 from ordinary_work import START, Nuisance, Work, work
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode
-from poise.inertia import Identification, identify
+from poise.inertia import Identification
 from poise.inertia.pipeline import OnlineEstimator, identify_wrenches
 from poise.inertia.pipeline.block_means import block_means
 from poise.inertia.pipeline.payload_changes import find_changes
-from poise.recording import open_recording
 from poise.robot import JointSource, Kinematics, SensorMotion
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,7 +60,7 @@ def test_pushes_and_a_drifting_bias_make_no_segments(seed):
 
 @pytest.mark.parametrize("name", ["static_poses", "free_motion", "vibration"])
 def test_the_kuka_recordings_have_one_payload(name):
-    answer = identify(open_recording(ROOT / "bags" / f"kuka_{name}.mcap"))
+    answer = kuka(name)
     (segment,) = answer.segments
     assert segment.event == "start"
     assert segment.estimate is answer.estimate

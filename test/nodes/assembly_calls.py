@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 
+import numpy as np
 from geometry_msgs.msg import Point, Vector3
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import PointField
 
 from poise.assembly import Assembly, Box, RigidObject
 from poise.geometry import Pose
@@ -64,3 +66,13 @@ def change(operation: int, assembly: AssemblyMessage) -> SetAssembly.Request:
 def replace_by(assembly: AssemblyMessage) -> SetAssembly.Request:
     """A request to set a whole assembly."""
     return change(SetAssembly.Request.REPLACE, assembly)
+
+
+def records(cloud):
+    """The points of a cloud as NumPy records."""
+    kinds = {PointField.FLOAT32: "<f4", PointField.FLOAT64: "<f8", PointField.UINT32: "<u4", PointField.INT32: "<i4"}
+    names, formats = zip(*((field.name, kinds.get(field.datatype, "u1")) for field in cloud.fields), strict=True)
+    offsets = [field.offset for field in cloud.fields]
+    return np.frombuffer(
+        cloud.data, {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
+    )

@@ -15,6 +15,7 @@ from poise.errors import ErrorCode
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC
+from poise.recording import stamp_of
 from poise_msgs.action import ScanObject
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import SegmentedObject
@@ -53,6 +54,7 @@ def test_what_stands_on_the_table_is_found_by_a_planned_sweep(graph: Graph, star
     graph.wait_for(lambda: len(scans) == 2, what="both objects")
     there = {each.child_frame_id: each.transform.translation for message in frames for each in message.transforms}
     assert [each.id for each in scans] == ["thing", "thing_2"]
+    assert stamp_of(scans[0]) < stamp_of(scans[1])  # else world_model would take the second for an old one
     for scan in scans:
         shift = there[scan.header.frame_id]
         coms = [[part.unit_inertia.com.x, part.unit_inertia.com.y, part.unit_inertia.com.z] for part in scan.parts]

@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from poise.nodes import acceleration_limits, place_execution, placement_planner, robustness_server
-from poise.nodes.lifecycle import ARM_NODE_PARAMETERS
+from poise.nodes.arm_node import ARM_NODE_PARAMETERS
 from poise.nodes.parameters import WORDS
 
 pytestmark = pytest.mark.ros

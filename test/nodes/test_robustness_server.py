@@ -16,12 +16,12 @@ from assembly_calls import (
     change,
     message,
     push,
+    records,
     replace_by,
     wall,
 )
 from geometry_msgs.msg import TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from sensor_msgs.msg import PointField
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -52,12 +52,20 @@ def server(start_node, graph):
     return start_node("robustness_server")
 
 
+@pytest.fixture(scope="module")
+def answering(shared):
+    """The graph of a server that several tests ask, each about an assembly of its own."""
+    graph, start = shared
+    start("robustness_server")
+    return graph
+
+
 # -- answers -----------------------------------------------------------------------------------------------------
 
 
-def test_a_push_with_its_own_assembly_is_answered_as_by_the_core(server, graph):
+def test_a_push_with_its_own_assembly_is_answered_as_by_the_core(answering):
     pushes = [LOW_PUSH, push("cube", (-0.5, 0.1, 0.9), (1, 0.2, 0)), push("cube", (0, 0, 1), (0, 0, -1))]
-    answer = ask(graph, assess(*pushes, assembly=message(CUBE)))
+    answer = ask(answering, assess(*pushes, assembly=message(CUBE)))
     assert (answer.error.code, answer.stable) == (ErrorCode.OK, True)
     core = assess_in_core(
         Assembly((FLOOR, CUBE)),
@@ -77,17 +85,17 @@ def test_a_push_with_its_own_assembly_is_answered_as_by_the_core(server, graph):
     assert slip.mechanism[0].linear.x == pytest.approx(1.0)
 
 
-def test_pushes_of_a_group_grow_together(server, graph):
+def test_pushes_of_a_group_grow_together(answering):
     two = [LOW_PUSH, push("cube", (-0.5, 0.2, 0.1), (1, 0, 0)), push("cube", (-0.5, -0.2, 0.1), (1, 0, 0))]
-    answer = ask(graph, assess(*two, assembly=message(CUBE), groups=[7, 3, 3]))
+    answer = ask(answering, assess(*two, assembly=message(CUBE), groups=[7, 3, 3]))
     together, alone = (result.robustness for result in answer.robustness)
     assert alone == pytest.approx(MU * G)
     assert together == pytest.approx(MU * G / 2)
-    assert ask(graph, assess(*two, assembly=message(CUBE), groups=[1])).error.code == ErrorCode.BAD_INPUT
+    assert ask(answering, assess(*two, assembly=message(CUBE), groups=[1])).error.code == ErrorCode.BAD_INPUT
 
 
-def test_a_map_is_certified_to_its_tolerance_and_names_what_moves(server, graph):
-    answer = ask(graph, assess(assembly=message(CUBE, LID), map_points=500, map_tolerance=0.05))
+def test_a_map_is_certified_to_its_tolerance_and_names_what_moves(answering):
+    answer = ask(answering, assess(assembly=message(CUBE, LID), map_points=500, map_tolerance=0.05))
     assert answer.error.code == ErrorCode.OK
     (found,) = answer.map
     points = records(found.cloud)
@@ -101,21 +109,11 @@ def test_a_map_is_certified_to_its_tolerance_and_names_what_moves(server, graph)
     assert found.header.frame_id == found.cloud.header.frame_id == FRAME
 
 
-def records(cloud):
-    """The points of a cloud as NumPy records."""
-    kinds = {PointField.FLOAT32: "<f4", PointField.FLOAT64: "<f8", PointField.UINT32: "<u4", PointField.INT32: "<i4"}
-    names, formats = zip(*((field.name, kinds.get(field.datatype, "u1")) for field in cloud.fields), strict=True)
-    offsets = [field.offset for field in cloud.fields]
-    return np.frombuffer(
-        cloud.data, {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud.point_step}
-    )
-
-
-def test_the_order_of_disassembly_begins_at_the_top(server, graph):
-    answer = ask(graph, PlanDisassembly.Request(assembly=[message(CUBE, LID)]))
+def test_the_order_of_disassembly_begins_at_the_top(answering):
+    answer = ask(answering, PlanDisassembly.Request(assembly=[message(CUBE, LID)]))
     assert (list(answer.order), list(answer.safe)) == (["lid", "cube"], [True, True])
     assert answer.margins[-1] == math.inf
-    one = ask(graph, PlanDisassembly.Request(assembly=[message(CUBE, LID)], target="cube"))
+    one = ask(answering, PlanDisassembly.Request(assembly=[message(CUBE, LID)], target="cube"))
     assert list(one.order) == ["lid", "cube"]
 
 
@@ -232,7 +230,7 @@ def transform(parent, child, shift, turn=(0.0, 0.0, 0.0, 1.0)):
 # -- what goes wrong ----------------------------------------------------------------------------------------------
 
 
-def test_every_bad_input_has_its_code_and_a_sentence_that_names_it(server, graph):
+def test_every_bad_input_has_its_code_and_a_sentence_that_names_it(answering):
     good = message(CUBE)
     floating = message(CUBE, box("cup", (0.1, 0.1, 0.1), (0, 0, 3)))
     no_floor = assembly_message(Assembly((FLOOR, CUBE)), FRAME)
@@ -268,19 +266,21 @@ def test_every_bad_input_has_its_code_and_a_sentence_that_names_it(server, graph
         (broken["place"], LOW_PUSH, ErrorCode.NOT_FINITE, "cube"),
     ]
     for assembly, asked, code, word in cases:
-        answer = ask(graph, assess(asked, assembly=assembly))
+        answer = ask(answering, assess(asked, assembly=assembly))
         assert (ErrorCode(answer.error.code), word in answer.error.message) == (code, True), answer.error.message
     slippery = message(CUBE)
     slippery.friction = -0.1
-    assert ask(graph, assess(LOW_PUSH, assembly=slippery)).error.code == ErrorCode.BAD_INPUT
-    assert ask(graph, assess(LOW_PUSH)).error.code == ErrorCode.EMPTY
-    assert ask(graph, assess(LOW_PUSH, assembly=good, model="magic")).error.code == ErrorCode.BAD_INPUT
+    assert ask(answering, assess(LOW_PUSH, assembly=slippery)).error.code == ErrorCode.BAD_INPUT
+    assert ask(answering, assess(LOW_PUSH)).error.code == ErrorCode.EMPTY
+    assert ask(answering, assess(LOW_PUSH, assembly=good, model="magic")).error.code == ErrorCode.BAD_INPUT
     many = [LOW_PUSH] * 10_001
     for sizes in (assess(assembly=good, map_points=100_001), assess(*many, assembly=good)):
-        answer = ask(graph, sizes)
+        answer = ask(answering, sizes)
         assert (answer.error.code, "at most" in answer.error.message) == (ErrorCode.BAD_INPUT, True)
-    assert ask(graph, PlanDisassembly.Request(assembly=[good], target="ghost")).error.code == ErrorCode.OBJECT_UNKNOWN
-    assert ask(graph, assess(LOW_PUSH, assembly=good)).error.code == ErrorCode.OK
+    assert (
+        ask(answering, PlanDisassembly.Request(assembly=[good], target="ghost")).error.code == ErrorCode.OBJECT_UNKNOWN
+    )
+    assert ask(answering, assess(LOW_PUSH, assembly=good)).error.code == ErrorCode.OK
 
 
 MASSES = ((0.0, ErrorCode.OBJECT_INVALID), (-1.0, ErrorCode.OBJECT_INVALID), (math.nan, ErrorCode.NOT_FINITE))
@@ -317,15 +317,15 @@ def test_a_scene_that_cannot_be_used_ends_the_node_with_its_reason(start_node, t
     assert "none is fixed" in node.output
 
 
-def test_two_hundred_objects_within_a_second_are_answered_with_what_is_certified(server, graph):
+def test_two_hundred_objects_within_a_second_are_answered_with_what_is_certified(answering):
     asked = push("b5_3", (0.75, 0.05, 0.55), (0, -1, 0))
-    answer = ask(graph, assess(asked, assembly=wall(10, 20), deadline=1.0, map_points=1000))
+    answer = ask(answering, assess(asked, assembly=wall(10, 20), deadline=1.0, map_points=1000))
     assert answer.error.code in (ErrorCode.OK, ErrorCode.DEADLINE)
     if answer.robustness:
         (result,) = answer.robustness
         assert 0 <= result.lower <= result.upper
     # And the next call finds a server that works.
-    assert ask(graph, assess(LOW_PUSH, assembly=message(CUBE))).robustness[0].robustness == pytest.approx(MU * G)
+    assert ask(answering, assess(LOW_PUSH, assembly=message(CUBE))).robustness[0].robustness == pytest.approx(MU * G)
 
 
 # -- many at once ---------------------------------------------------------------------------------------------------
@@ -340,11 +340,11 @@ def together(graph, requests):
     return [future.result() for future in futures]
 
 
-def test_a_hundred_calls_in_flight_are_all_answered(server, graph):
+def test_a_hundred_calls_in_flight_are_all_answered(answering):
     heights = np.linspace(0.05, 0.95, 100)
     requests = [assess(push("cube", (-0.5, 0, z), (1, 0, 0)), assembly=message(CUBE)) for z in heights]
     expected = [min(MU * G, G * 0.5 / z) for z in heights]
-    found = [answer.robustness[0].robustness for answer in together(graph, requests)]
+    found = [answer.robustness[0].robustness for answer in together(answering, requests)]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 

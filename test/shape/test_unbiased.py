@@ -31,9 +31,9 @@ def box_inertia(sides: tuple[float, float, float]) -> Array:
     "sides", [(0.1, 0.06, 0.04), (0.2, 0.02, 0.02), (0.3, 0.03, 0.002)], ids=["box", "bar", "ruler"]
 )
 def test_edges_that_chords_cut_off_come_back(sides: tuple[float, float, float]) -> None:
-    """Both the volume and the inertia per kg come nearer to those of the box, over ten clouds."""
+    """Both the volume and the inertia per kg come nearer to those of the box, over five clouds."""
     off: list[list[float]] = []
-    for seed in range(10):
+    for seed in range(5):
         points = samples.box(np.random.default_rng(seed), sides, COUNT)
         for solid in both(points):
             phi = parts_of_solid(solid).unit_phi[:, 0]
@@ -47,7 +47,7 @@ def test_edges_that_chords_cut_off_come_back(sides: tuple[float, float, float]) 
 def test_noise_hardly_thickens(noise: float) -> None:
     """What noise adds to the volume of a sphere, beyond what the same points add without it."""
     added = []
-    for seed in range(5):
+    for seed in range(3):
         rng = np.random.default_rng(seed)
         points = samples.sphere(rng, 0.03, COUNT)
         pairs = zip(both(points + rng.normal(0, noise, points.shape)), both(points), strict=True)
@@ -73,7 +73,7 @@ def test_the_volume_is_still_that_inside_the_surface() -> None:
     assert np.linalg.det(unbiased_solid.vertices[triangles]).sum() / 6 == pytest.approx(unbiased_solid.volume)
 
 
-@pytest.mark.parametrize("seed", range(400, 412))
+@pytest.mark.parametrize("seed", range(400, 406))
 def test_every_part_of_a_random_object_is_a_possible_body(seed: int) -> None:
     made = make_composite(seed, 3e-4)
     parts = parts_of_segmentation(segment(made.points, made.colours))

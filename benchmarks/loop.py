@@ -1,0 +1,184 @@
+"""Whole loops of random objects in the fake robot: `python -m benchmarks.loop [--seeds 5] [--first 100] [--kill NODE]`.
+
+Each seed is one run of `poise loop`, with its nodes as processes, in real time. With `--kill any` one node is killed by
+SIGKILL at a random time of each loop. The stack of each loop is then carried in MuJoCo at 1.0 and 1.5 times the limits.
+"""
+
+import argparse
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.touching import holds_in_mujoco
+from poise.assembly import Analysis, Assembly, acceleration_limits
+from poise.errors import PoiseError
+from poise.files import write_whole
+from poise.world import load_world
+
+STEPS = {"scan": None, "pick": 0.82, "weigh": None, "place": 0.892, "carry": None}
+"""Steps of a loop, and what the thesis reached (Table 5.2)."""
+KILLED = ("world_model", "object_scanner", "object_picker", "placement_planner", "inertial_estimator")
+KILLED += ("acceleration_limits", "object_carrier", "robustness_server")
+DIRECTIONS = 6
+PATIENCE = 1800.0
+"""s that one loop may take on a machine that does other things."""
+console = Console(width=120)
+
+
+def one_loop(seed: int, objects: int, distance: float, shapes: str, kill: str, out: Path) -> dict[str, Any]:
+    """The content of loop.json of one run, with what came of its stack in MuJoCo."""
+    command = [sys.executable, "-m", "poise.cli", "loop", "--seed", str(seed), "--objects", str(objects)]
+    command += ["--distance", str(distance), "--shapes", shapes, "--out", str(out)]
+    rng = np.random.default_rng([seed, 9])
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    victim = ""
+    if kill:
+        victim = str(rng.choice(KILLED)) if kill == "any" else kill
+        threading.Thread(target=_kill, args=(victim, process, rng.uniform(60, 240)), daemon=True).start()
+    try:
+        said = process.communicate(timeout=PATIENCE)[1]
+    except subprocess.TimeoutExpired:
+        process.send_signal(signal.SIGINT)
+        said = process.communicate()[1]
+    file = out / "loop.json"
+    content: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {"complete": False, "objects": []}
+    content |= {"status": process.returncode, "said": said.strip().splitlines()[-1:], "seed": seed, "killed": victim}
+    if content.get("carried"):
+        content["mujoco"] = carried_in_mujoco(load_world(out / "world_state").assembly)
+    return content
+
+
+def _kill(name: str, parent: subprocess.Popen[str], after: float) -> None:
+    """Kill a node of a loop, by its process id."""
+    time.sleep(after)
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                words = (entry / "cmdline").read_bytes().decode().split("\0")
+                ours = int((entry / "stat").read_text().rpartition(")")[2].split()[1]) == parent.pid
+            except (OSError, ValueError):
+                continue
+            if ours and any(word.endswith(f"/{name}") for word in words):
+                os.kill(int(entry.name), signal.SIGKILL)
+                return
+
+
+def carried_in_mujoco(stack: Assembly | None) -> dict[str, list[bool]]:
+    """Whether the stack holds at shares of its limits, in some directions."""
+    if stack is None:
+        return {}
+    angles = np.linspace(0, 2 * np.pi, DIRECTIONS, endpoint=False)
+    directions = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    try:
+        limits = acceleration_limits(Analysis.of(stack), directions, 60.0, turning=False).limits
+        return {
+            str(share): [
+                holds_in_mujoco(stack, share * limit * way) for limit, way in zip(limits, directions, strict=True)
+            ]
+            for share in (1.0, 1.5)
+        }
+    except PoiseError as error:
+        console.print(f"MuJoCo: {error.message}", markup=False)
+        return {}
+
+
+def summary(loops: list[dict[str, Any]]) -> dict[str, Any]:
+    """The counts of the table."""
+    objects = [each for loop in loops for each in loop["objects"] if "true_mass" in each]
+    asked = sum(loop.get("wanted", 0) for loop in loops)
+    done: Counter[str] = Counter()
+    tried: Counter[str] = Counter()
+    for loop in loops:
+        for step in STEPS:
+            names = {each["object"] for each in loop.get("steps", []) if each["step"] == step}
+            good = {each["object"] for each in loop.get("steps", []) if each["step"] == step and each["code"] == 0}
+            tried[step] += len(names)
+            done[step] += len(good)
+    moved = [loop["carried"]["moved"] for loop in loops if loop.get("carried")]
+    held = {share: [ok for loop in loops for ok in loop.get("mujoco", {}).get(share, [])] for share in ("1.0", "1.5")}
+    return {
+        "loops": len(loops),
+        "complete": sum(loop["complete"] for loop in loops),
+        "coded": sum(not loop["complete"] and loop["status"] == 3 for loop in loops),
+        "objects": asked,
+        "placed": sum(each["outcome"] == "placed" for loop in loops for each in loop["objects"]),
+        "weighed": len(objects),
+        "mass_error": float(np.median([abs(each["mass_error"]) for each in objects])) if objects else None,
+        "com_error": float(np.median([each["com_error"] for each in objects])) if objects else None,
+        "within": sum(each["within"] for each in objects),
+        "steps": {step: [done[step], tried[step]] for step in STEPS},
+        "carried_moved": max(moved, default=None),
+        "planning": [loop.get("planning") for loop in loops],
+        "seconds": [loop.get("seconds") for loop in loops],
+        "mujoco": {share: [sum(oks), len(oks)] for share, oks in held.items()},
+    }
+
+
+def show(found: dict[str, Any]) -> None:
+    """The table of the issue."""
+    table = Table(title=f"{found['loops']} loops")
+    table.add_column("")
+    table.add_column("measured", justify="right")
+    table.add_row("complete", f"{found['complete']} of {found['loops']}")
+    table.add_row("not complete, ended with a code", str(found["coded"]))
+    table.add_row("objects placed; weighed", f"{found['placed']}; {found['weighed']} of {found['objects']}")
+    if found["weighed"]:
+        table.add_row("mass, median error", f"{100 * found['mass_error']:.2f} %")
+        table.add_row("centre of mass, median error", f"{1e3 * found['com_error']:.2f} mm")
+        table.add_row("all within 3 sigma", f"{found['within']} of {found['weighed']}")
+    for step, (done, tried) in found["steps"].items():
+        thesis = f" (thesis {STEPS[step]:.0%})" if STEPS[step] else ""
+        table.add_row(f"{step}{thesis}", f"{done} of {tried}")
+    if found["carried_moved"] is not None:
+        table.add_row("largest motion on the tray", f"{1e3 * found['carried_moved']:.2f} mm")
+    for share, (held, asked) in found["mujoco"].items():
+        table.add_row(f"holds in MuJoCo at {share} x the limit", f"{held} of {asked}")
+    table.add_row(
+        "planning and computing, s", ", ".join(f"{each:.0f}" for each in found["planning"] if each is not None)
+    )
+    table.add_row("whole loop, s", ", ".join(f"{each:.0f}" for each in found["seconds"] if each is not None))
+    console.print(table)
+
+
+def main() -> None:
+    """Run the loops and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--first", type=int, default=100, help="first seed")
+    parser.add_argument("--objects", type=int, default=5)
+    parser.add_argument("--distance", type=float, default=3.0)
+    parser.add_argument("--shapes", default="scan", choices=("scan", "given"))
+    parser.add_argument(
+        "--kill", default="", metavar="NODE", help="kill this node once in each loop; any: a random one"
+    )
+    parser.add_argument("--quick", action="store_true", help="one loop of one object")
+    parser.add_argument("--json", type=Path, help="write all results there")
+    options = parser.parse_args()
+    seeds, objects = (1, 1) if options.quick else (options.seeds, options.objects)
+    loops = []
+    for seed in range(options.first, options.first + seeds):
+        with TemporaryDirectory() as folder:
+            loop = one_loop(seed, objects, options.distance, options.shapes, options.kill, Path(folder))
+        loops.append(loop)
+        state = "complete" if loop["complete"] else f"not complete: {' '.join(loop['said'])}"
+        console.print(f"seed {seed}: {state}{', killed ' + loop['killed'] if loop['killed'] else ''}", markup=False)
+    found = summary(loops)
+    show(found)
+    if options.json:
+        write_whole(options.json, json.dumps({"summary": found, "loops": loops}, indent=1).encode())
+
+
+if __name__ == "__main__":
+    main()
