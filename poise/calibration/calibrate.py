@@ -161,8 +161,8 @@ def _judged(
     notes = () if rms < 3 * noise else (f"views disagree by {1e3 * disagreement:.2f} mm: the limits of the arm",)
     halves = _require_one_place(problem, fit)
     answer = fit.parameters, fit.covariance, identified, late, reasons
-    quality = noise, rms, disagreement, scale, scale_sigma, halves, notes
-    return HandEyeCalibration(link, names, *answer, problem.views, rejected, dropped, *quality)
+    quality = noise, rms, disagreement, scale, scale_sigma, halves
+    return HandEyeCalibration(link, names, *answer, problem.views, rejected, dropped, *quality, notes)
 
 
 def _require_agreement(rms: float, noise: float, size: float) -> float:
