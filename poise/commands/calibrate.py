@@ -77,7 +77,7 @@ def calibrate(
     draw_board: DrawOption = None,
     json_target: JsonOption = None,
 ) -> None:
-    """Estimate where a camera sits on the hand, and the zero offsets of the joints, from a printed board.
+    """Estimate where a camera sits on the hand, and the zero offsets of the joints.
 
     1. Print a ChArUco board (`--draw-board board.png`), glue it to something flat, measure a square, and fasten it on
     the table. 2. Record images, camera_info, joint_states, robot_description and tf_static while the arm brings the
