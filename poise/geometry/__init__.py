@@ -15,6 +15,8 @@ from poise.geometry.rotations import (
     rotation_about,
     rotation_between,
     rotation_of_quaternion,
+    rotation_of_vector,
+    vector_of_rotation,
 )
 from poise.geometry.vectors import cross, move_wrench, plane_axes, unit, wrench_of_force
 
@@ -31,6 +33,8 @@ __all__ = [
     "rotation_about",
     "rotation_between",
     "rotation_of_quaternion",
+    "rotation_of_vector",
     "unit",
+    "vector_of_rotation",
     "wrench_of_force",
 ]

@@ -1,7 +1,6 @@
 """Rotation matrices: from and to quaternions, about an axis, between two vectors; cross-product matrices."""
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from poise.geometry.vectors import plane_axes
@@ -90,9 +89,22 @@ def _orthonormal(matrices: Array) -> Array:
 
 def rotation_about(axis: ArrayLike, angle: float) -> Array:
     """(3, 3) rotation by an angle, rad, about a unit axis (3,) (Rodrigues; thesis eq. 5.17)."""
-    return np.asarray(
-        scipy.spatial.transform.Rotation.from_rotvec(angle * np.asarray(axis, dtype=np.float64)).as_matrix()
-    )
+    return rotation_of_vector(angle * np.asarray(axis, dtype=np.float64))
+
+
+def rotation_of_vector(vector: ArrayLike) -> Array:
+    """(..., 3, 3) rotations of rotation vectors (..., 3): axis times angle, rad."""
+    values = np.asarray(vector, dtype=np.float64)
+    angle = np.linalg.norm(values, axis=-1, keepdims=True)
+    quaternion = np.concatenate([np.sinc(angle / (2 * np.pi)) / 2 * values, np.cos(angle / 2)], axis=-1)
+    return _matrices(quaternion.reshape(-1, 4)).reshape(*values.shape, 3)
+
+
+def vector_of_rotation(rotation: ArrayLike) -> Array:
+    """(..., 3) rotation vectors, of at most half a turn, of rotation matrices (..., 3, 3)."""
+    quaternion = quaternion_of_rotation(rotation)
+    half = np.arctan2(np.linalg.norm(quaternion[..., :3], axis=-1), quaternion[..., 3])[..., None]
+    return np.asarray(quaternion[..., :3] * 2.0 / np.sinc(half / np.pi))
 
 
 def rotation_between(start: Array, end: Array) -> Array:

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping
 
 import numpy as np
-import scipy
 
 from poise.errors import ErrorCode
+from poise.geometry import rotation_of_vector, vector_of_rotation
 from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
@@ -119,7 +119,7 @@ def _turned(samples: FitSamples) -> list[Reading]:
 def _rotated(signs: Array) -> ReadingDesign:
     def design(samples: FitSamples, values: Array) -> Array:
         columns = signal_columns(samples.signals)
-        turn = scipy.spatial.transform.Rotation.from_rotvec(values).as_matrix()
+        turn = rotation_of_vector(values)
         columns[:, :, :10] = (signs[:, None] * _both(turn, turn)) @ columns[:, :, :10]
         return columns
 
@@ -128,7 +128,7 @@ def _rotated(signs: Array) -> ReadingDesign:
 
 def _unrotated(signs: Array) -> Callable[[Explanation], Repair]:
     def repair(found: Explanation) -> Repair:
-        turn = scipy.spatial.transform.Rotation.from_rotvec(found.values[:3]).as_matrix()
+        turn = rotation_of_vector(found.values[:3])
         return Repair(wrench=_both(turn.T, turn.T) * signs)
 
     return repair
@@ -177,7 +177,7 @@ def _kabsch(samples: FitSamples, sign: int) -> tuple[tuple[float, ...], ...]:
             mass = np.sum(share[:, None] * target * (about @ turn.T)) / np.sum(share[:, None] * about**2)
             off = np.linalg.norm(target - mass * about @ turn.T, axis=1)
             weight = np.minimum(1.0, np.median(off) / np.maximum(off, 1e-9))
-        starts.append(tuple(scipy.spatial.transform.Rotation.from_matrix(turn).as_rotvec().tolist()))
+        starts.append(tuple(vector_of_rotation(turn).tolist()))
     return tuple(starts)
 
 
