@@ -11,6 +11,10 @@ from poise.errors import ErrorCode, InputError
 from poise.fake_robots.stream import Message, TopicInfo
 from poise.recording import LATCHED_TOPICS, open_recording
 
+_BEHIND, _LARGE_BEHIND = 20_000, 1000
+"""Messages by which a subscriber on a busy machine may be behind; of large ones fewer, because each is kept."""
+_LARGE = ("Image", "CompressedImage", "PointCloud2")
+
 
 class BagSource:
     """The messages of a bag on relative topics; a leading slash falls off, so that a namespace and remappings apply.
@@ -43,9 +47,9 @@ class BagSource:
             relative = name.strip("/")
             self._relative[name] = relative
             latched = _is_latched(relative, dict(topic.metadata))
-            self.topics[relative] = TopicInfo(
-                topic.type, latched, max(self._recording.counts[name], 1) if latched else 1000
-            )
+            behind = _LARGE_BEHIND if topic.type.rpartition("/")[2] in _LARGE else _BEHIND
+            depth = max(self._recording.counts[name], 1) if latched else behind
+            self.topics[relative] = TopicInfo(topic.type, latched, depth)
         if not self.topics:
             raise InputError(ErrorCode.UNSUPPORTED, f"{path}: no topic can be replayed: {'; '.join(self.remarks)}")
 

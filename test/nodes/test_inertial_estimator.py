@@ -344,8 +344,6 @@ def test_without_wrench_and_without_kinematics_the_diagnostics_say_what_is_missi
     ("parameters", "named"),
     [
         ({"method": "magic"}, "magic"),
-        ({"gravity": -1.0}, "gravity"),
-        ({"motion_source": "stars"}, "stars"),
         ({"publish_rate": "fast"}, "publish_rate"),
     ],
 )

@@ -30,7 +30,7 @@ class Base:
 
     def __init__(self, graph):
         self.graph, self.place, self.velocity, self.commands = graph, 0.0, 0.0, []
-        graph.node.create_subscription(Twist, "cmd_vel", self.take, 10)
+        graph.node.create_subscription(Twist, "cmd_vel", self.take, 1000)
         self.odom = graph.node.create_publisher(Odometry, "odom", 10)
         self.timer = graph.node.create_timer(PERIOD, self.say)
 

@@ -1,26 +1,24 @@
 """Confidence of an answer: probabilities of effects, their rivals, and indistinguishable effects."""
 
 import math
-from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import HypothesisSearch, ProvenModel
+from poise.mismatch.inference import EQUAL_EVIDENCE, EffectCandidate, HypothesisSearch, ProvenModel
 
-_TEMPERATURE = 4.0
-"""Divisor of log evidences in the comparison of rivals: no model is exact, and widths of priors are typical ones."""
+_MISFIT = 4.0
+"""Weight of the misfit that an answer leaves in the comparison with its rivals: chosen on development cases."""
 _NONE_TEMPERATURE = 2.0
-"""The same, in the comparison of the nominal model with models that have more effects."""
+"""Divisor of log evidences in the comparison of the nominal model with models that have effects: no model is exact."""
 _PER_EFFECT = math.log(30.0)
 """log prior odds against one effect more, of about thirty that there are."""
-_WEIGHTS = (-0.74, 0.47, -0.23, -0.13, -0.64, -2.69)
-"""Of `BeliefBasis.terms` in the log odds that a name is true: fitted on answers to cases of two generators by
+_WEIGHTS = (-1.4, 0.8)
+"""Of `BeliefBasis.terms` in the log odds that the library holds the truth: fitted on development cases by
 `benchmarks.concealed.calibrate`."""
-_IMITATES = 0.1
-"""Energy that stays unexplained where an effect acts, in units of its own, from which it counts against the name."""
 MAX_PROBABILITY = 0.995
-_ALIKE = 1.5
-"""Difference of log evidence (tempered) below which two hypotheses are indistinguishable."""
+_ALIKE = 0.22
+"""Odds relative to the name from which a rival is called indistinguishable."""
 _LEAST_REPORTED = 0.001
 
 Names = tuple[str, ...]
@@ -31,7 +29,7 @@ class EffectBelief:
     """The confidence in one effect of the answer.
 
     Args:
-        probability: of the effect: the rate at which comparable names were right (Platt's scaling).
+        probability: of the effect: the chance that the library holds the truth, shared with its rivals.
         rivals: (name, probability) of effects that could replace it, the likeliest first.
         alike: names of effects that the recording cannot distinguish from it.
         basis: of the probability; None where the readings alone show the effect.
@@ -48,68 +46,77 @@ class BeliefBasis:
     """The evidence for a name and against it.
 
     Args:
-        evidence, share, rest: `support`, `share` and `rest` of its proof, see `EffectProof`.
-        rivals: sum over the hypotheses that replace it by another effect: 1 for one that does as well.
-        parts: of the answer, named or not.
-        beside_unknown: the residual contains an effect that no name explains.
+        evidence: `support` of its proof, see `EffectProof`.
+        rivals: sum of the odds of other effects and free curves in its place: 1 for one that does as well.
     """
 
     evidence: float
-    share: float
-    rest: float
     rivals: float
-    parts: int
-    beside_unknown: bool
 
     @property
     def terms(self) -> tuple[float, ...]:
-        """The regressors of the log odds: other effects and unknown ones question a name that removes little error.
-
-        What stays unexplained where the effect acts could imitate it.
-        """
-        little = -math.log(max(self.share, 1e-3))
-        evidence, rivals = math.log(max(self.evidence, 1.0)), math.log1p(self.rivals)
-        left = math.log1p(self.rest / _IMITATES)
-        return 1.0, evidence, little * self.beside_unknown, little * (self.parts > 1), left, rivals
+        """The regressors of the log odds that the library holds the truth."""
+        return 1.0, math.log(max(self.evidence, 1.0))
 
     @property
     def probability(self) -> float:
-        """That the name is true; rivals that do as well are as likely."""
+        """That the name is true: the library holds the truth, and the rivals share it."""
         odds = sum(weight * term for weight, term in zip(_WEIGHTS, self.terms, strict=True))
-        return min(1.0 / (1.0 + math.exp(-odds)), 1.0 / (1.0 + self.rivals), MAX_PROBABILITY)
+        return min(1.0 / (1.0 + math.exp(-odds)) / (1.0 + self.rivals), MAX_PROBABILITY)
 
 
 def beliefs(
-    state: HypothesisSearch, answer: Names, model: ProvenModel, *, beside_unknown: bool
+    model: ProvenModel, instead: Sequence[Mapping[str, EffectCandidate]], misfit: float
 ) -> tuple[EffectBelief, ...]:
     """A belief for each effect of an answer.
 
     Args:
-        state: all hypotheses that were tried.
-        answer: the effects of the best hypothesis.
-        model: it, with its proofs; hypotheses with effects that lack a proof are no rivals.
-        beside_unknown: the residual contains an effect that no name explains.
+        model: the answer, with its proofs; effects that lack a proof are no rivals.
+        instead: for each part, what the effects of the library win in its place.
+        misfit: share of the error of the nominal model that the answer leaves above the noise.
     """
-    dropped = set(model.dropped) - set(answer)
-    raw = {names: value for names, value in _evidences(state).items() if not dropped & set(names)}
-    weight = {names: math.exp(min(value - raw[answer], 0.0) / _TEMPERATURE) for names, value in raw.items()}
+    lost = set(model.dropped) - {part.effect.name for part in model.fit.parts}
     found = []
-    for part, proof in zip(model.fit.parts, model.proofs, strict=True):
+    for part, proof, candidates in zip(model.fit.parts, model.proofs, instead, strict=True):
         name = part.effect.name
-        without = Counter(answer) - Counter([name])
-        instead = {
-            next(iter((Counter(names) - without).elements())): value
-            for names, value in weight.items()
-            if len(names) == len(answer) and not without - Counter(names) and names != answer
-        }
-        as_well = sum(value for rival, value in instead.items() if name not in _contained((rival,)))
-        basis = BeliefBasis(proof.support, proof.share, proof.rest, as_well, len(answer), beside_unknown)
-        lacking = sum(value for names, value in weight.items() if names.count(name) < answer.count(name))
-        others = {rival: (1.0 - basis.probability) * value / max(lacking, 1e-300) for rival, value in instead.items()}
-        reported = sorted(((rival, p) for rival, p in others.items() if p > _LEAST_REPORTED), key=lambda pair: -pair[1])
-        alike = sorted((rival for rival, value in instead.items() if value > math.exp(-_ALIKE)), key=others.__getitem__)
-        found.append(EffectBelief(basis.probability, tuple(reported[:5]), tuple(reversed(alike)), basis))
+        own = candidates[name].gain if name in candidates else -math.inf
+        own = own if math.isfinite(own) else proof.evidence
+        gains = {rival: each.gain for rival, each in candidates.items() if rival != name and rival not in lost}
+        odds = {rival: rival_odds(own, gain, misfit) for rival, gain in gains.items()}
+        # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
+        curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
+        odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
+        # An effect that contains the name and does no better is no rival.
+        against = {rival: value for rival, value in odds.items() if gains[rival] > own or not _contains(rival, name)}
+        basis = BeliefBasis(proof.support, sum(against.values()))
+        reported = sorted(((rival, basis.probability * value) for rival, value in against.items()), key=_second)
+        alike = sorted((rival for rival, value in odds.items() if value > _ALIKE), key=odds.__getitem__)
+        kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
+        found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(alike)), basis))
     return tuple(found)
+
+
+def rival_odds(own: float, rival: float, misfit: float) -> float:
+    """Odds of a rival relative to a name, at most 1.
+
+    A likelihood assumes that one of the hypotheses is exact. None is: what the best answer leaves unexplained shows by
+    how much its responses are wrong, and rivals that differ from it by as little are as likely (a power likelihood;
+    Miller and Dunson 2019, "Robust Bayesian inference via coarsening").
+
+    Args:
+        own, rival: log evidence of the named effect, and of another one in its place.
+        misfit: share of the held-out error that the answer leaves, see `beliefs`.
+    """
+    return math.exp(min(rival - own, 0.0) / (EQUAL_EVIDENCE + _MISFIT * misfit * max(own, 0.0)))
+
+
+def _second(pair: tuple[str, float]) -> float:
+    return pair[1]
+
+
+def _contains(name: str, piece: str) -> bool:
+    effect = effect_named(name)
+    return effect is not None and piece in effect.made_of
 
 
 def probability_of_none(state: HypothesisSearch) -> float:
@@ -130,9 +137,3 @@ def _evidences(state: HypothesisSearch) -> dict[Names, float]:
         if names in found and key not in state.fits:
             found[key] = state.fits[names].log_evidence + gain
     return found
-
-
-def _contained(names: Names) -> set[str]:
-    """The effects of a hypothesis, and those that they contain."""
-    effects = [effect_named(name) for name in names]
-    return {*names, *(piece for effect in effects if effect is not None for piece in effect.made_of)}

@@ -30,9 +30,11 @@ from poise.mismatch.inference import (
     effort_problem,
     fit,
     held_out,
+    improved,
     names,
     proven,
     relative_error,
+    replacements,
     residual_of,
     search,
     state_description,
@@ -45,6 +47,11 @@ from poise.types import Array, Mask
 
 _FOR_SEARCH = 0.6
 """Share of the time until the deadline for the search; the proof takes the rest."""
+_REPLACED = 2
+"""Times that an effect of the answer may be replaced by a better one."""
+_ALLOWED, _LEAST = 0.15, 1e-3
+"""Energy above that of noise that held-out samples may have, since calibration errors are extrapolated to them, and the
+least one of the nominal model by which a misfit is divided."""
 
 Verdict = Literal["none", "named", "unknown", "mixed"]
 
@@ -254,11 +261,21 @@ def _examined(
         looked = problem.of(without(problem.recorded, last))
     state, best = search(looked, library, limit)
     model, final, best, proof = _proven(state, best, seen, held)
+    instead = replacements(state, model.fit)
+    for _ in range(_REPLACED):
+        better = improved(state, model.fit, instead)
+        if better is None:
+            break
+        tried = _proven(state, better, seen, held)
+        if set(names(better)) - set(names(model.fit)) <= set(names(tried[0].fit)):
+            model, final, best, proof = tried
+            instead = replacements(state, model.fit)
     nominal = fit(final, ()) if best.parts else best
     detected = shown_effects(final, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     unknown = _unknown(final, best, rest)
-    doubted = unknown is not None and (unknown.shape is not None or not rest.only_louder)
+    left = max(proof.augmented**2 - 1.0 - _ALLOWED, rest.excess, 0.0)
+    misfit = min(left / max(proof.nominal**2 - 1.0, _LEAST), 1.0)
     channels = (
         WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"
@@ -269,7 +286,7 @@ def _examined(
         nominal=nominal,
         best=best,
         search=state,
-        findings=(*named_effects(final, state, best, model, beside_unknown=doubted), *detected),
+        findings=(*named_effects(final, best, model, instead, misfit), *detected),
         unknown=unknown,
         residual_test=rest,
         # With the best model's calibration: a calibration without the findings would be biased by them.

@@ -1,6 +1,6 @@
 """The named effects of an answer: parameters with errors, belief and proof."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +9,12 @@ from poise.mismatch.answer.belief import MAX_PROBABILITY, EffectBelief, beliefs
 from poise.mismatch.effects import Effect, Values, all_effects
 from poise.mismatch.inference import (
     Dependence,
+    EffectCandidate,
     EffectProof,
     FittedEffect,
     HypothesisFit,
-    HypothesisSearch,
     Problem,
     ProvenModel,
-    names,
 )
 from poise.mismatch.reading import ModelEffect
 from poise.mismatch.recorded import RecordedMotion
@@ -51,9 +50,14 @@ class NamedEffect:
 
 
 def named_effects(
-    problem: Problem, state: HypothesisSearch, best: HypothesisFit, model: ProvenModel, *, beside_unknown: bool
+    problem: Problem,
+    best: HypothesisFit,
+    model: ProvenModel,
+    instead: Sequence[Mapping[str, EffectCandidate]],
+    misfit: float,
 ) -> list[NamedEffect]:
-    confidence = beliefs(state, names(best), model, beside_unknown=beside_unknown) if best.parts else ()
+    """The effects of the best fit; `instead` and `misfit` as in `beliefs`."""
+    confidence = beliefs(model, instead, misfit)
     inputs = problem.compose(best.parts)[0]
     found = [
         NamedEffect(

@@ -1,12 +1,20 @@
 """Fits of effects to a signal: noise, calibration errors, evidence, and the search over hypotheses."""
 
 from poise.mismatch.inference.calibration import effort_sizes, payload_steps
-from poise.mismatch.inference.fitting import HypothesisFit, exceeds_tolerance, fit, linearization_point, refine
+from poise.mismatch.inference.fitting import (
+    EffectCandidate,
+    HypothesisFit,
+    exceeds_tolerance,
+    fit,
+    linearization_point,
+    refine,
+)
 from poise.mismatch.inference.heldout import HeldOutProof, held_out, relative_error, tail
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names, residual_of
 from poise.mismatch.inference.noise import SignalNoise
 from poise.mismatch.inference.problem import FittedEffect, Problem, effort_problem, wrench_problem
 from poise.mismatch.inference.proof import EffectProof, ProvenModel, proven
+from poise.mismatch.inference.replacements import EQUAL_EVIDENCE, improved, replacements
 from poise.mismatch.inference.search import search
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import (
@@ -18,9 +26,11 @@ from poise.mismatch.inference.unknown import (
 )
 
 __all__ = [
+    "EQUAL_EVIDENCE",
     "WARM_STEPS",
     "Dependence",
     "DependenceCurve",
+    "EffectCandidate",
     "EffectProof",
     "FittedEffect",
     "HeldOutProof",
@@ -36,6 +46,7 @@ __all__ = [
     "exceeds_tolerance",
     "fit",
     "held_out",
+    "improved",
     "linear_bspline_basis",
     "linearization_point",
     "names",
@@ -43,6 +54,7 @@ __all__ = [
     "proven",
     "refine",
     "relative_error",
+    "replacements",
     "residual_of",
     "search",
     "state_description",

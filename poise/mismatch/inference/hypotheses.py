@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from poise.mismatch.effects import Effect
 from poise.mismatch.inference.coarse import thinned
 from poise.mismatch.inference.fitting import HypothesisFit, fit
 from poise.mismatch.inference.problem import FittedEffect, Problem
@@ -26,6 +27,8 @@ class HypothesisSearch:
         fits: best fit of every hypothesis, by the names of its effects.
         gains: log evidence that an effect adds to a hypothesis, estimated without a full fit.
         untestable: effects that this recording cannot show, and why.
+        library: the effects that were searched for, free curves among them.
+        replaced: answers that came from another one by replacing an effect.
         limit: time for the search. When it is over, the search ends with the best hypothesis so far.
     """
 
@@ -34,6 +37,8 @@ class HypothesisSearch:
     fits: dict[tuple[str, ...], HypothesisFit] = field(default_factory=dict)
     gains: dict[tuple[tuple[str, ...], str], float] = field(default_factory=dict)
     untestable: dict[str, str] = field(default_factory=dict)
+    library: tuple[Effect, ...] = ()
+    replaced: set[tuple[str, ...]] = field(default_factory=set)
     limit: TimeLimit = field(default_factory=TimeLimit)
     _under: dict[tuple[int, bool], tuple[HypothesisFit, Problem]] = field(default_factory=dict)
     _judged: dict[tuple[str, ...], Problem] = field(default_factory=dict)

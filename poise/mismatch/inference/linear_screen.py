@@ -31,8 +31,6 @@ _SIMPLER = 0.85
 """Share of the largest fall from which an effect with fewer parameters is preferred."""
 _GENERAL = ("link_parameters",)
 """Effects that are tried after all others, since they can imitate several of them."""
-_ALTERNATIVES = 6
-"""Other effects in the place of a single one that are compared in full."""
 _MOST = 10
 _CHOICES = 2
 """Times that effects which choose a joint or a moment are looked for in what the others leave."""
@@ -80,21 +78,16 @@ class _Sums:
         return _begun(self, [])[1]
 
 
-def screened(
-    problem: Problem, effects: Sequence[Effect]
-) -> tuple[tuple[FittedEffect, ...], tuple[tuple[FittedEffect, ...], ...]]:
+def screened(problem: Problem, effects: Sequence[Effect]) -> tuple[FittedEffect, ...]:
     """The effects that lower the error on held-out blocks, with values; none when no effect does.
 
     Args:
         problem: joint efforts.
         effects: with linear parameters.
-
-    Returns:
-        The effects; where there is one alone, also the other ones that do nearly as well in its place.
     """
     effort, rows = problem.recorded.effort, np.flatnonzero(problem.active)
     if effort is None or len(rows) < 20 * _BLOCKS:
-        return (), ()
+        return ()
     screen = _Screen(problem, effort, rows)
     linear = [each for each in effects if any(p.linear for p in each.parameters(problem.recorded))]
     choosing = [each for each in linear if _follows(each, problem)]
@@ -113,32 +106,7 @@ def screened(
     chosen = _varied(sums, chosen)
     for effect in combined:
         chosen = _replaced(problem, sums, chosen, effect)
-    others: list[int] = []
-    if len(lasting := [i for i in chosen if not _event(sums, i)]) == 1:
-        sums = screen.extended(choosing, ())
-        others = _instead(sums, lasting[0])
-    return _fitted(problem, sums, chosen), tuple(_fitted(problem, sums, [other]) for other in others)
-
-
-def _instead(sums: _Sums, chosen: int) -> list[int]:
-    """Families of other effects that lower the error nearly as much as the chosen one, the best of each effect.
-
-    An effect that the chosen one is confused with, and that has non-linear parameters, is always among them: its
-    starting points alone do not show what it can explain.
-    """
-    known, variance = sums.families[chosen], _begun(sums, [chosen])[1]
-    alike = known.effect.confused_with if known.effect else ()
-    without = _relative(_error(sums, [], variance), variance)
-    least = without - _SIMPLER * (without - _relative(_error(sums, [chosen], variance), variance))
-    left: dict[str, tuple[float, int]] = {}
-    for i, family in enumerate(sums.families):
-        if family.effect is None or family.effect.made_of or _event(sums, i) or family.name == known.name:
-            continue
-        error = _relative(_error(sums, [i], variance), variance)
-        most = np.inf if family.values and family.name in alike else least
-        if error < min(most, left.get(family.name, (np.inf, 0))[0]):
-            left[family.name] = error, i
-    return [i for _, i in sorted(left.values())[:_ALTERNATIVES]]
+    return _fitted(problem, sums, chosen)
 
 
 def _follows(effect: Effect, problem: Problem) -> bool:

@@ -6,41 +6,29 @@ the present best model with the noise and the calibration linearised there; the 
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from poise.mismatch.effects import Effect, Values, all_effects
-from poise.mismatch.inference.coarse import thinned
-from poise.mismatch.inference.fitting import (
-    EffectCandidate,
-    HypothesisFit,
-    exceeds_tolerance,
-    fit,
-    linearization_point,
-    refine,
-    score_starts,
-)
+from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exceeds_tolerance, fit
 from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.replacements import LOOKALIKE
+from poise.mismatch.inference.screening import beside
 from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence, dependences
 from poise.mismatch.reading import on_efforts
 from poise.mismatch.recorded import RecordedMotion
-from poise.types import Array
 
 _PROMISING = 3
 """Candidates of a round that are fitted."""
-_LOOK, _STEPS = 7, 4
-"""Steps of the screening, and of a fit from its result."""
-_REACH = 0.2
-"""Share of the best candidate's gain below which another one is not fitted."""
+_STEPS = 4
+"""Steps of a fit from the result of the screening."""
 _BESIDE_CURVES = 0.5
 """Share of the gain of a free curve from which the best effect of the library is fitted as well."""
-_PIECE = 0.7
-"""Share of the gain of a simple effect below which one that contains it is not fitted."""
 _NEAR, _NEAR_SHARE = 20.0, 0.15
 """log evidence within which hypotheses are compared in full, and the same as a share of the evidence won: the noise of
 the previous model contains what they explain, so that their differences are small under it."""
@@ -49,8 +37,6 @@ _VISIBLE = 3.0
 _BRIEF, _BESIDE = 0.3, 0.2
 """Largest share of a recording that an event may cover to be left out of further rounds; s on its sides."""
 _MOST_PARTS = 3
-_THRESHOLD = 3.0
-"""log evidence from which a hypothesis is refined."""
 _WIDER = 1.3
 """log evidence that an exceeded tolerance must win."""
 _NEW_PHYSICS = 6.0
@@ -59,9 +45,6 @@ _UNKNOWN = 20.0
 """log evidence that a free curve over a state must win; it may also follow noise outside the noise model."""
 _NEXT_THRESHOLD, _NEXT_MORE = 8.0, 5.0
 """log evidence to keep an effect, and what a second and third effect need in addition."""
-_LOOKALIKE = 0.005
-"""Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
-similar effect with more parameters fits the remaining details."""
 
 
 def search(
@@ -85,11 +68,11 @@ def search(
             state.untestable[effect.name] = reason
     if problem.signal == "wrench":
         effects += dependences(problem.recorded)
+    state.library = tuple(effects)
     best = fit(state.judging, ())
     state.offer(best)
     if problem.signal == "effort":
-        parts, others = screened(problem, effects)
-        return state, _together(state, parts, others)
+        return state, _together(state, screened(problem, effects))
     for number in range(_MOST_PARTS):
         if state.limit.over():
             break
@@ -127,13 +110,8 @@ def _or_one_unknown(state: HypothesisSearch, best: HypothesisFit, effects: Seque
     return alone if alone.log_evidence >= state.fits[names(best)].log_evidence else best
 
 
-def _together(
-    state: HypothesisSearch, parts: Sequence[FittedEffect], others: Sequence[Sequence[FittedEffect]]
-) -> HypothesisFit:
-    """Several effects of joint efforts under the noise that they leave, and the same without each of them.
-
-    The best of other answers that do nearly as well replaces them where its evidence is larger.
-    """
+def _together(state: HypothesisSearch, parts: Sequence[FittedEffect]) -> HypothesisFit:
+    """Several effects of joint efforts under the noise that they leave, and the same without each of them."""
     if not parts:
         return state.fits[()]
     predicted = state.problem.predicted(state.problem.compose(parts)[1])
@@ -143,21 +121,7 @@ def _together(
     best = state.fitted(problem, settled.parts, 0)
     for part in best.parts:
         state.fitted(problem, [other for other in best.parts if other is not part], WARM_STEPS)
-    for each in others:
-        tried = state.fitted(problem, fit(rough.weighed(), each, _STEPS).parts, 0)
-        if tried.log_evidence > best.log_evidence and not _pressed(problem, tried):
-            best = tried
     return best
-
-
-def _pressed(problem: Problem, found: HypothesisFit) -> bool:
-    """Whether a parameter was stopped at an end of its range: such an effect imitates another one."""
-    inputs = problem.compose(found.parts)[0]
-    return any(
-        p.at_end(part.values[p.name]) and not p.choice
-        for part, recorded in zip(found.parts, inputs, strict=True)
-        for p in part.effect.parameters(recorded)
-    )
 
 
 def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
@@ -170,7 +134,7 @@ def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
     if not best.parts:
         return first
     won = best.log_evidence - nominal if any(_alike(new, part.effect) for part in best.parts) else 0.0
-    return max(first + _NEXT_MORE, _NEXT_THRESHOLD) + _LOOKALIKE * max(won, 0.0)
+    return max(first + _NEXT_MORE, _NEXT_THRESHOLD) + LOOKALIKE * max(won, 0.0)
 
 
 def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effect]) -> HypothesisFit:
@@ -184,7 +148,7 @@ def _unfolded(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Ef
         made = [FittedEffect(each, _alone(each, part, state.problem.recorded)) for each in pieces]
         tried = state.fitted(state.under(best), [*rest, *made], _STEPS)
         won = best.log_evidence - state.fits[()].log_evidence
-        if tried.log_evidence >= best.log_evidence - _LOOKALIKE * max(won, 0.0):
+        if tried.log_evidence >= best.log_evidence - LOOKALIKE * max(won, 0.0):
             return tried
     return best
 
@@ -253,7 +217,7 @@ def _round(state: HypothesisSearch, best: HypothesisFit, effects: Sequence[Effec
 def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     """The best fit, or one with fewer parameters of an effect that it is confused with and that is nearly as good."""
     best = max(found, key=lambda each: each.log_evidence)
-    near = best.log_evidence - _LOOKALIKE * max(best.log_evidence - nominal, 0.0)
+    near = best.log_evidence - LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
     alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
     return min((best, *alike), key=lambda each: each.regression.columns.shape[0])
@@ -267,10 +231,7 @@ def prescreen(
     known = Counter(names(best))
     free = [effect for effect in effects if effect.name not in taken or 0 < known[effect.name] < effect.most]
     problem = _calm(state.under(best), best)
-    full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
-    slow = _beside(rough, best.parts, [effect for effect in free if not effect.fast], state.limit)
-    fast = _beside(full, best.parts, [effect for effect in free if effect.fast], state.limit)
-    found = sorted((*slow, *fast), key=lambda each: -each.gain)
+    found = beside(problem, best.parts, free, state.limit)
     for each in found:
         if not taken & set(each.effect.made_of):
             state.gains[names(best), each.effect.name] = each.gain
@@ -311,54 +272,3 @@ def _few_unknown(candidates: list[EffectCandidate]) -> list[EffectCandidate]:
     """Without the pseudo-effects after the first two: states are similar."""
     unknown = [each for each in candidates if isinstance(each.effect, Dependence)]
     return [each for each in candidates if each not in unknown[2:]]
-
-
-def _beside(
-    problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect], limit: TimeLimit
-) -> list[EffectCandidate]:
-    """Each effect added to some parts, at its most likely values; the most promising first.
-
-    The score at its starting points bounds its gain; effects that cannot approach the best so far are not refined.
-    """
-    here = linearization_point(problem, parts)
-    regression = here.regression
-    few = here.recorded
-    if problem.blocks is not None and problem.signal == "wrench":
-        few = few.select(problem.blocks.middle(len(few)))
-    seen = []
-    for effect in effects:
-        if limit.over():
-            break
-        # States have many columns; the middles of the blocks suffice for them.
-        recorded = few if isinstance(effect, Dependence) else here.recorded
-        best = score_starts(problem, regression, recorded, effect, _starts(effect, recorded, here.residual))
-        if best is not None:
-            seen.append(best)
-    recorded = here.recorded
-    found: list[EffectCandidate] = []
-    top = 0.0
-    # Effects whose starting points say nothing come last, and before them those that contain others: the gains of the
-    # others then end their refinement early.
-    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), bool(each.effect.made_of), -each.potential)):
-        pieces = [_PIECE * other.gain for other in found if other.effect.name in each.effect.made_of]
-        least = max(_THRESHOLD, _REACH * top, *pieces)
-        done = each
-        if not isinstance(each.effect, Dependence):
-            nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
-            if nonlinear and each.potential > least and not limit.over():
-                done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
-            if each.effect.implausible(recorded, done.values):
-                done = replace(done, gain=-np.inf)
-        found.append(replace(done, visibility=each.visibility))
-        top = max(top, done.gain)
-    return sorted(found, key=lambda each: -each.gain)
-
-
-def _starts(effect: Effect, recorded: RecordedMotion, residual: Array) -> Iterator[Values]:
-    """Starting points; events are searched in each recording separately."""
-    if effect.transfers or not recorded.begins:
-        yield from effect.starts(recorded, residual)
-        return
-    for begin in (-np.inf, *recorded.begins):
-        rows = recorded.recording_of(begin)
-        yield from effect.starts(replace(recorded.select(rows), begins=()), residual[rows])

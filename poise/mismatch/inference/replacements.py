@@ -1,0 +1,104 @@
+"""Other effects in the place of each effect of an answer: its rivals, and better answers among them.
+
+A search adds one effect at a time. An effect that came early was never compared with others beside those that came
+later. Each one is therefore compared with the whole library in its place, under the noise that the answer leaves.
+"""
+
+from collections.abc import Mapping
+
+from poise.mismatch.effects import Effect
+from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, fit
+from poise.mismatch.inference.hypotheses import HypothesisSearch
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.screening import beside
+from poise.mismatch.inference.time_limit import TimeLimit
+from poise.mismatch.inference.unknown import Dependence
+
+EQUAL_EVIDENCE = 4.0
+"""Difference of log evidence up to which two explanations do equally well: widths of priors are typical ones."""
+LOOKALIKE = 0.005
+"""Share of all the evidence won by which an effect must exceed one that it is confused with: no model is exact, and a
+similar effect with more parameters fits the remaining details."""
+_CANDIDATE = 0.3
+"""Share of the evidence of a single effect, under the noise of the nominal model, below which another is no rival."""
+_STEPS = 4
+
+
+def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[str, EffectCandidate], ...]:
+    """For each part of an answer, what each effect of the library wins in its place, itself included."""
+    problem = state.under(found).weighed()
+    out = []
+    for part in found.parts:
+        others = [other for other in found.parts if other is not part]
+        beside_it = {other.effect.name for other in others}
+        taken = beside_it.union(*(other.effect.made_of for other in others))
+        # An effect is never named beside one that contains it.
+        free = [each for each in state.library if each.name not in taken and not beside_it & set(each.made_of)]
+        free = [each for each in free if others or _near(state, part, each)]
+        out.append({each.effect.name: each for each in beside(problem, others, free, TimeLimit())})
+    return tuple(out)
+
+
+def _near(state: HypothesisSearch, part: FittedEffect, other: Effect) -> bool:
+    """Whether an effect won enough when the search began to be compared again; all, where the search gave no gains."""
+    own, gain = (state.gains.get(((), name)) for name in (part.effect.name, other.name))
+    return own is None or (gain is not None and gain >= _CANDIDATE * own)
+
+
+def improved(
+    state: HypothesisSearch, found: HypothesisFit, instead: tuple[Mapping[str, EffectCandidate], ...]
+) -> HypothesisFit | None:
+    """The answer with one effect replaced by another that does better, or as well with fewer parameters.
+
+    Returns:
+        None where every effect is at its place.
+    """
+    problem = state.under(found)
+    for part, candidates in zip(found.parts, instead, strict=True):
+        own = candidates.get(part.effect.name)
+        if own is None or isinstance(part.effect, Dependence):
+            continue
+        best = _simplest(problem, own, candidates)
+        others = tuple(other for other in found.parts if other is not part)
+        key = tuple(sorted((*(other.effect.name for other in others), best.effect.name)))
+        if best is own or key in state.replaced:
+            continue
+        state.replaced.add(key)
+        tried = _fitted(state, problem, (*others, FittedEffect(best.effect, best.values)))
+        now = _fitted(state, problem, found.parts)
+        if tried.log_evidence > now.log_evidence - EQUAL_EVIDENCE and not _pressed(problem, tried):
+            return tried
+    return None
+
+
+def _simplest(problem: Problem, own: EffectCandidate, candidates: Mapping[str, EffectCandidate]) -> EffectCandidate:
+    """Of the effects that win about as much as the best one, that with the fewest parameters; itself, if it is one.
+
+    One that contains it must win clearly more: no model is exact, and more parameters fit the remaining details.
+    """
+    name, more = own.effect.name, own.gain + EQUAL_EVIDENCE + LOOKALIKE * max(own.gain, 0.0)
+    named = [each for each in candidates.values() if not isinstance(each.effect, Dependence)]
+    named = [each for each in named if name not in each.effect.made_of or each.gain > more]
+    top = max(each.gain for each in named)
+    equal = [each for each in named if each.gain > top - EQUAL_EVIDENCE]
+    sizes = {each.effect.name: len(each.effect.parameters(problem.recorded)) for each in equal}
+    least = min(sizes.values())
+    if sizes.get(name) == least:
+        return own
+    return max((each for each in equal if sizes[each.effect.name] == least), key=lambda each: each.gain)
+
+
+def _fitted(state: HypothesisSearch, problem: Problem, parts: tuple[FittedEffect, ...]) -> HypothesisFit:
+    if problem.signal == "wrench":
+        return state.fitted(problem, parts, _STEPS)
+    return state.fitted(problem, fit(problem.weighed(), parts, _STEPS).parts, 0)
+
+
+def _pressed(problem: Problem, found: HypothesisFit) -> bool:
+    """Whether a parameter was stopped at an end of its range: such an effect imitates another one."""
+    inputs = problem.compose(found.parts)[0]
+    return any(
+        p.at_end(part.values[p.name]) and not p.choice
+        for part, recorded in zip(found.parts, inputs, strict=True)
+        for p in part.effect.parameters(recorded)
+    )

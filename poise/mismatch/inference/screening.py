@@ -1,0 +1,88 @@
+"""Effects added one at a time to a model that is linearised at its values: which are worth a full fit."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from poise.mismatch.effects import Effect, Values
+from poise.mismatch.inference.coarse import thinned
+from poise.mismatch.inference.fitting import EffectCandidate, linearization_point, refine, score_starts
+from poise.mismatch.inference.problem import FittedEffect, Problem
+from poise.mismatch.inference.time_limit import TimeLimit
+from poise.mismatch.inference.unknown import Dependence
+from poise.mismatch.recorded import RecordedMotion
+from poise.types import Array
+
+_LOOK = 7
+"""Steps of the screening."""
+_REACH = 0.2
+"""Share of the best candidate's gain below which another one is not fitted."""
+_PIECE = 0.7
+"""Share of the gain of a simple effect below which one that contains it is not fitted."""
+_THRESHOLD = 3.0
+"""log evidence from which a hypothesis is refined."""
+
+
+def beside(
+    problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect], limit: TimeLimit
+) -> list[EffectCandidate]:
+    """Each effect added to some parts, at its most likely values; the most promising first.
+
+    Slow effects are screened on averaged samples, fast ones at the full rate.
+    """
+    full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
+    slow = _screened(rough, parts, [effect for effect in effects if not effect.fast], limit)
+    fast = _screened(full, parts, [effect for effect in effects if effect.fast], limit)
+    return sorted((*slow, *fast), key=lambda each: -each.gain)
+
+
+def _screened(
+    problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect], limit: TimeLimit
+) -> list[EffectCandidate]:
+    """Each effect added to some parts at one rate, the most promising first.
+
+    The score at its starting points bounds its gain; effects that cannot approach the best so far are not refined.
+    """
+    here = linearization_point(problem, parts)
+    regression = here.regression
+    few = here.recorded
+    if problem.blocks is not None and problem.signal == "wrench":
+        few = few.select(problem.blocks.middle(len(few)))
+    seen = []
+    for effect in effects:
+        if limit.over():
+            break
+        # States have many columns; the middles of the blocks suffice for them.
+        recorded = few if isinstance(effect, Dependence) else here.recorded
+        best = score_starts(problem, regression, recorded, effect, _starts(effect, recorded, here.residual))
+        if best is not None:
+            seen.append(best)
+    recorded = here.recorded
+    found: list[EffectCandidate] = []
+    top = 0.0
+    # Effects whose starting points say nothing come last, and before them those that contain others: the gains of the
+    # others then end their refinement early.
+    for each in sorted(seen, key=lambda each: (np.isinf(each.potential), bool(each.effect.made_of), -each.potential)):
+        pieces = [_PIECE * other.gain for other in found if other.effect.name in each.effect.made_of]
+        least = max(_THRESHOLD, _REACH * top, *pieces)
+        done = each
+        if not isinstance(each.effect, Dependence):
+            nonlinear = {p.name: each.values[p.name] for p in each.effect.parameters(recorded) if not p.linear}
+            if nonlinear and each.potential > least and not limit.over():
+                done = refine(problem, regression, recorded, each.effect, nonlinear, _LOOK, least)
+            if each.effect.implausible(recorded, done.values):
+                done = replace(done, gain=-np.inf)
+        found.append(replace(done, visibility=each.visibility))
+        top = max(top, done.gain)
+    return sorted(found, key=lambda each: -each.gain)
+
+
+def _starts(effect: Effect, recorded: RecordedMotion, residual: Array) -> Iterator[Values]:
+    """Starting points; events are searched in each recording separately."""
+    if effect.transfers or not recorded.begins:
+        yield from effect.starts(recorded, residual)
+        return
+    for begin in (-np.inf, *recorded.begins):
+        rows = recorded.recording_of(begin)
+        yield from effect.starts(replace(recorded.select(rows), begins=()), residual[rows])
