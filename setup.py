@@ -65,6 +65,7 @@ ROS_REQUIRES = [
 ]
 SIM_REQUIRES = ["mujoco>=3.2"]  # rollouts, and the physics engine that benchmarks/concealed records with
 BASELINE_REQUIRES = ["pybullet>=3.2"]  # the engine of Algorithm 3 of the thesis, for comparison
+VISION_REQUIRES = ["opencv-python-headless>=4.8"]  # finds printed boards
 
 
 def files(folder: str, pattern: str) -> list[str]:
@@ -186,6 +187,7 @@ setup(
         "viewer": ["rerun-sdk>=0.30"],
         "sim": SIM_REQUIRES,
         "baselines": BASELINE_REQUIRES,
+        "vision": VISION_REQUIRES,
         "test": [
             "pytest>=8",
             "pytest-timeout",

@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
+from poise.calibration import corrected_description
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.manipulation import Arm
 from poise.nodes.arm_node import ArmNode
@@ -25,6 +26,7 @@ from poise.nodes.object_scanner_parameters import (
     near_of,
     scan_options,
     session_options,
+    stored_calibration,
     sweep_options,
 )
 from poise.nodes.parameters import declare_parameters
@@ -120,7 +122,10 @@ class ObjectScanner(ArmNode):
             self._sweep.add_joint_state(message)
 
     def _on_description(self, message: String) -> None:
-        self._robot.description = message.data
+        stored = stored_calibration(self._values)
+        self._robot.description = (
+            message.data if stored is None else corrected_description(message.data, stored.offsets)
+        )
 
     def _on_tf_static(self, message: TFMessage) -> None:
         for stamped in message.transforms:

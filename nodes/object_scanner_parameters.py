@@ -1,9 +1,11 @@
 """The parameters of object_scanner: what they mean, their ranges, and the options that they make."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from poise.calibration import StoredCalibration, read_calibration
 from poise.errors import ErrorCode, InputError
 from poise.nodes.parameters import Parameter
 from poise.nodes.readiness import READY_TIMEOUT
@@ -28,6 +30,7 @@ SCANNER_PARAMETERS = (
         _UNKNOWN,
         "the camera's optical frame in hand_frame: x y z m, quaternion x y z w; NaN: robot_description or tf_static",
     ),
+    Parameter("calibration", "", "file of poise calibrate: hand-eye transform, joint offsets, delay; empty: none"),
     Parameter(
         "sweep",
         "",
@@ -84,14 +87,24 @@ def session_options(values: dict[str, Any], request: Any, sweep: float = 0.0) ->
     return SessionOptions(frames, period, max(values["duration"], sweep + values["patience"]), values["patience"])
 
 
+def stored_calibration(values: dict[str, Any]) -> StoredCalibration | None:
+    """The file of the parameter `calibration`; None without one.
+
+    Raises:
+        InputError: FILE_UNREADABLE, BAD_INPUT.
+    """
+    return read_calibration(Path(values["calibration"])) if values["calibration"] else None
+
+
 def given_eye(values: dict[str, Any]) -> Mounting | None:
-    """The parameter `hand_eye`.
+    """The parameter `hand_eye`, else that of the file `calibration`.
 
     Raises:
         InputError: BAD_INPUT when it is no pose.
     """
     if np.isnan(values["hand_eye"]).all():
-        return None
+        stored = stored_calibration(values)
+        return None if stored is None else stored.hand_eye
     return Mounting.of_vector(values["hand_frame"], "camera", values["hand_eye"])
 
 
@@ -101,7 +114,9 @@ def sweep_options(values: dict[str, Any]) -> SweepOptions:
     Raises:
         InputError: BAD_INPUT for a hand-eye transform that is none.
     """
-    return SweepOptions(hand_eye=given_eye(values), unit=values["depth_unit"], delay=values["camera_delay"])
+    stored = stored_calibration(values)
+    delay = values["camera_delay"] + (0.0 if stored is None else stored.delay)
+    return SweepOptions(hand_eye=given_eye(values), unit=values["depth_unit"], delay=delay)
 
 
 def scan_options(values: dict[str, Any]) -> ScanOptions:

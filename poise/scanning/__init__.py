@@ -14,7 +14,15 @@ from poise.scanning.cloud_files import scan_ply
 from poise.scanning.cloud_frames import frame_of_cloud
 from poise.scanning.frames import Frame, View, depth_in_metres
 from poise.scanning.poses import hand_eye_of
-from poise.scanning.reading import MOST_FRAMES, Sweep, SweepOptions, camera_of, read_sweep, transform_of
+from poise.scanning.reading import (
+    MOST_FRAMES,
+    Sweep,
+    SweepOptions,
+    camera_of,
+    fixed_transforms,
+    read_sweep,
+    transform_of,
+)
 from poise.scanning.scan import Scan, ScanOptions, places_of, scan
 from poise.scanning.session import STATIONARY_FRAMES, RobotLog, ScanSession, SessionOptions
 from poise.scanning.standing import StandingMesh, standing_mesh, united_surfaces
@@ -42,6 +50,7 @@ __all__ = [
     "camera_of",
     "chosen_places",
     "depth_in_metres",
+    "fixed_transforms",
     "frame_of_cloud",
     "hand_eye_of",
     "places_of",

@@ -84,13 +84,13 @@ def test_seven_kilohertz_arrive_whole_in_batches_and_averaged_in_wrenches(
         batches = graph.collect("wrench_batch", WrenchBatch)
         start_node("ft_driver", rdt_parameters(sensor, publish_rate=500.0, batch_rate=50.0, buffered=True))
         graph.wait_for(lambda: len(batches) > 40 and len(wrenches) > 500, what="batches and wrenches")
-        sequence = np.concatenate([batch.sequence for batch in batches])
-        measurement = np.concatenate([np.array(batch.wrench).reshape(-1, 6)[:, 0] for batch in batches])
-        steps = np.diff(sequence.astype(np.int64))
-        # A busy machine may lose datagrams before the driver reads them: each is counted.
-        assert np.sum(steps - 1) <= batches[-1].lost
-        assert batches[-1].lost < 0.1 * batches[-1].received
-        np.testing.assert_allclose(np.diff(measurement), 1e-3 * steps, atol=1e-5)  # float32
+        gaps = 0
+        for batch in batches:  # a busy reader may miss a whole one
+            steps = np.diff(np.array(batch.sequence, dtype=np.int64))
+            measurement = np.array(batch.wrench).reshape(-1, 6)[:, 0]
+            np.testing.assert_allclose(np.diff(measurement), 1e-3 * steps, atol=1e-5)  # float32
+            gaps += int(np.sum(steps - 1))
+        assert gaps <= batches[-1].lost  # datagrams that a busy machine loses are counted
         assert sum(len(batch.sequence) for batch in batches) <= batches[-1].received
         blocks = np.diff([vector(message)[0] for message in wrenches[10:500]])
         assert np.median(blocks) == pytest.approx(14e-3, abs=1e-6)

@@ -64,7 +64,7 @@ def test_the_answer_is_that_of_the_core_and_the_assembly_stays_as_it_was(start_n
     assert assemblies == []
 
 
-@pytest.mark.parametrize("name", ["uniform", "hm"])
+@pytest.mark.parametrize("name", ["uniform"])
 def test_the_planner_is_chosen_by_parameter(start_node, graph, caller, name):
     start_node("placement_planner", {"planner": name, "candidates": 1, "support": "objects"})
     caller.ready()
