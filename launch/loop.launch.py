@@ -16,7 +16,7 @@ _ARGUMENTS = {
     "seed": ("0", "of random objects and of the plans"),
     "world": ("", "scene file of the true world; empty: random objects"),
     "distance": ("3.0", "m to carry the stack"),
-    "shapes": ("given", "scan: by the camera; given: as in the scene"),
+    "shapes": ("scan", "scan: by the camera; given: as in the scene"),
     "out": ("", "folder for loop.json and the bag; empty: neither"),
 }
 

@@ -186,23 +186,31 @@ class NodesRobot:
         client = self._clients[name]
         self.wait(client.server_is_ready, self._values["ready_timeout"], f"action {name}", node)
         future = client.send_goal_async(kind.Goal(**fields), feedback_callback=self._on_feedback)
-        handle = self.wait(lambda: future.done() and future.result(), _ACCEPTED, f"answer of {node}", node)
-        if not handle.accepted:
-            raise NoAnswerError(ErrorCode.BUSY, f"{node} does not take the goal {name}: it is not active")
-        answer = handle.get_result_async()
         try:
+            handle = self.wait(lambda: future.done() and future.result(), _ACCEPTED, f"answer of {node}", node)
+            if not handle.accepted:
+                raise NoAnswerError(ErrorCode.BUSY, f"{node} does not take the goal {name}: it is not active")
+            answer = handle.get_result_async()
             self.wait(answer.done, seconds, f"result of {name}", node)
         except NodeEndedError:
             raise
-        except PoiseError as error:
-            handle.cancel_goal_async()
-            self.wait(answer.done, _STOPPING, f"end of {name}", heed=False)
-            raise error
+        except PoiseError:
+            self._cancel(future, name)
+            raise
         result = answer.result().result
         if result.error.code != ErrorCode.OK:
             raise NoAnswerError(ErrorCode(result.error.code), f"{name}: {result.error.message}")
         self.planning += getattr(result, "seconds", 0.0) if name != "carry_object" else 0.0
         return result
+
+    def _cancel(self, sent: Any, name: str) -> None:
+        """Cancel a goal and wait until it has ended, also one that is not accepted yet."""
+        with suppress(NoAnswerError):
+            handle = self.wait(lambda: sent.done() and sent.result(), _STOPPING, f"answer to {name}", heed=False)
+            if handle.accepted:
+                handle.cancel_goal_async()
+                answer = handle.get_result_async()
+                self.wait(answer.done, _STOPPING, f"end of {name}", heed=False)
 
     def _on_feedback(self, message: Any) -> None:
         said = message.feedback

@@ -35,7 +35,7 @@ def loop(
     distance: Annotated[float, typer.Option("--distance", help="m to carry the stack; 0: not at all.", min=0.0)] = 3.0,
     shapes: Annotated[
         str, typer.Option("--shapes", help="scan: by the camera; given: as in the scene, without a camera.")
-    ] = "given",
+    ] = "scan",
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Folder for report.html, loop.json, the bag loop.mcap and the nodes' logs."),

@@ -75,7 +75,7 @@ def test_the_loop_starts_all_its_nodes_which_come_back(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(module, "LaunchConfiguration", Given)
     started = {node.named["executable"]: node.named for node in nodes.named["function"](given)}
-    assert started.keys() == {*module.NODES, "loop"} - {"object_scanner"}
+    assert started.keys() == {*module.NODES, "loop"}
     assert {name for name, named in started.items() if not named.get("respawn")} == {"fake_robot", "loop"}
     assert (ROOT / "config" / Path(started["loop"]["parameters"][0]).name).is_file()
     for name, parameter in (("fake_robot", "world"), ("world_model", "scene")):
