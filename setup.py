@@ -204,6 +204,7 @@ setup(
             "mcap-ros2-support",  # a second reader, for tests and benchmarks/bags.py
             *SIM_REQUIRES,
             *BASELINE_REQUIRES,
+            *VISION_REQUIRES,
             *BUILD_REQUIRES,
         ],
     },

@@ -140,7 +140,12 @@ def parameter_file(robot: str) -> Path:
 def _values(job: LoopJob, config: Path, world: Path) -> dict[str, Any]:
     """Parameters of the node `loop`: defaults, those of the file, then the options."""
     values = {each.name: each.default for each in LOOP_PARAMETERS} | {"riding": []}
-    values |= yaml.safe_load(config.read_text(encoding="utf-8"))["/**"]["loop"]["ros__parameters"]
+    try:
+        values |= yaml.safe_load(config.read_text(encoding="utf-8"))["/**"]["loop"]["ros__parameters"]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, LookupError, TypeError, ValueError) as error:
+        raise InputError(
+            ErrorCode.BAD_INPUT, f"{config}: no parameters of the node loop ('/**': loop: ros__parameters): {error!r}"
+        ) from error
     return values | {
         "objects": job.objects,
         "seed": job.seed,

@@ -9,7 +9,7 @@ from typing import Any
 from ament_index_python.packages import get_package_share_directory
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
 from poise.recording import LATCHED_TOPICS, RecordingWriter
 
@@ -48,7 +48,12 @@ class LoopBag:
 
     def _listen(self, topic: str, kind: str) -> None:
         package, _, name = kind.split("/")
-        self._writer.add_topic(topic, kind, definition=self._definition(kind))
+        try:
+            message_type, definition = getattr(import_module(f"{package}.msg"), name), self._definition(kind)
+        except (ImportError, AttributeError, KeyError, TypesysError):
+            self._node.get_logger().warning(f"{topic} is not in the bag: the type {kind} is not known here")
+            return
+        self._writer.add_topic(topic, kind, definition=definition)
         own = self._node.get_publishers_info_by_topic(topic)
         latched = topic.rpartition("/")[2] in LATCHED_TOPICS or any(
             each.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for each in own
@@ -59,7 +64,6 @@ class LoopBag:
             durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
             reliability=ReliabilityPolicy.BEST_EFFORT if loose else ReliabilityPolicy.RELIABLE,
         )
-        message_type = getattr(import_module(f"{package}.msg"), name)
         self._node.create_subscription(message_type, topic, self._writer_of(topic), qos, raw=True)
 
     def _writer_of(self, topic: str) -> Callable[[bytes], None]:

@@ -9,7 +9,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from poise.errors import ErrorCode, InputError, NoAnswerError
+from poise.errors import ErrorCode, InputError
+from poise.nodes.loop_sequence import LoopOverError
 
 _MOST_STARTS = 5
 """Of one node, then it is left: something is wrong with it that another start does not change."""
@@ -62,7 +63,7 @@ class NodeProcesses:
         """Start again what has ended; the names.
 
         Raises:
-            NoAnswerError: TOPIC_MISSING for one that is not started again.
+            LoopOverError: TOPIC_MISSING for one that is not started again.
         """
         ended = [name for name, process in self._running.items() if process.poll() is not None]
         for name in ended:
@@ -70,7 +71,7 @@ class NodeProcesses:
             if name in self._keep or self.starts[name] >= _MOST_STARTS:
                 del self._running[name]
                 what = f"{name} has ended (exit status {status}) and is not started again; see {self._log(name)}"
-                raise NoAnswerError(ErrorCode.TOPIC_MISSING, what)
+                raise LoopOverError(ErrorCode.TOPIC_MISSING, what)
             self._start(name)
         return ended
 

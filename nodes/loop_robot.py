@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
@@ -21,7 +22,7 @@ from poise.nodes.assembly_message import assembly_of, pose_message
 from poise.nodes.loop_scan import LoopScan
 from poise.nodes.loop_sequence import Carried, NodeEndedError, WeighedObject
 from poise.nodes.loop_truth import LoopTruth
-from poise.nodes.runtime import LATCHED, TF_STATIC, EventsExecutor
+from poise.nodes.runtime import LATCHED, TF_STATIC, EventsExecutor, guarded
 from poise.nodes.transforms import add_transforms, pose_of
 from poise.robot import FrameTree
 from poise_msgs.action import CarryObject, IdentifyPayload, PickObject, PlaceObject, ScanObject
@@ -80,6 +81,8 @@ class NodesRobot:
         self._odom: PoseStamped | None = None
         self._goal: PoseStamped | None = None
         self._joints: tuple[float, np.ndarray] = (0.0, np.zeros(0))
+        self._heard = 0.0
+        self._before: dict[str, np.ndarray] = {}
         self._looked = 0.0
         self.planning = 0.0
         """s that nodes planned and computed, by their results."""
@@ -90,10 +93,9 @@ class NodesRobot:
         self._set = node.create_client(SetAssembly, "set_assembly")
         node.create_subscription(WorldState, "world", self._on_world, LATCHED)
         node.create_subscription(Assembly, "assembly", self._on_assembly, LATCHED)
-        node.create_subscription(TFMessage, "tf", lambda message: add_transforms(self._frames, message), 100)
-        node.create_subscription(
-            TFMessage, "tf_static", lambda message: add_transforms(self._frames, message, fixed=True), TF_STATIC
-        )
+        take = partial(add_transforms, self._frames)
+        node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
+        node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
         node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         node.create_subscription(Odometry, "odom", self._on_odom, 10)
 
@@ -120,7 +122,7 @@ class NodesRobot:
     def _on_joints(self, message: JointState) -> None:
         """Keep since when the joints have not moved."""
         position = np.array(message.position)
-        before = self._joints[1]
+        before, self._heard = self._joints[1], time.monotonic()
         if len(position) != len(before) or np.abs(position - before).max(initial=0.0) > _STILL:
             self._joints = time.monotonic(), position
 
@@ -134,7 +136,7 @@ class NodesRobot:
             seconds: that it may take.
             what: is waited for, in words.
             node: the one that works at it.
-            heed: end when the loop is to end.
+            heed: end when the loop is to end, and look after the processes.
 
         Raises:
             NodeEndedError: that node has ended.
@@ -149,7 +151,7 @@ class NodesRobot:
                 raise NoAnswerError(ErrorCode.DEADLINE, f"there was no {what} within {seconds:.0f} s")
             if now > self._looked + _LOOK:
                 self._looked = now
-                if node and node in self._check():
+                if heed and node in self._check():
                     raise NodeEndedError(node)
             self._executor.spin_once(timeout_sec=_STEP)
         return value
@@ -174,7 +176,8 @@ class NodesRobot:
     def recover(self) -> None:
         """Wait until the robot rests and all nodes are there."""
         self.ready(self._values["ready_timeout"])
-        self.wait(lambda: time.monotonic() > self._joints[0] + 1.0, _STOPPING, "rest of the arm")
+        begun = time.monotonic()
+        self.wait(lambda: self._heard > max(self._joints[0], begun) + 1.0, _STOPPING, "rest of the arm")
 
     def _do(self, name: str, seconds: float = _GOAL, **fields: Any) -> Any:
         """The result of a goal.
@@ -197,9 +200,11 @@ class NodesRobot:
         except PoiseError:
             self._cancel(future, name)
             raise
-        result = answer.result().result
+        status, result = answer.result().status, answer.result().result
         if result.error.code != ErrorCode.OK:
             raise NoAnswerError(ErrorCode(result.error.code), f"{name}: {result.error.message}")
+        if status != GoalStatus.STATUS_SUCCEEDED:  # a result that its node did not fill in has the code OK, too
+            raise NoAnswerError(ErrorCode.TOPIC_MISSING, f"{node} ended {name} with status {status} and no result")
         self.planning += getattr(result, "seconds", 0.0) if name != "carry_object" else 0.0
         return result
 
@@ -282,14 +287,15 @@ class NodesRobot:
             ahead = there.translation + distance * there.rotation[:, 0]
             self._goal = PoseStamped(header=self._odom.header, pose=pose_message(Pose(there.rotation, ahead)))
         frame = "" if self._assembly is None else self._assembly.header.frame_id
-        before = None if self._truth is None else self._truth.places(frame, left_behind)
+        if self._truth is not None and not self._before:  # a second attempt goes on from where the first stopped
+            self._before = self._truth.places(frame, left_behind)
         found = self._do("carry_object", path=[self._goal], speed=self._values["speed"])
         moved = None
-        if self._truth is not None and before:
+        if self._truth is not None and self._before:
             ended = time.monotonic()
             self.wait(lambda: time.monotonic() > ended + 1.0, _NEWS, "poses after the way")
             after = self._truth.places(frame, left_behind)
-            moved = max(float(np.linalg.norm(after[name] - place)) for name, place in before.items())
+            moved = max(float(np.linalg.norm(after[name] - place)) for name, place in self._before.items())
         return Carried(found.distance, found.seconds, found.used, found.limit, moved)
 
     def _leave_behind(self, names: list[str]) -> None:

@@ -23,6 +23,10 @@ class NodeEndedError(NoAnswerError):
         super().__init__(ErrorCode.TOPIC_MISSING, f"{node} ended during its step; it is started again")
 
 
+class LoopOverError(NoAnswerError):
+    """The loop cannot go on: the robot is gone, or it does not come to rest; nothing is tried again."""
+
+
 class WeighedObject(NamedTuple):
     """What weighing gave.
 
@@ -201,7 +205,7 @@ class LoopSequence:
         try:
             known.weight = self._step("weigh", name, self._robot.weigh, lambda: None, again=True)
         except PoiseError as error:
-            if error.code in _ENDING:
+            if _ends(error):
                 raise
             known.why = error.message
             if not self._robot.held():
@@ -222,7 +226,7 @@ class LoopSequence:
                 self._step("pick", name, lambda attempt: robot.pick(name, seed + attempt), lambda: self._holds(name))
             )
         except PoiseError as error:
-            if error.code in _ENDING:
+            if _ends(error):
                 raise
             known.why = error.message
             if robot.held() != name:
@@ -277,9 +281,9 @@ class LoopSequence:
             except PoiseError as error:
                 self._keep(StepRecord(step, name, time.monotonic() - begun, error.code, error.message))
                 attempt += 1
-                if error.code in _ENDING or not (again or error.code in _PASSING):
+                if _ends(error) or not (again or error.code in _PASSING):
                     raise
-                self._robot.recover()
+                self._recover()
                 if (found := done()) is not None:
                     return found
                 if attempt == _TRIES:
@@ -288,6 +292,17 @@ class LoopSequence:
             self._keep(StepRecord(step, name, time.monotonic() - begun))
             return answer
 
+    def _recover(self) -> None:
+        """Raises LoopOverError where the robot does not rest, or a node does not come back."""
+        try:
+            self._robot.recover()
+        except PoiseError as error:
+            raise LoopOverError(error.code, f"the loop cannot go on: {error.message}") from error
+
     def _keep(self, record: StepRecord) -> None:
         self.record.steps.append(record)
         self._report(record, "")
+
+
+def _ends(error: PoiseError) -> bool:
+    return isinstance(error, LoopOverError) or error.code in _ENDING

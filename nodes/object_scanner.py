@@ -100,6 +100,7 @@ class ObjectScanner(ArmNode):
         self.create_subscription(TFMessage, "tf_static", guarded(self, self._on_tf_static), TF_STATIC)
         self._planner = SweepPlanner(self, INFO, self._values)
         self._region: ViewRegion | None = None
+        self._plan_notes: tuple[str, ...] = ()
         self._jobs = Jobs(self, 1)
         self.create_timer(_TICK, guarded(self, self._tick))
         self.watchdog = ProcessWatchdog(self, ScanObject, "scan_object", self._accept)
@@ -167,7 +168,7 @@ class ObjectScanner(ArmNode):
         self._goal, self._answer, self._share, self._ended = goal, None, 0.0, 0.0
         self._cancelled = threading.Event()  # the one of a goal before still ends its computation
         self._error = self._session = self._sweep = self._region = None
-        self._over = 0.0
+        self._over, self._plan_notes = 0.0, ()
         self._readiness = Readiness(self._values["ready_timeout"])
         if goal.request.stationary or not self._values["sweep"]:
             self._begin_to_look(goal)
@@ -210,14 +211,14 @@ class ObjectScanner(ArmNode):
     def _to_plan(self, goal: WatchedGoal) -> tuple[Arm, Motion]:
         """The robot, and the sweep of a plan; the camera has to be there."""
         eye = given_eye(self._values)
-        task = self._planner.task(
-            goal.request.id, self._planner.arm(self._robot), self._robot, [] if eye is None else [eye]
-        )
+        arm, assumptions = self._planner.arm(self._robot)
+        task = self._planner.task(goal.request.id, arm, self._robot, [] if eye is None else [eye])
         seconds, cancelled = self._values["plan_seconds"], self._cancelled.is_set
 
         def motion(start: Array) -> WaypointTrajectory:
-            self._region = task.region
-            return task.plan(start, seconds, cancelled).motion
+            plan = task.plan(start, seconds, cancelled)
+            self._region, self._plan_notes = task.region, (*assumptions, *plan.notes)
+            return plan.motion
 
         return task.arm, motion
 
@@ -343,12 +344,13 @@ class ObjectScanner(ArmNode):
         self, name: str, session: ScanSession, robot: RobotLog, cancelled: Callable[[], bool]
     ) -> SegmentedObject:
         """The object that was meant; with `all_objects` the others are published, too, under further names."""
-        where, how, region = sweep_options(self._values), scan_options(self._values), self._region
+        where, how = sweep_options(self._values), scan_options(self._values)
+        region, planned = self._region, self._plan_notes
         sweep = session.sweep(robot, where)
         near = [how.near]
         if region is not None or self._values["all_objects"]:
             near = chosen_places(places_of(sweep.views, how), region, how.near, self._values["all_objects"])
-        objects, notes = list[tuple[str, Scan, Segmentation]](), list(sweep.notes)
+        objects, notes = list[tuple[str, Scan, Segmentation]](), [*planned, *sweep.notes]
         for number, point in enumerate(near):
             own = name if number == 0 else f"{name}_{number + 1}"
 

@@ -38,7 +38,7 @@ from poise.manipulation import (
     with_stops,
 )
 from poise.nodes.parameters import Parameter, declare_parameters
-from poise.nodes.placed_arm import placed_arm
+from poise.nodes.placed_arm import assumed_base, placed_arm
 from poise.nodes.runtime import LATCHED, TF_STATIC, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
 from poise.nodes.transforms import add_transforms
@@ -280,8 +280,7 @@ class PlaceExecution:
             self._arm = arm
         if found is not None:
             return []
-        name, where = self._arm.model.frames[1].name, ", ".join(f"{value:g}" for value in self._values["base"])
-        return [f"{name}: tf does not connect it with {frame}; it stands at the parameter base, [{where}]"]
+        return [assumed_base(self._arm, frame, self._values["base"])]
 
     def _listen(self, robot: RobotPort, assumptions: list[str]) -> Carrying:
         self._listening = self._node.create_subscription(

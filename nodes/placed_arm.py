@@ -1,5 +1,6 @@
 """Where tf has an arm that is planned for."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from poise.geometry import Pose
@@ -15,3 +16,9 @@ def placed_arm(arm: Arm, frames: FrameTree, reference: str) -> Arm | None:
         if pose is not None:
             return place(pose)
     return None
+
+
+def assumed_base(arm: Arm, reference: str, base: Sequence[float]) -> str:
+    """What is assumed where `placed_arm` finds nothing; base: that parameter."""
+    root, where = arm.model.frames[1].name, ", ".join(f"{value:g}" for value in base)
+    return f"{root}: tf does not connect it with {reference}; it stands at the parameter base, [{where}]"

@@ -15,7 +15,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.manipulation import Arm, LookPlan, plan_look, pose_of, standing_at
 from poise.nodes.assembly_message import assembly_of
-from poise.nodes.placed_arm import placed_arm
+from poise.nodes.placed_arm import assumed_base, placed_arm
 from poise.nodes.request_checks import check_assembly
 from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
 from poise.nodes.transforms import add_transforms
@@ -74,8 +74,8 @@ class SweepPlanner:
     def _on_camera(self, message: CameraInfo) -> None:
         self._camera = message.header.frame_id, camera_of(message)
 
-    def arm(self, robot: RobotLog) -> Arm:
-        """The arm at its place in the assembly's frame, by tf, else by the parameter `base`.
+    def arm(self, robot: RobotLog) -> tuple[Arm, list[str]]:
+        """The arm at its place in the assembly's frame, by tf, else by the parameter `base`; what was assumed.
 
         Raises:
             InputError: ROBOT_DESCRIPTION_MISSING, ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN.
@@ -83,8 +83,12 @@ class SweepPlanner:
         if not robot.description:
             raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description to sweep with")
         arm = Arm.from_urdf(robot.description, standing_at(self._values["base"]), tcp_frame=self._values["tcp_frame"])
-        found = None if self._assembly is None else placed_arm(arm, self._frames, self._assembly.header.frame_id)
-        return found or arm
+        if self._assembly is None:
+            return arm, []
+        found = placed_arm(arm, self._frames, self._assembly.header.frame_id)
+        if found is not None:
+            return found, []
+        return arm, [assumed_base(arm, self._assembly.header.frame_id, self._values["base"])]
 
     def task(self, name: str, arm: Arm, robot: RobotLog, given: list[Any]) -> "SweepTask":
         """What a goal is planned with; given: the parameter `hand_eye`, where there is one.

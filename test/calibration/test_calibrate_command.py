@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -86,7 +87,6 @@ def test_what_is_missing_is_named(
 
 
 def test_a_printed_board_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cv2 = pytest.importorskip("cv2")
     monkeypatch.undo()
     path = tmp_path / "board.png"
     assert cli.run(["calibrate", "--draw-board", str(path)]) == 0

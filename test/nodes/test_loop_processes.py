@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from poise.errors import ErrorCode, NoAnswerError
+from poise.errors import ErrorCode
 from poise.nodes import loop_processes
 from poise.nodes.loop_processes import NodeProcesses
+from poise.nodes.loop_sequence import LoopOverError
 
 
 @pytest.fixture
@@ -49,7 +50,7 @@ def test_what_must_not_be_started_again_and_what_ends_too_often_is_an_error(proc
     ended(processes, "node")
     ended(processes, "robot")
     for name in ("robot", "node"):
-        with pytest.raises(NoAnswerError, match=f"{name} has ended") as error:
+        with pytest.raises(LoopOverError, match=f"{name} has ended") as error:
             processes.check()
         assert error.value.code is ErrorCode.TOPIC_MISSING
 

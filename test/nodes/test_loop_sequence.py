@@ -5,7 +5,7 @@ import pytest
 
 from poise.errors import ErrorCode, NoAnswerError
 from poise.nodes.loop_results import loop_content
-from poise.nodes.loop_sequence import Carried, LoopSequence, NodeEndedError, WeighedObject
+from poise.nodes.loop_sequence import Carried, LoopOverError, LoopSequence, NodeEndedError, WeighedObject
 
 NAMES = ["object", "object_2", "object_3"]
 WEIGHT = WeighedObject(0.5, np.array([0.0, 0.0, 0.1]), np.diag([1e-6, 1e-8, 1e-8, 1e-8]), 0.501, np.array([0, 0, 0.1]))
@@ -153,6 +153,27 @@ def test_what_is_stopped_is_not_tried_again():
     assert record.error is not None
     assert record.error.code is ErrorCode.CANCELLED
     assert robot.calls[-1] == ("weigh", "object")
+
+
+@pytest.mark.parametrize("step", ["pick", "weigh", "place"])
+def test_a_loop_ends_at_once_without_its_robot(step):
+    robot = Robot({(step, "object"): [LoopOverError(ErrorCode.TOPIC_MISSING, "fake_robot has ended")]})
+    record = run(robot)
+    assert record.error is not None
+    assert record.error.message == "fake_robot has ended"
+    assert (robot.calls[-1], robot.recovered) == ((step, "object"), 0)
+
+
+def test_a_loop_whose_robot_does_not_come_to_rest_goes_to_no_other_object():
+    class Restless(Robot):
+        def recover(self):
+            raise failure(ErrorCode.DEADLINE)
+
+    robot = Restless({("pick", "object"): [NodeEndedError("a_node")]})
+    record = run(robot)
+    assert isinstance(record.error, LoopOverError)
+    assert record.error.code is ErrorCode.DEADLINE
+    assert robot.calls[-1] == ("pick", "object")
 
 
 def test_an_object_that_left_the_hand_unseen_ends_the_loop_as_not_placed():

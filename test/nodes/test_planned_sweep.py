@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +15,10 @@ from tf2_msgs.msg import TFMessage
 from poise.assembly import Assembly, Box, Cylinder, RigidObject, write_scene
 from poise.errors import ErrorCode
 from poise.geometry import Pose
+from poise.manipulation import Arm
 from poise.nodes.assembly_message import assembly_message
+from poise.nodes.object_scanner import ObjectScanner
+from poise.nodes.placed_arm import assumed_base
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC
 from poise.recording import stamp_of
 from poise_msgs.action import ScanObject
@@ -68,3 +73,17 @@ def test_what_stands_on_the_table_is_found_by_a_planned_sweep(graph: Graph, star
     graph.meet()
     lost = scanner.result(scanner.send(id="thing")).result.error
     assert (lost.code, "shelf" in lost.message) == (ErrorCode.BAD_INPUT, True)
+
+
+def test_what_a_plan_assumes_and_does_not_see_is_said_with_the_scan() -> None:
+    assumed = assumed_base(Arm.load("fr3"), "map", [0.0, 1.0, 0.0, 0.0])
+    assert assumed.endswith("tf does not connect it with map; it stands at the parameter base, [0, 1, 0, 0]")
+    plan = SimpleNamespace(motion="a motion", notes=("the sweep sees 60% of the faces of its region",))
+    task = SimpleNamespace(arm=None, region="a region", plan=lambda start, seconds, cancelled: plan)
+    planner = SimpleNamespace(arm=lambda robot: (None, [assumed]), task=lambda *_: task)
+    values = {"hand_eye": [np.nan] * 7, "calibration": "", "plan_seconds": 1.0}
+    goal = SimpleNamespace(request=ScanObject.Goal(id="thing"))
+    scanner = SimpleNamespace(_values=values, _planner=planner, _robot=None, _cancelled=Event())
+    _, motion = ObjectScanner._to_plan(scanner, goal)  # type: ignore[arg-type]
+    assert motion(np.zeros(7)) == "a motion"
+    assert (scanner._region, scanner._plan_notes) == ("a region", (assumed, *plan.notes))
