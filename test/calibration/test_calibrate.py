@@ -165,6 +165,6 @@ def test_a_view_with_corners_on_one_line_is_left_out(beside: int) -> None:
 def test_outliers_that_change_to_the_last_round_leave_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit and the views that it is judged with belong together."""
     monkeypatch.setattr(importlib.import_module("poise.calibration.calibrate"), "_ROUNDS", 1)
-    answer = found(views(late=2, speed=0.3))
+    answer = found(views(late=1, speed=0.05))
     assert answer.views == 25
     assert answer.rejected == ()

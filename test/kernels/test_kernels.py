@@ -136,7 +136,7 @@ def test_records_are_found_as_in_python(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_a_library_that_cannot_be_loaded_counts_as_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of another platform, of another version, or of somebody else."""
+    """Of another platform, of another version, or another library."""
     damaged = tmp_path / "poise_kernels.so"
     damaged.write_bytes(b"no library")
     for path in (str(damaged), _multiarray_umath.__file__):
