@@ -1,7 +1,7 @@
 """Least squares over hand-eye transform, board, joint offsets, delay and board scale; covariance robust to the noise.
 
-All corners of one image share the error of the arm's pose, so that pixels are not independent. The covariance is the
-cluster jackknife (CR3 of Bell and McCaffrey 2002), with images as clusters.
+All corners that are seen from one place share the error of the arm's pose, so that pixels are not independent. The
+covariance is the cluster jackknife (CR3 of Bell and McCaffrey 2002), with places as clusters.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from poise.calibration.sightings import CameraCarrier, Sighting, joints_of, turned
+from poise.calibration.sightings import CameraCarrier, Sighting, joints_of, places_of, turned
 from poise.geometry import Pose
 from poise.scanning import Camera
 from poise.types import Array, Mask
@@ -70,6 +70,9 @@ class BoardProblem:
         self._position, self._velocity = joints_of(sightings)
         self.of_view = np.repeat(np.arange(len(sightings)), [2 * len(each.corners) for each in sightings])
         self._row = self.of_view[::2]
+        places = places_of(self._position)
+        self.of_place = places[self.of_view]
+        self.places = int(places[-1]) + 1
         flat = np.concatenate([each.corners for each in sightings])
         self._corners = np.column_stack([flat, np.zeros(len(flat))])
         self._pixels = np.concatenate([each.pixels for each in sightings])
@@ -156,17 +159,17 @@ def _scales(problem: BoardProblem) -> Array:
 
 
 def jackknife(slopes: Array, errors: Array, problem: BoardProblem) -> Array:
-    """(P, P) covariance by leaving out one view at a time."""
+    """(P, P) covariance by leaving out one place at a time."""
     unit = np.linalg.norm(slopes, axis=0)
     unit[unit == 0] = 1.0
     scaled = slopes / unit
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-13)
     steps = []
-    for view in range(problem.views):
-        of_view = problem.of_view == view
-        own = scaled[of_view]
+    for place in range(problem.places):
+        here = problem.of_place == place
+        own = scaled[here]
         left = np.eye(len(unit)) - own.T @ own @ inverse
-        steps.append(inverse @ np.linalg.lstsq(left, own.T @ errors[of_view], rcond=1e-10)[0])
+        steps.append(inverse @ np.linalg.lstsq(left, own.T @ errors[here], rcond=1e-10)[0])
     moves = np.array(steps) / unit
     moves -= moves.mean(axis=0)
-    return np.asarray((problem.views - 1) / problem.views * moves.T @ moves)
+    return np.asarray((problem.places - 1) / problem.places * moves.T @ moves)

@@ -15,6 +15,7 @@ from poise.calibration.sightings import (
     board_pose,
     closed_form,
     joints_of,
+    places_of,
     show_a_plane,
 )
 from poise.errors import ErrorCode, InputError, NoAnswerError
@@ -122,10 +123,12 @@ def calibrate(
         cancelled: whether to give up.
 
     Raises:
-        InputError: EMPTY without a view of the board; BAD_INPUT when the board has another size.
+        InputError: EMPTY without a view of the board; NOT_FINITE; BAD_INPUT when the board has another size.
         NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, POOR_FIT, CANCELLED.
     """
+    _require_finite(sightings)
     seen, boards, noise, dropped = _sound(sightings, camera)
+    _require_places(seen)
     links = kinematics.poses(joints_of(seen)[0])
     _require_turns(links)
     start = _start(links, boards, len(kinematics.joint_names))
@@ -139,6 +142,7 @@ def calibrate(
             " or the robot description is not this robot's",
         )
     depth = float(np.median([pose.translation[2] for pose, keep in zip(boards, kept, strict=True) if keep]))
+    _require_places(used)
     problem = BoardProblem(kinematics, camera, used)
     return _judged(problem, fit, kinematics.joint_names, reasons, depth / camera.fx, (link, rejected, dropped, noise))
 
@@ -205,23 +209,51 @@ def _sound(sightings: Sequence[Sighting], camera: Camera) -> tuple[list[Sighting
         raise NoAnswerError(
             ErrorCode.TOO_FEW_SAMPLES, f"calibrate: the board was seen in {len(rich)} images; {LEAST_VIEWS} are needed"
         )
-    left = np.concatenate([board_pose(each, camera)[1].ravel() for each in rich])
+    first = [board_pose(each, camera) for each in rich]
+    left = np.concatenate([errors.ravel() for _, errors in first])
     limit = max(_CORNER * 1.4826 * float(np.median(np.abs(left))), _CORNER_LEAST)
-    sound, poses, dropped = [], [], 0
-    for each in rich:
-        pose, errors = board_pose(each, camera)
+    sound, poses, ends, dropped = [], [], [], 0
+    for each, (pose, errors) in zip(rich, first, strict=True):
         good = np.linalg.norm(errors, axis=1) < limit
         dropped += int(np.sum(~good))
         if show_a_plane(each.corners[good]):
             kept = replace(each, corners=each.corners[good], pixels=each.pixels[good])
+            pose, errors = (pose, errors) if good.all() else board_pose(kept, camera)
             sound.append(kept)
-            poses.append(pose if good.all() else board_pose(kept, camera)[0])
+            poses.append(pose)
+            ends.append(errors.ravel())
     if len(sound) < LEAST_VIEWS:
         what = f"calibrate: corners agree with a flat board in {len(sound)} of {len(rich)} images: is it flat"
         raise NoAnswerError(ErrorCode.POOR_FIT, what)
-    free = np.concatenate([board_pose(each, camera)[1].ravel() for each in sound])
+    free = np.concatenate(ends)
     spent = 1 - 6 * len(sound) / len(free)
     return sound, poses, float(np.sqrt(np.mean(free**2) / spent)), dropped
+
+
+def _require_finite(sightings: Sequence[Sighting]) -> None:
+    """Check the numbers of all views.
+
+    Raises:
+        InputError: NOT_FINITE.
+    """
+    for each in sightings:
+        if not all(np.isfinite(part).all() for part in (each.position, each.velocity, each.corners, each.pixels)):
+            raise InputError(ErrorCode.NOT_FINITE, f"calibrate: the view at {each.stamp} ns has numbers not finite")
+
+
+def _require_places(sightings: Sequence[Sighting]) -> None:
+    """Check that the views are of enough places.
+
+    Raises:
+        NoAnswerError: TOO_FEW_SAMPLES.
+    """
+    count = int(places_of(joints_of(sightings)[0])[-1]) + 1
+    if count < LEAST_VIEWS:
+        raise NoAnswerError(
+            ErrorCode.TOO_FEW_SAMPLES,
+            f"calibrate: the {len(sightings)} images of the board are from {count} places of the arm; {LEAST_VIEWS} are"
+            " needed, 15 to 30 are better",
+        )
 
 
 def _require_turns(links: Pose) -> None:
@@ -374,12 +406,12 @@ def _require_one_place(problem: BoardProblem, fit: BoardFit) -> float:
         NoAnswerError: POOR_FIT when it is too small.
     """
     slopes = problem.slopes(fit.parameters)
-    later = (problem.of_view >= problem.views // 2)[:, None]
+    later = (problem.of_place >= problem.places // 2)[:, None]
     columns = np.hstack([slopes[:, np.flatnonzero(fit.active)], slopes[:, BOARD] * later])
     unit = np.linalg.norm(columns, axis=0)
     steps = -np.linalg.lstsq(columns / unit, fit.errors, rcond=None)[0] / unit
     spread = jackknife(columns, fit.errors + columns @ steps, problem)[-6:, -6:]
-    step, free = steps[-6:], max(problem.views - 7, 1)
+    step, free = steps[-6:], max(problem.places - 7, 1)
     # Hotelling's T squared of 6 numbers.
     size = float(step @ np.linalg.solve(spread, step)) * free / (6 * (free + 5))
     chance = float(f_distribution.sf(size, 6, free))

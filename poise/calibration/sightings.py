@@ -10,9 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from poise.geometry import Pose
 from poise.scanning import Camera
-from poise.types import Array
+from poise.types import Array, Indices
 
 LEAST_CORNERS = 6
+_PLACE = 0.02
+"""rad or m that a joint moves to another place."""
 _FLAT = 1e-4
 """m within which corners are on one line."""
 
@@ -141,6 +143,19 @@ def closed_form(links: Pose, boards: Pose) -> tuple[Pose, Pose]:
 
 def _logs(rotations: Array) -> Array:
     return np.asarray(Rotation.from_matrix(rotations).as_rotvec())
+
+
+def places_of(position: Array) -> Indices:
+    """(V,) number of the place of each view, of joint positions (V, J) in the order of time.
+
+    Images that follow each other while the arm rests share its error: together they say no more of it than one.
+    """
+    numbers, first = np.zeros(len(position), dtype=np.int64), position[0]
+    for k in range(1, len(position)):
+        moved = bool(np.abs(position[k] - first).max() > _PLACE)
+        numbers[k] = numbers[k - 1] + moved
+        first = position[k] if moved else first
+    return numbers
 
 
 def joints_of(sightings: Sequence[Sighting]) -> tuple[Array, Array]:

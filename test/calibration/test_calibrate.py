@@ -168,3 +168,35 @@ def test_outliers_that_change_to_the_last_round_leave_one_answer(monkeypatch: py
     answer = found(views(late=1, speed=0.05))
     assert answer.views == 25
     assert answer.rejected == ()
+
+
+def repeated(seen: Views, times: int) -> Views:
+    """Each view as several images while the arm rests: the same error of the arm, other noise."""
+    rng = np.random.default_rng(5)
+    again = [
+        replace(each, stamp=each.stamp + k, pixels=each.pixels + rng.normal(0, 0.2, each.pixels.shape))
+        for each in seen.sightings
+        for k in range(times)
+    ]
+    return replace(seen, sightings=again)
+
+
+def test_more_images_of_the_same_places_do_not_make_it_surer() -> None:
+    seen = views(encoder=1e-3)
+    once, often = found(seen), found(repeated(seen, 4))
+    assert np.all(often.eye_sigma > 0.8 * once.eye_sigma)
+    require_near(seen, often)
+
+
+def test_many_images_of_few_places_have_no_answer() -> None:
+    with pytest.raises(PoiseError, match="6 places") as caught:
+        found(repeated(views(views=6), 4))
+    assert caught.value.code == ErrorCode.TOO_FEW_SAMPLES
+
+
+def test_numbers_that_are_not_finite_are_refused() -> None:
+    seen = views()
+    bad = replace(seen.sightings[2], pixels=seen.sightings[2].pixels * np.nan)
+    with pytest.raises(InputError) as caught:
+        calibrate(seen.kinematics, LINK, seen.camera, [bad, *seen.sightings])
+    assert caught.value.code == ErrorCode.NOT_FINITE
