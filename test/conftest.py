@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+# Before numpy: threads of OpenBLAS that wait for each other take several times the CPU, most of all on a busy machine.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # benchmarks/ is not installed
 
 ENGINES = ("mujoco", "pybullet")

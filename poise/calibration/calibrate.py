@@ -8,7 +8,15 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
 from poise.calibration.adjustment import BOARD, EYE, BoardFit, BoardProblem, Parameters, adjust, jackknife
-from poise.calibration.sightings import LEAST_CORNERS, CameraCarrier, Sighting, board_pose, closed_form, joints_of
+from poise.calibration.sightings import (
+    LEAST_CORNERS,
+    CameraCarrier,
+    Sighting,
+    board_pose,
+    closed_form,
+    joints_of,
+    show_a_plane,
+)
 from poise.errors import ErrorCode, InputError, NoAnswerError
 from poise.geometry import Pose
 from poise.scanning import Camera
@@ -21,6 +29,8 @@ _CORNER, _CORNER_LEAST = 5.0, 1.0
 """Times the noise, and pixels, from which on a corner is an outlier."""
 _VIEW = 4.0
 """Times the typical error from which on a view is an outlier."""
+_ROUNDS = 4
+"""Fits, each without the outliers of the one before."""
 _MOST_OUTLIERS = 0.25
 _SAME = 1e-3
 """Share of a parameter's effect that others must not explain."""
@@ -183,11 +193,12 @@ def _require_agreement(rms: float, noise: float, size: float) -> float:
 
 def _sound(sightings: Sequence[Sighting], camera: Camera) -> tuple[list[Sighting], list[Pose], float, int]:
     """Views with enough corners, without outliers, the board in each, the noise, pixels, and the number of outliers."""
-    rich = [each for each in sightings if len(each.corners) >= LEAST_CORNERS]
+    rich = [each for each in sightings if show_a_plane(each.corners)]
     if not rich:
         raise InputError(
             ErrorCode.EMPTY,
-            f"calibrate: the board was seen in none of {len(sightings)} images ({LEAST_CORNERS} corners or more): check"
+            f"calibrate: the board was seen in none of {len(sightings)} images ({LEAST_CORNERS} corners or more, not on"
+            " one line): check"
             " its kind and dictionary, light and focus",
         )
     if len(rich) < LEAST_VIEWS:
@@ -201,7 +212,7 @@ def _sound(sightings: Sequence[Sighting], camera: Camera) -> tuple[list[Sighting
         pose, errors = board_pose(each, camera)
         good = np.linalg.norm(errors, axis=1) < limit
         dropped += int(np.sum(~good))
-        if good.sum() >= LEAST_CORNERS:
+        if show_a_plane(each.corners[good]):
             kept = replace(each, corners=each.corners[good], pixels=each.pixels[good])
             sound.append(kept)
             poses.append(pose if good.all() else board_pose(kept, camera)[0])
@@ -269,7 +280,7 @@ def _fitted(
     base = np.zeros(problem.size, dtype=bool)
     base[:12] = True
     fit = adjust(problem, start, base, robust=True)
-    for number in range(4):
+    for number in range(_ROUNDS):
         problem = BoardProblem(kinematics, camera, [each for each, keep in zip(seen, kept, strict=True) if keep])
         fit = adjust(problem, fit.parameters, base, robust=number == 0)
         active, reasons = _separable(problem, fit, kinematics.joint_names, options)
@@ -280,7 +291,7 @@ def _fitted(
         squares = np.bincount(everything.of_view, everything.errors(fit.parameters) ** 2, everything.views)
         rms = np.sqrt(squares / np.bincount(everything.of_view))
         now = rms < _VIEW * np.median(rms[kept])
-        if np.array_equal(now, kept) or now.sum() < LEAST_VIEWS:
+        if number == _ROUNDS - 1 or np.array_equal(now, kept) or now.sum() < LEAST_VIEWS:
             break
         kept = now
     return fit, kept, reasons

@@ -13,6 +13,8 @@ from poise.scanning import Camera
 from poise.types import Array
 
 LEAST_CORNERS = 6
+_FLAT = 1e-4
+"""m within which corners are on one line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +33,14 @@ class Sighting:
     velocity: Array
     corners: Array
     pixels: Array
+
+
+def show_a_plane(corners: Array) -> bool:
+    """Whether corners (N, 2) are enough for the pose of a board: one line, and one corner beside it, are not."""
+    if len(corners) < LEAST_CORNERS:
+        return False
+    rest = [np.delete(corners, k, axis=0) for k in range(len(corners))]
+    return all(np.linalg.matrix_rank(each - each.mean(axis=0), tol=_FLAT) == 2 for each in rest)
 
 
 class CameraCarrier(Protocol):

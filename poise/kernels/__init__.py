@@ -4,13 +4,33 @@ Each kernel has a form in Python in the room that uses it, which gives the same 
 where the library is not installed (no compiler was there) or belongs to another version of Poise: `COMPILED` is then
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
-- `library`: finds and loads it.
+- `library`: finds and loads it. `arrays`: what is passed to it.
 - `chain`: forward kinematics. `records`: records of an mcap file. `smoothing`: splines through samples.
 """
 
-from poise.kernels.chain import Chain, chain_motion
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from poise.kernels.library import COMPILED
-from poise.kernels.records import find_records
-from poise.kernels.smoothing import CompiledSplines
+
+if TYPE_CHECKING:
+    from poise.kernels.chain import Chain, chain_motion
+    from poise.kernels.records import find_records
+    from poise.kernels.smoothing import CompiledSplines
 
 __all__ = ["COMPILED", "Chain", "CompiledSplines", "chain_motion", "find_records"]
+
+_FILES = {
+    "Chain": "chain",
+    "chain_motion": "chain",
+    "find_records": "records",
+    "CompiledSplines": "smoothing",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a kernel on first use (PEP 562): `poise --version` asks for `COMPILED`, and does not load numpy."""
+    if name not in _FILES:
+        raise AttributeError(f"module 'poise.kernels' has no attribute {name!r}")
+    globals()[name] = getattr(importlib.import_module(f"poise.kernels.{_FILES[name]}"), name)
+    return globals()[name]

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from poise.kernels.library import address, contiguous, library
+from poise.kernels.arrays import address, contiguous
+from poise.kernels.library import library
 from poise.types import Array, Indices
 
 
@@ -47,7 +48,7 @@ def chain_motion(chain: Chain, motion: ArrayLike, base: ArrayLike | None = None)
     given = contiguous(motion, 3, -1, joints, what="motion of joints")
     n = given.shape[1]
     moved = None if base is None else contiguous(base, n, 21, what="motion of the base")
-    slides = np.ascontiguousarray(chain.slides, dtype=np.int64)
+    slides = contiguous(chain.slides, joints, what="kinds of joints").astype(np.int64)
     rotation, place, vectors = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((3, n, 3))
     arrays = (placements, axes, slides, given, moved, rotation, place, vectors)
     library.poise_chain_motion(n, joints, *map(address, arrays))

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from poise.kernels.library import address, library
+from poise.kernels.arrays import address
+from poise.kernels.library import library
 from poise.types import Indices
 
 _ROOM = 4096

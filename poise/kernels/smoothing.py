@@ -4,7 +4,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, InputError
-from poise.kernels.library import address, check, contiguous, library
+from poise.kernels.arrays import address, check, contiguous
+from poise.kernels.library import library
 from poise.types import Array
 
 

@@ -1,5 +1,6 @@
 """Hand-eye calibration from corners of a board: right, or wider, or it is said why there is no answer."""
 
+import importlib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -144,3 +145,26 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path, text: str) -> None:
 def test_a_board_that_makes_no_sense_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError):
         Board(**wrong)
+
+
+@pytest.mark.parametrize("beside", [0, 1])
+def test_a_view_with_corners_on_one_line_is_left_out(beside: int) -> None:
+    """Its pose is not determined, and the homography has no answer."""
+    seen = views()
+    first = seen.sightings[3]
+    rows = first.corners[:, 1]
+    row = max(np.unique(rows), key=lambda y: int(np.sum(rows == y)))
+    kept = np.concatenate([np.flatnonzero(rows == row), np.flatnonzero(rows != row)[:beside]])
+    assert len(kept) >= 6
+    line = replace(first, corners=first.corners[kept], pixels=first.pixels[kept])
+    answer = calibrate(seen.kinematics, LINK, seen.camera, [*seen.sightings[:3], line, *seen.sightings[4:]])
+    assert answer.views == len(seen.sightings) - 1
+    require_near(seen, answer)
+
+
+def test_outliers_that_change_to_the_last_round_leave_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit and the views that it is judged with belong together."""
+    monkeypatch.setattr(importlib.import_module("poise.calibration.calibrate"), "_ROUNDS", 1)
+    answer = found(views(late=1, speed=0.05))
+    assert answer.views == 25
+    assert answer.rejected == ()

@@ -1,13 +1,19 @@
 """Each compiled kernel against the form in Python, and with bad input."""
 
+import importlib.machinery
+import importlib.util
 import struct
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy._core import _multiarray_umath
 
 from poise.errors import ErrorCode, InputError
 from poise.kernels import COMPILED, Chain, CompiledSplines, chain_motion, find_records
+from poise.kernels.library import _load
 from poise.recording import blocks
 from poise.robot import BaseMotion, RobotModel, frame_poses, kinematics, sensor_motion
 from poise.robot.spline_search import SplineSearch
@@ -53,6 +59,8 @@ def test_a_chain_refuses_arrays_of_other_shapes_and_takes_none_and_nan() -> None
     assert error.value.code is ErrorCode.TYPE_MISMATCH
     with pytest.raises(InputError):
         chain_motion(chain, np.zeros((3, 5, 2)), np.zeros((4, 21)))
+    with pytest.raises(InputError):
+        chain_motion(replace(chain, slides=np.zeros(1, int)), np.zeros((3, 5, 2)))
     rotation, place, vectors = chain_motion(chain, np.zeros((3, 0, 2)))
     assert (rotation.shape, place.shape, vectors.shape) == ((0, 3, 3), (0, 3), (3, 0, 3))
     assert np.isnan(chain_motion(chain, np.full((3, 1, 2), np.nan))[0]).any()
@@ -125,3 +133,17 @@ def test_records_are_found_as_in_python(monkeypatch: pytest.MonkeyPatch) -> None
         assert (definitions, end) == (contents, last)
         assert found.tolist() == wanted.tolist()
     assert len(find_records(whole)[0]) == 5000
+
+
+def test_a_library_that_cannot_be_loaded_counts_as_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of another platform, of another version, or another library."""
+    damaged = tmp_path / "poise_kernels.so"
+    damaged.write_bytes(b"no library")
+    for path in (str(damaged), _multiarray_umath.__file__):
+        spec = importlib.machinery.ModuleSpec("poise_kernels", None, origin=path)
+        spec.has_location = True
+        monkeypatch.setattr(importlib.util, "find_spec", lambda name, spec=spec: spec)
+        assert _load() is None
+    monkeypatch.undo()
+    monkeypatch.setattr("poise.kernels.library._VERSION", -1)
+    assert _load() is None

@@ -8,6 +8,8 @@ from cases import make_case
 
 from poise.mismatch.answer import MAX_PROBABILITY, BeliefBasis, diagnose
 from poise.mismatch.answer.belief import rival_odds
+from poise.mismatch.answer.diagnosis import _misfit
+from poise.mismatch.inference import HeldOutProof
 from poise.mismatch.recorded import white_level
 from poise.robot import regular_clock
 
@@ -61,3 +63,12 @@ def test_a_rival_that_explains_nearly_as_much_counts_where_the_answer_leaves_an_
 @pytest.mark.parametrize("rivals", [1.0, 2.0])
 def test_effects_that_fit_equally_well_share_the_belief(rivals: float) -> None:
     assert BeliefBasis(1e4, rivals).probability <= 1.0 / (1.0 + rivals)
+
+
+def test_an_answer_that_no_sample_could_test_leaves_all_of_the_error() -> None:
+    """Without a held-out sample the errors are NaN, and so was the probability of every name."""
+    proof = HeldOutProof(1.0, 3.0, 1.0, 3.0, np.zeros((3, 6)), np.ones(6))
+    assert _misfit(proof, 0.0) == 0.0
+    for unknown in (replace(proof, nominal=np.nan, augmented=np.nan), replace(proof, augmented=np.nan)):
+        assert _misfit(unknown, 0.0) == 1.0
+    assert _misfit(proof, np.nan) == 1.0

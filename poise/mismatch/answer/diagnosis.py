@@ -245,6 +245,13 @@ def _efforts(recorded: RecordedMotion, model: NominalModel, examined: Sequence[S
     return effort_problem(recorded, model, frozenset(widened))
 
 
+def _misfit(proof: HeldOutProof, excess: float) -> float:
+    """Share of the nominal model's error that an answer leaves; all of it where no sample was held out to show it."""
+    left = np.max([proof.augmented**2 - 1.0 - _ALLOWED, excess, 0.0])  # NaN stays
+    misfit = float(left) / max(proof.nominal**2 - 1.0, _LEAST)
+    return min(misfit, 1.0) if np.isfinite(misfit) else 1.0
+
+
 def _at_stamps(recorded: RecordedMotion, last: Mask, seconds: Array) -> Mask:
     """A mask of wrench samples at the stamps of another signal."""
     return last if seconds is recorded.seconds else np.asarray(seconds >= recorded.seconds[int(np.argmax(last))])
@@ -274,8 +281,7 @@ def _examined(
     detected = shown_effects(final, library)
     rest = judge_residual(final, residual_of(final, best), best.regression.residual, _rounding(final, detected))
     unknown = _unknown(final, best, rest)
-    left = max(proof.augmented**2 - 1.0 - _ALLOWED, rest.excess, 0.0)
-    misfit = min(left / max(proof.nominal**2 - 1.0, _LEAST), 1.0)
+    misfit = _misfit(proof, rest.excess)
     channels = (
         WRENCH_CHANNELS
         if problem.recorded.effort is None or problem.signal == "wrench"

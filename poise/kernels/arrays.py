@@ -1,0 +1,43 @@
+"""Passes arrays to the compiled library, and raises what its status says."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from poise.errors import ErrorCode, InputError
+from poise.types import Array
+
+_NO_MEMORY, _NOT_POSITIVE = 1, 2
+
+
+def contiguous(values: ArrayLike, *shape: int, what: str) -> Array:
+    """The values as doubles in C order.
+
+    Args:
+        values: of the given shape; -1 stands for any length. what: name for a message.
+
+    Raises:
+        InputError: TYPE_MISMATCH for another shape.
+    """
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.ndim != len(shape) or any(want not in (-1, got) for want, got in zip(shape, array.shape, strict=True)):
+        raise InputError(ErrorCode.TYPE_MISMATCH, f"{what} has shape {array.shape}, expected {shape}")
+    return array
+
+
+def address(array: NDArray[Any] | None) -> int | None:
+    """Of the first element, for the library; None stays."""
+    return None if array is None else int(array.ctypes.data)
+
+
+def check(status: int) -> None:
+    """Raise what a status of the library stands for.
+
+    Raises:
+        MemoryError, numpy.linalg.LinAlgError: as the forms in Python do.
+    """
+    if status == _NO_MEMORY:
+        raise MemoryError("no memory for the splines of a stretch of samples")
+    if status == _NOT_POSITIVE:
+        raise np.linalg.LinAlgError("the normal matrix of a spline is not positive definite")
