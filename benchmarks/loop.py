@@ -43,10 +43,10 @@ def one_loop(seed: int, objects: int, distance: float, shapes: str, kill: str, o
     command += ["--distance", str(distance), "--shapes", shapes, "--out", str(out)]
     rng = np.random.default_rng([seed, 9])
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    victim = ""
+    killed: list[str] = []
     if kill:
         victim = str(rng.choice(KILLED)) if kill == "any" else kill
-        threading.Thread(target=_kill, args=(victim, process, rng.uniform(60, 240)), daemon=True).start()
+        threading.Thread(target=_kill, args=(victim, process, killed, rng.uniform(60, 240)), daemon=True).start()
     try:
         said = process.communicate(timeout=PATIENCE)[1]
     except subprocess.TimeoutExpired:
@@ -54,14 +54,19 @@ def one_loop(seed: int, objects: int, distance: float, shapes: str, kill: str, o
         said = process.communicate()[1]
     file = out / "loop.json"
     content: dict[str, Any] = json.loads(file.read_text()) if file.exists() else {"complete": False, "objects": []}
-    content |= {"status": process.returncode, "said": said.strip().splitlines()[-1:], "seed": seed, "killed": victim}
+    content |= {
+        "status": process.returncode,
+        "said": said.strip().splitlines()[-1:],
+        "seed": seed,
+        "killed": "".join(killed),
+    }
     if content.get("carried"):
         content["mujoco"] = carried_in_mujoco(load_world(out / "world_state").assembly)
     return content
 
 
-def _kill(name: str, parent: subprocess.Popen[str], after: float) -> None:
-    """Kill a node of a loop, by its process id."""
+def _kill(name: str, parent: subprocess.Popen[str], killed: list[str], after: float) -> None:
+    """Kill a node of a loop, by its process id, and note its name; a loop that is over has none."""
     time.sleep(after)
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -72,6 +77,7 @@ def _kill(name: str, parent: subprocess.Popen[str], after: float) -> None:
                 continue
             if ours and any(word.endswith(f"/{name}") for word in words):
                 os.kill(int(entry.name), signal.SIGKILL)
+                killed.append(name)
                 return
 
 

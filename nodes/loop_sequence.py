@@ -129,6 +129,7 @@ class LoopRecord:
     """A whole loop; `error` is why it ended early, None: it did not."""
 
     wanted: int
+    carries: bool = True
     objects: list[ObjectRecord] = field(default_factory=list)
     steps: list[StepRecord] = field(default_factory=list)
     carried: Carried | None = None
@@ -141,9 +142,10 @@ class LoopRecord:
 
     @property
     def whole(self) -> bool:
-        """All objects that were asked for are weighed, placed and carried."""
+        """All objects that were asked for are weighed, placed and, if that was asked for, carried."""
         complete = [each for each in self.placed if each.weight is not None]
-        return self.error is None and len(complete) == self.wanted and self.carried is not None
+        carried = self.carried is not None or not self.carries
+        return self.error is None and len(complete) == self.wanted and carried
 
 
 class LoopSequence:
@@ -166,7 +168,7 @@ class LoopSequence:
         report: Callable[[StepRecord | None, str], None] = lambda record, words: None,
     ) -> None:
         self._robot, self._distance, self._seed, self._report = robot, distance, seed, report
-        self.record = LoopRecord(count)
+        self.record = LoopRecord(count, distance > 0)
 
     def run(self) -> LoopRecord:
         """All steps. Never raises a PoiseError: `error` of the record says why the loop ended early."""

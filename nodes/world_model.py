@@ -140,8 +140,7 @@ class WorldModel(Node):
         return int(self.get_clock().now().nanoseconds)
 
     def _publish_frames(self) -> None:
-        for waiting in list(self._scans.values()):
-            self._begin_scan(*waiting)
+        self._begin_scans()
         if transforms := transforms_of(self._world, self._now()):
             self._transforms.publish(TFMessage(transforms=transforms))
 
@@ -230,11 +229,19 @@ class WorldModel(Node):
     # -- a scan -----------------------------------------------------------------------------------------------------
 
     def _on_scan(self, message: SegmentedObject) -> None:
-        self._begin_scan(message, time.monotonic())
+        self._scans[message.id] = message, time.monotonic()
+        self._begin_scans()
 
-    def _begin_scan(self, message: SegmentedObject, heard: float) -> None:
-        """Hand a scan to the thread, as soon as tf says where it was."""
-        self._scans.pop(message.id, None)
+    def _begin_scans(self) -> None:
+        """Begin with the scans that wait, the oldest first: the world takes none that is older than its newest."""
+        for message, heard in sorted(self._scans.values(), key=lambda waiting: stamp_of(waiting[0])):
+            del self._scans[message.id]
+            if not self._begin_scan(message, heard):
+                self._scans[message.id] = message, heard
+                return
+
+    def _begin_scan(self, message: SegmentedObject, heard: float) -> bool:
+        """Hand a scan to the thread, as soon as tf says where it was; False: not yet."""
         frame = message.header.frame_id
         try:
             if frame not in self._scan_frames:
@@ -245,12 +252,12 @@ class WorldModel(Node):
             there = pose_between(self._frames, parent, self._world.frame) @ pose
         except InputError as error:
             if time.monotonic() < heard + _FRAME_PATIENCE:
-                self._scans[message.id] = message, heard
-            else:
-                self._refused("segmented_object", error)
-            return
+                return False
+            self._refused("segmented_object", error)
+            return True
         if not self._jobs.do(partial(self._heard, "segmented_object", partial(self._take_scan, there), message)):
             self._refused("segmented_object", InputError(ErrorCode.BUSY, "too many calls wait; scan again"))
+        return True
 
     def _take_scan(self, pose: Pose, message: SegmentedObject) -> None:
         """In the thread of the jobs: the object, settled on what it stands on, if that makes an assembly."""

@@ -79,7 +79,7 @@ def write_loop_report(
         title=f"{done} of {content['wanted']} objects weighed and placed",
         kicker="Loop",
         verdict="complete" if content["complete"] else "not complete",
-        sentence=readable(content["sentence"], 1000) or "Scanned, picked, weighed, placed and carried.",
+        sentence=readable(content["sentence"] or _outcome(content), 1000),
         findings=[Finding("note", readable(text, 1000)) for text in loop_sentences(content)],
         columns=LOOP_COLUMNS,
         rows=loop_rows(content),
@@ -90,6 +90,12 @@ def write_loop_report(
         data_id="loop",
     )
     return write_whole(Path(directory) / "report.html", page.encode("utf-8"))
+
+
+def _outcome(content: dict[str, Any]) -> str:
+    if not content["complete"]:
+        return "Not all objects were weighed and placed; the notes and the steps say why."
+    return "Scanned, picked, weighed, placed" + (" and carried." if content["carried"] else "; not carried.")
 
 
 def _result(step: dict[str, Any]) -> str:

@@ -88,6 +88,12 @@ def test_a_loop_in_which_all_goes_well():
     assert content["objects"][0]["within"]
 
 
+def test_a_loop_that_is_not_asked_to_carry_is_whole_without():
+    robot = Robot()
+    assert LoopSequence(robot, 3, 0.0).run().whole
+    assert ("carry", "") not in robot.calls
+
+
 def test_an_object_that_cannot_be_grasped_is_skipped_and_left_behind():
     robot = Robot({("pick", "object_2"): [failure(ErrorCode.TOO_HEAVY)]})
     record = run(robot)

@@ -3,11 +3,13 @@
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from assembly_calls import CUBE, FLOOR, FRAME, LATCHED, LOW_PUSH, assess, box, change, message, replace_by
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from rclpy.serialization import serialize_message
 from shape_msgs.msg import Mesh as MeshMessage
@@ -216,3 +218,22 @@ def test_an_assembly_that_is_set_while_the_held_object_is_weighed_takes_nothing_
     assert response.version == begun.version + 1
     assert node._world.held.item.mass == 0.31
     assert "cup" in node._world.objects
+
+
+def test_of_scans_that_come_together_none_overtakes_one_that_waits_for_its_frame():
+    begun, frames = [], {"cup_2"}
+
+    def begin(message, heard):
+        if message.id in frames:
+            begun.append(message.id)
+        return message.id in frames
+
+    model = SimpleNamespace(_scans={}, _begin_scan=begin)
+    model._begin_scans = partial(WorldModel._begin_scans, model)
+    for name, second in (("cup_2", 2), ("cup", 1)):
+        model._scans[name] = scanned_box(name, Time(sec=second)), 0.0
+    model._begin_scans()
+    assert (begun, set(model._scans)) == ([], {"cup", "cup_2"})
+    frames.add("cup")
+    model._begin_scans()
+    assert (begun, model._scans) == (["cup", "cup_2"], {})

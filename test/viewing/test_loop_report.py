@@ -35,5 +35,6 @@ def test_the_page_shows_the_stack_and_escapes_what_comes_from_outside(tmp_path) 
     assert page.count("<svg") == 2
     assert "<b>for" not in page
     assert "UNREACHABLE: too wide" in page
+    assert "Not all objects were weighed and placed" in page
     empty = write_loop_report(tmp_path, CONTENT, None, command="poise loop", now=NOW).read_text()
     assert "<svg" not in empty
