@@ -1,8 +1,8 @@
 """Where a camera sits on the hand, and where the joints' zeros are, from views of a printed board.
 
 - `sightings`: corners of a board in one image, its pose there, and the closed form of the hand-eye transform.
-- `adjustment`: least squares over all parameters, with a covariance by the jackknife over views.
-- `calibrate`: outliers, what can be identified, and the verdict.
+- `adjustment`: least squares over all parameters, with a covariance by the jackknife over places of the arm.
+- `recording_checks`: what views must have. `calibrate`: outliers, what can be identified, and the verdict.
 - `boards`: detection of ChArUco boards (needs OpenCV). `recorded`: the views of a recording.
 - `results`: the file calibration.yaml, and a robot description with the offsets.
 """

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from scipy.stats import f as f_distribution
 
 from poise.calibration.adjustment import BOARD, EYE, BoardFit, BoardProblem, Parameters, adjust, jackknife
+from poise.calibration.recording_checks import LEAST_VIEWS, require_finite, require_places, require_turns
 from poise.calibration.sightings import (
     LEAST_CORNERS,
     CameraCarrier,
@@ -15,7 +15,6 @@ from poise.calibration.sightings import (
     board_pose,
     closed_form,
     joints_of,
-    places_of,
     show_a_plane,
 )
 from poise.errors import ErrorCode, InputError, NoAnswerError
@@ -23,9 +22,6 @@ from poise.geometry import Pose
 from poise.scanning import Camera
 from poise.types import Array, Cancelled, Mask
 
-LEAST_VIEWS = 8
-_TURN = np.radians(8.0)
-"""The hand has to turn by this about two axes."""
 _CORNER, _CORNER_LEAST = 5.0, 1.0
 """Times the noise, and pixels, from which on a corner is an outlier."""
 _VIEW = 4.0
@@ -126,11 +122,11 @@ def calibrate(
         InputError: EMPTY without a view of the board; NOT_FINITE; BAD_INPUT when the board has another size.
         NoAnswerError: TOO_FEW_SAMPLES, NOT_IDENTIFIABLE, POOR_FIT, CANCELLED.
     """
-    _require_finite(sightings)
+    require_finite(sightings)
     seen, boards, noise, dropped = _sound(sightings, camera)
-    _require_places(seen)
+    require_places(seen)
     links = kinematics.poses(joints_of(seen)[0])
-    _require_turns(links)
+    require_turns(links)
     start = _start(links, boards, len(kinematics.joint_names))
     fit, kept, reasons = _fitted(kinematics, camera, seen, start, options, cancelled)
     used = [each for each, keep in zip(seen, kept, strict=True) if keep]
@@ -142,7 +138,7 @@ def calibrate(
             " or the robot description is not this robot's",
         )
     depth = float(np.median([pose.translation[2] for pose, keep in zip(boards, kept, strict=True) if keep]))
-    _require_places(used)
+    require_places(used)
     problem = BoardProblem(kinematics, camera, used)
     return _judged(problem, fit, kinematics.joint_names, reasons, depth / camera.fx, (link, rejected, dropped, noise))
 
@@ -228,51 +224,6 @@ def _sound(sightings: Sequence[Sighting], camera: Camera) -> tuple[list[Sighting
     free = np.concatenate(ends)
     spent = 1 - 6 * len(sound) / len(free)
     return sound, poses, float(np.sqrt(np.mean(free**2) / spent)), dropped
-
-
-def _require_finite(sightings: Sequence[Sighting]) -> None:
-    """Check the numbers of all views.
-
-    Raises:
-        InputError: NOT_FINITE.
-    """
-    for each in sightings:
-        if not all(np.isfinite(part).all() for part in (each.position, each.velocity, each.corners, each.pixels)):
-            raise InputError(ErrorCode.NOT_FINITE, f"calibrate: the view at {each.stamp} ns has numbers not finite")
-
-
-def _require_places(sightings: Sequence[Sighting]) -> None:
-    """Check that the views are of enough places.
-
-    Raises:
-        NoAnswerError: TOO_FEW_SAMPLES.
-    """
-    count = int(places_of(joints_of(sightings)[0])[-1]) + 1
-    if count < LEAST_VIEWS:
-        raise NoAnswerError(
-            ErrorCode.TOO_FEW_SAMPLES,
-            f"calibrate: the {len(sightings)} images of the board are from {count} places of the arm; {LEAST_VIEWS} are"
-            " needed, 15 to 30 are better",
-        )
-
-
-def _require_turns(links: Pose) -> None:
-    """Check that the hand turns about two axes or more.
-
-    Raises:
-        NoAnswerError: NOT_IDENTIFIABLE.
-    """
-    mean = Rotation.from_matrix(links.rotation).mean()
-    turns = (mean.inv() * Rotation.from_matrix(links.rotation)).as_rotvec()
-    spread = np.linalg.svd(turns - turns.mean(axis=0), compute_uv=False) / np.sqrt(len(turns))
-    if spread[1] < _TURN / 2:
-        what = "only moves along" if spread[0] < _TURN / 2 else "turns about one axis only"
-        raise NoAnswerError(
-            ErrorCode.NOT_IDENTIFIABLE,
-            f"calibrate: the hand {what} (rotations spread by {np.degrees(spread[0]):.1f} and"
-            f" {np.degrees(spread[1]):.1f} deg): where the camera is cannot be found; turn it about two axes by 20 deg"
-            " or more",
-        )
 
 
 def _start(links: Pose, boards: list[Pose], joints: int) -> Parameters:
