@@ -111,9 +111,7 @@ def test_a_halt_leaves_what_is_held_to_the_motor() -> None:
     with FakeGripper(active=True) as gripper:
         gripper.object_width = 0.030
         with driving(gripper) as (driver, _):
-            until(state(driver, "ready"))
-            driver.go(0.0)
-            until(state(driver, "holding"))
+            until(lambda: driver.report.kind == "holding" or (driver.report.kind == "ready" and driver.go(0.0)))
             driver.halt()
         assert gripper.command[0] & 0x800
 

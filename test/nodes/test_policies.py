@@ -8,7 +8,10 @@ from pathlib import Path
 
 import pytest
 from rclpy.action import ActionClient
-from rclpy.action.graph import get_action_server_names_and_types_by_node
+from rclpy.action.graph import (
+    get_action_client_names_and_types_by_node,
+    get_action_server_names_and_types_by_node,
+)
 
 from poise.keystore import NodePolicy, read_policy
 from poise_msgs.action import ScanObject
@@ -27,7 +30,8 @@ PARAMETERS = {
         "camera": True,
     },
     "ft_driver": {"address": "127.0.0.1", "batch_rate": 10.0},
-    "object_scanner": {"patience": 30.0},
+    "loop": {"ready_timeout": 3600.0, "world": str(ROOT / "docs" / "scenes" / "tray.yaml")},
+    "object_scanner": {"patience": 300.0},
     "robustness_server": {"poses_from_tf": True},
 }
 """With these, a node makes every interface that it has."""
@@ -51,7 +55,8 @@ def used_by(graph, name: str) -> NodePolicy:
     def names(found):
         return frozenset(topic for topic, _ in found if "/_action/" not in topic)
 
-    actions = frozenset(action for action, _ in get_action_server_names_and_types_by_node(node, name, "/"))
+    served = get_action_server_names_and_types_by_node(node, name, "/")
+    called = get_action_client_names_and_types_by_node(node, name, "/")
     allowed = {
         ("topic", "publish"): names(node.get_publisher_names_and_types_by_node(name, "/")),
         ("topic", "subscribe"): names(node.get_subscriber_names_and_types_by_node(name, "/"))
@@ -59,7 +64,8 @@ def used_by(graph, name: str) -> NodePolicy:
         | {SIM_TIME},
         ("service", "reply"): names(node.get_service_names_and_types_by_node(name, "/")),
         ("service", "request"): names(node.get_client_names_and_types_by_node(name, "/")),
-        ("action", "execute"): actions,
+        ("action", "execute"): frozenset(action for action, _ in served),
+        ("action", "call"): frozenset(action for action, _ in called),
     }
     return NodePolicy(name, "/", {key: value for key, value in allowed.items() if value})
 
@@ -73,7 +79,7 @@ def test_the_policy_of_each_node_is_what_it_uses(start_node, graph) -> None:
     graph.wait_for(lambda: all_names <= set(graph.node.get_node_names()), what="every node")
     client = ActionClient(graph.node, ScanObject, "scan_object")
     graph.wait_for(client.server_is_ready, what="scan_object")
-    client.send_goal_async(ScanObject.Goal(id="cup"))  # it subscribes to the camera
+    client.send_goal_async(ScanObject.Goal(id="cup", stationary=True))  # it subscribes to the camera
 
     def differences() -> list[str]:
         found = []
