@@ -291,6 +291,9 @@ class TransferExecution:
         return "it still holds it" if step.holding else "its hand is empty"
 
     def _fail(self, error: PoiseError, now: float) -> None:
+        if error.code is ErrorCode.CANCELLED:  # the watchdog heard of it first
+            self.cancel(now)
+            return
         state = "was commanded to stop" if self._robot.commanded.moving or self._robot.commanded.stopped else "rests"
         words = f"{error.message}; the arm {state} while {self.stage} {self._name}, and {self._hand}"
         self._conclude(PoiseError(error.code, words), now)

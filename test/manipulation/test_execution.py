@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, PoiseError
 from poise.manipulation.execution import RobotPort, Tolerances, TransferExecution, TransferStep, joined
 from poise.manipulation.gripper import Gripper
 from poise.simulation import WaypointTrajectory
@@ -156,6 +156,19 @@ def test_cancelled_it_stops_on_its_way_and_says_what_is_in_the_hand(stage, hand)
     playing.tick(fake.now)
     playing.cancel(fake.now)
     assert (len(fake.gripped), len(fake.moves)) == before
+
+
+def test_a_cancel_that_the_watchdog_hears_first_has_the_same_words(monkeypatch):
+    fake = FakeRobot()
+    playing = fake.play()
+    fake.until(playing, lambda: playing.stage == "carrying")
+
+    def stopped():
+        raise PoiseError(ErrorCode.CANCELLED, "the goal was cancelled")
+
+    monkeypatch.setattr(fake.robot.commanded, "check", stopped)
+    playing.tick(fake.now)
+    assert playing.error.message == "the arm stopped while carrying can; it still holds it"
 
 
 def test_cancelled_between_motions_an_arm_at_rest_is_left_alone():
