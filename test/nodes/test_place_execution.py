@@ -85,6 +85,7 @@ def comes_to_rest(graph, states):
     assert np.ptp(arrays(states[-100:])[0], axis=0).max() < 1e-6
 
 
+@pytest.mark.alone
 def test_a_can_is_picked_up_and_put_on_a_cube(start_node, graph, caller):
     transform = TransformStamped(child_frame_id="base_link")
     transform.header.frame_id, transform.transform.translation.x = FRAME, -0.5

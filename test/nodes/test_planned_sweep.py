@@ -40,6 +40,7 @@ BOX = RigidObject("box", Box((0.06, 0.05, 0.07)), at(0.46, 0.07, 0.235), mass=0.
 CAN = RigidObject("can", Cylinder(0.025, 0.06), at(0.5, -0.07, 0.23), mass=0.2)
 
 
+@pytest.mark.alone
 def test_what_stands_on_the_table_is_found_by_a_planned_sweep(graph: Graph, start_node: Start, tmp_path: Path) -> None:
     write_scene(Assembly((TABLE, BOX, CAN), friction=0.5), tmp_path / "truth.yaml")
     known = graph.node.create_publisher(AssemblyMessage, "assembly", LATCHED)
