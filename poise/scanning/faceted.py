@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poise.scanning.patches import Patch, SurfaceSamples, planar_patches
+from poise.scanning.rounding import Sides, sides_of
 from poise.types import Array, Mask
 
 _SEEN_OFF, _HIDDEN_OFF = 0.7e-3, 2e-3
@@ -21,6 +22,8 @@ _FULL, _ENOUGH = 0.5, 0.1
 _LEAST_POINTS = 100
 _LOST = 1e-3
 """Share of the volume that may be lost where cells are united."""
+_CHANGED = 0.08
+"""Share by which the volume may differ from the body's, whose edges overshoot."""
 _MARGIN = 0.01
 """m around a surface within which space is cut."""
 _OUTER = 8
@@ -54,14 +57,20 @@ def faceted(
     if trusted.is_empty() or np.count_nonzero(counting) < _LEAST_POINTS:
         return None
     samples = _samples(body, points[counting], seen[counting])
+    patches = planar_patches(samples, _LEAST**2)
+    sides = [sides_of(samples, patch) for patch in patches]
+    if any(len(each.planes) > 1 for each in sides) and not all(len(each.planes) > 1 or each.flat for each in sides):
+        return None  # a can would seem to rest on a side of which it is not known that it is round
     division = _Division(body, trusted, below, samples)
-    full = division.filled(_around(body), planar_patches(samples, _LEAST**2))
+    full = division.filled(_around(body), list(zip(patches, sides, strict=True)))
     if not full or division.cuts > _MOST_CUTS:
         return None
     whole = manifold3d.Manifold.batch_boolean([cell.body for cell in full], manifold3d.OpType.Add)
     lost = sum(cell.body.volume() for cell in full) - whole.volume()
     off = whole.volume() + body.volume() - 2 * (whole ^ body).volume()
-    return whole if abs(lost) < _LOST * whole.volume() and off <= most * body.surface_area() else None
+    changed = abs(whole.volume() - body.volume())
+    good = abs(lost) < _LOST * whole.volume() and changed < _CHANGED * body.volume()
+    return whole if good and off <= most * body.surface_area() else None
 
 
 def _samples(body: manifold3d.Manifold, points: Array, seen: Mask) -> SurfaceSamples:
@@ -97,10 +106,10 @@ class _Division:
         self._body, self._trusted, self._below, self._samples = body, trusted, below, samples
         self.cuts = 0
 
-    def filled(self, cell: _Cell, patches: list[Patch]) -> list[_Cell]:
+    def filled(self, cell: _Cell, patches: list[tuple[Patch, Sides]]) -> list[_Cell]:
         """Convex parts of a cell that are inside; the cell itself when all of it is."""
-        for number, patch in enumerate(patches):
-            if self.cuts > _MOST_CUTS or not (parts := self._divided(cell, patch)):
+        for number, (patch, sides) in enumerate(patches):
+            if self.cuts > _MOST_CUTS or not (parts := self._divided(cell, patch, sides.planes)):
                 continue
             self.cuts += 1
             found = [self.filled(part, patches[number + 1 :]) for part in parts]
@@ -108,16 +117,21 @@ class _Division:
             return [cell] if same else [each for kept in found for each in kept]
         return [cell] if self._is_full(cell.body) else []
 
-    def _divided(self, cell: _Cell, patch: Patch) -> list[_Cell]:
-        """The parts into which the plane of a patch cuts a cell, when enough of the patch is inside; else none."""
+    def _divided(self, cell: _Cell, patch: Patch, planes: Array) -> list[_Cell]:
+        """The parts into which the planes of a patch cut a cell, when enough of the patch is inside; else none."""
         inside = np.all(self._samples.points[patch.rows] @ cell.planes[:, :3].T + cell.planes[:, 3] < -_DEPTH, axis=1)
         if self._samples.areas[patch.rows][inside].sum() < _LEAST**2:
             return []
-        plane = np.append(patch.normal, -patch.offset)
-        beyond, within = cell.body.split_by_plane((*patch.normal,), patch.offset)
+        outermost = np.append(patch.normal, -patch.offset)
+        if len(planes) > 1:  # in front of it a patch that bulges has nothing
+            outermost[3] = -float(np.max(self._samples.points[patch.rows] @ patch.normal))
+        beyond = cell.body.trim_by_plane((*outermost[:3],), -outermost[3])
+        within = cell.body
+        for plane in planes:
+            within = within.trim_by_plane((*-plane[:3],), plane[3])
         if beyond.is_empty() or within.is_empty():
             return []
-        return [_Cell(within, np.vstack([cell.planes, plane])), _Cell(beyond, np.vstack([cell.planes, -plane]))]
+        return [_Cell(within, np.vstack([cell.planes, outermost])), _Cell(beyond, np.vstack([cell.planes, -outermost]))]
 
     def _is_full(self, cell: manifold3d.Manifold) -> bool:
         """Whether a cell is inside the surface, by what is trusted of that, where there is enough of it."""

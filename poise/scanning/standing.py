@@ -95,10 +95,14 @@ def standing_mesh(
 
 
 def _base(body: manifold3d.Manifold) -> manifold3d.CrossSection:
-    """The section a little above the support, narrower by as much as it is narrower than the one above it."""
-    low, higher = body.slice(HIDDEN_OFF), body.slice(2 * HIDDEN_OFF)
+    """What the sections a little above the support have in common, narrower by as much as the lower is narrower.
+
+    The lowest few mm of a scan are completed, and often wider than the object.
+    """
+    low, higher, highest = (body.slice(height * HIDDEN_OFF) for height in (1, 2, 3))
     narrows = np.sqrt(max(higher.area(), 0.0) / np.pi) - np.sqrt(max(low.area(), 0.0) / np.pi)
-    return low.offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+    common = low ^ higher ^ highest
+    return (low if common.is_empty() else common).offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
 
 
 def _on_foot(body: manifold3d.Manifold, base: manifold3d.CrossSection) -> manifold3d.Manifold:
