@@ -67,6 +67,7 @@ def recorded_from_motion(
         base=rows.base if rows.base is not None and _moves(rows.base) else None,
         effort=effort,
         motion_variance=None if errors is None else _wrench_variance(robot, payload, rows, base, errors),
+        place_noise=0.0 if errors is None else errors.place,
     )
 
 
