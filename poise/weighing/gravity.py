@@ -26,7 +26,7 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
     del plain
     size = float(np.linalg.norm(samples.gravity))
     found = [
-        Reading(ErrorCode.COMPENSATED, _without_weight, _all_compensated, repair=_weight_back),
+        Reading(ErrorCode.COMPENSATED, without_weight, _all_compensated, repair=_weight_back),
         Reading(
             ErrorCode.COMPENSATED, _with_offset_mass(1), _compensated(1), holds=_takes_weight, repair=_compensation_back
         ),
@@ -46,7 +46,16 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
             )
         )
     down = _directions(samples)
-    found.append(Reading(ErrorCode.GRAVITY_WRONG, _leaning, _direction_sentence, starts=down, holds=_near(down)))
+    found.append(
+        Reading(
+            ErrorCode.GRAVITY_WRONG,
+            _leaning,
+            _direction_sentence,
+            starts=down,
+            holds=_near(down),
+            open_pull=lambda fit: float(abs(fit.phi[0]) * size * np.linalg.norm(_direction(fit.values)[:2])),
+        )
+    )
     return found
 
 
@@ -63,7 +72,8 @@ def _inertial(samples: FitSamples) -> Array:
     return signal_columns(signals)
 
 
-def _without_weight(samples: FitSamples, values: Array) -> Array:
+def without_weight(samples: FitSamples, values: Array) -> Array:
+    """The design of a payload whose weight is compensated: inertial forces and a bias."""
     del values
     return _inertial(samples)
 
@@ -186,6 +196,7 @@ def _direction_sentence(found: Explanation) -> tuple[str, Mapping[str, float]]:
     angle = float(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1)))
     return (
         f"the weight pulls {np.degrees(angle):.1f} degrees off the base frame's -z (roll {np.degrees(roll):.1f}, pitch"
-        f" {np.degrees(pitch):.1f} degrees): the base is not upright: correct its mounting in the URDF or tf",
+        f" {np.degrees(pitch):.1f} degrees): the base is not upright, or a hose or a hand pulls at the load: correct the"
+        " mounting of the base in the URDF or tf",
         {"roll": roll, "pitch": pitch, "roll_std": float(found.value_stds[0]), "pitch_std": float(found.value_stds[1])},
     )
