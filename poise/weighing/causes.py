@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import EstimateFinding, RejectedInterval
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
@@ -122,7 +123,9 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     best = min(first, key=lambda fit: _levels(reading, samples, fit).sum())
     if len(first) > 1:
         best = explain(samples, reading.design, best.values.tolist(), reading.usable)
-    if impossible(best) or not reading.holds(best):
+    pull = reading.open_pull(best)
+    opened = best.with_pull(pull / STANDARD_GRAVITY)
+    if impossible(opened) or not reading.holds(opened):
         return None
     levels = _levels(reading, samples, best)
     if reading.reduced is not None and reading.excluded is not None:
@@ -132,7 +135,7 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     improvement = (plain.levels - levels).sum(axis=1)
     n_free = best.n_free + (0 if reading.excluded is None else 2 * int(reading.excluded.sum()))
     gain = 3 * float(improvement.sum()) - _PER_PARAMETER * n_free + reading.prior
-    gain += plausibility(best) - plausibility(plain)
+    gain += plausibility(opened) - plausibility(plain)
     fixed = n_free == 0 and reading.usable is None and reading.reduced is None and reading.censored is None
     if gain < (_LEAST_FIXED_GAIN if fixed else _LEAST_GAIN) and not (gain > 0 and impossible(plain)):
         return None
@@ -153,7 +156,7 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
         f" {after[1]:.2g} N m, in {100 * share:.0f} % of the recording)"
     )
     repair = None if reading.repair is None else reading.repair(best)
-    partial, pull = reading.excluded is not None and reading.reduced is None, reading.open_pull(best)
+    partial = reading.excluded is not None and reading.reduced is None
     return Cause(reading.code, explained, evidence, gain, fixed, share >= _IMPROVED, repair, best, partial, pull)
 
 

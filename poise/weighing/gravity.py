@@ -42,7 +42,7 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
                 _sized,
                 _size_sentence(size),
                 starts=tuple(starts),
-                repair=lambda fit: Repair(gravity=float(np.exp(fit.values[0]))),
+                repair=lambda fit: _gravity_of_earth(fit, size),
             )
         )
     down = _directions(samples)
@@ -132,6 +132,13 @@ def _sized(samples: FitSamples, values: Array) -> Array:
     signals = samples.signals.copy()
     signals[:, :3] = np.exp(values[0]) * samples.gravity_in_sensor - samples.acceleration_in_sensor
     return signal_columns(signals)
+
+
+def _gravity_of_earth(found: Explanation, size: float) -> Repair:
+    """The standard one where the fit is close to it: inertial forces show the size of gravity less well."""
+    fitted = float(np.exp(found.values[0]))
+    standard = STANDARD_GRAVITY / size
+    return Repair(gravity=standard if abs(fitted / standard - 1.0) < _STANDARD_WITHIN else fitted)
 
 
 def _size_sentence(size: float) -> Says:

@@ -8,7 +8,7 @@ from poise.errors import ErrorCode
 from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Explanation, ReadingDesign, explain, plain_design
+from poise.weighing.fitting import Explanation, ReadingDesign, explain, impossible, plain_design
 from poise.weighing.moving_base import FLEXIBLE, by_base, drives, hats
 from poise.weighing.reading import Reading, shows_payload
 
@@ -71,7 +71,13 @@ def _anywhere(samples: FitSamples, count: int, point: tuple[float, ...]) -> Read
 
     prior = _RARE if count <= _STIFF else FLEXIBLE
     return Reading(
-        ErrorCode.IN_CONTACT, _at_point(samples, count), says, starts=(point,), prior=prior, open_pull=size
+        ErrorCode.IN_CONTACT,
+        _at_point(samples, count),
+        says,
+        starts=(point,),
+        prior=prior,
+        holds=lambda found: not impossible(found),  # a hose may carry the payload
+        open_pull=size,
     )
 
 

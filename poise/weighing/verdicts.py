@@ -29,6 +29,8 @@ _RIVAL = 10.0
 _MOST = 3
 _ON_EARTH = (9.75, 9.84)
 """m/s2."""
+_PLACES = 0.002
+"""Relative standard deviation of gravity over the places of the Earth."""
 _EMPTY = 0.02
 """kg; a smaller mass may be a compensated one."""
 _LARGEST_GAP = 0.2
@@ -93,20 +95,20 @@ def _named(causes: Sequence[Cause]) -> list[Cause]:
 
 
 def _left_open(estimate: InertialEstimate, causes: Sequence[Cause]) -> Array:
-    """(10, 10) what an estimate lacks of the payloads by its causes: the largest significant step, and their pull."""
+    """(10, 10) by how much the payloads of the causes differ significantly from an estimate, and their pull."""
     phi = np.nan_to_num(estimate.phi)
-    steps, shares = [np.zeros(10)], [0.0]
+    by_gravity = _gravity_step(estimate) * phi
+    open_part, pulls = np.outer(by_gravity, by_gravity), [0.0]
     for cause in causes:
         step = cause.explanation.phi - phi
         variance = np.diag(cause.explanation.covariance)[:10] + np.nan_to_num(np.diag(estimate.covariance))
         seen = np.clip(1.0 - variance / np.maximum(step**2, 1e-30), 0.0, 1.0)
-        steps.append(np.where(np.isfinite(variance), step * np.sqrt(seen), 0.0))
-        shares.append(cause.open_pull / STANDARD_GRAVITY)
-    largest = max(steps, key=lambda step: abs(step[0]))
+        step = np.where(np.isfinite(variance), step * np.sqrt(seen), 0.0)
+        open_part += np.outer(step, step)
+        pulls.append(cause.open_pull / STANDARD_GRAVITY)
     reach = float(np.linalg.norm(phi[1:4])) / max(abs(float(phi[0])), _EMPTY)
-    pull = max(shares) * np.array([1.0] + [reach] * 3 + [reach**2] * 6)
-    by_gravity = _gravity_step(estimate) * phi
-    return np.asarray(np.outer(largest, largest) + np.outer(by_gravity, by_gravity) + np.diag(pull**2))
+    pull = max(pulls) * np.array([1.0] + [reach] * 3 + [reach**2] * 6)
+    return np.asarray(open_part + np.diag(pull**2))
 
 
 def _gravity_step(estimate: InertialEstimate) -> float:
@@ -233,6 +235,8 @@ def _of_values(cause: Cause) -> Array:
         # The weight that was added has the mass of this fit, which errors of the accelerations make too small.
         scale = _ACCELERATIONS * np.abs(found.phi[:10])
         return np.asarray(found.covariance[:10, :10] + np.outer(scale, scale))
+    if cause.repair is not None and cause.repair.gravity != 1.0:
+        return np.asarray(_PLACES**2 * np.outer(found.phi[:10], found.phi[:10]))
     own = np.arange(16, len(found.covariance))
     across = found.covariance[:10][:, own]
     if not len(own) or not np.isfinite(across).all():
