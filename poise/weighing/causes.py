@@ -19,7 +19,7 @@ from poise.weighing.fitting import (
     plain_design,
     plausibility,
 )
-from poise.weighing.gravity import without_weight
+from poise.weighing.gravity import with_free_weight
 from poise.weighing.reading import Reading, Repair
 
 _WIDTH, _BINS = 0.04, (150.0, 300.0)
@@ -103,14 +103,14 @@ def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[Reject
 
 
 def inertial_mass(samples: FitSamples, delay: float = 0.0) -> tuple[float, float]:
-    """The mass that inertial forces alone show, and one sigma, kg, with the arguments of `find_causes`.
+    """The mass that inertial forces show beside any weight, and one sigma, kg, with the arguments of `find_causes`.
 
     Infinite: the motion shows none.
     """
     samples = _averaged(samples.delayed(delay))
     if len(samples) < 8:
         return np.nan, np.inf
-    found = explain(samples, without_weight)
+    found = explain(samples, with_free_weight(4))
     return float(found.phi[0]), found.mass_std
 
 

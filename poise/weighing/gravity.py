@@ -26,12 +26,12 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
     del plain
     size = float(np.linalg.norm(samples.gravity))
     found = [
-        Reading(ErrorCode.COMPENSATED, without_weight, _all_compensated, repair=_weight_back),
+        Reading(ErrorCode.COMPENSATED, _without_weight, _all_compensated, repair=_weight_back),
         Reading(
-            ErrorCode.COMPENSATED, _with_offset_mass(1), _compensated(1), holds=_takes_weight, repair=_compensation_back
+            ErrorCode.COMPENSATED, with_free_weight(1), _compensated(1), holds=_takes_weight, repair=_compensation_back
         ),
         Reading(
-            ErrorCode.COMPENSATED, _with_offset_mass(4), _compensated(4), holds=_takes_weight, repair=_compensation_back
+            ErrorCode.COMPENSATED, with_free_weight(4), _compensated(4), holds=_takes_weight, repair=_compensation_back
         ),
     ]
     starts = [(np.log(STANDARD_GRAVITY / size),)]
@@ -72,8 +72,7 @@ def _inertial(samples: FitSamples) -> Array:
     return signal_columns(signals)
 
 
-def without_weight(samples: FitSamples, values: Array) -> Array:
-    """The design of a payload whose weight is compensated: inertial forces and a bias."""
+def _without_weight(samples: FitSamples, values: Array) -> Array:
     del values
     return _inertial(samples)
 
@@ -91,7 +90,9 @@ def _weight_back(found: Explanation) -> Repair:
     return Repair(compensated=found.phi[:4])
 
 
-def _with_offset_mass(count: int) -> Callable[[FitSamples, Array], Array]:
+def with_free_weight(count: int) -> Callable[[FitSamples, Array], Array]:
+    """The design of a payload from whose weight that of another one is taken: of m, or of m and m c (count 1 or 4)."""
+
     def design(samples: FitSamples, values: Array) -> Array:
         del values
         weight = weight_columns(samples.gravity_in_sensor)
@@ -203,7 +204,7 @@ def _direction_sentence(found: Explanation) -> tuple[str, Mapping[str, float]]:
     angle = float(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1)))
     return (
         f"the weight pulls {np.degrees(angle):.1f} degrees off the base frame's -z (roll {np.degrees(roll):.1f}, pitch"
-        f" {np.degrees(pitch):.1f} degrees): the base is not upright, or a hose or a hand pulls at the load: correct the"
-        " mounting of the base in the URDF or tf",
+        f" {np.degrees(pitch):.1f} degrees): the base is not upright, or a hose or a hand pulls at the load: correct"
+        " the mounting of the base in the URDF or tf",
         {"roll": roll, "pitch": pitch, "roll_std": float(found.value_stds[0]), "pitch_std": float(found.value_stds[1])},
     )

@@ -26,7 +26,7 @@ _USUAL_POINT = np.array([0.0, 0.0, 0.1])
 
 
 def pulled(samples: FitSamples, plain: Explanation) -> list[Reading]:
-    """A force that pulls at a point of the tool, or horizontally at the centre of mass, with a free course in the world.
+    """A force that pulls at a point of the tool, or horizontally at the centre of mass, with a free course in time.
 
     The mean of a vertical component is left out: it looks like weight, so that `open_pull` counts it as unknown.
     """
