@@ -16,6 +16,8 @@ _KNOTS = (1, 2, 6, 12, 24)
 """Of the course of each component; one: it is constant."""
 _STIFF = 2
 """Knots up to which a course does not follow the pose."""
+_HOPE = 0.4
+"""Share of its cost that a course explains before one with more knots is tried."""
 _SPACING = 0.4
 """s between knots, at least."""
 _RARE = -4.0
@@ -52,7 +54,10 @@ def _best_count(
     for count in _KNOTS:
         if count == 1 or count * _SPACING < samples.seconds[-1]:
             found = explain(samples, design(count), values, quick=True)
-            gains[count] = 3 * float(np.sum(plain.levels - found.levels)) - _NATS * found.n_free
+            gain, cost = 3 * float(np.sum(plain.levels - found.levels)), _NATS * found.n_free
+            gains[count] = gain - cost
+            if count > _STIFF and gain < _HOPE * cost:
+                break  # more knots cost more than they explain
     return max(gains, key=lambda count: gains[count])
 
 
