@@ -30,7 +30,7 @@ from poise.nodes.payload_shape import accuracy_of
 from poise.nodes.readiness import READY_TIMEOUT, Readiness
 from poise.nodes.runtime import coded, end_goal, guarded, to_message
 from poise.nodes.trajectory_message import trajectory_message
-from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, watch_limits
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, execution_options, watch_limits
 from poise.recording import stamp_of
 from poise.robot import RobotModel
 from poise.types import Array
@@ -161,14 +161,15 @@ class IdentifyPayload:
         duration = request.duration or self._values["listen_duration"]
         watchdog = None
         if request.motion == Action.Goal.MOTION_NONE:
-            task = IdentificationTask(None, guard, limits, duration)
+            task = IdentificationTask(None, guard, limits, duration, execution_options(self._node))
         else:
             if not self._arm.get_subscription_count():
                 raise InputError(
                     ErrorCode.TOPIC_MISSING,
                     "no controller listens on joint_trajectory: remap it to the arm's, or start it",
                 )
-            task = IdentificationTask(self._planner(model, request, guard, limits, parts), guard, limits)
+            plan = self._planner(model, request, guard, limits, parts)
+            task = IdentificationTask(plan, guard, limits, options=execution_options(self._node))
             watchdog = self.watchdog
             watchdog.watch(self._goal, model.joint_names, watch_limits(self._node, needs_wrench=True))
         accuracy = accuracy_of(request.object[0]) if request.object else None

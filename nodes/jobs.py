@@ -229,10 +229,14 @@ class Jobs:
         return ""
 
     def _wake(self) -> None:
-        """Wake the idle threads for which there is a job, and no other: each switch of threads delays the answers."""
+        """Wake the first idle thread for which there is a job; it wakes the next when it has taken one.
+
+        No other is woken: each switch of threads delays the answers.
+        """
         for number, idle in enumerate(self._idle):
             if idle and self._next(number) is not None:
                 self._awake[number].notify()
+                return
 
     def _next(self, number: int) -> tuple[float, int, Job] | None:
         """The entry of the next job for a thread; None to wait."""
@@ -302,6 +306,7 @@ class Jobs:
                     waiting.remove(entry)
                     self._bytes -= entry[2].task.size if entry[2].task is not None else 0
                 heapq.heapify(waiting)
+            self._wake()  # the thread that was woken for one of them finds nothing, and wakes no other
 
 
 def run_with_jobs(make_node: Callable[[], Node], args: list[str] | None = None) -> None:

@@ -13,7 +13,6 @@ from nav_msgs.msg import Odometry
 from rclpy.action import ActionClient
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from tf2_msgs.msg import TFMessage
 
 from poise.assembly import Assembly as AssembledScene
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
@@ -22,11 +21,10 @@ from poise.nodes.assembly_message import assembly_of, pose_message
 from poise.nodes.loop_scan import LoopScan
 from poise.nodes.loop_sequence import Carried, NodeEndedError, WeighedObject
 from poise.nodes.loop_truth import LoopTruth
-from poise.nodes.runtime import LATCHED, TF_STATIC, EventsExecutor, guarded
-from poise.nodes.transforms import add_transforms, pose_of
-from poise.robot import FrameTree
+from poise.nodes.runtime import LATCHED, EventsExecutor
+from poise.nodes.transforms import heard_frames, pose_of
 from poise_msgs.action import CarryObject, IdentifyPayload, PickObject, PlaceObject, ScanObject
-from poise_msgs.msg import Assembly, AssemblyObject, InertialEstimate, WorldObject, WorldState
+from poise_msgs.msg import Assembly, AssemblyObject, WorldObject, WorldState
 from poise_msgs.srv import SetAssembly
 
 _STEP = 0.02
@@ -74,10 +72,9 @@ class NodesRobot:
         self._node, self._values, self._check, self._stopped, self._progress = node, values, check, stopped, progress
         self._executor = EventsExecutor()
         self._executor.add_node(node)
-        self._frames = FrameTree(one_parent=False, keep=False)
+        self._frames = heard_frames(node)
         self._world: WorldState | None = None
         self._assembly: Assembly | None = None
-        self._estimate: InertialEstimate | None = None
         self._odom: PoseStamped | None = None
         self._goal: PoseStamped | None = None
         self._joints: tuple[float, np.ndarray] = (0.0, np.zeros(0))
@@ -93,9 +90,6 @@ class NodesRobot:
         self._set = node.create_client(SetAssembly, "set_assembly")
         node.create_subscription(WorldState, "world", self._on_world, LATCHED)
         node.create_subscription(Assembly, "assembly", self._on_assembly, LATCHED)
-        take = partial(add_transforms, self._frames)
-        node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
-        node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
         node.create_subscription(JointState, "joint_states", self._on_joints, 10)
         node.create_subscription(Odometry, "odom", self._on_odom, 10)
 

@@ -9,7 +9,7 @@ from tf2_msgs.msg import TFMessage
 
 from poise.assembly import RigidObject, load_scene
 from poise.geometry import Pose
-from poise.nodes.transforms import pose_between
+from poise.nodes.transforms import pose_between, pose_of_transform
 from poise.robot import FrameTree
 from poise.types import Array
 
@@ -31,11 +31,8 @@ class LoopTruth:
 
     def _on_truth(self, message: TFMessage) -> None:
         for each in message.transforms:
-            shift, turn = each.transform.translation, each.transform.rotation
             self._frame = each.header.frame_id
-            self._poses[each.child_frame_id] = Pose.from_vector(
-                [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w]
-            )
+            self._poses[each.child_frame_id] = pose_of_transform(each.transform)
 
     def match(self, name: str, pose: Pose, frame: str) -> None:
         """Find the true object of a scanned one: the nearest that no other is."""

@@ -2,13 +2,11 @@
 
 import math
 import time
-from functools import partial
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
-from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode, InputError, NoAnswerError, PoiseError
 from poise.geometry import Pose
@@ -17,11 +15,10 @@ from poise.nodes.arm_node import ArmNode
 from poise.nodes.assembly_message import pose_message
 from poise.nodes.parameters import Parameter, declare_parameters
 from poise.nodes.readiness import FEEDBACK_PERIOD, READY_TIMEOUT, WaitingGoal
-from poise.nodes.runtime import LATCHED, TF_STATIC, coded, end_goal, guarded, run, to_message
-from poise.nodes.transforms import add_transforms, pose_between, pose_of
+from poise.nodes.runtime import LATCHED, coded, end_goal, guarded, run, to_message
+from poise.nodes.transforms import heard_frames, pose_between, pose_of
 from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal
 from poise.recording import stamp_of
-from poise.robot import FrameTree
 from poise.types import Array
 from poise_msgs.action import CarryObject as Action
 from poise_msgs.msg import AccelerationLimits, Assembly
@@ -57,7 +54,7 @@ class ObjectCarrier(ArmNode):
         self._assembly_stamp, self._assembly_heard = 0, 0.0
         self._odom: tuple[Array, str, str] | None = None
         self._heard = -math.inf
-        self._frames = FrameTree(one_parent=False, keep=False)
+        self._frames = heard_frames(self)
         self._waiting = WaitingGoal(self._begin, self._result, _cancelled, Action.Feedback(stage="waiting"))
         self._goal: WatchedGoal | None = None
         self._running: BaseExecution | None = None
@@ -67,9 +64,6 @@ class ObjectCarrier(ArmNode):
         self.create_subscription(AccelerationLimits, "acceleration_limits", guarded(self, self._on_limits), LATCHED)
         self.create_subscription(Assembly, "assembly", guarded(self, self._on_assembly), LATCHED)
         self.create_subscription(Odometry, "odom", guarded(self, self._on_odom), QoSProfile(depth=10))
-        take = partial(add_transforms, self._frames)
-        self.create_subscription(TFMessage, "tf", guarded(self, take), 100)
-        self.create_subscription(TFMessage, "tf_static", guarded(self, partial(take, fixed=True)), TF_STATIC)
         self.create_timer(1.0 / values["rate"], guarded(self, self._tick))
         self.watchdog = ProcessWatchdog(self, Action, "carry_object", self._accept)
         self.start()

@@ -10,7 +10,6 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
-from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import JointTrajectory
 
 from poise.assembly import Analysis, RigidObject
@@ -33,19 +32,17 @@ from poise.manipulation import (
     pose_of,
     require_room,
     se3_of,
-    standing_at,
     steps_of,
     with_stops,
 )
 from poise.nodes.parameters import Parameter, declare_parameters
-from poise.nodes.placed_arm import assumed_base, placed_arm
-from poise.nodes.runtime import LATCHED, TF_STATIC, coded, guarded
+from poise.nodes.placed_arm import base_of, placed_arm
+from poise.nodes.runtime import LATCHED, coded, guarded
 from poise.nodes.trajectory_message import trajectory_message
-from poise.nodes.transforms import add_transforms
-from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, watch_limits
+from poise.nodes.transforms import heard_frames
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, execution_options, watch_limits
 from poise.placement import Options, Placement, PlacementPlanner, PlacementProgress
 from poise.recording import stamp_of
-from poise.robot import FrameTree
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
@@ -210,9 +207,7 @@ class PlaceExecution:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._values = values = declare_parameters(node, PLACE_EXECUTION_PARAMETERS)
-        if len(values["base"]) != 4 or not np.isfinite(values["base"]).all():
-            raise InputError(ErrorCode.BAD_INPUT, "parameter base must be four finite numbers: x y z yaw")
-        self._base = standing_at(values["base"])
+        self._base = base_of(values)
         self._gripper = Gripper(
             values["gripper_joint"],
             values["gripper_open"],
@@ -230,10 +225,7 @@ class PlaceExecution:
             name: node.create_publisher(JointTrajectory, name, 10) for name in (_ARM_TOPIC, _GRIPPER_TOPIC)
         }
         node.create_subscription(String, "robot_description", guarded(node, self._on_description), LATCHED)
-        self._frames = FrameTree(one_parent=False, keep=False)
-        take = partial(add_transforms, self._frames)
-        node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
-        node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
+        self._frames = heard_frames(node)
 
     @property
     def values(self) -> dict[str, Any]:
@@ -247,8 +239,9 @@ class PlaceExecution:
 
     def to_plan(self, frame: str) -> Carrying:
         """Begin to listen for a goal that is only planned; the assembly's frame."""
-        assumptions = self._stand(frame)
-        return self._listen(RobotPort(self._arm, self._gripper, lambda *_: None, lambda _: None), assumptions)
+        assumptions, options = self._stand(frame), execution_options(self._node)
+        robot = RobotPort(self._arm, self._gripper, lambda *_: None, lambda _: None, options=options)
+        return self._listen(robot, assumptions)
 
     def open(self, goal: WatchedGoal, watchdog: ProcessWatchdog, frame: str) -> Carrying:
         """Begin to listen for a goal, with the watchdog of its motions; the assembly's frame.
@@ -263,8 +256,9 @@ class PlaceExecution:
                 raise InputError(
                     ErrorCode.TOPIC_MISSING, f"no controller listens on {name}: remap it to the robot's, or start it"
                 )
-        assumptions = self._stand(frame)
-        robot = RobotPort(self._arm, self._gripper, partial(self._move, self._arm.joint_names), self._grip, watchdog)
+        assumptions, options = self._stand(frame), execution_options(self._node)
+        move = partial(self._move, self._arm.joint_names)
+        robot = RobotPort(self._arm, self._gripper, move, self._grip, watchdog, options)
         watchdog.watch(goal, self._arm.joint_names, watch_limits(self._node))
         return self._listen(robot, assumptions)
 
@@ -274,13 +268,10 @@ class PlaceExecution:
 
     def _stand(self, frame: str) -> list[str]:
         """Place the arm's base in a frame: by tf, or by the parameter; return what was assumed."""
-        found = placed_arm(self._arm, self._frames, frame)
-        arm = found or replace(self._arm, base=se3_of(self._base))
+        arm, assumptions = placed_arm(self._arm, self._frames, frame, self._values["base"])
         if not np.allclose(arm.base.homogeneous, self._arm.base.homogeneous, atol=1e-6):
             self._arm = arm
-        if found is not None:
-            return []
-        return [assumed_base(self._arm, frame, self._values["base"])]
+        return assumptions
 
     def _listen(self, robot: RobotPort, assumptions: list[str]) -> Carrying:
         self._listening = self._node.create_subscription(

@@ -10,10 +10,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
-from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from poise.assembly import load_scene
@@ -29,10 +27,9 @@ from poise.nodes.request_checks import CallLimits
 from poise.nodes.robustness_calls import SHORT_OBJECTS, Call, call_of
 from poise.nodes.robustness_server_parameters import ROBUSTNESS_SERVER_PARAMETERS
 from poise.nodes.robustness_worker import RobustnessWorker, load_type_supports
-from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
-from poise.nodes.transforms import add_transforms, moved_poses
+from poise.nodes.runtime import LATCHED, guarded
+from poise.nodes.transforms import heard_frames, moved_poses
 from poise.nodes.workers import Worker, WorkerTemplate
-from poise.robot import FrameTree
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.srv import AssessRobustness, PlanDisassembly, SetAssembly
 
@@ -102,7 +99,6 @@ class RobustnessServer(Node):
         self._own_stamps: deque[tuple[int, int]] = deque(maxlen=100)
         self._layers: dict[str, list[Any]] = {}
         self._drawn, self._mapped = True, 0
-        self._frames = FrameTree(one_parent=False, keep=False)
         self._follow = values["follow"]
         if self._follow and (values["scene"] or values["poses_from_tf"]):
             what = "with follow, world_model has the scene and the poses: leave scene and poses_from_tf out"
@@ -124,9 +120,7 @@ class RobustnessServer(Node):
             refused = self._say_version if kind == "set" else None
             self._jobs.serve(service, name, partial(self._task, kind), self._seconds, refused)
         self.create_subscription(AssemblyMessage, "assembly", guarded(self, self._on_assembly), LATCHED)
-        take = partial(add_transforms, self._frames)
-        self.create_subscription(TFMessage, "tf", guarded(self, take), QoSProfile(depth=1000))
-        self.create_subscription(TFMessage, "tf_static", guarded(self, partial(take, fixed=True)), TF_STATIC)
+        self._frames = heard_frames(self, 1000)
         self.create_timer(_MARKER_PERIOD, guarded(self, self._draw_soon))
         self._diagnostics = DiagnosticsPublisher(self)
         self.create_timer(_HEALTH_PERIOD, guarded(self, self._publish_health))

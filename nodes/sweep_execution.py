@@ -13,7 +13,7 @@ from poise.errors import ErrorCode, InputError, PoiseError
 from poise.excitation.execution import (
     NOT_WATCHED,
     CommandedArm,
-    ExecutionOptions,
+    HeldUp,
     JointWatch,
     ReadyStops,
     TimedMotion,
@@ -21,7 +21,7 @@ from poise.excitation.execution import (
 )
 from poise.nodes.runtime import coded
 from poise.nodes.trajectory_message import trajectory_message
-from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, watch_limits
+from poise.nodes.watchdog import ProcessWatchdog, WatchedGoal, execution_options, watch_limits
 from poise.recording import stamp_of
 from poise.robot import RobotModel
 from poise.simulation import WaypointTrajectory, read_trajectory
@@ -29,7 +29,6 @@ from poise.types import Array
 
 _WAYPOINT_PERIOD = 0.1
 """s between waypoints of the sweep."""
-_OPTIONS = ExecutionOptions()
 
 
 class SweptArm(Protocol):
@@ -89,8 +88,10 @@ class SweepExecution:
             raise InputError(ErrorCode.TOPIC_MISSING, "no controller listens on joint_trajectory: remap or start it")
         self._tolerance, self._publisher, self._model, self._motion = tolerance, arm, model, motion
         self._joints = JointWatch(model)
-        self._arm = CommandedArm(self._joints, self._send, watchdog)
-        self._since = self._ticked = self._trusting_until = time.monotonic()
+        self._options = execution_options(node)
+        self._arm = CommandedArm(self._joints, self._send, watchdog, self._options)
+        self._since = time.monotonic()
+        self._held_up = HeldUp(self._since, self._options)
         self.start: Array | None = None
         self._prepared: ReadyStops | PoiseError | None = None
         self.begun = self.over = False
@@ -111,12 +112,12 @@ class SweepExecution:
         Raises:
             PoiseError: it does not become known in time, or the arm moves.
         """
-        problem = self._joints.problem(now)
+        problem = self._joints.problem(now, self._options.stale)
         if problem is None and not self._joints.at_rest():
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
         if problem is None:
             self.start = self._joints.position.copy()
-        elif now - self._since > _OPTIONS.patience:
+        elif now - self._since > self._options.patience:
             raise problem
         return problem is None
 
@@ -144,14 +145,12 @@ class SweepExecution:
             return
         if isinstance(prepared, PoiseError):
             raise prepared
-        if now - self._ticked > _OPTIONS.held_up:  # messages wait that would prove the joints alive
-            self._trusting_until = now + _OPTIONS.stale
-        self._ticked = now
+        self._held_up.tick(now)
         if not self.begun:
             self._begin(prepared, now)
             return
         self._arm.check()
-        if now >= self._trusting_until and (problem := self._joints.problem(now)) is not None:
+        if not self._held_up.lately(now) and (problem := self._joints.problem(now, self._options.stale)) is not None:
             raise problem
         self._arm.require_on_path(self._tolerance, "the sweep")
         if self._arm.seconds > prepared.motion.duration:
@@ -165,7 +164,7 @@ class SweepExecution:
         sent = self._arm.hold(error, now) if error.code is ErrorCode.NOT_FOLLOWING else self._arm.stop(error, now)
         if sent:
             return f"; no stop kept the limits: {self._arm.excess}" if self._arm.excess else ""
-        if now - self._since < _OPTIONS.stopping:
+        if now - self._since < self._options.stopping:
             return None
         return f"; the stop could not be sent: {self._arm.failure!r}"
 
@@ -174,11 +173,11 @@ class SweepExecution:
         self._since = now
 
     def _begin(self, stops: ReadyStops, now: float) -> None:
-        problem = self._joints.problem(now)
+        problem = self._joints.problem(now, self._options.stale)
         if problem is None and not self._arm.ready:
             problem = PoiseError(ErrorCode.BUSY, NOT_WATCHED)
         if problem is not None:
-            if now - self._since > _OPTIONS.patience:
+            if now - self._since > self._options.patience:
                 raise problem
             return
         away = float(np.abs(self._joints.position - stops.motion.position[0]).max())

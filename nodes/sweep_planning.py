@@ -1,25 +1,23 @@
 """What a planned sweep is planned with: the camera, the arm at its place, the region to see, and what stands there."""
 
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
-from tf2_msgs.msg import TFMessage
 
 from poise.assembly import Box, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.manipulation import Arm, LookPlan, plan_look, pose_of, standing_at
+from poise.manipulation import Arm, LookPlan, plan_look, pose_of
 from poise.nodes.assembly_message import assembly_of
-from poise.nodes.placed_arm import assumed_base, placed_arm
+from poise.nodes.placed_arm import base_of, placed_arm
 from poise.nodes.request_checks import check_assembly
-from poise.nodes.runtime import LATCHED, TF_STATIC, guarded
-from poise.nodes.transforms import add_transforms
-from poise.robot import FrameTree, parse_urdf
+from poise.nodes.runtime import LATCHED, guarded
+from poise.nodes.transforms import heard_frames
+from poise.robot import parse_urdf
 from poise.scanning import Camera, RobotLog, ViewOptions, ViewRegion, camera_of, hand_eye_of
 from poise.types import Array, Cancelled
 from poise_msgs.msg import Assembly as AssemblyMessage
@@ -42,16 +40,12 @@ class SweepPlanner:
 
     def __init__(self, node: Node, topic: str, values: dict[str, Any]) -> None:
         self._node, self._topic, self._values = node, topic, values
-        if len(values["base"]) != 4 or not np.isfinite(values["base"]).all():
-            raise InputError(ErrorCode.BAD_INPUT, "parameter base must be four finite numbers: x y z yaw")
+        self._base = base_of(values)
         self._assembly: AssemblyMessage | None = None
-        self._frames = FrameTree(one_parent=False, keep=False)
+        self._frames = heard_frames(node)
         self._camera: tuple[str, Camera] | None = None
         self._listening: Any = None
-        take = partial(add_transforms, self._frames)
         node.create_subscription(AssemblyMessage, "assembly", guarded(node, self._on_assembly), LATCHED)
-        node.create_subscription(TFMessage, "tf", guarded(node, take), 100)
-        node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
 
     def listen(self) -> None:
         """Begin to wait for the camera; it must be there before the arm moves."""
@@ -82,13 +76,10 @@ class SweepPlanner:
         """
         if not robot.description:
             raise InputError(ErrorCode.ROBOT_DESCRIPTION_MISSING, "there is no robot_description to sweep with")
-        arm = Arm.from_urdf(robot.description, standing_at(self._values["base"]), tcp_frame=self._values["tcp_frame"])
+        arm = Arm.from_urdf(robot.description, self._base, tcp_frame=self._values["tcp_frame"])
         if self._assembly is None:
             return arm, []
-        found = placed_arm(arm, self._frames, self._assembly.header.frame_id)
-        if found is not None:
-            return found, []
-        return arm, [assumed_base(arm, self._assembly.header.frame_id, self._values["base"])]
+        return placed_arm(arm, self._frames, self._assembly.header.frame_id, self._values["base"])
 
     def task(self, name: str, arm: Arm, robot: RobotLog, given: list[Any]) -> "SweepTask":
         """What a goal is planned with; given: the parameter `hand_eye`, where there is one.

@@ -2,15 +2,27 @@
 
 import math
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
+from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose, rotation_of_quaternion
+from poise.nodes.runtime import TF_STATIC, guarded
 from poise.recording import stamp_of
 from poise.robot import FrameTree
+
+
+def heard_frames(node: Node, depth: int = 100) -> FrameTree:
+    """The newest transforms of tf and tf_static, as a node hears them; depth: messages of tf that may wait."""
+    frames = FrameTree(one_parent=False, keep=False)
+    take = partial(add_transforms, frames)
+    node.create_subscription(TFMessage, "tf", guarded(node, take), depth)
+    node.create_subscription(TFMessage, "tf_static", guarded(node, partial(take, fixed=True)), TF_STATIC)
+    return frames
 
 
 def add_transforms(tree: FrameTree, message: TFMessage, fixed: bool = False) -> None:
@@ -75,6 +87,12 @@ def pose_of(message: Any) -> Pose:
     """The pose in a geometry_msgs/Pose."""
     place, turn = message.position, message.orientation
     return Pose.from_vector([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w])
+
+
+def pose_of_transform(message: Any) -> Pose:
+    """The pose in a geometry_msgs/Transform."""
+    shift, turn = message.translation, message.rotation
+    return Pose.from_vector([shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w])
 
 
 def set_pose(message: Any, pose: Pose) -> None:

@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from poise.errors import ErrorCode, PoiseError
 from poise.excitation import joint_peaks
-from poise.excitation.execution import ReadyStops, SentStop
+from poise.excitation.execution import ExecutionOptions, ReadyStops, SentStop
 from poise.nodes.motion_watch import WatchLimits
 from poise.nodes.parameters import Parameter
 from poise.nodes.runtime import guarded
@@ -27,6 +27,7 @@ from poise.nodes.watchdog_link import SharedNumber, WatchdogLink, Word
 
 WATCHDOG_PARAMETERS = (
     Parameter("stop_silence", 0.5, "s without joint states (or wrenches) that stop a motion", (0.02, 10.0)),
+    Parameter("motion_lead", 0.15, "s between sending a motion and its begin; it has to arrive by then", (0.02, 5.0)),
     Parameter("stop_unattended", 5.0, "s that this node may be held up before a motion is stopped", (0.1, 60.0)),
     Parameter("stop_over_speed", 1.5, "a motion stops above this multiple of a joint's planned speed", (1.05, 100.0)),
     Parameter(
@@ -325,6 +326,13 @@ def watch_limits(node: Node, needs_wrench: bool = False) -> WatchLimits:
         over_speed=value["stop_over_speed"],
         force=value["stop_force"],
         needs_wrench=needs_wrench,
+    )
+
+
+def execution_options(node: Node) -> ExecutionOptions:
+    """What the parameters say now."""
+    return ExecutionOptions(
+        stale=node.get_parameter("stop_silence").value, lead=node.get_parameter("motion_lead").value
     )
 
 

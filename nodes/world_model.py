@@ -26,7 +26,7 @@ from poise.nodes.request_checks import CallLimits, check_object, check_range
 from poise.nodes.robustness_calls import Call, call_of
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC, coded, guarded
 from poise.nodes.scanned_object import scanned_object
-from poise.nodes.transforms import add_transforms, pose_between, pose_of
+from poise.nodes.transforms import add_transforms, pose_between, pose_of, pose_of_transform
 from poise.nodes.world_message import GRASP_EVENTS, standing_message, state_message, transforms_of
 from poise.recording import stamp_of
 from poise.robot import FrameTree
@@ -167,9 +167,8 @@ class WorldModel(Node):
 
     def _on_tf_static(self, message: TFMessage) -> None:
         for each in message.transforms:
-            shift, turn = each.transform.translation, each.transform.rotation
-            vector = [shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, turn.w]
-            self._scan_frames[each.child_frame_id] = each.header.frame_id, Pose.from_vector(vector), stamp_of(each)
+            there = pose_of_transform(each.transform)
+            self._scan_frames[each.child_frame_id] = each.header.frame_id, there, stamp_of(each)
         add_transforms(self._frames, message, fixed=True)
 
     def _stamp_of(self, message: Any) -> int:

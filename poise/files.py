@@ -1,6 +1,7 @@
 """Files that are written whole or not at all, and files of installed packages by their URI."""
 
 import contextlib
+import hashlib
 import os
 import secrets
 from pathlib import Path
@@ -65,3 +66,12 @@ def write_whole(path: Path, content: bytes) -> Path:
         with contextlib.suppress(OSError, ValueError):
             draft.unlink(missing_ok=True)
     return path
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file; empty for what is none or cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError):
+        return ""

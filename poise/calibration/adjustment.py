@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from poise.calibration.sightings import CameraCarrier, Sighting, joints_of, places_of, turned
-from poise.geometry import Pose
+from poise.calibration.sightings import CameraCarrier, Sighting, joints_of, places_of
+from poise.geometry import Pose, rotation_of_vector
 from poise.scanning import Camera
 from poise.types import Array, Mask
 
@@ -53,7 +53,7 @@ class Parameters:
 
 
 def _moved(pose: Pose, step: Array) -> Pose:
-    return Pose(turned(step[:3]) @ pose.rotation, pose.translation + step[3:])
+    return Pose(rotation_of_vector(step[:3]) @ pose.rotation, pose.translation + step[3:])
 
 
 class BoardProblem:

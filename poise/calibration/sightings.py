@@ -6,9 +6,8 @@ from typing import Protocol
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
-from poise.geometry import Pose
+from poise.geometry import Pose, nearest_rotation, rotation_of_vector, vector_of_rotation
 from poise.scanning import Camera
 from poise.types import Array, Indices
 
@@ -66,14 +65,14 @@ def board_pose(sighting: Sighting, camera: Camera) -> tuple[Pose, Array]:
     flat = np.column_stack([sighting.corners, np.zeros(len(sighting.corners))])
 
     def errors(x: Array) -> Array:
-        seen = flat @ turned(x[:3]).T + x[3:]
+        seen = flat @ rotation_of_vector(x[:3]).T + x[3:]
         seen[:, 2] = np.maximum(seen[:, 2], 1e-3)
         return (np.stack(camera.project(seen), axis=1) - sighting.pixels).ravel()
 
-    start = np.concatenate([_logs(guess.rotation), guess.translation])
+    start = np.concatenate([vector_of_rotation(guess.rotation), guess.translation])
     best = least_squares(errors, start, loss="soft_l1", x_scale=[0.01, 0.01, 0.01, 1e-3, 1e-3, 1e-3])
     left = errors(best.x).reshape(-1, 2)
-    return Pose(turned(best.x[:3]), best.x[3:]), left
+    return Pose(rotation_of_vector(best.x[:3]), best.x[3:]), left
 
 
 def _rays(pixels: Array, camera: Camera) -> Array:
@@ -102,14 +101,7 @@ def _homography(corners: Array, rays: Array) -> Array:
 def _from_homography(h: Array) -> Pose:
     h = h / np.sqrt(np.linalg.norm(h[:, 0]) * np.linalg.norm(h[:, 1]))
     h = h if h[2, 2] > 0 else -h
-    u, _, v = np.linalg.svd(np.column_stack([h[:, 0], h[:, 1], np.cross(h[:, 0], h[:, 1])]))
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
-    return Pose(rotation, h[:, 2])
-
-
-def turned(vector: Array) -> Array:
-    """(3, 3) rotation of a rotation vector (3,), rad."""
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    return Pose(nearest_rotation(np.column_stack([h[:, 0], h[:, 1], np.cross(h[:, 0], h[:, 1])])), h[:, 2])
 
 
 def closed_form(links: Pose, boards: Pose) -> tuple[Pose, Pose]:
@@ -127,9 +119,7 @@ def closed_form(links: Pose, boards: Pose) -> tuple[Pose, Pose]:
     first, second = np.triu_indices(len(links.rotation), 1)
     motions = np.einsum("nji,njk->nik", links.rotation[first], links.rotation[second])
     seen = np.einsum("nij,nkj->nik", boards.rotation[first], boards.rotation[second])
-    a, b = _logs(motions), _logs(seen)
-    u, _, v = np.linalg.svd(np.einsum("ni,nj->ij", a, b))
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    turn = nearest_rotation(np.einsum("ni,nj->ij", vector_of_rotation(motions), vector_of_rotation(seen)))
     rows, values = [], []
     offset = np.einsum("nij,nj->ni", links.rotation @ turn, boards.translation) + links.translation
     for rotation, right in zip(links.rotation, offset, strict=True):  # R t_x - t_b = - (R turn t + p)
@@ -137,12 +127,7 @@ def closed_form(links: Pose, boards: Pose) -> tuple[Pose, Pose]:
         values.append(-right)
     shift = np.linalg.lstsq(np.vstack(rows), np.concatenate(values), rcond=None)[0]
     in_base = links.rotation @ turn @ boards.rotation
-    u, _, v = np.linalg.svd(in_base.sum(axis=0))
-    return Pose(turn, shift[:3]), Pose(u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v, shift[3:])
-
-
-def _logs(rotations: Array) -> Array:
-    return np.asarray(Rotation.from_matrix(rotations).as_rotvec())
+    return Pose(turn, shift[:3]), Pose(nearest_rotation(in_base.sum(axis=0)), shift[3:])
 
 
 def places_of(position: Array) -> Indices:

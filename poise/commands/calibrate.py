@@ -1,6 +1,5 @@
 """`poise calibrate`: where the camera sits on the hand, and the zero offsets of the joints, from views of a board."""
 
-import hashlib
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -26,7 +25,7 @@ from poise.calibration import (
 )
 from poise.commands.output import BAG_HELP, JsonOption, console, progress_bar, refuse_folder, to_json, warn, write_json
 from poise.errors import ErrorCode, InputError
-from poise.files import write_whole
+from poise.files import sha256_of, write_whole
 from poise.recording import open_recording
 from poise.robot import find_urdf, read_urdf
 
@@ -123,7 +122,7 @@ def _work(
     found = calibrate_views(views.kinematics, views.kinematics.link, views.camera, views.sightings, options)
     provenance = {
         "recording": str(bag),
-        "sha256": _digest(bag),
+        "sha256": sha256_of(bag) or None,
         "images": views.images,
         "board": f"{board.columns}x{board.rows} squares of {board.square:g} m, {board.dictionary}",
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -165,10 +164,3 @@ def _size(text: str) -> tuple[int, int]:
     if len(words) != 2 or not all(word.isdigit() for word in words):
         raise InputError(ErrorCode.BAD_INPUT, f"--squares '{text}': give COLUMNSxROWS, as 8x6")
     return int(words[0]), int(words[1])
-
-
-def _digest(path: Path) -> Any:
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

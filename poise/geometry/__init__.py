@@ -11,6 +11,7 @@ from poise.geometry.pose import Pose
 from poise.geometry.rotations import (
     are_rotations,
     cross_matrix,
+    nearest_rotation,
     quaternion_of_rotation,
     rotation_about,
     rotation_between,
@@ -28,6 +29,7 @@ __all__ = [
     "cross",
     "cross_matrix",
     "move_wrench",
+    "nearest_rotation",
     "plane_axes",
     "quaternion_of_rotation",
     "rotation_about",

@@ -72,6 +72,12 @@ def _quaternions(matrices: Array) -> Array:
     return np.asarray(result / np.linalg.norm(result, axis=1, keepdims=True))
 
 
+def nearest_rotation(matrix: ArrayLike) -> Array:
+    """(3, 3) the proper rotation nearest to a matrix (3, 3): it maximises the trace of R^T M (Kabsch 1976)."""
+    left, _, right = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
 def _orthonormal(matrices: Array) -> Array:
     """(N, 3, 3) the nearest rotations, where matrices are not rotations to rounding."""
     wrong = np.linalg.det(matrices) <= 0

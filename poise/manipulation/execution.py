@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError, SensorError
 from poise.excitation.execution import (
+    DEFAULT_EXECUTION,
     NOT_WATCHED,
     CommandedArm,
     ExecutionOptions,
+    HeldUp,
     Jointed,
     JointWatch,
     ReadyStops,
@@ -25,7 +27,6 @@ from poise.manipulation.gripper import FingerWatch, Gripper
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-_OPTIONS = ExecutionOptions()
 _STAGES = {"carry": "carrying", "lower": "placing", "retreat": "placing", "return": "placing"}
 """Of the phases of a transfer; those before are picking."""
 _STOP_TIME = 0.4
@@ -117,6 +118,7 @@ class RobotPort:
         move: takes a motion of the arm and its begin, ns of the joint states' clock.
         grip: takes a position of the gripper's joint.
         watchdog: stops the arm when this program cannot; None: only this program does.
+        options: times.
     """
 
     def __init__(
@@ -126,15 +128,21 @@ class RobotPort:
         move: Callable[[WaypointTrajectory, int], None],
         grip: Callable[[float], None],
         watchdog: Watchdog | None = None,
+        options: ExecutionOptions = DEFAULT_EXECUTION,
     ) -> None:
         self.joint_names, self.gripper, self.move, self.grip = arm.joint_names, gripper, move, grip
+        self.options = options
         self.joints, self.fingers = JointWatch(arm), FingerWatch(gripper)
-        self.commanded = CommandedArm(self.joints, lambda command: self.move(*command), watchdog)
+        self.commanded = CommandedArm(self.joints, lambda command: self.move(*command), watchdog, options)
 
     def add_joint_state(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
         """Take a joint state; arm and gripper may have their own."""
         self.fingers.add(names, position, now)
         self.joints.add(stamp, names, position, now)
+
+    def problem(self, now: float) -> PoiseError | None:
+        """Why the joints are not known now; None: they are."""
+        return self.joints.problem(now, self.options.stale)
 
     def rests_at(self, now: float, since: float) -> Array | None:
         """(J,) where the arm rests; None while that is not known, for a short while after `since`, s.
@@ -142,14 +150,14 @@ class RobotPort:
         Raises:
             PoiseError: TOPIC_MISSING, JOINT_MISSING, SENSOR_STALE; BUSY when it moves.
         """
-        problem = self.joints.problem(now)
+        problem = self.problem(now)
         if problem is None and not self.joints.at_rest():
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
         if problem is None and not self.commanded.ready:
             problem = PoiseError(ErrorCode.BUSY, NOT_WATCHED)
         if problem is None:
             return self.joints.position.copy()
-        if now - since > _OPTIONS.patience:
+        if now - since > self.options.patience:
             raise problem
         return None
 
@@ -172,7 +180,7 @@ class TransferExecution:
         self._left = [_ready(step) for step in steps]
         self._start = next(step.motion.position[0] for step in steps if step.motion is not None)
         self._step: TransferStep | None = None
-        self._since = self._ticked = self._trusting_until = now
+        self._since, self._held_up = now, HeldUp(now, robot.options)
         self._sent = 0  # ns on the joint states' clock when the motion was sent
         self._gripped: float | None = None  # where the fingers were when they were commanded to move
         self._felt = robot.fingers.position is not None
@@ -184,15 +192,13 @@ class TransferExecution:
         """Go on; never blocks, never raises."""
         if self.done:
             return
-        if now - self._ticked > _OPTIONS.held_up:  # messages wait that would prove the joints alive
-            self._trusting_until = now + _OPTIONS.stale
-        self._ticked = now
+        self._held_up.tick(now)
         if self.error is not None:
             self._stop(self.error, now)
             return
         try:
             self._robot.commanded.check()
-            if now >= self._trusting_until and (problem := self._robot.joints.problem(now)) is not None:
+            if not self._held_up.lately(now) and (problem := self._robot.problem(now)) is not None:
                 raise problem
             if self._step is None:
                 self._require_start()
@@ -214,7 +220,7 @@ class TransferExecution:
 
     def _require_start(self) -> None:
         away = np.abs(self._robot.joints.position - self._start)
-        if away.max() > _OPTIONS.moved:
+        if away.max() > self._robot.options.moved:
             name = self._robot.joint_names[int(away.argmax())]
             raise PoiseError(
                 ErrorCode.BUSY, f"{name} has moved by {away.max():.3f} while the way was planned: stop what moves it"
@@ -261,7 +267,7 @@ class TransferExecution:
         fingers, gripper, waited = self._robot.fingers, self._robot.gripper, now - self._since
         if not self._felt:
             return waited > gripper.seconds
-        if now >= self._trusting_until and now - fingers.heard > _OPTIONS.stale:
+        if not self._held_up.lately(now) and now - fingers.heard > self._robot.options.stale:
             raise SensorError(
                 ErrorCode.SENSOR_STALE, f"{gripper.joint} has gone from joint_states: the gripper's driver has stopped"
             )
@@ -313,7 +319,7 @@ class TransferExecution:
             sent = arm.hold(error, now) if off_path else arm.stop(error, now)
             if not sent and arm.failure is not None:
                 sent = arm.hold(error, now)
-            if not sent and arm.asked and now - self._since < _OPTIONS.stopping:
+            if not sent and arm.asked and now - self._since < self._robot.options.stopping:
                 return
             if not sent:
                 error = PoiseError(error.code, f"{error.message}; the stop could not be sent: {arm.failure!r}")

@@ -15,6 +15,7 @@ import numpy as np
 from markupsafe import Markup
 
 import poise
+from poise.files import sha256_of
 from poise.viewing.canvas import Panel
 from poise.viewing.inline_svg import inline_svg
 from poise.viewing.wording import readable
@@ -68,7 +69,7 @@ def drawn(panels: Sequence[Panel]) -> list[dict[str, Any]]:
 
 def origin(source: str) -> list[tuple[str, str]]:
     """The recording, with the SHA-256 of a file."""
-    digest = _sha256(source)
+    digest = sha256_of(Path(source))
     return [("Recording", source), *([("SHA-256", digest)] if digest else [])]
 
 
@@ -79,15 +80,6 @@ def making(command: str, now: datetime) -> list[tuple[str, str]]:
         ("Command", command),
         ("Date", now.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")),
     ]
-
-
-def _sha256(source: str) -> str:
-    """Hash of a file; empty when the source is none or cannot be read."""
-    try:
-        with Path(source).open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except (OSError, ValueError):
-        return ""
 
 
 def _without_nan(value: Any) -> Any:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.geometry import rotation_of_vector, vector_of_rotation
+from poise.geometry import nearest_rotation, rotation_of_vector, vector_of_rotation
 from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
@@ -171,9 +171,7 @@ def _kabsch(samples: FitSamples, sign: int) -> tuple[tuple[float, ...], ...]:
         for _ in range(4 if robust else 1):
             share = weight / weight.sum()
             about, target = specific - share @ specific, force - share @ force
-            left, _, right = np.linalg.svd((target * share[:, None]).T @ about)
-            handed = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
-            turn = left @ handed @ right
+            turn = nearest_rotation((target * share[:, None]).T @ about)
             mass = np.sum(share[:, None] * target * (about @ turn.T)) / np.sum(share[:, None] * about**2)
             off = np.linalg.norm(target - mass * about @ turn.T, axis=1)
             weight = np.minimum(1.0, np.median(off) / np.maximum(off, 1e-9))

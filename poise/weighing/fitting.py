@@ -59,6 +59,12 @@ class Explanation:
         """(k,) one sigma of the values."""
         return np.asarray(np.sqrt(np.diag(self.covariance)[len(self.unknowns) :]))
 
+    def with_pull(self, mass: float) -> "Explanation":
+        """With a mass that is uncertain by that of an unknown vertical pull, kg."""
+        covariance = self.covariance.copy()
+        covariance[0, 0] += mass**2
+        return replace(self, covariance=covariance)
+
     @property
     def rms(self) -> Array:
         """(2,) of force and torque per axis, N and N m."""

@@ -23,7 +23,7 @@ RADIUS = 0.12
 ARM = {"mode": "arm", "robot": "fr3", "sensor": "ft300", "payload.mass": MASS, "payload.com": COM}
 ARM |= {"payload.inertia": INERTIA}
 NODE = {"tcp_frame": "tcp", "object_radius": RADIUS}
-NODE |= {"stop_unattended": 60.0, "stop_silence": 2.0}  # on machines that do other things
+NODE |= {"stop_unattended": 60.0, "stop_silence": 5.0, "motion_lead": 0.5}  # on machines that do other things
 NODE |= {"noise_linear_acceleration": 0.01, "noise_angular_acceleration": 0.05}
 NODE |= {"continuous": False, "publish_rate": 0.5}  # the running estimate is not asked for here
 STOP_AND_GO, EXCITATION = IdentifyPayload.Goal.MOTION_STOP_AND_GO, IdentifyPayload.Goal.MOTION_EXCITATION
@@ -42,8 +42,7 @@ def start_both(start_node, graph, caller, arm=ARM, node=NODE):
     states = graph.collect("joint_states", JointState)
     caller.ready()
     graph.wait_for(lambda: graph.node.count_subscribers("joint_trajectory") and states, what="the arm")
-    estimates = graph.node.count_publishers("inertial_estimate")
-    graph.wait_for(lambda: estimates, what="the estimator")
+    graph.wait_for(lambda: graph.node.count_publishers("inertial_estimate"), what="the estimator")
     return robot, states
 
 

@@ -54,6 +54,9 @@ def test_calls_that_were_answered_keep_no_place_and_no_bytes(most_heavy, most_by
 def test_a_call_wakes_the_one_thread_that_takes_it():
     node, woken, took = StubNode(), [], []
     jobs = Jobs(node, 10, threads=3)
+    until = time.monotonic() + 60.0
+    while not all(awake._waiters for awake in jobs._awake) and time.monotonic() < until:
+        time.sleep(0.01)  # a thread that has not begun to wait needs no waking
     for number, awake in enumerate(jobs._awake):
         awake.notify = lambda number=number, notify=awake.notify: (woken.append(number), notify())
     jobs.serve(AssessRobustness, "assess", lambda heavy: Task(lambda _, thread: thread, heavy), lambda _: 1000.0)
@@ -65,3 +68,4 @@ def test_a_call_wakes_the_one_thread_that_takes_it():
     jobs.close()
     assert took == [0, 1]
     assert woken[:2] == [0, 1]
+    assert woken.count(2) == 1  # only by close

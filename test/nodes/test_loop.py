@@ -37,10 +37,12 @@ TRAY = block("tray", (0.4, 0.4, 0.02), 0.5, 0.05, 0.4, fixed=True)
 CRATE = block("crate", (0.14, 0.14, 0.1), 0.5, 0.05, 0.5, mass=1.0)
 MIDDLE = np.array([0, 0, 0.04])  # of the box in the frame of its scan, which lies on its foot
 BOX = block("box", (0.06, 0.04, 0.08), 0.4, -0.42, 0.48, mass=MASS)
-ARM = {"gripper_joint": FINGERS, "ready_timeout": 20.0, "stop_unattended": 60.0, "stop_silence": 2.0}
+PATIENT = {"stop_unattended": 60.0, "stop_silence": 5.0, "motion_lead": 0.5}
+"""On machines that do other things."""
+ARM = {"gripper_joint": FINGERS, "ready_timeout": 20.0} | PATIENT
 ROBOT = {"mode": "arm", "robot": "fr3", "base": True, "gripper_joint": FINGERS, "riding": ["tray"]}
 ROBOT |= {"sensor": "low", "sensor_rate": 50.0, "joint_rate": 60.0, "tf_rate": 10.0, "cmd_vel_timeout": 5.0}
-WEIGHER = {"tcp_frame": "tcp", "object_radius": 0.12, "stop_unattended": 60.0, "stop_silence": 2.0}
+WEIGHER = {"tcp_frame": "tcp", "object_radius": 0.12} | PATIENT
 WEIGHER |= {"room": 0.3, "stop_and_go_dwell": 0.5, "publish_rate": 1.0}
 
 

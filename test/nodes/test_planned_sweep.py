@@ -26,7 +26,7 @@ from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import SegmentedObject
 
 pytestmark = pytest.mark.ros
-PATIENT = {"stop_silence": 2.0, "stop_unattended": 60.0}
+PATIENT = {"stop_silence": 5.0, "motion_lead": 0.5, "stop_unattended": 60.0}
 """On machines that do other things."""
 Start = Callable[..., NodeProcess]
 

@@ -8,12 +8,11 @@ import numpy as np
 
 from poise.errors import ErrorCode, NoAnswerError, PoiseError
 from poise.excitation.execution.joint_watch import JointWatch
-from poise.excitation.execution.options import ExecutionOptions
+from poise.excitation.execution.options import DEFAULT_EXECUTION, ExecutionOptions
 from poise.excitation.execution.stops import ReadyStops
 from poise.simulation import WaypointTrajectory
 from poise.types import Array
 
-_OPTIONS = ExecutionOptions()
 NOT_WATCHED = (
     "the watchdog of the arm's motion is not ready: check joint_states, and wrench where stop_force is set; send the"
     " goal again"
@@ -82,12 +81,17 @@ class CommandedArm:
         joints: of the arm.
         send: sends a command to the arm's controller.
         watchdog: stops the arm when this program cannot; None: only this program does.
+        options: times.
     """
 
     def __init__(
-        self, joints: JointWatch, send: Callable[[TimedMotion], None], watchdog: Watchdog | None = None
+        self,
+        joints: JointWatch,
+        send: Callable[[TimedMotion], None],
+        watchdog: Watchdog | None = None,
+        options: ExecutionOptions = DEFAULT_EXECUTION,
     ) -> None:
-        self._joints, self._send, self._watchdog = joints, send, watchdog
+        self._joints, self._send, self._watchdog, self._options = joints, send, watchdog, options
         self._stops: ReadyStops | None = None
         self._asked: float | None = None
         self.begin = 0
@@ -138,8 +142,8 @@ class CommandedArm:
     def _arm(self, stops: ReadyStops, now: float) -> None:
         """Choose when the motion begins, and have it watched; a watchdog that is late is asked again."""
         since = time.monotonic()
-        while (waited := time.monotonic() - since) < _OPTIONS.arming:
-            self.begin = self._joints.clock(now + waited) + round(_OPTIONS.lead * 1e9)
+        while (waited := time.monotonic() - since) < self._options.arming:
+            self.begin = self._joints.clock(now + waited) + round(self._options.lead * 1e9)
             if self._watchdog is None or self._watchdog.arm(stops, self.begin):
                 return
         raise PoiseError(
@@ -204,13 +208,13 @@ class CommandedArm:
     def _require_near(self, at: float, tolerance: float, where: str) -> None:
         there = self._motion.at(np.array([at]))
         off: Array = np.abs(self._joints.position - there.position[0])
-        beyond = off - tolerance - _OPTIONS.lag * np.abs(there.velocity[0])
+        beyond = off - tolerance - self._options.lag * np.abs(there.velocity[0])
         index = int(np.argmax(beyond))
         if not beyond[index] <= 0:
             raise NoAnswerError(
                 ErrorCode.NOT_FOLLOWING,
                 f"{self._joints.names[index]} is {off[index]:.3f} off {where}: check that its controller is active and"
-                " subscribes to joint_trajectory",
+                " subscribes to joint_trajectory, and that commands arrive within motion_lead",
             )
 
     def ended(self) -> None:
@@ -227,10 +231,10 @@ class CommandedArm:
         stops = self._stops
         if stops is None or self.stopped or self._stopped_by_watchdog(error, now):
             return True
-        if self.asked and self._asked is not None and now - self._asked < _OPTIONS.answer:
+        if self.asked and self._asked is not None and now - self._asked < self._options.answer:
             return False
         try:
-            stamp = self._joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
+            stamp = self._joints.clock(now) + round(self._options.stop_lead * 1e9)
             stop = stops.after((stamp - self.begin) * 1e-9)
             self._send(TimedMotion(stop.motion, self.begin + round(stop.begin * 1e9)))
         except Exception as failure:
@@ -247,9 +251,9 @@ class CommandedArm:
         if self._stops is None or self.stopped:
             return True
         try:
-            stamp = self._joints.clock(now) + round(_OPTIONS.stop_lead * 1e9)
+            stamp = self._joints.clock(now) + round(self._options.stop_lead * 1e9)
             place = np.stack([self._joints.position] * 2)
-            self._send(TimedMotion(WaypointTrajectory(np.array([0.0, _OPTIONS.holding]), place), stamp))
+            self._send(TimedMotion(WaypointTrajectory(np.array([0.0, self._options.holding]), place), stamp))
         except Exception as failure:
             self.failure = failure
             return self._stopped_by_watchdog(error, now)

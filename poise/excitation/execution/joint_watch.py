@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
+from poise.excitation.execution.options import ExecutionOptions
 from poise.types import Array
 
 REST_SPAN, REST_TRAVEL = 0.1, 2e-3
 """s within which a resting arm's joints move by less than this, rad or m."""
-_OLD = 0.5
-"""s after which joint states count as stale."""
 
 
 class Jointed(Protocol):
@@ -59,8 +58,8 @@ class JointWatch:
         while self._recent[-1][0] - self._recent[0][0] > 2 * REST_SPAN * 1e9:
             self._recent.popleft()
 
-    def problem(self, now: float) -> PoiseError | None:
-        """Why the joints are not known now; None: they are."""
+    def problem(self, now: float, stale: float = ExecutionOptions.stale) -> PoiseError | None:
+        """Why the joints are not known now; None: they are. Joint states older than `stale`, s, do not count."""
         if not self._recent:
             if self.foreign:
                 return SensorError(
@@ -71,7 +70,7 @@ class JointWatch:
             return SensorError(
                 ErrorCode.TOPIC_MISSING, "no joint_states have arrived: start the robot's state publisher"
             )
-        if self.age(now) > _OLD:
+        if self.age(now) > stale:
             return SensorError(
                 ErrorCode.SENSOR_STALE,
                 f"the last joint state arrived {self.age(now):.2f} s ago: the robot's driver has stopped",

@@ -38,3 +38,6 @@ class ExecutionOptions:
     holding: float = 0.4
     arming: float = 0.5
     answer: float = 0.05
+
+
+DEFAULT_EXECUTION = ExecutionOptions()

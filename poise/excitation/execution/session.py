@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from poise.errors import ErrorCode, PoiseError, SensorError
 from poise.excitation import ExcitationPlan, Guard, MotionLimits
 from poise.excitation.execution.commanded import NOT_WATCHED, CommandedArm, TimedMotion, Watchdog
+from poise.excitation.execution.held_up import HeldUp
 from poise.excitation.execution.joint_watch import JointWatch
 from poise.excitation.execution.options import ExecutionOptions
 from poise.excitation.execution.stops import ReadyStops
@@ -101,13 +102,12 @@ class Session:
         self._model, self._task, self._estimator = model, task, estimator
         self._options = task.options
         self.joints = JointWatch(model)
-        self._arm = CommandedArm(self.joints, send, watchdog)
+        self._arm = CommandedArm(self.joints, send, watchdog, self._options)
         self.phase, self.progress = SessionPhase.WAITING, 0.0
         self.error: PoiseError | None = None
         self.answer: InertialEstimate | None = None
         self.planned: ExcitationPlan | None = None
-        self._since = self._ticked = now
-        self._trusting_until = now
+        self._since, self._held_up = now, HeldUp(now, self._options)
         self._stop_planning = threading.Event()
         self._planned: list[tuple[ExcitationPlan, ReadyStops] | PoiseError] = []
         self._steps = {
@@ -127,9 +127,7 @@ class Session:
         """Advance; never blocks, never raises."""
         if self.phase is SessionPhase.DONE:
             return
-        if now - self._ticked > self._options.held_up:
-            self._trusting_until = now + self._options.stale
-        self._ticked = now
+        self._held_up.tick(now)
         try:
             self._steps[self.phase](now)
         except PoiseError as error:
@@ -153,7 +151,7 @@ class Session:
     def _wait(self, now: float) -> None:
         """Wait for joint states, wrenches and, before a motion, an arm at rest."""
         late = now - self._since > self._options.patience
-        problem = self.joints.problem(now) or self._silent(now)
+        problem = self.joints.problem(now, self._options.stale) or self._silent(now)
         if problem is None and self._task.plan is not None and not self.joints.at_rest():
             problem = PoiseError(
                 ErrorCode.BUSY,
@@ -296,9 +294,9 @@ class Session:
         return None
 
     def _require_streams(self, now: float) -> None:
-        if now < self._trusting_until:
+        if self._held_up.lately(now):
             return
-        problem = self.joints.problem(now) or self._silent(now)
+        problem = self.joints.problem(now, self._options.stale) or self._silent(now)
         if problem is not None:
             raise problem
 
