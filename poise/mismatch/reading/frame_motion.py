@@ -74,7 +74,7 @@ def _place_noise(places: Array) -> float:
     """m, one sigma of measured positions (M, 3): their scatter, or their rounding."""
     rounding = lattice(places) / np.sqrt(12.0)
     measured = scatter(places)
-    return max(measured, rounding) if np.isfinite(measured) else rounding
+    return float(max(measured, rounding) if np.isfinite(measured) else rounding)
 
 
 def _nearest_rotations(matrices: Array) -> Array:
