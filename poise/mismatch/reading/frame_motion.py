@@ -23,8 +23,7 @@ def recorded_from_frames(
     """The motion from the sensor's poses alone: accelerations from poses or from an accelerometer."""
     kinematics = find_kinematics(recording, frame)
     kinematics.feed(None, None)
-    newest = kinematics.source.newest
-    source, end = kinematics.source, newest or 0
+    source, end = kinematics.source, kinematics.source.newest or 0
     found = source.measured(0, end) if isinstance(source, FrameSource) else None
     motion = source.motion(0, end) if found is None else found.motion
     start = int(wrench.stamps[0])
