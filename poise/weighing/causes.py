@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import EstimateFinding, RejectedInterval
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
@@ -18,6 +19,7 @@ from poise.weighing.fitting import (
     plain_design,
     plausibility,
 )
+from poise.weighing.gravity import with_free_weight
 from poise.weighing.reading import Reading, Repair
 
 _WIDTH, _BINS = 0.04, (150.0, 300.0)
@@ -50,6 +52,8 @@ class Cause:
         certain: no other cause explains the samples nearly as well, and it explains most of the recording.
         repair: how to make the wrench right; None: that is not possible.
         explanation: the fit.
+        partial: it leaves out a part of the recording, and so explains any residual there.
+        open_pull: N of a constant vertical force that may pull as well, and cannot be distinguished from weight.
     """
 
     code: ErrorCode
@@ -60,6 +64,8 @@ class Cause:
     certain: bool
     repair: Repair | None
     explanation: Explanation
+    partial: bool = False
+    open_pull: float = 0.0
 
     @property
     def finding(self) -> EstimateFinding:
@@ -87,13 +93,25 @@ def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[Reject
         if (cause := _tried(reading, samples, plain)) is not None
     ]
     found.sort(key=lambda cause: -cause.gain)
-    free = next((_level(cause) for cause in found if cause.code is ErrorCode.IN_CONTACT), np.nan)
+    free = next((_level(cause) for cause in found if cause.partial), np.nan)
     if not np.isfinite(free):
         return _distinct(found)
     begin = float(plain.levels.mean(axis=0).sum())
     most = begin - _AS_WELL * (begin - free)
-    found.sort(key=lambda cause: 1 if cause.code is ErrorCode.IN_CONTACT else 2 * (_level(cause) > most))
+    found.sort(key=lambda cause: 1 if cause.partial else 2 * (_level(cause) > most))
     return _distinct(found)
+
+
+def inertial_mass(samples: FitSamples, delay: float = 0.0) -> tuple[float, float]:
+    """The mass that inertial forces show beside any weight, and one sigma, kg, with the arguments of `find_causes`.
+
+    Infinite: the motion shows none.
+    """
+    samples = _averaged(samples.delayed(delay))
+    if len(samples) < 8:
+        return np.nan, np.inf
+    found = explain(samples, with_free_weight(4))
+    return float(found.phi[0]), found.mass_std
 
 
 def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause | None:
@@ -105,7 +123,9 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     best = min(first, key=lambda fit: _levels(reading, samples, fit).sum())
     if len(first) > 1:
         best = explain(samples, reading.design, best.values.tolist(), reading.usable)
-    if impossible(best) or not reading.holds(best):
+    pull = reading.open_pull(best)
+    opened = best.with_pull(pull / STANDARD_GRAVITY)
+    if impossible(opened) or not reading.holds(opened):
         return None
     levels = _levels(reading, samples, best)
     if reading.reduced is not None and reading.excluded is not None:
@@ -115,7 +135,7 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     improvement = (plain.levels - levels).sum(axis=1)
     n_free = best.n_free + (0 if reading.excluded is None else 2 * int(reading.excluded.sum()))
     gain = 3 * float(improvement.sum()) - _PER_PARAMETER * n_free + reading.prior
-    gain += plausibility(best) - plausibility(plain)
+    gain += plausibility(opened) - plausibility(plain)
     fixed = n_free == 0 and reading.usable is None and reading.reduced is None and reading.censored is None
     if gain < (_LEAST_FIXED_GAIN if fixed else _LEAST_GAIN) and not (gain > 0 and impossible(plain)):
         return None
@@ -136,7 +156,8 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
         f" {after[1]:.2g} N m, in {100 * share:.0f} % of the recording)"
     )
     repair = None if reading.repair is None else reading.repair(best)
-    return Cause(reading.code, explained, evidence, gain, fixed, share >= _IMPROVED, repair, best)
+    partial = reading.excluded is not None and reading.reduced is None
+    return Cause(reading.code, explained, evidence, gain, fixed, share >= _IMPROVED, repair, best, partial, pull)
 
 
 def _level(cause: Cause) -> float:
@@ -160,9 +181,9 @@ def _levels(reading: Reading, samples: FitSamples, found: Explanation) -> Array:
 
 def _distinct(found: list[Cause]) -> tuple[Cause, ...]:
     """One cause of each kind; the first is certain only where no other kind comes near."""
-    kinds: dict[ErrorCode, Cause] = {}
+    kinds: dict[tuple[ErrorCode, bool], Cause] = {}
     for cause in found:
-        kinds.setdefault(cause.code, cause)
+        kinds.setdefault((cause.code, cause.partial), cause)
     ranked = list(kinds.values())
     clear = len(ranked) < 2 or ranked[0].gain - ranked[1].gain > _CLEAR
     return tuple(replace(cause, certain=cause.certain and clear and cause is ranked[0]) for cause in ranked)

@@ -5,6 +5,7 @@ from poise.weighing.clipping import clipped, stuck
 from poise.weighing.contact import in_contact
 from poise.weighing.gravity import wrong_gravity
 from poise.weighing.moving_base import moving_base
+from poise.weighing.pulls import pulled
 from poise.weighing.reading import Family
 from poise.weighing.times import late_or_filtered
 from poise.weighing.units import wrong_units
@@ -18,6 +19,7 @@ FAMILIES: tuple[Family, ...] = (
     stuck,
     varied,
     moving_base,
+    pulled,
 )
 
 __all__ = ["FAMILIES", "in_contact", "late_or_filtered"]

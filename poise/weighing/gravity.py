@@ -28,10 +28,10 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
     found = [
         Reading(ErrorCode.COMPENSATED, _without_weight, _all_compensated, repair=_weight_back),
         Reading(
-            ErrorCode.COMPENSATED, _with_offset_mass(1), _compensated(1), holds=_takes_weight, repair=_compensation_back
+            ErrorCode.COMPENSATED, with_free_weight(1), _compensated(1), holds=_takes_weight, repair=_compensation_back
         ),
         Reading(
-            ErrorCode.COMPENSATED, _with_offset_mass(4), _compensated(4), holds=_takes_weight, repair=_compensation_back
+            ErrorCode.COMPENSATED, with_free_weight(4), _compensated(4), holds=_takes_weight, repair=_compensation_back
         ),
     ]
     starts = [(np.log(STANDARD_GRAVITY / size),)]
@@ -42,11 +42,20 @@ def wrong_gravity(samples: FitSamples, plain: Explanation) -> list[Reading]:
                 _sized,
                 _size_sentence(size),
                 starts=tuple(starts),
-                repair=lambda fit: Repair(gravity=float(np.exp(fit.values[0]))),
+                repair=lambda fit: _gravity_of_earth(fit, size),
             )
         )
     down = _directions(samples)
-    found.append(Reading(ErrorCode.GRAVITY_WRONG, _leaning, _direction_sentence, starts=down, holds=_near(down)))
+    found.append(
+        Reading(
+            ErrorCode.GRAVITY_WRONG,
+            _leaning,
+            _direction_sentence,
+            starts=down,
+            holds=_near(down),
+            open_pull=lambda fit: float(abs(fit.phi[0]) * size * np.linalg.norm(_direction(fit.values)[:2])),
+        )
+    )
     return found
 
 
@@ -81,7 +90,9 @@ def _weight_back(found: Explanation) -> Repair:
     return Repair(compensated=found.phi[:4])
 
 
-def _with_offset_mass(count: int) -> Callable[[FitSamples, Array], Array]:
+def with_free_weight(count: int) -> Callable[[FitSamples, Array], Array]:
+    """The design of a payload from whose weight that of another one is taken: of m, or of m and m c (count 1 or 4)."""
+
     def design(samples: FitSamples, values: Array) -> Array:
         del values
         weight = weight_columns(samples.gravity_in_sensor)
@@ -122,6 +133,13 @@ def _sized(samples: FitSamples, values: Array) -> Array:
     signals = samples.signals.copy()
     signals[:, :3] = np.exp(values[0]) * samples.gravity_in_sensor - samples.acceleration_in_sensor
     return signal_columns(signals)
+
+
+def _gravity_of_earth(found: Explanation, size: float) -> Repair:
+    """The standard one where the fit is close to it: inertial forces show the size of gravity less well."""
+    fitted = float(np.exp(found.values[0]))
+    standard = STANDARD_GRAVITY / size
+    return Repair(gravity=standard if abs(fitted / standard - 1.0) < _STANDARD_WITHIN else fitted)
 
 
 def _size_sentence(size: float) -> Says:
@@ -186,6 +204,7 @@ def _direction_sentence(found: Explanation) -> tuple[str, Mapping[str, float]]:
     angle = float(np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1)))
     return (
         f"the weight pulls {np.degrees(angle):.1f} degrees off the base frame's -z (roll {np.degrees(roll):.1f}, pitch"
-        f" {np.degrees(pitch):.1f} degrees): the base is not upright: correct its mounting in the URDF or tf",
+        f" {np.degrees(pitch):.1f} degrees): the base is not upright, or a hose or a hand pulls at the load: correct"
+        " the mounting of the base in the URDF or tf",
         {"roll": roll, "pitch": pitch, "roll_std": float(found.value_stds[0]), "pitch_std": float(found.value_stds[1])},
     )

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
@@ -17,7 +16,7 @@ _SPACING = 0.4
 _MOST_KNOTS = 24
 _FASTEST = 2.5
 """m/s by which the velocity of a base changes at most; a hose, and a joint's zero that is off, pull on and on."""
-_FLEXIBLE = -60.0
+FLEXIBLE = -60.0
 """Log prior: a free course also explains errors that depend on the pose."""
 
 
@@ -26,48 +25,30 @@ def moving_base(samples: FitSamples, plain: Explanation) -> list[Reading]:
     if len(samples) < 50 or not plain.phi[0] > 3 * plain.mass_std:
         return []
     count = int(np.clip(samples.seconds[-1] / _SPACING, 4, _MOST_KNOTS))
-    hats = _hats(samples.seconds, count)
+    knots = hats(samples.seconds, count)
     phi = plain.phi
 
     def design(part: FitSamples, values: Array) -> Array:
-        shape = hats if len(part) == len(hats) else _hats(part.seconds, count)
-        extra = [loads[:, :, None] * shape[:, None, :] for loads in _by_base(part, phi)]
+        shape = knots if len(part) == len(knots) else hats(part.seconds, count)
+        extra = [loads[:, :, None] * shape[:, None, :] for loads in by_base(part, phi)]
         return np.concatenate([plain_design(part, values), *extra], axis=2)
-
-    spacing = float(samples.seconds[-1]) / (count - 1)
 
     def course(found: Explanation) -> Array:
         return found.unknowns[16:].reshape(2, count)
 
-    def drives(found: Explanation) -> bool:
-        speed = np.cumsum(course(found) * spacing, axis=1)
-        return shows_payload(found) and bool(np.ptp(speed, axis=1).max() < _FASTEST)
-
     def says(found: Explanation) -> tuple[str, Mapping[str, float]]:
         return base_sentence(float(np.linalg.norm(course(found), axis=0).max()))
 
-    def says_pull(found: Explanation) -> tuple[str, Mapping[str, float]]:
-        return _pull_sentence(float(np.linalg.norm(course(found), axis=0).max()), float(found.phi[0]))
+    def holds(found: Explanation) -> bool:
+        return shows_payload(found) and drives(course(found), float(samples.seconds[-1]))
 
-    pulled = Reading(
-        ErrorCode.POOR_FIT,
-        design,
-        says_pull,
-        prior=_FLEXIBLE,
-        holds=lambda found: shows_payload(found) and not drives(found),
-    )
-    return [Reading(ErrorCode.BASE_MOVED, design, says, prior=_FLEXIBLE, holds=drives), pulled]
+    return [Reading(ErrorCode.BASE_MOVED, design, says, prior=FLEXIBLE, holds=holds)]
 
 
-def _pull_sentence(largest: float, mass: float) -> tuple[str, Mapping[str, float]]:
-    """For a horizontal force that is `largest` m/s2 times the mass, kg."""
-    angle = float(np.arctan(largest / STANDARD_GRAVITY))
-    return (
-        f"a horizontal force of up to {largest * mass:.2g} N pulls all the time, and a base that it would move would"
-        " drive away: a hose or a cable pulls, or the zero of a joint is off by up to"
-        f" {np.degrees(angle):.1f} degrees: lead the hose so that it does not pull, or calibrate the joints",
-        {"pull": largest * mass, "angle": angle},
-    )
+def drives(course: Array, duration: float) -> bool:
+    """Whether a base can accelerate so: (2, K) m/s2 at knots that are spread over s; it would not drive away."""
+    speed = np.cumsum(course * duration / max(course.shape[1] - 1, 1), axis=1)
+    return bool(np.ptp(speed, axis=1).max() < _FASTEST)
 
 
 def base_sentence(largest: float) -> tuple[str, Mapping[str, float]]:
@@ -83,14 +64,14 @@ def base_sentence(largest: float) -> tuple[str, Mapping[str, float]]:
 def without_base(samples: FitSamples, found: Explanation) -> tuple[Array, Array]:
     """What the residual (N, 6) lacks when each sample has a horizontal acceleration (N, 2) m/s2 of its own."""
     size = np.repeat(np.maximum(np.exp(np.median(found.levels, axis=0)), 1e-6), 3)
-    columns = np.stack(_by_base(samples, found.phi), axis=2) / size[:, None]
+    columns = np.stack(by_base(samples, found.phi), axis=2) / size[:, None]
     residual = found.residual / size
     normal = np.einsum("nic,nid->ncd", columns, columns) + 1e-9 * np.eye(2)
     course = np.linalg.solve(normal, np.einsum("nic,ni->nc", columns, residual)[:, :, None])[:, :, 0]
     return (residual - np.einsum("nic,nc->ni", columns, course)) * size, course
 
 
-def _by_base(samples: FitSamples, phi: Array) -> list[Array]:
+def by_base(samples: FitSamples, phi: Array) -> list[Array]:
     """Twice (N, 6): the wrench of a payload for 1 m/s2 of the base along x, and y, of the world."""
     found = []
     for axis in range(2):
@@ -100,7 +81,7 @@ def _by_base(samples: FitSamples, phi: Array) -> list[Array]:
     return found
 
 
-def _hats(seconds: Array, count: int) -> Array:
+def hats(seconds: Array, count: int) -> Array:
     """(N, count) linear interpolation between knots that are spread over the samples."""
     knots = np.linspace(seconds[0], seconds[-1], count)
     return np.stack([np.interp(seconds, knots, row) for row in np.eye(count)], axis=1)

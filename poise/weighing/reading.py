@@ -36,6 +36,12 @@ Says = Callable[[Explanation], tuple[str, Mapping[str, float]]]
 """The sentence and the numbers of a fit."""
 
 
+def no_pull(found: Explanation) -> float:
+    """Nothing of the weight is open."""
+    del found
+    return 0.0
+
+
 def shows_payload(found: Explanation) -> bool:
     """Its mass is above zero by more than chance."""
     return bool(found.phi[0] > max(_SURELY * found.mass_std, _LIGHTEST))
@@ -62,6 +68,7 @@ class Reading:
         reduced: the residual (N, 6) that two parameters for each excluded block leave of a fit; None: nothing of it.
         holds: whether a fit is what the reading says; by default, that it shows a payload.
         repair: of a fit; None: the wrench cannot be repaired.
+        open_pull: N of a constant vertical force that may pull as well, and cannot be distinguished from weight.
     """
 
     code: ErrorCode
@@ -76,6 +83,7 @@ class Reading:
     reduced: Callable[[Explanation], Array] | None = None
     holds: Callable[[Explanation], bool] = shows_payload
     repair: Callable[[Explanation], Repair] | None = None
+    open_pull: Callable[[Explanation], float] = no_pull
 
 
 Family = Callable[[FitSamples, Explanation], list[Reading]]

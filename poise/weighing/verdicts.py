@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from poise.errors import ErrorCode
+from poise.geometry import STANDARD_GRAVITY
 from poise.inertia import PARAMETER_NAMES, InertialEstimate, InertialParameters
 from poise.inertia.bayes import EXTERNAL_CONTACT
 from poise.inertia.model import EstimateFinding
 from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
 from poise.types import Array, Mask, Stamps
-from poise.weighing.causes import Cause, find_causes
+from poise.weighing.causes import Cause, find_causes, inertial_mass
 from poise.weighing.fitting import impossible_payload
 from poise.weighing.gravity import weight_columns
 from poise.weighing.reading import Repair
@@ -28,6 +29,8 @@ _RIVAL = 10.0
 _MOST = 3
 _ON_EARTH = (9.75, 9.84)
 """m/s2."""
+_PLACES = 0.002
+"""Relative standard deviation of gravity over the places of the Earth."""
 _EMPTY = 0.02
 """kg; a smaller mass may be a compensated one."""
 _LARGEST_GAP = 0.2
@@ -46,7 +49,7 @@ def causes_of(estimate: InertialEstimate) -> tuple[Cause, ...]:
         return ()
     pushed = [span for span in estimate.rejected if span.reason == EXTERNAL_CONTACT]
     causes = find_causes(estimate.samples, float(np.nan_to_num(estimate.delay)), pushed)
-    if causes and causes[0].code is ErrorCode.IN_CONTACT and _only_contact(estimate):
+    if causes and causes[0].partial and _only_contact(estimate):
         return ()
     if estimate.fit.passed and not _impossible(estimate) and not (causes and _is_material(estimate, causes[0])):
         return ()
@@ -60,11 +63,12 @@ def _only_contact(estimate: InertialEstimate) -> bool:
 
 
 def _is_material(estimate: InertialEstimate, cause: Cause) -> bool:
-    """The cause is clear, and with it mass or centre of mass are others than in the estimate."""
+    """The cause is clear, and with it mass or centre of mass are, or may be, others than in the estimate."""
     found, mass = cause.explanation, float(estimate.phi[0])
-    if cause.gain < (_FIXED_CLEARLY if cause.fixed else _CLEARLY) or cause.code is ErrorCode.IN_CONTACT:
+    if cause.gain < (_FIXED_CLEARLY if cause.fixed else _CLEARLY) or cause.partial:
         return False
     step = np.abs(found.phi[:4] - np.nan_to_num(estimate.phi[:4]))
+    step[0] = max(step[0], cause.open_pull / STANDARD_GRAVITY)
     spread = np.sqrt(np.diag(found.covariance)[:4] + np.nan_to_num(np.diag(estimate.covariance)[:4]))
     least = _LEAST_SHARE * abs(mass) * np.array([1.0, _LEVER, _LEVER, _LEVER])
     return bool(np.any(step > _SIGMAS * spread + least))
@@ -77,17 +81,45 @@ def with_causes(estimate: InertialEstimate, causes: Sequence[Cause]) -> Inertial
     if why and not found:
         found = [EstimateFinding(ErrorCode.POOR_FIT, f"{why}: check the units and the axes of the wrench")]
     more = [each for each in (_maybe_compensated(estimate), _strange_gravity(estimate)) if each is not None]
-    return replace(estimate, findings=(*found, *([] if found else more), *estimate.findings))
+    covariance = estimate.covariance + _left_open(estimate, _named(causes))
+    return replace(estimate, covariance=covariance, findings=(*found, *([] if found else more), *estimate.findings))
 
 
 def findings_of(causes: Sequence[Cause]) -> list[EstimateFinding]:
     """The likeliest cause, and those that explain the samples nearly as well."""
-    return [cause.finding for cause in causes[:_MOST] if causes[0].gain - cause.gain < _RIVAL]
+    return [cause.finding for cause in _named(causes)]
+
+
+def _named(causes: Sequence[Cause]) -> list[Cause]:
+    return [cause for cause in causes[:_MOST] if causes[0].gain - cause.gain < _RIVAL]
+
+
+def _left_open(estimate: InertialEstimate, causes: Sequence[Cause]) -> Array:
+    """(10, 10) by how much the payloads of the causes differ significantly from an estimate, and their pull."""
+    phi = np.nan_to_num(estimate.phi)
+    by_gravity = _gravity_step(estimate) * phi
+    open_part, pulls = np.outer(by_gravity, by_gravity), [0.0]
+    for cause in causes:
+        step = cause.explanation.phi - phi
+        variance = np.diag(cause.explanation.covariance)[:10] + np.nan_to_num(np.diag(estimate.covariance))
+        seen = np.clip(1.0 - variance / np.maximum(step**2, 1e-30), 0.0, 1.0)
+        step = np.where(np.isfinite(variance), step * np.sqrt(seen), 0.0)
+        open_part += np.outer(step, step)
+        pulls.append(cause.open_pull / STANDARD_GRAVITY)
+    reach = float(np.linalg.norm(phi[1:4])) / max(abs(float(phi[0])), _EMPTY)
+    pull = max(pulls) * np.array([1.0] + [reach] * 3 + [reach**2] * 6)
+    return np.asarray(open_part + np.diag(pull**2))
+
+
+def _gravity_step(estimate: InertialEstimate) -> float:
+    """Share of the payload that is open because gravity was given as one that the Earth does not have."""
+    size = STANDARD_GRAVITY if estimate.samples is None else float(np.linalg.norm(estimate.samples.gravity))
+    return 0.0 if _ON_EARTH[0] < size < _ON_EARTH[1] else STANDARD_GRAVITY / max(size, 1e-3) - 1.0
 
 
 def is_withheld(estimate: InertialEstimate, causes: Sequence[Cause]) -> bool:
     """The numbers mean nothing, or they contradict the likeliest cause by more than their uncertainty."""
-    if estimate.fit.is_hopeless or _impossible(estimate):
+    if estimate.fit.is_hopeless or _impossible(estimate) or _is_unseen(estimate):
         return True
     if not causes:
         return False
@@ -98,6 +130,16 @@ def is_withheld(estimate: InertialEstimate, causes: Sequence[Cause]) -> bool:
 
 def _impossible(estimate: InertialEstimate) -> str:
     return impossible_payload(np.nan_to_num(estimate.phi), np.nan_to_num(estimate.covariance, nan=np.inf))
+
+
+def _is_unseen(estimate: InertialEstimate) -> bool:
+    """A mass of nearly zero that inertial forces alone do not confirm: nothing is held, or it is compensated."""
+    found = any(finding.code is ErrorCode.NOT_IDENTIFIABLE for finding in estimate.findings)
+    if estimate.samples is None or not (found or _maybe_compensated(estimate) is not None):
+        return False
+    mass, deviation = inertial_mass(estimate.samples, float(np.nan_to_num(estimate.delay)))
+    apart = abs(mass - float(estimate.phi[0]))
+    return not (mass > _SIGMAS * deviation and apart < _SIGMAS * np.hypot(deviation, estimate.mass_std))
 
 
 def _maybe_compensated(estimate: InertialEstimate) -> EstimateFinding | None:
@@ -193,6 +235,8 @@ def _of_values(cause: Cause) -> Array:
         # The weight that was added has the mass of this fit, which errors of the accelerations make too small.
         scale = _ACCELERATIONS * np.abs(found.phi[:10])
         return np.asarray(found.covariance[:10, :10] + np.outer(scale, scale))
+    if cause.repair is not None and cause.repair.gravity != 1.0:
+        return np.asarray(_PLACES**2 * np.outer(found.phi[:10], found.phi[:10]))
     own = np.arange(16, len(found.covariance))
     across = found.covariance[:10][:, own]
     if not len(own) or not np.isfinite(across).all():

@@ -110,6 +110,21 @@ def touched():
     return READ + on[:, None] * np.concatenate([pushed, np.cross([0.03, 0.05, 0.12], pushed)], axis=1)
 
 
+def at_point(force, point):
+    """(N, 6) a force (N, 3) in the world at a point of the tool."""
+    turned = np.einsum("nji,nj->ni", MOTION.rotation_world_sensor, force)
+    return np.concatenate([turned, np.cross(point, turned)], axis=1)
+
+
+HOSE_END = np.array([0.06, -0.04, 0.15])
+
+
+def hose(lift=-2.0):
+    """A hose that pulls aside and downwards, or upwards, and more where it is stretched."""
+    swing = np.stack([np.sin(0.8 * SECONDS), np.cos(0.6 * SECONDS), np.sin(0.7 * SECONDS + 1)], axis=1)
+    return READ + at_point(np.array([3.0, 1.0, lift]) + 1.5 * swing, HOSE_END)
+
+
 def grasped():
     return np.where((SECONDS < 5)[:, None], 0.0, CLEAN) + BIAS + NOISE
 
@@ -137,6 +152,9 @@ KINDS = {
     "touched": (touched(), ErrorCode.IN_CONTACT),
     "base drives": (base_drives(), ErrorCode.BASE_MOVED),
     "joint zero": (joint_off(), ErrorCode.POOR_FIT),
+    "hose": (hose(), ErrorCode.IN_CONTACT),
+    "hose that carries": (hose(15.0), ErrorCode.IN_CONTACT),
+    "constant pull": (READ + at_point(np.tile([2.0, 1.0, 1.0], (len(SECONDS), 1)), HOSE_END), ErrorCode.IN_CONTACT),
 }
 
 
@@ -253,3 +271,56 @@ def test_gravity_that_is_not_that_of_the_earth_is_a_finding():
         samples=strange,
     )
     assert [each.code for each in with_causes(estimate, ()).findings] == [ErrorCode.GRAVITY_WRONG]
+
+
+def estimated(samples, **more):
+    """The estimate that plain least squares makes of samples."""
+    from poise.inertia.pipeline import InertialEstimate
+
+    plain = explain(samples, plain_design)
+    return InertialEstimate(
+        *(0, "ft", InertialParameters.from_phi(plain.phi), plain.phi, plain.covariance[:10, :10], BIAS, np.eye(6)),
+        *(np.nan, np.nan, "poise", True, (), 1.0, len(SECONDS), (), 0.1, 0.1),
+        **{"samples": samples} | more,
+    )
+
+
+@pytest.mark.parametrize("kind", ["hose", "constant pull", "mirrored"])
+def test_what_is_given_beside_a_cause_is_as_wide_as_the_cause_leaves_it(kind):
+    estimate = estimated(replace(MOTION, wrench=KINDS[kind][0]))
+    causes = causes_of(estimate)
+    assert causes
+    named = with_causes(estimate, causes)
+    error = np.abs(estimate.phi[:4] - LOAD.phi[:4])
+    assert np.any(error > 3 * np.sqrt(np.diag(estimate.covariance)[:4]))
+    assert np.all(error < 3 * np.sqrt(np.diag(named.covariance)[:4]))
+
+
+def test_gravity_that_was_given_wrongly_is_in_the_uncertainty():
+    signals = MOTION.signals.copy()
+    signals[:, :3] += (9.0 / 9.80665 - 1) * MOTION.gravity_in_sensor
+    estimate = estimated(replace(MOTION, wrench=READ, signals=signals, gravity=GRAVITY * 9.0 / 9.80665))
+    assert abs(estimate.phi[0] - LOAD.mass) > 3 * estimate.mass_std
+    assert abs(estimate.phi[0] - LOAD.mass) < 3 * with_causes(estimate, ()).mass_std
+
+
+def test_a_mass_of_nearly_zero_is_withheld_unless_inertial_forces_confirm_it():
+    """A compensated pen and an empty hand look alike; 15 g that also accelerate as 15 g are an object."""
+    slow = np.concatenate([0.02 * (MOTION.signals[:, :3] - MOTION.gravity_in_sensor), MOTION.signals[:, 3:]], axis=1)
+    slow[:, :3] += MOTION.gravity_in_sensor
+    pen = replace(MOTION, signals=slow)
+    own = signal_columns(slow)[:, :, :10] @ (LOAD.phi / 24)
+    compensated = replace(pen, wrench=own - weight(LOAD.phi / 24) + BIAS + NOISE)
+    assert is_withheld(estimated(compensated), ())
+    assert is_withheld(estimated(replace(MOTION, wrench=BIAS + NOISE)), ())
+    light = estimated(replace(MOTION, wrench=CLEAN / 80 + BIAS + 0.1 * NOISE))
+    assert light.phi[0] == pytest.approx(0.015, abs=0.002)
+    assert not is_withheld(light, ())
+
+
+def test_a_repaired_gravity_is_that_of_the_earth():
+    signals = MOTION.signals.copy()
+    signals[:, :3] += (9.0 / 9.80665 - 1) * MOTION.gravity_in_sensor
+    cause = find_causes(replace(MOTION, wrench=READ, signals=signals, gravity=GRAVITY * 9.0 / 9.80665))[0]
+    assert cause.code is ErrorCode.GRAVITY_WRONG
+    assert cause.repair.gravity == pytest.approx(9.80665 / 9.0)
