@@ -255,12 +255,13 @@ def show(results: list[dict[str, Any]], costs: dict[str, list[float]]) -> None:
             print(f"| {name}, CPU s, mean and most | {np.mean(seconds):.2f}, {max(seconds):.2f} |")
     for share in map(str, SHARES):
         rows = [row for each in results for row in each["moved"].get(share, [])]
-        values = np.array([value for row in rows for value in row])
-        if len(rows):
-            ways = sum(bool(np.any(np.array(row) > MOVED)) for row in rows)
+        stood = [row for row in rows if not np.isnan(row).any()]
+        if rows:
+            moved = [np.array(row) > MOVED for row in stood]
             print(
-                f"| at {share} x the limits: objects that moved by over 2 mm; ways with one; fell before | "
-                f"{np.sum(values > MOVED)} of {len(values)}; {ways} of {len(rows)}; {np.isnan(values).sum()} |"
+                f"| at {share} x the limits: objects that moved by over 2 mm; ways with one; ways of stacks that fell"
+                f" before | {sum(each.sum() for each in moved)} of {sum(map(len, moved))};"
+                f" {sum(each.any() for each in moved)} of {len(stood)}; {len(rows) - len(stood)} |"
             )
 
 
