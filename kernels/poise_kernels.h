@@ -13,6 +13,6 @@
 #define POISE_EXPORT __attribute__((visibility("default")))
 #endif
 
-enum { POISE_OK = 0, POISE_NO_MEMORY = 1, POISE_NOT_POSITIVE = 2 };
+enum { POISE_OK = 0, POISE_NO_MEMORY = 1, POISE_NOT_POSITIVE = 2, POISE_SINGULAR = 3 };
 
 #endif

@@ -4,7 +4,7 @@ Each kernel has a form in Python in the room that uses it, which gives the same 
 where the library is not installed (no compiler was there) or belongs to another version of Poise: `COMPILED` is then
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
-- `library`: finds and loads it. `arrays`: what is passed to it.
+- `averaging`: hypotheses about a payload. `library`: finds and loads it. `arrays`: what is passed to it.
 - `chain`: forward kinematics. `records`: records of an mcap file. `smoothing`: splines through samples.
 """
 
@@ -14,13 +14,36 @@ from typing import TYPE_CHECKING, Any
 from poise.kernels.library import COMPILED
 
 if TYPE_CHECKING:
+    from poise.kernels.averaging import (
+        CompiledHypotheses,
+        bias_taken_out,
+        evidence,
+        sums_likelihood,
+        weighed_sums,
+    )
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.records import find_records
     from poise.kernels.smoothing import CompiledSplines
 
-__all__ = ["COMPILED", "Chain", "CompiledSplines", "chain_motion", "find_records"]
+__all__ = [
+    "COMPILED",
+    "Chain",
+    "CompiledHypotheses",
+    "CompiledSplines",
+    "bias_taken_out",
+    "chain_motion",
+    "evidence",
+    "find_records",
+    "sums_likelihood",
+    "weighed_sums",
+]
 
 _FILES = {
+    "CompiledHypotheses": "averaging",
+    "bias_taken_out": "averaging",
+    "evidence": "averaging",
+    "sums_likelihood": "averaging",
+    "weighed_sums": "averaging",
     "Chain": "chain",
     "chain_motion": "chain",
     "find_records": "records",

@@ -16,6 +16,14 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_smoother_at": (_INT, [_POINTER, _INT, _INT, _POINTER, _POINTER]),
     "poise_smoother_covariance": (_INT, [_POINTER, *[_INT] * 7, _POINTER, _POINTER]),
     "poise_smoother_free": (None, [_POINTER]),
+    "poise_mass_at": (None, [_POINTER, _INT, *[_POINTER] * 3]),
+    "poise_climb": (_INT, [_POINTER, _INT, *[_POINTER] * 5, ctypes.c_double, _INT, *[_POINTER] * 3]),
+    "poise_narrowed": (_INT, [_POINTER, _INT, *[_POINTER] * 5]),
+    "poise_curved": (_INT, [_POINTER, _INT, *[_POINTER] * 5]),
+    "poise_evidence": (_INT, [_INT, _INT, *[_POINTER] * 6]),
+    "poise_without_bias": (_INT, [_INT, *[_POINTER] * 9]),
+    "poise_normal_equations": (_INT, [_INT, *[_POINTER] * 3, ctypes.c_double, *[_POINTER] * 3]),
+    "poise_log_likelihood": (_INT, [_INT, *[_POINTER] * 7]),
 }
 
 
@@ -29,11 +37,11 @@ def _load() -> Any:
         library.poise_kernels_version.restype = _INT
         if library.poise_kernels_version() != _VERSION:
             return None
-    except (OSError, AttributeError):  # of another platform, or not a library of Poise
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError):  # of another platform, not of Poise, or of an earlier one with fewer kernels
         return None
-    for name, (result, arguments) in _SIGNATURES.items():
-        function = getattr(library, name)
-        function.restype, function.argtypes = result, arguments
     return library
 
 

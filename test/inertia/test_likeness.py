@@ -66,3 +66,14 @@ def test_likeness_follows_the_parts_into_another_frame_and_has_to_fit_them() -> 
     np.testing.assert_array_equal(moved.likeness, parts.likeness)
     with pytest.raises(InputError, match=r"likeness has shape \(2, 2\), expected \(9, 9\)"):
         replace(parts, likeness=np.eye(2))
+
+
+@pytest.mark.parametrize("scale", [1 + 1e-15, 1 - 1e-15])
+def test_an_answer_at_rest_does_not_depend_on_rounding(scale: float) -> None:
+    """The weight is known to 1e-5 and the inertia not at all: the one must not be lost in the rounding of the other."""
+    parts = blocks()
+    densities = np.where(COLOURS[:, 0] > 0.6, 1000.0, 7800.0)
+    alike = replace(parts, likeness=likeness_of_colours(COLOURS))
+    found = inertia_of(parts, densities, alike)[0]
+    moved = replace(alike, unit_phi=parts.unit_phi * scale)
+    np.testing.assert_allclose(inertia_of(parts, densities, moved)[0], found, rtol=0, atol=1e-6 * np.abs(found).max())

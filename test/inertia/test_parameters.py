@@ -171,3 +171,11 @@ def test_what_is_no_inertia_is_refused_with_a_code(com, inertia, code):
     with pytest.raises(InputError) as caught:
         InertialParameters(1.0, com, inertia)
     assert caught.value.code is code
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("phi", [[1e-320, 1e300, 0, 0, 1, 0, 0, 1, 0, 1], [1, 1e200, 1e200, 0, 1, 0, 0, 1, 0, 1]])
+def test_numbers_that_overflow_give_no_body_and_no_warning(phi):
+    body = InertialParameters.from_phi(phi)
+    assert not np.isfinite(body.phi).all()
+    assert not body.is_consistent

@@ -80,3 +80,17 @@ def test_portions_judge_as_one_pass_over_the_whole_recording():
     assert expected.sum() > 15
     for portion in (1, 7, 31, 32, 33, 200):
         np.testing.assert_array_equal(judged(rows, portion), expected)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+def test_samples_that_are_no_numbers_neither_warn_nor_hide_spikes(bad):
+    rows = wrench(250.0, np.random.default_rng(8))
+    rows[600] += 50.0
+    for portion in (7, 500):
+        given = rows.copy()
+        given[570:580] = bad
+        given[[100, 101], 2] = bad, -bad
+        assert 600 in np.flatnonzero(judged(given, portion))
+        given[:] = bad
+        assert not judged(given, portion).any()

@@ -1,5 +1,6 @@
 """Every hypothesis solved on its own, and their answers averaged by how well they predict the samples."""
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -8,10 +9,12 @@ import numpy as np
 from poise.inertia.bayes.curvature import ANY_MASS, curved_covariance
 from poise.inertia.bayes.first_guess import EXPECTED
 from poise.inertia.bayes.hypotheses import Hypotheses
-from poise.inertia.bayes.mass_model import MassModel
+from poise.inertia.bayes.mass_model import MassModel, compiled_hypotheses
 from poise.inertia.bayes.sensor_bias import WithoutBias
+from poise.inertia.bayes.small_systems import apply, normalised, seen_through, solve
 from poise.inertia.model import N_UNKNOWNS, NormalEquations, mixed
-from poise.types import Array, Indices, Mask
+from poise.kernels import COMPILED, evidence
+from poise.types import Array, Indices
 
 _LARGEST_FALL = 0.8
 """Share of its mass that a part may lose in one step."""
@@ -54,7 +57,7 @@ class Posterior:
     @property
     def weights(self) -> Array:
         """(H,) probabilities."""
-        return _normalised(self.log_weights)
+        return normalised(self.log_weights)
 
 
 @dataclass(frozen=True)
@@ -76,9 +79,9 @@ class ModelAverage:
     """Bayesian model averaging over the hypotheses about one `MassModel`.
 
     For one hypothesis the prior of the state is a Gaussian and phi a smooth function of it, so that the posterior is
-    found by Gauss-Newton, and the evidence by Laplace's method, both in the ten dimensions of phi. With the model
-    linearised, phi ~ N(mu, C), and the bias integrated out, phi = mu + (1 + C H)^-1 C (g - H mu): no prior is ever
-    inverted, so a variance of zero is as good as any.
+    found by Gauss-Newton, and the evidence by Laplace's method. With the model linearised, phi ~ N(mu, R R^T), and the
+    bias integrated out, phi = mu + R (1 + R^T H R)^-1 R^T (g - H mu): no prior is ever inverted, so a variance of zero
+    is as good as any.
 
     Args:
         model: which phi there are.
@@ -98,8 +101,10 @@ class ModelAverage:
         self._root = np.eye(model.n_states)
         if model.likeness is not None:
             self._root[: model.n_parts, : model.n_parts] = np.linalg.cholesky(model.likeness)
-        self._likeness = self._root @ self._root.T
-        self._unrooted = np.linalg.inv(self._root[: model.n_parts, : model.n_parts]).T
+        self._unrooted: Array = np.linalg.inv(self._root[: model.n_parts, : model.n_parts]).T.astype(np.float64)
+        self._kernel = None
+        if COMPILED:
+            self._kernel = compiled_hypotheses(model, self._guess, self._root, self._unrooted, self._scale, ANY_MASS)
         self.consider()
 
     @property
@@ -124,23 +129,26 @@ class ModelAverage:
         case = self.hypotheses.bias_case[self._left]
         reduced = WithoutBias.of(self._scaled(normals), self.hypotheses.bias_variances)
         variances = self.hypotheses.state_variances[self._left]
-        mode = self._climb(self._states[self._left], variances, reduced, case, effort)
-        self._states[self._left] = mode.states
-        unknowns = np.concatenate([mode.phi, reduced.bias(case, mode.phi)], axis=1)
+        states, phi, penalty, determinants = self._climbed(self._states[self._left], variances, reduced, case, effort)
+        self._states[self._left] = states
+        unknowns = np.concatenate([phi, reduced.bias(case, phi)], axis=1)
         back = self._to_sensor()
-        system = _IDENTITY[:10, :10] + mode.prior @ reduced.information[case]
-        log = likelihood(unknowns @ back.T, case) - mode.penalty - np.linalg.slogdet(system)[1] / 2
+        log = likelihood(unknowns @ back.T, case) - penalty - determinants / 2
         log += self.hypotheses.log_probability[self._left] + reduced.log_prior(case, unknowns[:, 10:])
         log = self.hypotheses.balanced(self._left, log)
-        keep = _normalised(log) >= effort.negligible
+        keep = normalised(log) >= effort.negligible
         self._left, case = self._left[keep], case[keep]
-        self._answer = _Answers(mode.states[keep], unknowns[keep], log[keep], reduced, self._left, case, back)
-        return self._posterior(self._answer, self._narrowed(mode.states[keep], reduced.information[case]))
+        self._answer = _Answers(states[keep], unknowns[keep], log[keep], reduced, self._left, case, back)
+        return self._posterior(self._answer, self._narrowed(states[keep], reduced.information, case))
 
     def with_curvature(self) -> Posterior:
         """The last answer, with a covariance that holds where the model is not linear."""
         found = self._answer
-        to_states = self._root * np.sqrt(self.hypotheses.state_variances[found.left])[:, None]
+        variances = self.hypotheses.state_variances[found.left]
+        if self._kernel is not None:
+            inner = self._kernel.curved(found.states, variances, found.case, found.reduced.information)
+            return self._posterior(found, inner)
+        to_states = self._root * np.sqrt(variances)[:, None]
         inner = curved_covariance(
             self._linearised, self.model.n_parts, found.states, to_states, found.reduced.information[found.case]
         )
@@ -148,7 +156,7 @@ class ModelAverage:
 
     def _posterior(self, found: "_Answers", inner: Array) -> Posterior:
         """The average of hypotheses, from their covariances (H, 10, 10)."""
-        weights = _normalised(found.log_weights)
+        weights = normalised(found.log_weights)
         covariance = found.reduced.joint_covariance(found.case, inner)
         mean = weights @ found.unknowns
         scatter = found.unknowns - mean
@@ -178,12 +186,16 @@ class ModelAverage:
         phi, jacobian = self._linearised(states)
         full = np.zeros((len(states), N_UNKNOWNS, N_UNKNOWNS))
         full[:, range(10, 16), range(10, 16)] = self.hypotheses.bias_variances
-        full[:, :10, :10] = self._prior(jacobian, variances)
+        root = jacobian @ self._spread(variances)
+        full[:, :10, :10] = root @ root.swapaxes(1, 2)
         mean = np.zeros((len(states), N_UNKNOWNS))
-        mean[:, :10] = phi + _apply(jacobian, self._guess - states)
+        mean[:, :10] = phi + apply(jacobian, self._guess - states)
+        if COMPILED:
+            log, step = evidence(scaled.information, scaled.vector, full, mean)
+            return log, (mean[:, None] + step) @ self._to_sensor().T
         gradient = scaled.vector - (scaled.information @ mean[:, None, :, None])[..., 0]  # (B, L, 16)
         system = _IDENTITY + full[:, None] @ scaled.information
-        step = _solve(system, (gradient @ full)[..., None])[..., 0]
+        step = solve(system, (gradient @ full)[..., None])[..., 0]
         log = np.sum(gradient * step, axis=-1) + ((scaled.vector + gradient) @ mean[:, :, None])[..., 0]
         return (log - np.linalg.slogdet(system)[1]) / 2, (mean[:, None] + step) @ self._to_sensor().T
 
@@ -199,10 +211,23 @@ class ModelAverage:
         for case in range(len(scouts)):
             same = posterior.bias_cases == case
             same |= not same.any()
-            weights = _normalised(posterior.log_weights[same])
+            weights = normalised(posterior.log_weights[same])
             states[case] = weights @ posterior.states[same]
             variances[case] = weights @ self.hypotheses.state_variances[posterior.left[same]]
         return states, variances
+
+    def _climbed(
+        self, states: Array, variances: Array, reduced: WithoutBias, case: Indices, effort: SolverEffort
+    ) -> tuple[Array, Array, Array, Array]:
+        """What `_climb` arrives at: (H, n) states, (H, 10) phi, (H,) penalty, (H,) log |1 + C H|."""
+        if self._kernel is not None:
+            reach = effort.tolerance, effort.max_iterations
+            return self._kernel.climb(states, variances, case, reduced.information, reduced.vector, *reach)
+        mode = self._climb(states, variances, reduced, case, effort)
+        root = self._linearised(mode.states)[1] @ self._spread(variances)
+        system, scale = seen_through(root, reduced.information[case])
+        determinants = np.linalg.slogdet(system)[1] + 2 * np.log(scale).sum(axis=1)
+        return mode.states, mode.phi, mode.penalty, determinants
 
     def _climb(
         self, states: Array, variances: Array, reduced: WithoutBias, case: Indices, effort: SolverEffort
@@ -224,15 +249,14 @@ class ModelAverage:
             phi, jacobian = self._linearised(trial)
             penalty = self._penalty(trial, variances[moving])
             linear, square = reduced.vector[case[moving]], reduced.information[case[moving]]
-            log = np.sum(phi * (linear - _apply(square, phi) / 2), axis=1) - penalty
+            log = np.sum(phi * (linear - apply(square, phi) / 2), axis=1) - penalty
             gain = log - mode.log[moving]
             better = gain >= 0
             length[moving] = np.where(better, 1.0, length[moving] * _SHORTENING)
             gained = moving[better]
-            prior = self._prior(jacobian[better], variances[gained])
             for target, value in zip(
-                (mode.states, mode.phi, mode.prior, mode.penalty, mode.log),
-                (trial[better], phi[better], prior, penalty[better], log[better]),
+                (mode.states, mode.phi, mode.penalty, mode.log),
+                (trial[better], phi[better], penalty[better], log[better]),
                 strict=True,
             ):
                 target[gained] = value
@@ -247,23 +271,22 @@ class ModelAverage:
     def _gauss_newton(
         self, states: Array, phi: Array, jacobian: Array, variances: Array, square: Array, linear: Array
     ) -> Array:
-        """(H, n) relative changes of part masses and changes of deformations, in the ten dimensions of phi.
+        """(H, n) relative changes of part masses and changes of deformations.
 
         phi is linear in the masses: only their sign limits the step. Parts that would lose more than is allowed lose
-        that, and the others make the best of it.
+        that, and the others make the best of it. In units of the prior, what the samples do not show is not lost in the
+        rounding of what they show sharply.
         """
         n_parts = self.model.n_parts
         offset = self._guess - states
         free = np.ones(offset.shape, dtype=bool)
         for _ in range(2):
-            prior = self._prior(jacobian, variances, free)
-            mean = phi + _apply(jacobian, offset)
-            gradient = linear - _apply(square, mean)
-            change = _solve(_IDENTITY[:10, :10] + prior @ square, _apply(prior, gradient)[..., None])[..., 0]
-            # The prior of the state, moved by what the samples pull at phi: C^-1 times the change is that pull.
-            pull = _apply(jacobian.swapaxes(1, 2), gradient - _apply(square, change)) * free
-            step = offset + pull @ self._likeness * variances * free
-            step[:, :n_parts] += ANY_MASS * pull[:, :n_parts].sum(axis=1, keepdims=True) * free[:, :n_parts]
+            spread = self._spread(variances) * free[:, :, None]
+            root = jacobian @ spread
+            gradient = linear - apply(square, phi + apply(jacobian, offset))
+            system, scale = seen_through(root, square)
+            pull = apply(root.swapaxes(1, 2), gradient) / scale
+            step = offset + apply(spread, solve(system, pull[..., None])[..., 0] / scale)
             lost = step[:, :n_parts] < -_LARGEST_FALL
             if not lost.any():
                 break
@@ -282,24 +305,25 @@ class ModelAverage:
 
     def _linearised(self, states: Array) -> tuple[Array, Array]:
         """(H, 10) phi and (H, 10, n) its derivative, in units of the guessed mass."""
+        if self._kernel is not None:
+            return self._kernel.evaluate(states)
         phi, jacobian = self.model.evaluate(states)
         return phi / self._scale, jacobian / self._scale
 
-    def _prior(self, jacobian: Array, variances: Array, free: "Mask | None" = None) -> Array:
-        """(H, 10, 10) covariance of phi, when the total mass of the free parts may be anything."""
-        if free is not None:
-            jacobian = jacobian * free[:, None]
-        mass = jacobian[:, :, : self.model.n_parts].sum(axis=2)
-        rooted = jacobian @ self._root
-        spread = (rooted * variances[:, None]) @ rooted.swapaxes(1, 2)
-        return np.asarray(spread + ANY_MASS * mass[:, :, None] * mass[:, None, :])
+    def _spread(self, variances: Array) -> Array:
+        """(H, n, n + 1) root of the prior covariance of states, the total mass, which may be anything, last."""
+        common = np.zeros((*variances.shape, 1))
+        common[:, : self.model.n_parts] = np.sqrt(ANY_MASS)
+        return np.concatenate([self._root * np.sqrt(variances)[:, None], common], axis=2)
 
-    def _narrowed(self, states: Array, information: Array) -> Array:
+    def _narrowed(self, states: Array, informations: Array, case: Indices) -> Array:
         """(H, 10, 10) posterior covariance of phi; symmetric all the way, so that it stays positive."""
-        n_parts, variances = self.model.n_parts, self.hypotheses.state_variances[self._left]
-        jacobian = self._linearised(states)[1]
-        mass = np.sqrt(ANY_MASS) * jacobian[:, :, :n_parts].sum(axis=2, keepdims=True)
-        root = np.concatenate([jacobian @ self._root * np.sqrt(variances)[:, None], mass], axis=2)
+        variances = self.hypotheses.state_variances[self._left]
+        if self._kernel is not None:
+            with contextlib.suppress(np.linalg.LinAlgError):
+                return self._kernel.narrowed(states, variances, case, informations)
+        information = informations[case]
+        root = self._linearised(states)[1] @ self._spread(variances)
         back = root.swapaxes(1, 2)
         seen = back @ information @ root
         try:
@@ -353,14 +377,12 @@ class _Mode:
     Args:
         states: (H, n) best so far.
         phi: (H, 10) there.
-        prior: (H, 10, 10) prior covariance of phi there.
         penalty: (H,) minus the log of the prior there.
         log: (H,) log of likelihood times prior there, up to what a hypothesis keeps to itself.
     """
 
     states: Array
     phi: Array
-    prior: Array
     penalty: Array
     log: Array
 
@@ -368,18 +390,4 @@ class _Mode:
     def at(cls, states: Array) -> "_Mode":
         """Nothing known yet of these states."""
         n = len(states)
-        return cls(states.copy(), np.zeros((n, 10)), np.zeros((n, 10, 10)), np.zeros(n), np.full(n, -np.inf))
-
-
-def _normalised(log_weights: Array) -> Array:
-    weights = np.exp(log_weights - log_weights.max())
-    return np.asarray(weights / weights.sum())
-
-
-def _solve(systems: Array, right: Array) -> Array:
-    return np.asarray(np.linalg.solve(systems, right), dtype=np.float64)
-
-
-def _apply(matrices: Array, vectors: Array) -> Array:
-    """(..., N) matrix times vector, row by row."""
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
+        return cls(states.copy(), np.zeros((n, 10)), np.zeros(n), np.full(n, -np.inf))

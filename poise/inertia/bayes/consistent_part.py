@@ -112,7 +112,11 @@ class MeanCheck:
         if len(self.left) < _LEAST_BLOCKS:
             return np.zeros(2)
         squares = _by_group(np.diff(self.left, n=3, axis=0))
-        return np.asarray(np.quantile(squares, 0.25, axis=0) / (20 * _LOWER_QUARTILE))
+        place = 0.25 * (len(squares) - 1)
+        ordered, below = np.sort(squares, axis=0), int(place)
+        above = min(below + 1, len(squares) - 1)
+        quartile = ordered[below] + (place - below) * (ordered[above] - ordered[below])
+        return np.asarray(quartile / (20 * _LOWER_QUARTILE))
 
     def tolerance(self, unknowns: Array) -> Array:
         """(..., B, 2) variances of means that are no contact, of force and torque, for payloads (..., 16)."""

@@ -28,20 +28,19 @@ def states_of_shape(model: MassModel, normal: NormalEquations, bias_variances: A
     directions[:10, 0] = model.to_sensor @ model.evaluate(np.zeros((1, model.n_states)))[0][0]
     directions[10:, 1:] = np.eye(6)
     states = np.zeros((len(bias_variances), model.n_states))
-    for state, variances in zip(states, bias_variances, strict=True):
-        mean, deviation = _ridge(normal, directions, np.concatenate([[np.inf], variances]))
-        state[: model.n_parts] = np.log(max(mean[0], _LEAST_MASS * deviation[0]))
+    mean, deviation = _ridge(normal, directions, np.insert(bias_variances, 0, np.inf, axis=1))
+    masses = np.maximum(mean[:, 0], _LEAST_MASS * deviation[:, 0])
+    states[:, : model.n_parts] = np.log(masses)[:, None]
     return states
 
 
 def blob(normal: NormalEquations, bias_variances: Array) -> tuple[MassModel, Array]:
     """A body of unknown shape about where the samples put it, and (B, n) states for each prior of the bias (B, 6)."""
-    masses, centres = np.empty(len(bias_variances)), np.empty((len(bias_variances), 3))
-    for case, variances in enumerate(bias_variances):
-        mean, deviation = _ridge(normal, np.eye(N_UNKNOWNS), np.concatenate([_SPREAD**2, variances]))
-        masses[case] = max(mean[0], _LEAST_MASS * deviation[0])
-        centre = mean[1:4] / masses[case]
-        centres[case] = centre * min(1.0, _REACH / max(float(np.linalg.norm(centre)), _REACH))
+    spreads = np.tile(_SPREAD**2, (len(bias_variances), 1))
+    mean, deviation = _ridge(normal, np.eye(N_UNKNOWNS), np.concatenate([spreads, bias_variances], axis=1))
+    masses = np.maximum(mean[:, 0], _LEAST_MASS * deviation[:, 0])
+    centres = mean[:, 1:4] / masses[:, None]
+    centres = centres * (_REACH / np.maximum(np.linalg.norm(centres, axis=1), _REACH))[:, None]
     sphere = np.cbrt(3 * masses[EXPECTED] / (4 * np.pi * _TYPICAL_DENSITY))
     model = MassModel.of_blob(centres[EXPECTED], float(_ELONGATION * sphere / np.sqrt(5)))
     states = np.zeros((len(masses), model.n_states))
@@ -55,9 +54,10 @@ EXPECTED = 1
 
 
 def _ridge(normal: NormalEquations, directions: Array, variances: Array) -> tuple[Array, Array]:
-    """Mean and deviation (M,) of unknowns along directions (16, M), with prior variances (M,) that may be 0 or inf."""
+    """Mean and deviation (B, M) along directions (16, M), for prior variances (B, M) that may be 0 or infinite."""
     scale = np.sqrt(np.where(np.isfinite(variances), variances, 1.0))
-    inside = directions * scale
-    information = inside.T @ normal.information @ inside + np.diag(np.isfinite(variances).astype(float))
-    covariance = np.linalg.inv(information)
-    return scale * (covariance @ (inside.T @ normal.vector)), scale * np.sqrt(np.diag(covariance).clip(min=0.0))
+    inside = directions * scale[:, None]
+    prior = np.isfinite(variances)[:, :, None] * np.eye(variances.shape[1])
+    covariance = np.linalg.inv(inside.swapaxes(1, 2) @ normal.information @ inside + prior)
+    mean = (covariance @ (normal.vector @ inside)[..., None])[..., 0]
+    return scale * mean, scale * np.sqrt(np.diagonal(covariance, axis1=1, axis2=2).clip(min=0.0))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poise.inertia.model import UPPER, phi_of_pseudo_inertia, pseudo_inertia
+from poise.kernels import CompiledHypotheses
 from poise.types import Array
 
 N_DEFORMATIONS = 9
@@ -134,6 +135,25 @@ class MassModel:
         # dE J E^T and its transpose give the same phi.
         jacobian[:, n_parts:] = half.reshape(count, N_DEFORMATIONS, 16) @ (2 * _PHI.T)
         return jacobian[:, :n_parts].sum(axis=1), jacobian.swapaxes(1, 2)
+
+
+def compiled_hypotheses(
+    model: MassModel, guess: Array, root: Array, unrooted: Array, scale: float, any_mass: float
+) -> CompiledHypotheses:
+    """The kernel for a model; see `ModelAverage` for the prior that the other arguments describe."""
+    parts = slice(model.n_parts)
+    return CompiledHypotheses(
+        halvings=model.halvings,
+        scale=scale,
+        any_mass=any_mass,
+        moments=model.unit_moments.reshape(-1, 16),
+        shares=model.shares,
+        guess=guess,
+        root=None if model.likeness is None else root[parts, parts],
+        unrooted=unrooted,
+        flat=_GENERATORS.reshape(N_DEFORMATIONS, 16),
+        products=_PRODUCTS,
+    )
 
 
 def _frame(axes: Array, origin: Array) -> Array:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from poise.geometry import cross
 from poise.inertia.bayes.blocks import BLOCK, BlockStore, MomentBlocks
 from poise.inertia.bayes.delay import LagGrid
 from poise.inertia.model import N_MOTION, N_SIGNALS, motion_signals
@@ -158,6 +159,6 @@ def extrapolated(motion: Array, seconds: Array) -> Array:
     time = seconds[:, None]
     omega, alpha = motion[:, OMEGA], motion[:, ALPHA]
     turn = omega * time + alpha * time**2 / 2
-    once = np.cross(turn, motion[:, SPECIFIC])
-    specific = motion[:, SPECIFIC] - once + np.cross(turn, once) / 2
+    once = cross(turn, motion[:, SPECIFIC])
+    specific = motion[:, SPECIFIC] - once + cross(turn, once) / 2
     return np.concatenate([specific, omega + alpha * time, alpha], axis=1)

@@ -161,7 +161,7 @@ class PosteriorSearch:
             touched=rejected > _MOST_REJECTED * self.blocks.sizes.sum(),
         )
 
-    @property
+    @cached_property
     def judged(self) -> MeanCheck:
         """The means of all blocks against the answer."""
         return MeanCheck(self.found.means, self.blocks.sizes, self.noise)

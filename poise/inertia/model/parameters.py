@@ -32,6 +32,7 @@ class InertialParameters:
     com: Array
     inertia: Array
 
+    @np.errstate(over="ignore", invalid="ignore")
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass", float(self.mass))
         for name, shape in (("com", (3,)), ("inertia", (3, 3))):
@@ -49,6 +50,7 @@ class InertialParameters:
             )
 
     @classmethod
+    @np.errstate(over="ignore", invalid="ignore")  # numbers that are too large become infinite
     def from_phi(cls, phi: ArrayLike) -> "InertialParameters":
         """Read (m, m c, I about the frame's origin), (10,), in the order of `PARAMETER_NAMES` (thesis eq. 3.1).
 
@@ -62,6 +64,7 @@ class InertialParameters:
         return cls(mass, com, symmetric(values[4:]) - mass * _parallel_axis(com))
 
     @property
+    @np.errstate(over="ignore", invalid="ignore")
     def phi(self) -> Array:
         """(10,) m, m c, and the inertia about the frame's origin, in which the wrench is linear (thesis eq. 3.1)."""
         about_origin = self.inertia + self.mass * _parallel_axis(self.com)
@@ -83,7 +86,7 @@ class InertialParameters:
 
         Where the inertia is not known in full, only the mass decides: any mass and centre of mass have a body.
         """
-        if not np.all(np.isfinite(self.phi[:4])):
+        if not np.all(np.isfinite(self.phi[:4])) or np.any(np.isinf(self.inertia)):
             return False
         if not np.all(np.isfinite(self.inertia)):
             return self.mass > 0
@@ -162,9 +165,11 @@ def about_com_jacobian(phi: ArrayLike) -> Array:
     jacobian[:3, 0] = -com / mass
     jacobian[:3, 1:4] = np.eye(3) / mass
     jacobian[3:, 0] = _parallel_axis(com)[UPPER]
-    for axis, unit in enumerate(np.eye(3)):
-        # The polarised parallel axis: d(c.c E - c c^T) along a unit vector.
-        jacobian[3:, 1 + axis] = -(_parallel_axis(com + unit) - _parallel_axis(com) - _parallel_axis(unit))[UPPER]
+    x, y, z = com
+    # The derivative of c.c E - c c^T.
+    jacobian[3:, 1:4] = -np.array(
+        [[0, 2 * y, 2 * z], [-y, -x, 0], [-z, 0, -x], [2 * x, 0, 2 * z], [0, -z, -y], [2 * x, 2 * y, 0]]
+    )
     jacobian[3:, 4:] = np.eye(6)
     return jacobian
 

@@ -16,6 +16,7 @@ from poise.geometry import cross_matrix
 from poise.inertia.model.parameters import UPPER
 from poise.inertia.model.problem import NoiseLevels
 from poise.inertia.model.wrench_regressor import regressor
+from poise.kernels import COMPILED, sums_likelihood, weighed_sums
 from poise.types import Array
 
 N_MOTION = 13
@@ -124,6 +125,13 @@ def normal_equations(moments: Array, counts: ArrayLike, covariance: Array, noise
         covariance: (6, 6) of a residual; its inverse is the weight.
         noise: of one sample.
     """
+    if COMPILED:
+        shape = moments.shape[:-2]
+        numbers = np.broadcast_to(np.asarray(counts, dtype=np.float64), shape).ravel()
+        variance = max(noise.angular_acceleration**2, _LEAST_VARIANCE)
+        sums = moments.reshape(-1, N_SIGNALS, N_SIGNALS)
+        square, linear = weighed_sums(sums, numbers, covariance, variance, ENTRIES)
+        return NormalEquations(square.reshape(*shape, N_UNKNOWNS, N_UNKNOWNS), linear.reshape(*shape, N_UNKNOWNS))
     root = np.linalg.inv(np.linalg.cholesky(covariance)).T
     weighted = (root.T @ ENTRIES.reshape(6, -1)).reshape(ENTRIES.shape)  # (6, 16, 13): rows of the whitened wrench
     motion = without_noise(moments[..., :N_MOTION, :N_MOTION], counts, noise)
@@ -196,6 +204,11 @@ def log_likelihood(moments: Array, unknowns: Array, noise: NoiseLevels, inflatio
         unknowns: (H, 16).
         noise, inflation: as in `residual_covariance`.
     """
+    if COMPILED:
+        sums = moments.reshape(-1, N_SIGNALS, N_SIGNALS)
+        which = np.arange(len(unknowns)) if moments.ndim > 2 else np.zeros(len(unknowns), dtype=np.int64)
+        motion = np.array([noise.linear_acceleration, noise.angular_acceleration])
+        return sums_likelihood(sums, which, unknowns, ENTRIES, noise.wrench**2 * np.repeat(inflation, 3), motion)
     squares, _ = residual_moments(moments, unknowns)
     weighted = np.linalg.solve(residual_covariance(unknowns[:, :10], noise, inflation), squares)
     return np.asarray(-np.trace(weighted, axis1=1, axis2=2) / 2)

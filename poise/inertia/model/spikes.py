@@ -32,10 +32,12 @@ class SpikeFilter:
         self._known: tuple[int, Array] = -1, np.full(6, np.inf)
         """The number of a block, and what its samples are compared with."""
 
+    @np.errstate(over="ignore")
     def judge(self, wrench: Array, ahead: Array) -> Mask:
         """(N,) samples (N, 6) that are spikes; `ahead` are the samples that follow, two of which count."""
         kept = len(self._recent)
         rows = np.concatenate([self._recent, wrench, ahead[:_SIDE]])
+        rows[~np.isfinite(rows)] = np.nan  # no spike, and shows nothing; differences of infinite numbers give warnings
         first = self._n_recent_first
         result = np.zeros(len(wrench), dtype=bool)
         begin, end = max(kept, _SIDE), len(rows) - _SIDE
@@ -71,7 +73,12 @@ def _usual(blocks: Array) -> Array:
     """(B, 6) how far from the median is too far, of the bends of blocks (B, _BLOCK, 6)."""
     moving = np.where(blocks > 0, blocks, np.nan)
     moving[:, 0][np.isnan(moving).all(axis=1)] = np.inf  # a frozen block shows nothing
-    usual = np.maximum(_USUAL * np.median(blocks, axis=1), _QUANTA * np.nanmedian(moving, axis=1))
+    middle = np.median(blocks, axis=1)
+    if np.isnan(middle).any():
+        blocks = blocks.copy()
+        blocks[:, 0][np.isnan(blocks).all(axis=1)] = np.inf
+        middle = np.nanmedian(blocks, axis=1)
+    usual = np.maximum(_USUAL * middle, _QUANTA * np.nanmedian(moving, axis=1))
     return np.asarray(np.maximum(usual, _LEAST))
 
 
