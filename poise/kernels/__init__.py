@@ -6,6 +6,7 @@ False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leave
 
 - `averaging`: hypotheses about a payload. `library`: finds and loads it. `arrays`: what is passed to it.
 - `chain`: forward kinematics. `records`: records of an mcap file. `smoothing`: splines through samples.
+- `robust`: least squares that weigh outliers less.
 """
 
 import importlib
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     )
     from poise.kernels.chain import Chain, chain_motion
     from poise.kernels.records import find_records
+    from poise.kernels.robust import robust_fit
     from poise.kernels.smoothing import CompiledSplines
 
 __all__ = [
@@ -34,6 +36,7 @@ __all__ = [
     "chain_motion",
     "evidence",
     "find_records",
+    "robust_fit",
     "sums_likelihood",
     "weighed_sums",
 ]
@@ -48,6 +51,7 @@ _FILES = {
     "chain_motion": "chain",
     "find_records": "records",
     "CompiledSplines": "smoothing",
+    "robust_fit": "robust",
 }
 
 

@@ -225,13 +225,20 @@ class SmoothedMotion:
         )
         first, final = _stretch_ends(stamps, gap)
         sure = stamps[(stamps - first >= edge) & (final - stamps >= edge)]
-        part = motion.select(np.isin(motion.stamps, sure))
+        part = motion.select(_among(motion.stamps, sure))
         rates = (
             part.angular_velocity_in_sensor,
             part.angular_acceleration_in_sensor,
             part.linear_acceleration_in_sensor,
         )
         self._samples.append(part.stamps, part.rotation_world_sensor, np.hstack(rates))
+
+
+def _among(stamps: Stamps, some: Stamps) -> Mask:
+    """(N,) stamps that are among some that do not descend; `numpy.isin` sorts both."""
+    if not len(some):
+        return np.zeros(len(stamps), dtype=bool)
+    return np.asarray(some[np.searchsorted(some, stamps).clip(max=len(some) - 1)] == stamps)
 
 
 def _ns(seconds: float) -> int:

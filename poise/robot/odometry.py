@@ -1,6 +1,6 @@
 """The motion of a robot's root link from odometry, with its errors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -20,17 +20,19 @@ class MeasuredBase:
         motion: (N) of the root link.
         known: (N,) where it is known.
         velocity_sigma, acceleration_sigma: (N, 6) linear and angular, in base axes.
+        place_noise: m, one sigma of a measured position; 0 where it was not asked for.
     """
 
     motion: BaseMotion
     known: Mask
     velocity_sigma: Array
     acceleration_sigma: Array
+    place_noise: float = 0.0
 
     def select(self, mask: Mask) -> "MeasuredBase":
         """The samples that a mask (N,) picks."""
         sigmas = self.velocity_sigma[mask], self.acceleration_sigma[mask]
-        return MeasuredBase(self.motion.select(mask), self.known[mask], *sigmas)
+        return MeasuredBase(self.motion.select(mask), self.known[mask], *sigmas, self.place_noise)
 
 
 def base_from_odometry(stamps: Stamps, rotation: Array, translation: Array, wanted: Stamps) -> MeasuredBase:
@@ -80,7 +82,8 @@ def base_motion_at(odometry: PoseStream, start: int, seconds: Array) -> Measured
     """
     columns = _pose_columns(odometry.rotation_parent_child, odometry.translation_parent_child)
     moved = resample(np.asarray((odometry.stamps - start) * 1e-9), columns, seconds)
-    return _measured_base((moved.position, moved.velocity, moved.acceleration), (moved.sigma[1], moved.sigma[2]))
+    found = _measured_base((moved.position, moved.velocity, moved.acceleration), (moved.sigma[1], moved.sigma[2]))
+    return replace(found, place_noise=float(moved.noise[:3].max()))
 
 
 def _pose_columns(rotation: Array, translation: Array) -> Array:

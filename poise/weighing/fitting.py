@@ -7,7 +7,8 @@ import numpy as np
 
 from poise.inertia.model import InertialParameters, signal_columns
 from poise.inertia.verdict import FitSamples
-from poise.types import Array, Mask
+from poise.kernels import COMPILED, robust_fit
+from poise.types import Array, Indices, Mask
 
 ReadingDesign = Callable[[FitSamples, Array], Array]
 """Of samples and values (k,): (N, 6, P) with wrench = design @ unknowns; the first ten unknowns are phi."""
@@ -118,11 +119,17 @@ def explain(
 def block_levels(residual: Array, usable: Mask | None = None) -> Array:
     """(B, 2) log of the root mean square of force and torque, in each of at most `N_BLOCKS` stretches of samples."""
     weights = np.ones(residual.shape) if usable is None else usable.astype(np.float64)
-    blocks = np.array_split(np.arange(len(residual)), min(N_BLOCKS, len(residual)))
-    starts = [block[0] for block in blocks]
+    starts = block_starts(len(residual), min(N_BLOCKS, len(residual)))
     squares = np.add.reduceat((weights * residual**2).reshape(-1, 2, 3).sum(axis=2), starts, axis=0)
     counts = np.add.reduceat(weights.reshape(-1, 2, 3).sum(axis=2), starts, axis=0)
     return np.asarray(0.5 * np.log(squares / counts.clip(min=1.0) + _LEAST**2))
+
+
+def block_starts(count: int, n_blocks: int) -> Indices:
+    """(B,) first of each of the blocks that `numpy.array_split` makes of a number of samples."""
+    length, longer = divmod(count, n_blocks)
+    number = np.arange(n_blocks)
+    return np.asarray(number * length + np.minimum(number, longer))
 
 
 def _linear(samples: FitSamples, matrix: Array, values: Array, usable: Mask | None) -> Explanation:
@@ -133,6 +140,9 @@ def _linear(samples: FitSamples, matrix: Array, values: Array, usable: Mask | No
 
 def _weighted(matrix: Array, wrench: Array, usable: Mask | None) -> tuple[Array, Array, Array]:
     """Unknowns (P,), roots of the weights (N, 6) and residual (N, 6) of iteratively reweighted least squares."""
+    if COMPILED:
+        counts = None if usable is None else usable.astype(np.float64)
+        return robust_fit(matrix, wrench, counts, least=_LEAST, huber=_HUBER, rounds=_ROUNDS)
     used = np.ones(wrench.shape) if usable is None else usable.astype(np.float64)
     flat = matrix.reshape(-1, matrix.shape[2])
     size = np.maximum(np.std(wrench.reshape(-1, 2, 3), axis=(0, 2)), _LEAST)
@@ -186,7 +196,7 @@ def _with_covariance(
     inverse = np.linalg.inv(normal / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))) / np.outer(scale, scale)
     scores = rows * (found.residual * root).ravel()[:, None]
     n_blocks = len(found.levels)
-    starts = [6 * block[0] for block in np.array_split(np.arange(len(samples)), n_blocks)]
+    starts = 6 * block_starts(len(samples), n_blocks)
     clusters = np.add.reduceat(scores, starts, axis=0)
     pulls = clusters @ inverse
     covariance = pulls.T @ pulls * n_blocks / max(n_blocks - 1, 1)

@@ -8,13 +8,16 @@ from poise.mismatch.inference import (
     FittedEffect,
     HypothesisSearch,
     Problem,
+    TimeLimit,
     effort_problem,
     fit,
     improved,
     names,
     replacements,
     residual_of,
+    screening,
 )
+from poise.mismatch.inference.fitting import refine
 
 VISCOUS = effect_named("viscous_friction")
 
@@ -46,6 +49,36 @@ def test_an_effect_gives_way_to_a_better_one_in_its_place(problem: Problem) -> N
     assert better is not None
     assert names(better) == ("viscous_friction",)
     assert improved(state, better, replacements(state, better)) is None
+
+
+def test_at_the_deadline_rivals_are_not_fitted_and_count_as_equal(
+    problem: Problem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = {each.name: each for each in all_effects()}
+    library = tuple(known[name] for name in ("coulomb_friction", "viscous_friction", "motor_inertia", "gear_ripple"))
+    state = HypothesisSearch(problem, library=library)
+    found = state.fitted(problem, [start(problem)], 4)
+    fits: list[str] = []
+    monkeypatch.setattr(screening, "refine", lambda *args: fits.append(args[3].name) or refine(*args))
+    complete = replacements(state, found)[0]
+    assert fits
+    assert complete["coulomb_friction"].gain < complete["viscous_friction"].gain - 20.0
+    fits.clear()
+    state.limit = TimeLimit(0.0)
+    cut = replacements(state, found)[0]
+    assert not fits
+    assert state.limit.cut
+    assert cut["viscous_friction"].gain == pytest.approx(complete["viscous_friction"].gain, rel=0.01)
+    assert cut["coulomb_friction"].gain == cut["viscous_friction"].gain
+    assert "gear_ripple" not in cut
+
+
+def test_a_later_limit_began_with_the_first_one_and_remembers_that_it_was_cut() -> None:
+    limit = TimeLimit(0.0)
+    assert limit.over()
+    later = limit.extended(2.0)
+    assert later.cut
+    assert not TimeLimit(1e6).extended(2.0).over()
 
 
 def test_the_prior_does_not_shrink_the_friction_of_a_wrist_that_needs_little_torque(problem: Problem) -> None:

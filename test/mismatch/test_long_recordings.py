@@ -9,6 +9,7 @@ from cases import make_case
 from poise.mismatch.effects.base_motion import MAX_SPLINES, UnreportedBaseMotion
 from poise.mismatch.inference.unknown import states
 from poise.mismatch.reading.wrench_samples import MAX_WRENCH_RATE, MAX_WRENCH_SAMPLES, MIN_WRENCH_RATE, usable
+from poise.mismatch.recorded import BaseTrack
 from poise.recording import WrenchStream
 
 
@@ -36,6 +37,22 @@ def test_a_base_motion_between_two_samples_does_nothing() -> None:
     columns = UnreportedBaseMotion().columns(recorded, {"start": between, "length": 1e-6, "splines": 10.0})
     assert columns.shape == (len(recorded), 6, 2 * MAX_SPLINES)
     assert not columns.any()
+
+
+def test_a_displacement_that_the_noise_of_odometry_hides_is_no_base_motion() -> None:
+    """A spline through noisy positions rounds a jump of the acceleration: the wrench shows it as a small motion."""
+    recorded, effect = make_case(3, duration=6.0).recorded(), UnreportedBaseMotion()
+    values = {p.name: 0.0 for p in effect.parameters(recorded)} | {"start": 2.0, "length": 1.0, "splines": 10.0}
+    values |= {"speed_x_3": 0.04, "speed_x_6": -0.04}
+    size = effect.derived(recorded, values)["displacement"][0]
+    still = np.zeros((len(recorded), 3))
+    jump = np.where(recorded.seconds > 2.5, 2.0, 0.0)[:, None] * np.array([1.0, 0.0, 0.0])
+    driven = BaseTrack(np.tile(np.eye(3), (len(still), 1, 1)), still, still, jump, still, still)
+    for base, sigmas in ((None, 3.0), (driven, 10.0)):
+        hidden, seen = (replace(recorded, base=base, place_noise=k * size / sigmas) for k in (1.1, 0.9))
+        assert "hides" in effect.implausible(hidden, values)
+        assert not effect.implausible(seen, values)
+    assert not effect.implausible(recorded, values)
 
 
 def test_a_curve_in_time_has_a_bounded_number_of_columns() -> None:

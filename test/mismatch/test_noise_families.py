@@ -122,6 +122,7 @@ def test_odometry_has_the_errors_that_it_states(deviation: float) -> None:
     base = base_motion_at(poses, 0, wanted)
     error = base.motion.linear_acceleration_in_base[:, 0] - true
     assert 0.4 < np.sqrt(np.mean(error**2) / np.mean(base.acceleration_sigma[:, 0] ** 2)) < 2.0
+    assert 0.8 * deviation < base.place_noise < 2.5 * deviation
     rest = base_motion_at(poses, 0, np.arange(1.0, 6.0, 0.1))
     assert not rest.acceleration_sigma[:, :3].any()
 

@@ -8,7 +8,18 @@ from cases import make_case
 
 from poise.mismatch.answer import diagnose, effects_called
 from poise.mismatch.effects import Effect, EffectParameter, Values, effect_named
-from poise.mismatch.inference import EffectProof, FittedEffect, TimeLimit, names, proven, search, wrench_problem
+from poise.mismatch.inference import (
+    EffectProof,
+    FittedEffect,
+    HypothesisSearch,
+    TimeLimit,
+    fit,
+    names,
+    proven,
+    replacements,
+    search,
+    wrench_problem,
+)
 from poise.mismatch.inference.proof import elsewhere, immaterial
 from poise.mismatch.reading import NominalModel
 from poise.mismatch.recorded import RecordedMotion
@@ -160,6 +171,35 @@ def test_a_shape_that_follows_noise_is_not_named() -> None:
     weak, strong = (EffectProof(6, 6, 1.1, 1.0, 90.0, 0.03, 0.0, 0.6, 90.0, excess, 0.0) for excess in (0.2, 0.9))
     assert "within the noise" in immaterial(recorded, part, weak)
     assert not immaterial(recorded, part, strong)
+
+
+class Tone(Pull):
+    """A force along the sensor's x with an unknown frequency; the search for it begins far away."""
+
+    name = "tone"
+
+    def parameters(self, recorded: RecordedMotion) -> tuple[EffectParameter, ...]:
+        frequency = EffectParameter("rate", "rad/s", low=0.1, high=20.0, linear=False)
+        return (frequency, *super().parameters(recorded))
+
+    def starts(self, recorded: RecordedMotion, residual: Array) -> list[Values]:
+        return [{"rate": 15.0}]
+
+    def columns(self, recorded: RecordedMotion, nonlinear: Values) -> Array:
+        out = np.zeros((len(recorded), 6, 1))
+        out[:, 0, 0] = np.sin(nonlinear["rate"] * recorded.seconds)
+        return out
+
+
+def test_an_answer_is_compared_with_its_rivals_at_its_own_values() -> None:
+    """Not at those that a search from its usual starting points would find again."""
+    problem, tone = wrench_problem(*pulled(3.0)), Tone(9.0)
+    state = HypothesisSearch(problem, library=(tone,))
+    state.offer(fit(state.judging, ()))
+    found = state.fitted(state.judging, [FittedEffect(tone, {"rate": 1.02, "force": 2.0})], 8)
+    own = replacements(state, found)[0]["tone"]
+    assert own.values["rate"] == pytest.approx(1.0, abs=0.05)
+    assert own.gain > 100.0
 
 
 def test_a_search_ends_at_its_deadline_and_lists_what_was_not_tried() -> None:

@@ -28,19 +28,20 @@ def regressor(
         for value in (gravity_minus_acceleration, angular_velocity, angular_acceleration)
     )
     matrix = np.zeros((*specific.shape[:-1], 6, 10))
-    omega_cross = cross_matrix(omega)
     matrix[..., :3, 0] = specific
-    matrix[..., :3, 1:4] = -cross_matrix(alpha) - omega_cross @ omega_cross
     matrix[..., 3:, 1:4] = -cross_matrix(specific)
-    matrix[..., 3:, 4:] = -inertia_product(alpha) - omega_cross @ inertia_product(omega)
-    return matrix
-
-
-def inertia_product(vector: Array) -> Array:
-    """(..., 3, 6) L(v) with I v = L(v) (Ixx, Ixy, Ixz, Iyy, Iyz, Izz)."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    matrix = np.zeros((*vector.shape, 6))
-    matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = x, y, z
-    matrix[..., 1, 1], matrix[..., 1, 3], matrix[..., 1, 4] = x, y, z
-    matrix[..., 2, 2], matrix[..., 2, 4], matrix[..., 2, 5] = x, y, z
+    (ax, ay, az), (x, y, z) = np.moveaxis(alpha, -1, 0), np.moveaxis(omega, -1, 0)
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    # -[alpha]x - [omega]x [omega]x, and -L(alpha) - [omega]x L(omega) with I v = L(v) (Ixx, Ixy, Ixz, Iyy, Iyz, Izz).
+    arm = ((yy + zz, az - xy, -ay - xz), (-az - xy, xx + zz, ax - yz), (ay - xz, -ax - yz, xx + yy))
+    turn = (
+        (-ax, xz - ay, -az - xy, yz, zz - yy, -yz),
+        (-xz, -ax - yz, xx - zz, -ay, xy - az, xz),
+        (xy, yy - xx, yz - ax, -xy, -ay - xz, -az),
+    )
+    for row in range(3):
+        for column, value in enumerate(arm[row]):
+            matrix[..., row, 1 + column] = value
+        for column, value in enumerate(turn[row]):
+            matrix[..., 3 + row, 4 + column] = value
     return matrix

@@ -45,8 +45,9 @@ from poise.mismatch.reading import NominalModel, with_model_effects, with_rest, 
 from poise.mismatch.recorded import WRENCH_CHANNELS, RecordedMotion
 from poise.types import Array, Mask
 
-_FOR_SEARCH = 0.6
-"""Share of the time until the deadline for the search; the proof takes the rest."""
+_FOR_SEARCH, _FOR_RIVALS = 0.6, 0.85
+"""Shares of the time until the deadline at which the search ends, and the comparison of the answer with its rivals; the
+proof takes the rest."""
 _REPLACED = 2
 """Times that an effect of the answer may be replaced by a better one."""
 _ALLOWED, _LEAST = 0.15, 1e-3
@@ -268,9 +269,10 @@ def _examined(
         looked = problem.of(without(problem.recorded, last))
     state, best = search(looked, library, limit)
     model, final, best, proof = _proven(state, best, seen, held)
+    state.limit = state.limit.extended(_FOR_RIVALS / _FOR_SEARCH)
     instead = replacements(state, model.fit)
     for _ in range(_REPLACED):
-        better = improved(state, model.fit, instead)
+        better = None if state.limit.over() else improved(state, model.fit, instead)
         if better is None:
             break
         tried = _proven(state, better, seen, held)

@@ -22,6 +22,10 @@ _MARGIN = 0.15
 """s by which a window may be wider than the burst that exceeds the noise."""
 _STRONGEST, _FARTHEST = 2.0, 0.5
 """m/s2 and m: what a base that slips, sways or is pushed does at most; wheels lose their grip at about 0.2 g."""
+_HIDDEN, _ROUNDED = 3.0, 10.0
+"""Sigmas of the measured position up to which a displacement is an error of the measured motion; the second while the
+reported acceleration of the base changes by at least half of what the event has. A spline through noisy positions
+turns a jump of the acceleration into a slope, and halves a short one: the wrench shows what odometry does report."""
 
 
 class UnreportedBaseMotion(Effect):
@@ -97,6 +101,9 @@ class UnreportedBaseMotion(Effect):
             return f"the base would accelerate by {acceleration:.1f} m/s2"
         if displacement > _FARTHEST:
             return f"the base would move by {displacement:.2f} m"
+        changes = 0.5 * acceleration < _reported_change(recorded, values)
+        if displacement < (_ROUNDED if changes else _HIDDEN) * recorded.place_noise:
+            return f"the base would move by {1e3 * displacement:.1f} mm, which the noise of its measured position hides"
         return super().implausible(recorded, values)
 
     def sentence(self, recorded: RecordedMotion, values: Values) -> str:
@@ -119,6 +126,15 @@ class UnreportedBaseMotion(Effect):
         size = np.abs(x)
         inner, outer = -2.0 * x + 1.5 * x * size, -np.sign(x) * (2.0 - np.minimum(size, 2.0)) ** 2 / 2.0
         return rows, np.where(size < 1.0, inner, outer) / interval
+
+
+def _reported_change(recorded: RecordedMotion, values: Values) -> float:
+    """m/s2, by how much the horizontal acceleration of the base that odometry reports changes during the event."""
+    after = recorded.seconds - values["start"]
+    during = (after > 0.0) & (after < values["length"])
+    if recorded.base is None or not during.any():
+        return 0.0
+    return float(np.linalg.norm(np.ptp(recorded.base.acceleration_in_world[during, :2], axis=0)))
 
 
 def _chained(spans: list[tuple[float, float]], seed: tuple[float, float]) -> tuple[float, float]:

@@ -93,6 +93,11 @@ def implausible(recorded: RecordedMotion, parts: Sequence[FittedEffect]) -> str:
     return next((f"{name}: {reason}" for name, reason in reasons if reason), "")
 
 
+def alike(one: Effect, other: Effect) -> bool:
+    """Whether effects are the same, or produce nearly equal residuals on poor motions."""
+    return one.name in (other.name, *other.confused_with) or other.name in one.confused_with
+
+
 def names(found: HypothesisFit) -> tuple[str, ...]:
     """The effects of a fit, in alphabetical order."""
     return tuple(sorted(part.effect.name for part in found.parts))

@@ -5,13 +5,13 @@ later. Each one is therefore compared with the whole library in its place, under
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from poise.mismatch.effects import Effect
 from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, fit
-from poise.mismatch.inference.hypotheses import HypothesisSearch
+from poise.mismatch.inference.hypotheses import HypothesisSearch, alike
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.screening import beside
-from poise.mismatch.inference.time_limit import TimeLimit
 from poise.mismatch.inference.unknown import Dependence
 
 EQUAL_EVIDENCE = 4.0
@@ -25,7 +25,10 @@ _STEPS = 4
 
 
 def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[str, EffectCandidate], ...]:
-    """For each part of an answer, what each effect of the library wins in its place, itself included."""
+    """For each part of an answer, what each effect of the library wins in its place, itself included.
+
+    At the deadline, effects that are confused with it count as equal to it: they were not compared in full.
+    """
     problem = state.under(found).weighed()
     out = []
     for part in found.parts:
@@ -35,7 +38,12 @@ def replacements(state: HypothesisSearch, found: HypothesisFit) -> tuple[dict[st
         # An effect is never named beside one that contains it.
         free = [each for each in state.library if each.name not in taken and not beside_it & set(each.made_of)]
         free = [each for each in free if others or _near(state, part, each)]
-        out.append({each.effect.name: each for each in beside(problem, others, free, TimeLimit())})
+        candidates = {each.effect.name: each for each in beside(problem, others, free, state.limit, part)}
+        own = candidates.get(part.effect.name)
+        if state.limit.over() and own is not None:
+            unsure = [each for each in free if alike(each, part.effect) and each is not part.effect]
+            candidates |= {each.name: replace(own, effect=each) for each in unsure}
+        out.append(candidates)
     return tuple(out)
 
 

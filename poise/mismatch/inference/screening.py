@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -25,20 +26,29 @@ _THRESHOLD = 3.0
 
 
 def beside(
-    problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect], limit: TimeLimit
+    problem: Problem,
+    parts: Sequence[FittedEffect],
+    effects: Sequence[Effect],
+    limit: TimeLimit,
+    known: FittedEffect | None = None,
 ) -> list[EffectCandidate]:
     """Each effect added to some parts, at its most likely values; the most promising first.
 
-    Slow effects are screened on averaged samples, fast ones at the full rate.
+    Slow effects are screened on averaged samples, fast ones at the full rate. The values of a `known` one are among the
+    points from which its fit may start.
     """
     full, rough = replace(problem, blocks=None), problem if problem.blocks else thinned(problem)
-    slow = _screened(rough, parts, [effect for effect in effects if not effect.fast], limit)
-    fast = _screened(full, parts, [effect for effect in effects if effect.fast], limit)
+    slow = _screened(rough, parts, [effect for effect in effects if not effect.fast], limit, known)
+    fast = _screened(full, parts, [effect for effect in effects if effect.fast], limit, known)
     return sorted((*slow, *fast), key=lambda each: -each.gain)
 
 
 def _screened(
-    problem: Problem, parts: Sequence[FittedEffect], effects: Sequence[Effect], limit: TimeLimit
+    problem: Problem,
+    parts: Sequence[FittedEffect],
+    effects: Sequence[Effect],
+    limit: TimeLimit,
+    known: FittedEffect | None,
 ) -> list[EffectCandidate]:
     """Each effect added to some parts at one rate, the most promising first.
 
@@ -51,11 +61,17 @@ def _screened(
         few = few.select(problem.blocks.middle(len(few)))
     seen = []
     for effect in effects:
-        if limit.over():
-            break
+        # At the deadline, a known effect is still compared.
+        own = known is not None and effect.name == known.effect.name
+        if limit.over() and not own:
+            continue
         # States have many columns; the middles of the blocks suffice for them.
         recorded = few if isinstance(effect, Dependence) else here.recorded
-        best = score_starts(problem, regression, recorded, effect, _starts(effect, recorded, here.residual))
+        starts = _starts(effect, recorded, here.residual)
+        if known is not None and own:
+            nonlinear = {p.name: known.values[p.name] for p in effect.parameters(recorded) if not p.linear}
+            starts = chain(starts, [nonlinear])
+        best = score_starts(problem, regression, recorded, effect, starts)
         if best is not None:
             seen.append(best)
     recorded = here.recorded

@@ -13,7 +13,7 @@ import numpy as np
 
 from poise.mismatch.effects import Effect, Values, all_effects
 from poise.mismatch.inference.fitting import EffectCandidate, HypothesisFit, exceeds_tolerance, fit
-from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, names
+from poise.mismatch.inference.hypotheses import WARM_STEPS, HypothesisSearch, alike, names
 from poise.mismatch.inference.linear_screen import screened
 from poise.mismatch.inference.problem import FittedEffect, Problem
 from poise.mismatch.inference.replacements import LOOKALIKE
@@ -133,7 +133,7 @@ def _needed(found: HypothesisFit, best: HypothesisFit, nominal: float) -> float:
     first = _UNKNOWN if isinstance(new, Dependence) else _WIDER if new.widens else _NEW_PHYSICS
     if not best.parts:
         return first
-    won = best.log_evidence - nominal if any(_alike(new, part.effect) for part in best.parts) else 0.0
+    won = best.log_evidence - nominal if any(alike(new, part.effect) for part in best.parts) else 0.0
     return max(first + _NEXT_MORE, _NEXT_THRESHOLD) + LOOKALIKE * max(won, 0.0)
 
 
@@ -160,10 +160,6 @@ def _alone(effect: Effect, whole: FittedEffect, recorded: RecordedMotion) -> Val
         p.name: 0.0 if p.linear else min(max(whole.values.get(p.name, p.from_unit(0.5)), p.low), p.high)
         for p in parameters
     }
-
-
-def _alike(one: Effect, other: Effect) -> bool:
-    return one.name in (other.name, *other.confused_with) or other.name in one.confused_with
 
 
 def _identified(problem: Problem, effect: Effect) -> str:
@@ -219,8 +215,8 @@ def _simplest(found: Sequence[HypothesisFit], nominal: float) -> HypothesisFit:
     best = max(found, key=lambda each: each.log_evidence)
     near = best.log_evidence - LOOKALIKE * max(best.log_evidence - nominal, 0.0)
     own = best.parts[-1].effect
-    alike = [each for each in found if each.log_evidence >= near and _alike(own, each.parts[-1].effect)]
-    return min((best, *alike), key=lambda each: each.regression.columns.shape[0])
+    similar = [each for each in found if each.log_evidence >= near and alike(own, each.parts[-1].effect)]
+    return min((best, *similar), key=lambda each: each.regression.columns.shape[0])
 
 
 def prescreen(

@@ -1,5 +1,6 @@
 """The time that a search may take, and its progress."""
 
+import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -24,8 +25,15 @@ class TimeLimit:
 
     def over(self) -> bool:
         """Whether the time is over; once it is, the search counts as cut."""
-        self.cut = self.cut or time.perf_counter() - self._begin > self.seconds
-        return self.cut
+        late = time.perf_counter() - self._begin > self.seconds
+        self.cut = self.cut or late
+        return late
+
+    def extended(self, factor: float) -> "TimeLimit":
+        """A limit for what follows: it began with this one and lasts longer; what was cut stays cut."""
+        longer = copy.copy(self)
+        longer.seconds *= factor
+        return longer
 
     def passed(self, share: float) -> None:
         """Show a share of the search as completed."""

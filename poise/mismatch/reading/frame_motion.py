@@ -6,9 +6,9 @@ from poise.errors import ErrorCode, InputError
 from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.reading.joint_motion import seconds_since
 from poise.mismatch.reading.motion_variance import wrench_variance
-from poise.mismatch.recorded import RecordedMotion, at_times, load_wrench
+from poise.mismatch.recorded import RecordedMotion, at_times, lattice, load_wrench
 from poise.recording import Recording, WrenchStream
-from poise.robot import FrameSource, MeasuredMotion, find_imu, find_kinematics
+from poise.robot import FrameSource, MeasuredMotion, find_imu, find_kinematics, scatter
 from poise.types import Array
 
 _ACCELEROMETER_GAP = 0.1
@@ -23,8 +23,7 @@ def recorded_from_frames(
     """The motion from the sensor's poses alone: accelerations from poses or from an accelerometer."""
     kinematics = find_kinematics(recording, frame)
     kinematics.feed(None, None)
-    newest = kinematics.source.newest
-    source, end = kinematics.source, newest or 0
+    source, end = kinematics.source, kinematics.source.newest or 0
     found = source.measured(0, end) if isinstance(source, FrameSource) else None
     motion = source.motion(0, end) if found is None else found.motion
     start = int(wrench.stamps[0])
@@ -65,8 +64,16 @@ def recorded_from_frames(
         velocity_in_world=np.gradient(place, seconds, axis=0),
         accelerometer=felt,
         motion_variance=None if sigma is None else wrench_variance(phi, omega, _SOURCES, sigma),
+        place_noise=_place_noise(poses.translation),
     )
     return recorded, notes
+
+
+def _place_noise(places: Array) -> float:
+    """m, one sigma of measured positions (M, 3): their scatter, or their rounding."""
+    rounding = lattice(places) / np.sqrt(12.0)
+    measured = scatter(places)
+    return float(max(measured, rounding) if np.isfinite(measured) else rounding)
 
 
 def _nearest_rotations(matrices: Array) -> Array:

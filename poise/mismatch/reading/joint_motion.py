@@ -154,4 +154,4 @@ def _parts(
     joints = JointMotion(moved.position, moved.velocity, moved.acceleration)
     if base is None:
         return joints, None, AccelerationSigma(moved.sigma[2])
-    return joints, base.motion, AccelerationSigma(moved.sigma[2], base.acceleration_sigma)
+    return joints, base.motion, AccelerationSigma(moved.sigma[2], base.acceleration_sigma, base.place_noise)

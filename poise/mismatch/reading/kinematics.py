@@ -48,25 +48,25 @@ def recorded_from_motion(
     rows = _forward(robot, joints, base)
     down = np.array([0.0, 0.0, -gravity])
     payload = np.asarray(phi, dtype=np.float64)
-    rotation = rows.rotation
-    nominal = load_wrench(payload, down @ rotation - rows.linear, rows.omega, rows.alpha)
+    nominal = load_wrench(payload, down @ rows.rotation - rows.linear, rows.omega, rows.alpha)
     return RecordedMotion(
         start=start,
         seconds=seconds,
         wrench=np.full((len(seconds), 6), np.nan) if wrench is None else wrench,
         phi=payload,
         prediction=nominal,
-        gravity=np.asarray(down @ rotation),
+        gravity=np.asarray(down @ rows.rotation),
         linear_acceleration=rows.linear,
         angular_velocity=rows.omega,
         angular_acceleration=rows.alpha,
-        rotation_world_sensor=rotation,
+        rotation_world_sensor=rows.rotation,
         position_in_world=rows.position,
         velocity_in_world=rows.velocity,
         joints=_joint_track(robot, joints, rows),
         base=rows.base if rows.base is not None and _moves(rows.base) else None,
         effort=effort,
         motion_variance=None if errors is None else _wrench_variance(robot, payload, rows, base, errors),
+        place_noise=0.0 if errors is None else errors.place,
     )
 
 

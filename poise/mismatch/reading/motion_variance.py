@@ -12,15 +12,17 @@ from poise.types import Array
 
 @dataclass(frozen=True, eq=False)
 class AccelerationSigma:
-    """One-sigma errors of the accelerations of a motion.
+    """One-sigma errors of the accelerations of a motion, and of the places that they come from.
 
     Args:
         joints: (N, J) rad/s2 or m/s2.
         base: (N, 6) of the root link, linear and angular, base axes; None: the base rests.
+        place: m, noise of the measured position of the base.
     """
 
     joints: Array
     base: Array | None = None
+    place: float = 0.0
 
 
 def wrench_variance(phi: Array, angular_velocity: Array, sources: Array, sigma: Array) -> Array:

@@ -132,6 +132,7 @@ class RecordedMotion:
             offset; its clock may be offset. None without an accelerometer.
         motion_variance: (N, 6) variance of the nominal wrench by the errors of the measured motion; None: the motion is
             exact.
+        place_noise: m, one sigma of the measured position of the base, or without joints of the sensor; 0: exact.
         begins: s at which further recordings begin, where there are several.
         _of_motion: see `once`.
     """
@@ -154,6 +155,7 @@ class RecordedMotion:
     commands: CommandTrack | None = None
     accelerometer: Array | None = None
     motion_variance: Array | None = None
+    place_noise: float = 0.0
     begins: tuple[float, ...] = ()
     _of_motion: dict[object, Any] = field(default_factory=dict, init=False, repr=False)
 
