@@ -24,6 +24,7 @@ from poise.nodes.diagnostics import OK, WARN, DiagnosticsPublisher
 from poise.nodes.jobs import Jobs, run_with_jobs
 from poise.nodes.mismatch_message import no_report_message, report_message
 from poise.nodes.parameters import WORDS, Parameter, declare_parameters
+from poise.nodes.request_checks import newer_description
 from poise.nodes.runtime import LATCHED, coded, guarded, release_memory, subscribe, topic_hint
 from poise.recording import open_recording, stamp_of
 from poise_msgs.msg import MismatchReport
@@ -148,7 +149,7 @@ class MismatchDiagnoser(Node):
         self._window.add_trajectory_message(data, self.get_clock().now().nanoseconds)
 
     def _on_description(self, message: String) -> None:
-        self._window.description = message.data
+        self._window.description = newer_description(message.data, self._window.description)
 
     def _take_limits(self, parameters: list[Any]) -> None:
         """Take the limits of the next examination."""

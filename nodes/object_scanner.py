@@ -31,6 +31,7 @@ from poise.nodes.object_scanner_parameters import (
 )
 from poise.nodes.parameters import declare_parameters
 from poise.nodes.readiness import Readiness
+from poise.nodes.request_checks import newer_description
 from poise.nodes.runtime import LATCHED, SCANS, TF_STATIC, coded, end_goal, guarded, to_message
 from poise.nodes.segmented_message import object_transform, segmented_message
 from poise.nodes.sweep_execution import Motion, SweepExecution, motion_of_file
@@ -124,9 +125,8 @@ class ObjectScanner(ArmNode):
 
     def _on_description(self, message: String) -> None:
         stored = stored_calibration(self._values)
-        self._robot.description = (
-            message.data if stored is None else corrected_description(message.data, stored.offsets)
-        )
+        text = message.data if stored is None else corrected_description(message.data, stored.offsets)
+        self._robot.description = newer_description(text, self._robot.description)
 
     def _on_tf_static(self, message: TFMessage) -> None:
         for stamped in message.transforms:

@@ -286,11 +286,12 @@ class PlaceExecution:
             self._listening = None
 
     def _on_description(self, message: String) -> None:
-        self._arm = None
         try:
             self._arm = Arm.from_urdf(message.data, self._base, tcp_frame=self._values["tcp_frame"])
-        except Exception as failure:  # raised when a goal needs the robot
-            self._problem = coded(failure)
+        except Exception as failure:
+            if self._arm is not None:
+                raise  # an invalid description does not replace a valid one
+            self._problem = coded(failure)  # raised when a goal needs the robot
 
     def _move(self, names: tuple[str, ...], motion: WaypointTrajectory, stamp: int) -> None:
         self._outlets[_ARM_TOPIC].publish(trajectory_message(names, motion, stamp))

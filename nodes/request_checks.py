@@ -8,6 +8,7 @@ import numpy as np
 from shape_msgs.msg import SolidPrimitive
 
 from poise.errors import ErrorCode, InputError
+from poise.robot import RobotModel
 from poise.types import Array
 from poise_msgs.srv import SetAssembly
 
@@ -216,3 +217,14 @@ def _check_count(name: str, count: int, most: int) -> None:
 
 def _xyz(vector: Any) -> list[float]:
     return [vector.x, vector.y, vector.z]
+
+
+def newer_description(text: str, before: str) -> str:
+    """The robot description to use from here on; before any is known (empty), an invalid one is taken, to be reported.
+
+    Raises:
+        InputError: for an invalid one, which does not replace what is known.
+    """
+    if before:
+        RobotModel.from_urdf(text)
+    return text

@@ -330,10 +330,10 @@ def watch_limits(node: Node, needs_wrench: bool = False) -> WatchLimits:
 
 
 def execution_options(node: Node) -> ExecutionOptions:
-    """What the parameters say now."""
-    return ExecutionOptions(
-        stale=node.get_parameter("stop_silence").value, lead=node.get_parameter("motion_lead").value
-    )
+    """What the parameters say now, `ready_timeout` included; an arm always has some time to be heard and to rest."""
+    names = ("stop_silence", "motion_lead", "ready_timeout")
+    silence, lead, ready = (node.get_parameter(name).value for name in names)
+    return ExecutionOptions(stale=silence, lead=lead, patience=max(ready, ExecutionOptions.patience))
 
 
 def _enclave(arguments: list[str]) -> list[str]:

@@ -46,12 +46,22 @@ WORLD_MODEL_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with, or package:// URI; empty: none"),
     Parameter("frame_id", "world", "frame of the poses of that scene (on a mobile base: the tray's)"),
     Parameter("state_file", "", "file that keeps the world over a restart; it goes before scene; empty: none"),
-    Parameter("longest", 30.0, "longest deadline of set_assembly, and that of calls without one, s", (0.01, 3600.0)),
+    Parameter(
+        "longest",
+        30.0,
+        "longest deadline of set_assembly, and that of calls without one, s",
+        (0.01, 3600.0),
+        dynamic=True,
+    ),
     Parameter("waiting", 50, "calls and scans that may wait; further ones are refused with BUSY", (1, 10_000)),
     Parameter("tf_rate", 10.0, "Hz at which the frames of objects are published on tf", (0.1, 100.0)),
-    Parameter("settle", 0.01, "m that a scan and the assembly may be off each other at the support", (0.0, 0.1)),
-    Parameter("payload_age", 5.0, "age of its newest sample up to which an estimate is used, s", (0.1, 1e6)),
-    Parameter("payload_period", 1.0, "s between two estimates that are taken over", (0.0, 3600.0)),
+    Parameter(
+        "settle", 0.01, "m that a scan and the assembly may be off each other at the support", (0.0, 0.1), dynamic=True
+    ),
+    Parameter(
+        "payload_age", 5.0, "age of its newest sample up to which an estimate is used, s", (0.1, 1e6), dynamic=True
+    ),
+    Parameter("payload_period", 1.0, "s between two estimates that are taken over", (0.0, 3600.0), dynamic=True),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),
@@ -79,7 +89,12 @@ class WorldModel(Node):
         self._states = self.create_publisher(WorldState, "world", LATCHED)
         self._transforms = self.create_publisher(TFMessage, "tf", 10)
         self._world = World(values["frame_id"])
-        self._change(lambda _: self._restored())
+        try:
+            self._change(lambda _: self._restored())
+        except InputError as error:
+            if error.code is not ErrorCode.FILE_UNWRITABLE:
+                raise
+            self.get_logger().error(f"the world is not kept over a restart: {error}")
         self._jobs = Jobs(self, values["waiting"])
         self._jobs.serve(SetAssembly, "set_assembly", self._task, self._seconds, self._say_version)
         for kind, topic, take, qos in (

@@ -23,7 +23,7 @@ from tf2_msgs.msg import TFMessage
 
 from benchmarks.chaos.hostile import hostile, message_type
 from benchmarks.chaos.observer import Observer, TooLateError
-from benchmarks.chaos.processes import NodeProgram, environment
+from benchmarks.chaos.processes import NO_SPACE, NodeProgram, environment
 from benchmarks.chaos.subjects import Subject
 
 _SLOW_READER = """
@@ -187,7 +187,7 @@ def disk_fills(bench: Bench) -> None:
     bench.subject.begin(bench.observer)
     for process in bench.program.processes():
         _, most = resource.prlimit(process, resource.RLIMIT_FSIZE)
-        resource.prlimit(process, resource.RLIMIT_FSIZE, (0, most))
+        resource.prlimit(process, resource.RLIMIT_FSIZE, (NO_SPACE, most))
     bench.observer.rest(0.5)
 
 
@@ -237,7 +237,7 @@ def _set(bench: Bench, values: list[ParameterMessage]) -> list[Any]:
 
 
 def _qos(topic: str) -> QoSProfile:
-    latched = topic.endswith(("_static", "description", "assembly", "estimate", "object"))
+    latched = topic.endswith(("_static", "description", "assembly", "estimate", "object", "events", "world", "limits"))
     durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
     return QoSProfile(depth=100, durability=durability)
 

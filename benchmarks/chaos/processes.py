@@ -146,6 +146,10 @@ class NodeProgram:
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+NO_SPACE = 8
+"""Bytes of the largest file on a full disk: memory that processes share is a file to this limit, of 8 bytes."""
+
+
 def _no_space() -> None:
-    resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (NO_SPACE, NO_SPACE))
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)  # the write fails, as on a full disk

@@ -22,10 +22,12 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.chaos.faults import FAULTS, Bench
+from benchmarks.chaos.handling import HANDLING
 from benchmarks.chaos.observer import Observer, TooLateError
 from benchmarks.chaos.processes import TRANSPORT, NodeProgram
-from benchmarks.chaos.subjects import SUBJECTS, Subject
+from benchmarks.chaos.subjects import ESTIMATING, Subject
 
+SUBJECTS = ESTIMATING | HANDLING
 _QUICK = (("ft_driver", "robustness_server"), ("stopped 2 s", "bad messages", "slow reader", "wrong parameters"))
 _START = "<!-- table: python -m benchmarks.chaos --page -->"
 _END = "<!-- end of the table -->"

@@ -347,7 +347,7 @@ class Robot(Subject):
         self.judge(_wrong(math.hypot(force.x, force.y, force.z), 1.6 * _GRAVITY, 20.0, "weight"))
 
 
-SUBJECTS: dict[str, type[Subject]] = {
+ESTIMATING: dict[str, type[Subject]] = {
     "ft_driver": Driver,
     "inertial_estimator": Estimator,
     "identify_payload": Identification,

@@ -4,9 +4,9 @@ Each kernel has a form in Python in the room that uses it, which gives the same 
 where the library is not installed (no compiler was there) or belongs to another version of Poise: `COMPILED` is then
 False, and `poise --version` says so. `POISE_KERNELS=0` in the environment leaves the library out.
 
-- `averaging`: hypotheses about a payload. `library`: finds and loads it. `arrays`: what is passed to it.
-- `chain`: forward kinematics. `records`: records of an mcap file. `smoothing`: splines through samples.
-- `robust`: least squares that weigh outliers less.
+- `averaging`: hypotheses about a payload. `chain`: forward kinematics. `clocks`: sums at many lags.
+- `records`: records of an mcap file. `robust`: least squares that weigh outliers less. `smoothing`: splines.
+- `library`: finds and loads it. `arrays`: what is passed to it.
 """
 
 import importlib
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         weighed_sums,
     )
     from poise.kernels.chain import Chain, chain_motion
+    from poise.kernels.clocks import clock_sums
     from poise.kernels.records import find_records
     from poise.kernels.robust import robust_fit
     from poise.kernels.smoothing import CompiledSplines
@@ -34,6 +35,7 @@ __all__ = [
     "CompiledSplines",
     "bias_taken_out",
     "chain_motion",
+    "clock_sums",
     "evidence",
     "find_records",
     "robust_fit",
@@ -49,6 +51,7 @@ _FILES = {
     "weighed_sums": "averaging",
     "Chain": "chain",
     "chain_motion": "chain",
+    "clock_sums": "clocks",
     "find_records": "records",
     "CompiledSplines": "smoothing",
     "robust_fit": "robust",

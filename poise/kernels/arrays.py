@@ -22,7 +22,11 @@ def contiguous(values: ArrayLike, *shape: int, what: str) -> Array:
         InputError: TYPE_MISMATCH for another shape.
     """
     array = np.ascontiguousarray(values, dtype=np.float64)
-    if array.ndim != len(shape) or any(want not in (-1, got) for want, got in zip(shape, array.shape, strict=True)):
+    found = array.shape
+    if found != shape and (
+        len(found) != len(shape)
+        or found != tuple([got if want < 0 else want for want, got in zip(shape, found, strict=False)])
+    ):
         raise InputError(ErrorCode.TYPE_MISMATCH, f"{what} has shape {array.shape}, expected {shape}")
     return array
 

@@ -23,6 +23,10 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "poise_evidence": (_INT, [_INT, _INT, *[_POINTER] * 6]),
     "poise_without_bias": (_INT, [_INT, *[_POINTER] * 9]),
     "poise_normal_equations": (_INT, [_INT, *[_POINTER] * 3, ctypes.c_double, *[_POINTER] * 3]),
+    "poise_clock_sums": (
+        None,
+        [_INT, _POINTER, _POINTER, _INT, _POINTER, _POINTER, _INT, _POINTER, _INT, _POINTER, _POINTER],
+    ),
     "poise_robust_fit": (_INT, [_INT, _INT, *[_POINTER] * 4, ctypes.c_double, _INT, *[_POINTER] * 3]),
     "poise_log_likelihood": (_INT, [_INT, *[_POINTER] * 7]),
 }

@@ -88,6 +88,32 @@ def test_the_payload_is_found_within_its_covariance_and_slowly_enough(motion, na
     ]
 
 
+def err(stage: Rehearsal, truth: InertialParameters, seed: int) -> None:
+    """Let the sensor err by 0.8 % of the load, with a time constant of 1 s, as on recordings of a KUKA arm."""
+    rng, add_wrench = np.random.default_rng(seed), stage.live.add_wrench
+    size = 0.008 * 9.81 * truth.mass * np.repeat([1.0, float(np.linalg.norm(truth.com))], 3)
+    error, last = rng.normal(size=6) * size, None
+
+    def read(stamp, frame, wrench, now) -> None:
+        nonlocal error, last
+        kept = 1.0 if last is None else np.exp(-(stamp - last) * 1e-9)
+        error, last = kept * error + np.sqrt(1 - kept**2) * size * rng.normal(size=6), stamp
+        add_wrench(stamp, frame, wrench + error, now)
+
+    stage.live.add_wrench = read
+
+
+def test_errors_of_a_real_sensor_that_last_for_a_second_are_in_the_covariance(guard, swing) -> None:
+    """An ideal sensor errs less than the covariance says, because it contains them."""
+    values = []
+    for seed, truth in enumerate([*PAYLOADS.values(), *PAYLOADS.values()]):
+        stage = Rehearsal(truth.phi, seed=seed)
+        err(stage, truth, seed)
+        values.append(nees(stage.run(ready(swing), guard, LIMITS).answer, truth))
+    assert 3.0 < np.mean(values) < 20.0  # 10 on average where the covariance is honest
+    assert np.max(values) < 29.6
+
+
 def test_listening_weighs_without_moving_the_arm(guard: Guard, model: RobotModel) -> None:
     motion = FourierTrajectory.random(model, np.random.default_rng(2), duration=20.0, speed=0.3)
     stage = Rehearsal(PAYLOADS["drill"].phi, moving=motion)

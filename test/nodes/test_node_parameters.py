@@ -73,7 +73,9 @@ def test_a_dynamic_parameter_is_a_switch_or_a_number_with_a_range():
 )
 def test_ctrl_c_while_a_node_imports_ends_it_without_a_traceback(program, package, status):
     code = (
-        f"import sys; sys.argv = [{program!r}]\nimport os, signal, {package}\n"
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # else a test run in the background ignores it
+        f"sys.argv = [{program!r}]\nimport {package}\n"
         "try:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept KeyboardInterrupt:\n    sys.exit(7)"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=60, check=False)

@@ -57,7 +57,7 @@ def goal(item=CAN, **more):
 
 def start_both(start_node, graph, caller, planner=PLANNER, remaps=None):
     """Both nodes, found by each other; the joint states from here on."""
-    start_node("placement_planner", planner)
+    start_node("placement_planner", planner | {"ready_timeout": 20.0})
     caller.ready()
     robot = start_node("fake_robot", ROBOT, remaps)
     states = graph.collect("joint_states", JointState, 10_000)
@@ -167,6 +167,8 @@ def test_what_is_missing_or_in_the_way_is_said(start_node, graph, caller):
     assert refused(ErrorCode.ROBOT_DESCRIPTION_MISSING, "robot_description")
     describe = graph.node.create_publisher(String, "robot_description", LATCHED)
     describe.publish(String(data=read_urdf(find_urdf("fr3"))))
+    graph.meet()
+    describe.publish(String(data="<robot"))  # does not replace what is valid
     for topic in ("joint_trajectory", "gripper_trajectory"):
         graph.wait_for(lambda topic=topic: refused(ErrorCode.TOPIC_MISSING, topic), what=f"no {topic}")
         graph.collect(topic, JointTrajectory)

@@ -15,7 +15,7 @@ from rclpy.serialization import serialize_message
 from shape_msgs.msg import Mesh as MeshMessage
 from tf2_msgs.msg import TFMessage
 
-from poise.assembly import Assembly, Mesh
+from poise.assembly import Assembly, Mesh, write_scene
 from poise.errors import ErrorCode
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message, mesh_message, pose_message
@@ -196,6 +196,17 @@ def test_a_damaged_state_file_is_refused_in_one_line(start_node, tmp_path):
     assert node.output.count("\n") == 1
     assert "FILE_CORRUPT" in node.output
     assert "checksum" in node.output
+
+
+def test_a_state_file_that_cannot_be_written_ends_nothing(start_node, graph, friend, tmp_path):
+    write_scene(Assembly((FLOOR, CUBE), friction=0.5), tmp_path / "scene.yaml")
+    node = start_node(
+        "world_model", {"scene": str(tmp_path / "scene.yaml"), "state_file": str(tmp_path / "scene.yaml" / "w")}
+    )
+    graph.wait_for(lambda: friend.assemblies and len(friend.assemblies[-1].objects) == 2, what="the scene")
+    graph.wait_for(lambda: "not kept over a restart" in node.output, what="why it is not kept")
+    assert friend.set(replace_by(message())).error.code == ErrorCode.FILE_UNWRITABLE  # and holds until a restart
+    graph.wait_for(lambda: len(friend.assemblies[-1].objects) == 1, what="the change")
 
 
 def test_an_assembly_that_is_set_while_the_held_object_is_weighed_takes_nothing_away():

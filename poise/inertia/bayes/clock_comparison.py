@@ -5,6 +5,7 @@ import numpy as np
 from poise.inertia.bayes.delay import Delay
 from poise.inertia.bayes.recorder import ALPHA, LARGEST_GAP, OMEGA, SPECIFIC, WRENCH
 from poise.inertia.model import ENTRIES, N_MOTION, N_SIGNALS, motion_signals
+from poise.kernels import COMPILED, clock_sums
 from poise.types import Array, Indices, Stamps
 
 _LONGEST, STEP = 60_000_000, 2_000_000
@@ -80,6 +81,12 @@ class ClockComparison:
         high = int(np.searchsorted(stamps, stamps[chosen[-1]] + 2 * _LONGEST, "right")) + 1
         when, motion = stamps[low:high], rows[low:high]
         signals = motion_signals(motion[:, SPECIFIC], motion[:, OMEGA], motion[:, ALPHA])
+        if COMPILED:
+            own = stamps[chosen], rows[chosen, WRENCH]
+            sums, counts = clock_sums(when, signals, *own, self.lags, LARGEST_GAP)
+            self._moments[part] += sums
+            self._counts[part] += counts
+            return
         wanted = stamps[chosen] - self.lags[:, None]  # (L, N)
         right = np.searchsorted(when, wanted, "left").clip(1, len(when) - 1)
         before, span = when[right - 1], when[right] - when[right - 1]

@@ -1,6 +1,7 @@
 """How late wrenches are against the kinematics: evidence at a few lags becomes a delay and its uncertainty."""
 
 import functools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,8 @@ class LagGrid:
         self._step = step
         fine, self._smooth = _fine_grid(steps)
         self._fine = fine * step + self.about
+        self._log_prior = -((self._fine / PRIOR_SPREAD) ** 2) / 2
+        self._powers = (fine * step) ** np.arange(3)[:, None]
 
     def __len__(self) -> int:
         return len(self.lags)
@@ -69,15 +72,17 @@ class LagGrid:
     def estimate(self, log_evidence: Array) -> Delay:
         """Mean and spread of the delay under a normal prior about zero, from the log evidence (L,)."""
         smooth = self._smooth @ log_evidence
-        log = smooth - (self._fine / PRIOR_SPREAD) ** 2 / 2
-        probability = np.exp(log - log.max())
-        total = probability.sum()
-        mean = float(probability @ self._fine / total)
-        step = self._fine[1] - self._fine[0]
-        std = float(np.sqrt(probability @ (self._fine - mean) ** 2 / total + step**2 / 12))
-        at_mean = np.interp(mean, self._fine, smooth)
-        norm = step / (np.sqrt(2 * np.pi) * PRIOR_SPREAD)
-        return Delay(mean, std, float(np.log(total * norm) + log.max() - at_mean))
+        log = smooth + self._log_prior
+        most = float(log.max())
+        probability = np.exp(log - most)
+        total, first, second = (float(sum_) for sum_ in self._powers @ probability)
+        step = float(self._fine[1] - self._fine[0])
+        beyond = first / total  # from the middle of the lags
+        std = math.sqrt(max(second / total - beyond**2, 0.0) + step**2 / 12)
+        mean = self.about + beyond
+        at_mean = float(np.interp(mean, self._fine, smooth))
+        norm = step / (math.sqrt(2 * math.pi) * PRIOR_SPREAD)
+        return Delay(mean, std, math.log(total * norm) + most - at_mean)
 
 
 @functools.cache

@@ -3,7 +3,7 @@
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.geometry import STANDARD_GRAVITY, cross_matrix
+from poise.geometry import STANDARD_GRAVITY, cross, cross_matrix
 from poise.inertia.model import PARAMETER_NAMES, EstimateFinding, InertialParameters, about_com_jacobian
 from poise.types import Array
 
@@ -50,11 +50,11 @@ def zeroed_under_load(unknowns: Array, covariance: Array, gravity: float, noise:
     if size <= _SURELY * deviation or deviation > _SHARP * weight:
         return None
     com = phi[1:4] / phi[0]
-    mismatch = np.concatenate([[size - weight], torque - np.cross(com, force)])
+    mismatch = np.concatenate([[size - weight], torque - cross(com, force)])
     jacobian = np.zeros((4, 16))
     jacobian[0, 0] = -gravity
     jacobian[0, 10:13] = direction
-    jacobian[1:, 0] = np.cross(com, force) / phi[0]
+    jacobian[1:, 0] = cross(com, force) / phi[0]
     jacobian[1:, 1:4] = cross_matrix(force) / phi[0]
     jacobian[1:, 10:13] = -cross_matrix(com)
     jacobian[1:, 13:] = np.eye(3)

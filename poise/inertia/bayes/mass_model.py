@@ -79,14 +79,14 @@ class MassModel:
         squares, axes = np.linalg.eigh(whole[:3, :3] - np.outer(centroid, centroid))
         radii = np.sqrt(squares)
         inverse = np.linalg.inv(frame := _frame(axes * radii, centroid))
-        to_sensor = _PHI @ np.kron(frame, frame) @ _MOMENTS
+        to_sensor = _PHI @ _squared(frame) @ _MOMENTS
         return cls(inverse @ moments @ inverse.T, shares, to_sensor, radii, likeness=likeness)
 
     @classmethod
     def of_blob(cls, centre: Array, radius: float) -> "MassModel":
         """A body of unknown shape: one part about `centre` (3,) m, with a radius of gyration in m along each axis."""
         frame = _frame(radius * np.eye(3), centre)
-        to_sensor = _PHI @ np.kron(frame, frame) @ _MOMENTS
+        to_sensor = _PHI @ _squared(frame) @ _MOMENTS
         return cls(np.eye(4)[None], np.ones(1), to_sensor, np.full(3, radius), _HALVINGS)
 
     def roughness(self, resolution: float) -> Array:
@@ -154,6 +154,11 @@ def compiled_hypotheses(
         flat=_GENERATORS.reshape(N_DEFORMATIONS, 16),
         products=_PRODUCTS,
     )
+
+
+def _squared(matrix: Array) -> Array:
+    """(16, 16) Kronecker product of a matrix (4, 4) with itself."""
+    return np.asarray((matrix[:, None, :, None] * matrix[None, :, None, :]).reshape(16, 16))
 
 
 def _frame(axes: Array, origin: Array) -> Array:
