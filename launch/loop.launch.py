@@ -1,5 +1,7 @@
 """The whole loop on a fake robot: `ros2 launch poise loop.launch.py robot:=fr3 objects:=5 seed:=1`."""
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -19,6 +21,10 @@ _ARGUMENTS = {
     "shapes": ("scan", "scan: by the camera; given: as in the scene"),
     "out": ("", "folder for loop.json and the bag; empty: neither"),
 }
+
+
+_MOST_ENDS, _WITHIN = 5, 60.0
+"""So often, in so many s, a node may end; then it stays down, and the loop ends."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -46,6 +52,7 @@ def _nodes(context: object) -> list[Node]:
             parameters=[config, extra.get(name, {})],
             output="screen",
             respawn=name != "fake_robot",
+            on_exit=_limited(name),
         )
         for name in NODES
         if name != "object_scanner" or given["shapes"] == "scan"
@@ -54,3 +61,16 @@ def _nodes(context: object) -> list[Node]:
         package="poise", executable="loop", name="loop", parameters=[config, own], output="screen", on_exit=Shutdown()
     )
     return [*started, loop]
+
+
+def _limited(name: str) -> Callable[[object, object], Shutdown | None]:
+    """Called when a node has ended: ends everything when that was too often. The loop then says that it was stopped."""
+    ends: list[float] = []
+
+    def ended(event: object, context: object) -> Shutdown | None:
+        ends.append(time.monotonic())
+        if len(ends) >= _MOST_ENDS and ends[-1] - ends[-_MOST_ENDS] < _WITHIN:
+            return Shutdown(reason=f"{name} has ended {_MOST_ENDS} times within {_WITHIN:.0f} s: see its output")
+        return None
+
+    return ended

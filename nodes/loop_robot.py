@@ -32,6 +32,8 @@ _LOOK = 0.2
 """s between looks at the processes."""
 _NEWS = 15.0
 """s in which the world has to show what an action did."""
+_SOLIDS = 40.0
+"""s in which the world has to make solids of scans: about a second of computing each."""
 _ACCEPTED = 30.0
 _STOPPING = 15.0
 """s that a cancelled goal may take to stop the robot."""
@@ -226,9 +228,9 @@ class NodesRobot:
                 self.wait(partial(self.standing, name), _NEWS, f"{name} in the world: {self._why}")
         else:
             self._do("scan_object", id="object")
-            self.wait(lambda: self._on_table, _NEWS, f"scanned objects in the world: {self._why}")
+            self.wait(lambda: self._on_table, _SOLIDS, f"scanned objects in the world: {self._why}")
             with suppress(NoAnswerError):
-                self.wait(lambda: len(self._on_table) >= count, _NEWS, "all objects")
+                self.wait(lambda: len(self._on_table) >= count, _SOLIDS, "all objects")
         found = sorted(self._on_table, key=lambda known: -known.object.inertia.m)[:count]
         if self._truth is not None:
             for known in found:

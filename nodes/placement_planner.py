@@ -84,6 +84,7 @@ class PlacementPlannerNode(ArmNode):
         if values["scene"]:
             self._heard = assembly_message(load_scene(package_file(values["scene"])), values["frame_id"])
         self._known: tuple[AssemblyMessage, Analysis] | None = None
+        self._seen: set[str] = set()  # of keep_free: what has been in an assembly
         self._task: PlacementTask | None = None
         feedback = Action.Feedback(stage="waiting", best_robustness=math.nan)
         self._waiting = WaitingGoal(self._begin, placement_result, cancelled_placement, feedback)
@@ -123,6 +124,7 @@ class PlacementPlannerNode(ArmNode):
 
     def _on_assembly(self, message: AssemblyMessage) -> None:
         self._heard = message
+        self._seen.update({each.id for each in message.objects} & set(self._values["keep_free"]))
 
     def halt(self, reason: str) -> None:
         """Stop the arm and end the goal."""
@@ -285,7 +287,7 @@ class PlacementPlannerNode(ArmNode):
         analysis = self._analysis(task.assembly)
         about_base = [] if task.carrying is None else task.carrying.assumptions
         task.assumptions = [*about_base, *assumptions_of(analysis.assembly.with_object(item))]
-        options = replace(self._options, looks=kept_free(analysis.assembly, self._values["keep_free"]))
+        options = replace(self._options, looks=kept_free(analysis.assembly, self._values["keep_free"], self._seen))
         if task.carrying is not None:
             try:
                 return task.carrying.plan(

@@ -5,7 +5,8 @@ import numpy as np
 from poise.assembly import Mesh, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
-from poise.scanning import standing_mesh, united_surfaces
+from poise.scanning import columns_of, standing_mesh, united_surfaces
+from poise.types import Array, Mask
 from poise.world import assumed_weight
 from poise_msgs.msg import SegmentedObject
 
@@ -18,7 +19,7 @@ def scanned_object(message: SegmentedObject, pose: Pose) -> tuple[RigidObject, t
         pose: of the object frame, in the assembly's.
 
     Raises:
-        InputError: EMPTY without parts, NOT_FINITE, MESH_INVALID.
+        InputError: EMPTY without parts, NOT_FINITE, MESH_INVALID; as `columns_of` for a cloud that is damaged.
     """
     surfaces = []
     for part in message.parts:
@@ -31,6 +32,18 @@ def scanned_object(message: SegmentedObject, pose: Pose) -> tuple[RigidObject, t
             raise InputError(ErrorCode.MESH_INVALID, f"segmented_object {message.id}: a triangle has no such vertex")
     if not message.id or not sum(len(triangles) for _, triangles in surfaces):
         raise InputError(ErrorCode.EMPTY, f"segmented_object {message.id!r}: it has no parts or no id; scan it again")
-    mesh = standing_mesh(*united_surfaces(surfaces), name=f"segmented_object {message.id}")
+    name = f"segmented_object {message.id}"
+    mesh = standing_mesh(*united_surfaces(surfaces), name, *_cloud(message, name))
     item = RigidObject(message.id, Mesh(mesh.vertices, mesh.triangles), pose, mass=1.0)
     return assumed_weight(item), (*message.notes, *mesh.notes)
+
+
+def _cloud(message: SegmentedObject, name: str) -> tuple[Array | None, Mask | None]:
+    """The points (N, 3) m of a scan, and which of them were seen; None without the field that says it."""
+    if not message.cloud.width:
+        return None, None
+    columns = columns_of(message.cloud, name)
+    points = np.stack([columns[axis] for axis in "xyz"], axis=1).astype(np.float64)
+    if not np.isfinite(points).all():
+        raise InputError(ErrorCode.NOT_FINITE, f"{name}: a point of its cloud is not finite")
+    return (points, columns["seen"] > 0) if "seen" in columns else (None, None)

@@ -1,7 +1,7 @@
 """Whether a pose is a placement: nothing overlaps, it touches, the assembly stands, and what else is asked of it."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -65,14 +65,28 @@ class KeptFree:
         return bool(np.any((corners.min(axis=0) >= self.high) | (corners.max(axis=0) <= self.low)))
 
 
-def kept_free(assembly: Assembly, names: Sequence[str]) -> tuple[tuple[str, PoseTest], ...]:
-    """For `Options.looks`: nothing is placed over objects of these names. Names that the assembly lacks do nothing."""
+def kept_free(assembly: Assembly, names: Sequence[str], gone: Collection[str] = ()) -> tuple[tuple[str, PoseTest], ...]:
+    """For `Options.looks`: nothing is placed over objects of these names.
+
+    Args:
+        assembly: that has the objects.
+        names: of objects.
+        gone: names that the assembly had before, and may lack.
+
+    Raises:
+        InputError: OBJECT_UNKNOWN for a name that the assembly lacks, with those that it has.
+    """
     looks: list[tuple[str, PoseTest]] = []
     for name in names:
         if name in assembly.index:
             corners = assembly.objects[assembly.place_of(name)].vertices
             low, high = corners.min(axis=0), corners.max(axis=0) + np.array([0.0, 0.0, _TALL])
             looks.append((f"is over {name}, which is kept free", KeptFree(low, high)))
+        elif name not in gone:
+            there = ", ".join(item.id for item in assembly.objects)
+            raise InputError(
+                ErrorCode.OBJECT_UNKNOWN, f"keep_free: the assembly has no object {name!r}; it has {there}", object=name
+            )
     return tuple(looks)
 
 

@@ -6,12 +6,13 @@
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object. `viewpoints`: places from which a region is covered.
-- `standing`: the surface of a scan as one closed mesh that stands flat, for an assembly.
+- `standing`: the surface of a scan as one closed mesh that stands flat, for an assembly. `patches`, `faceted`: its
+  planar patches, and the solid of few facets between their planes.
 """
 
 from poise.scanning.camera import Camera
 from poise.scanning.cloud_files import scan_ply
-from poise.scanning.cloud_frames import frame_of_cloud
+from poise.scanning.cloud_frames import columns_of, frame_of_cloud
 from poise.scanning.frames import Frame, View, depth_in_metres
 from poise.scanning.poses import hand_eye_of
 from poise.scanning.reading import (
@@ -49,6 +50,7 @@ __all__ = [
     "ViewRegion",
     "camera_of",
     "chosen_places",
+    "columns_of",
     "depth_in_metres",
     "fixed_transforms",
     "frame_of_cloud",

@@ -6,12 +6,17 @@ import manifold3d
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.scanning.faceted import faceted
 from poise.scanning.scan import HIDDEN_OFF
 from poise.shape import check_mesh
-from poise.types import Array, Indices
+from poise.types import Array, Indices, Mask
 
 _ROUGH = 1e-3
 """m that the surface may move when its facets are made fewer: less than what a scan is off."""
+_NARROW_BASE, _WIDE_BASE = 0.25, 1.3
+"""Ratios of the base that flat sides have to that by the sections above it, outside of which the latter is believed."""
+_TINY = 1e-5
+"""m over the support, where the base is measured."""
 _SMALL_BASE = 0.5
 """Share of its outline seen from above that the base of an object has at least, without a note."""
 
@@ -46,16 +51,26 @@ def united_surfaces(surfaces: list[tuple[Array, Indices]]) -> tuple[Array, Indic
     return points, corners[count[same.reshape(-1)] % 2 == 1]
 
 
-def standing_mesh(vertices: Array, triangles: Indices, name: str = "object") -> StandingMesh:
+def standing_mesh(
+    vertices: Array,
+    triangles: Indices,
+    name: str = "object",
+    points: Array | None = None,
+    seen: Mask | None = None,
+) -> StandingMesh:
     """Clean the surface of a scanned object.
 
-    What reaches below the support is cut off. The base is the cross-section a little above it, narrowed as the
-    sections above it say that it narrows: a ball does not stand on a disc.
+    With the points of the scan, planar patches of the surface become one facet each, and its sides go on along their
+    planes down to the support. Without, or where that does not explain the surface, its facets are made fewer, what
+    reaches below the support is cut off, and the base is the cross-section a little above it. In both cases the base
+    is narrowed as the sections above it say that it narrows: a ball does not stand on a disc.
 
     Args:
         vertices: (V, 3) m in the object frame; its origin is on the support, its z points away from it.
         triangles: (T, 3) vertex numbers.
         name: of the object, for errors.
+        points: (N, 3) m of the scan, in the object frame.
+        seen: (N,) False for the points that were completed.
 
     Raises:
         InputError: MESH_INVALID when it is no closed surface, or does not reach its support.
@@ -65,20 +80,45 @@ def standing_mesh(vertices: Array, triangles: Indices, name: str = "object") -> 
     body = manifold3d.Manifold(mesh)
     if body.status() != manifold3d.Error.NoError:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: its parts make no closed surface: scan it again")
+    whole = None if points is None or seen is None else faceted(body, points, seen, 2 * HIDDEN_OFF, _ROUGH)
     body = body.simplify(_ROUGH)
-    low, higher = body.slice(HIDDEN_OFF), body.slice(2 * HIDDEN_OFF)
-    narrows = np.sqrt(max(higher.area(), 0.0) / np.pi) - np.sqrt(max(low.area(), 0.0) / np.pi)
-    base = low.offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+    base = _base(body)
     if base.is_empty():
         raise InputError(
             ErrorCode.MESH_INVALID, f"{name}: it does not reach the plane on which it stands: scan it again, from lower"
         )
-    notes = []
-    if base.area() < _SMALL_BASE * body.project().area():
-        notes.append(f"it stands on {1e4 * base.area():.2g} cm2 only: it may roll or topple")
+    if whole is None:
+        whole = _on_foot(body, base)
+    elif not _NARROW_BASE < whole.slice(_TINY).area() / base.area() < _WIDE_BASE:
+        whole = _on_foot(whole, base)
+    return _standing(whole, name)
+
+
+def _base(body: manifold3d.Manifold) -> manifold3d.CrossSection:
+    """What the sections a little above the support have in common, narrower by as much as the lower is narrower.
+
+    The lowest few mm of a scan are completed, and often wider than the object.
+    """
+    low, higher, highest = (body.slice(height * HIDDEN_OFF) for height in (1, 2, 3))
+    narrows = np.sqrt(max(higher.area(), 0.0) / np.pi) - np.sqrt(max(low.area(), 0.0) / np.pi)
+    common = low ^ higher ^ highest
+    return (low if common.is_empty() else common).offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+
+
+def _on_foot(body: manifold3d.Manifold, base: manifold3d.CrossSection) -> manifold3d.Manifold:
+    """The body with that base."""
     foot = manifold3d.Manifold.extrude(base, 1.5 * HIDDEN_OFF)
-    cut = (body.trim_by_plane((0.0, 0.0, 1.0), HIDDEN_OFF) + foot).to_mesh()
-    points = np.asarray(cut.vert_properties, dtype=np.float64)[:, :3]
+    return body.trim_by_plane((0.0, 0.0, 1.0), HIDDEN_OFF) + foot
+
+
+def _standing(body: manifold3d.Manifold, name: str) -> StandingMesh:
+    """Its surface, with notes."""
+    cut = body.to_mesh64()
+    points = np.array(cut.vert_properties, dtype=np.float64)[:, :3]
     points[np.abs(points[:, 2]) < 1e-6, 2] = 0.0
     whole = check_mesh(points, np.asarray(cut.tri_verts, dtype=np.int64), name=name)
+    base = body.slice(_TINY).area()
+    notes = []
+    if base < _SMALL_BASE * body.project().area():
+        notes.append(f"it stands on {1e4 * base:.2g} cm2 only: it may roll or topple")
     return StandingMesh(whole.vertices, whole.triangles, (*notes, *whole.notes))

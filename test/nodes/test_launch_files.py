@@ -80,3 +80,6 @@ def test_the_loop_starts_all_its_nodes_which_come_back(monkeypatch: pytest.Monke
     assert (ROOT / "config" / Path(started["loop"]["parameters"][0]).name).is_file()
     for name, parameter in (("fake_robot", "world"), ("world_model", "scene")):
         assert Path(started[name]["parameters"][1][parameter]).is_file()
+    ended = started["world_model"]["on_exit"]
+    monkeypatch.setattr(module.time, "monotonic", iter([0.0, 30.0, 40.0, 50.0, 61.0, 62.0]).__next__)
+    assert [ended(None, None) is None for _ in range(6)] == [True] * 5 + [False]

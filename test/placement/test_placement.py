@@ -128,10 +128,13 @@ def test_nothing_is_placed_over_a_table_that_is_kept_free():
         {"objects": [table | {"pose": [-0.2, 0, 0, 0, 0, 0, 1]}, tray | {"pose": [0.2, 0, 0, 0, 0, 0, 1]}]}
     )
     block = read_object({"id": "block", "box": [0.05, 0.05, 0.05], "mass": 1.0})
-    free = Options(candidates=1, looks=kept_free(assembly, ["table", "a_table_that_is_not_there"]))
+    free = Options(candidates=1, looks=kept_free(assembly, ["table", "a_table_that_is_gone"], {"a_table_that_is_gone"}))
     assert len(free.looks) == 1
     for seed in range(4):
         assert plan_placement(assembly, block, free, seed).item.vertices[:, 0].min() > 0.04
+    with pytest.raises(InputError, match="no object 'tabel'; it has table, tray") as error:
+        kept_free(assembly, ["tabel"])
+    assert error.value.code == ErrorCode.OBJECT_UNKNOWN
 
 
 def test_where_an_object_settled_is_looked_at_again(monkeypatch):

@@ -2,16 +2,19 @@
 
 from functools import cache
 
+import manifold3d
 import numpy as np
 import pytest
 from scenes import BRICK, brick_views
 
-from poise.assembly import Analysis, Assembly, Box, Mesh, RigidObject
+from poise.assembly import Analysis, Assembly, Box, Cylinder, Mesh, RigidObject
+from poise.baselines.placement.pieces import convex_pieces
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.manipulation import Hand
 from poise.manipulation.grasps import antipodal_grasps
 from poise.scanning import scan, standing_mesh, united_surfaces
+from poise.scanning.faceted import faceted
 from poise.shape import part_surface, segment
 
 FLOOR = RigidObject("floor", Box((2.0, 2.0, 0.1)), Pose.from_vector([0, 0, -0.05, 0, 0, 0, 1]), fixed=True)
@@ -39,6 +42,144 @@ def test_a_scanned_brick_stands_flat_keeps_its_volume_and_can_be_grasped():
     item = RigidObject("brick", mesh, Pose.identity(), mass=0.4)
     found = Analysis.of(Assembly((FLOOR, item))).stability()
     assert 0.7 * 0.4 * 9.81 < found.margin < 0.4 * 9.81
+
+
+def cloud():
+    """Of the scanned brick: points in the object frame, and which were seen."""
+    scanned = scan(brick_views())
+    return scanned.points - scanned.foot, scanned.seen
+
+
+def test_with_its_points_a_scanned_brick_is_a_box_within_half_a_millimetre():
+    made = standing_mesh(*united_surfaces(brick()), "brick", *cloud())
+    mesh = Mesh(made.vertices, made.triangles)
+    assert mesh.volume == pytest.approx(np.prod(BRICK), rel=0.015)
+    np.testing.assert_allclose(mesh.centroid, [0, 0, BRICK[2] / 2], atol=5e-4)
+    assert len(mesh.polyhedron.normals) <= 10
+    assert len(convex_pieces(mesh.polyhedron)) <= 3
+    assert area_at(mesh, [0, 0, -1], 0.0) == pytest.approx(BRICK[0] * BRICK[1], rel=0.03)
+    assert area_at(mesh, [0, 0, 1], BRICK[2]) == pytest.approx(BRICK[0] * BRICK[1], rel=0.03)
+
+
+def area_at(mesh, normal, offset):
+    """m2 of the largest facet with this normal, up to 1 degree, whose plane has this offset up to .5 mm."""
+    solid = mesh.polyhedron
+    flat = [
+        facet
+        for facet in np.flatnonzero(solid.normals @ normal > np.cos(np.radians(1.0))).tolist()
+        if abs(solid.vertices[solid.facet_vertices[facet]] @ normal - offset).max() < 5e-4
+    ]
+    return max(solid.polygon(facet, solid.vertices, np.zeros(3), np.eye(3)[:2]).area for facet in flat)
+
+
+def sampled(mesh, spacing, noise, seed=0):
+    """Points on the surface of a mesh, about one in each square of the spacing, with noise along the normals."""
+    rng = np.random.default_rng(seed)
+    corners = mesh.vertices[mesh.triangles]
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(cross, axis=1) / 2
+    rows = rng.choice(len(areas), int(areas.sum() / spacing**2), p=areas / areas.sum())
+    shares = rng.dirichlet(np.ones(3), len(rows))
+    normals = cross[rows] / (2 * areas[rows, None])
+    return np.einsum("ni,nij->nj", shares, corners[rows]) + rng.normal(scale=noise, size=(len(rows), 1)) * normals
+
+
+def standing(shape, height):
+    """A shape, with its middle at half of the height, as an exact mesh that stands on z = 0."""
+    solid = shape.polyhedron
+    return Mesh(solid.vertices + np.array([0, 0, height / 2]), solid.triangles)
+
+
+@pytest.mark.parametrize("noise", [0.0, 2e-4])
+def test_a_can_gets_no_flat_side_to_rest_on(noise):
+    can = standing(Cylinder(0.03, 0.08), 0.08)
+    points = sampled(can, 1.5e-3, noise)
+    made = faceted(solid_of(can), points, np.ones(len(points), bool), 0.004, 0.001)
+    assert made is None or widest_side(mesh_of(made), 0.08) < 0.006
+    kept = standing_mesh(can.vertices, can.triangles, "can", points, np.ones(len(points), bool))
+    assert Mesh(kept.vertices, kept.triangles).volume == pytest.approx(can.volume, rel=0.04)
+
+
+def mesh_of(body):
+    cut = body.to_mesh64()
+    return Mesh(np.array(cut.vert_properties)[:, :3], np.array(cut.tri_verts, dtype=np.int64))
+
+
+def test_a_box_with_a_round_side_has_none_that_is_flat_there():
+    turns = np.linspace(-np.pi / 2, np.pi / 2, 40)
+    outline = np.column_stack([0.03 * np.cos(turns), 0.03 * np.sin(turns)]).tolist()
+    loaf = extruded([*outline, [-0.04, 0.03], [-0.04, -0.03]], 0.07)
+    points = sampled(loaf, 1.5e-3, 1e-4)
+    made = faceted(solid_of(loaf), points, np.ones(len(points), bool), 0.004, 0.001)
+    if made is not None:
+        sides = mesh_of(made).polyhedron
+        ahead = np.flatnonzero(sides.normals[:, 0] > 0.3)
+        corners = [sides.vertices[sides.facet_triangles[k]] for k in ahead]
+        areas = [
+            np.linalg.norm(np.cross(each[:, 1] - each[:, 0], each[:, 2] - each[:, 0]).sum(axis=0)) / 2
+            for each in corners
+        ]
+        assert max(areas) < 0.006 * 0.07
+        assert made.volume() == pytest.approx(loaf.volume, rel=0.02)
+
+
+def widest_side(mesh, height):
+    """m: the largest upright facet of a prism, divided by its height."""
+    solid = mesh.polyhedron
+    corners = [solid.vertices[solid.facet_triangles[k]] for k in np.flatnonzero(np.abs(solid.normals[:, 2]) < 0.3)]
+    crosses = [np.cross(each[:, 1] - each[:, 0], each[:, 2] - each[:, 0]).sum(axis=0) for each in corners]
+    return max(np.linalg.norm(cross) / 2 / height for cross in crosses)
+
+
+def test_an_angle_keeps_its_inner_corner():
+    angle = extruded([[0, 0], [0.06, 0], [0.06, 0.025], [0.025, 0.025], [0.025, 0.05], [0, 0.05]], 0.07)
+    points = sampled(angle, 1.5e-3, 2e-4)
+    made = standing_mesh(angle.vertices, angle.triangles, "angle", points, np.ones(len(points), bool))
+    mesh = Mesh(made.vertices, made.triangles)
+    assert mesh.volume == pytest.approx(angle.volume, rel=0.01)
+    np.testing.assert_allclose(mesh.centroid, angle.centroid, atol=3e-4)
+    assert len(mesh.polyhedron.normals) <= 10
+    assert len(convex_pieces(mesh.polyhedron)) <= 3
+
+
+def extruded(outline, height):
+    """A prism that stands on z = 0."""
+    body = manifold3d.Manifold.extrude(manifold3d.CrossSection([outline]), height).to_mesh64()
+    return Mesh(np.array(body.vert_properties)[:, :3], np.array(body.tri_verts, dtype=np.int64))
+
+
+def test_a_foot_that_is_only_completed_does_not_widen_the_base():
+    can = standing(Cylinder(0.03, 0.08), 0.08)
+    skirt = standing(Cylinder(0.036, 0.003), 0.003)
+    both = manifold3d.Manifold.batch_boolean([solid_of(can), solid_of(skirt)], manifold3d.OpType.Add).to_mesh64()
+    flared = Mesh(np.array(both.vert_properties)[:, :3], np.array(both.tri_verts, dtype=np.int64))
+    points = sampled(flared, 1.5e-3, 2e-4)
+    made = standing_mesh(flared.vertices, flared.triangles, "can", points, points[:, 2] > 0.004)
+    base = made.vertices[made.vertices[:, 2] == 0.0]
+    assert np.linalg.norm(base[:, :2], axis=1).max() < 0.0325
+
+
+def solid_of(mesh):
+    return manifold3d.Manifold(manifold3d.Mesh64(np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.uint64)))
+
+
+def test_with_its_points_too_a_ball_does_not_stand_on_a_disc():
+    vertices, triangles = ball(0.03)
+    points = sampled(Mesh(vertices, triangles), 1.5e-3, 2e-4)
+    made = standing_mesh(vertices, triangles, "ball", points, np.ones(len(points), bool))
+    base = made.vertices[made.vertices[:, 2] == 0.0]
+    assert np.linalg.norm(base[:, :2], axis=1).max() < 0.009
+    assert "may roll" in made.notes[0]
+    assert Mesh(made.vertices, made.triangles).volume == pytest.approx(4 / 3 * np.pi * 0.03**3, rel=0.04)
+
+
+def test_what_planes_do_not_explain_keeps_its_surface():
+    turns = np.linspace(0, 2 * np.pi, 160, endpoint=False)
+    wave = 0.03 + 0.005 * np.cos(20 * turns)
+    gear = extruded(np.column_stack([wave * np.cos(turns), wave * np.sin(turns)]).tolist(), 0.05)
+    points = sampled(gear, 1.5e-3, 1e-4)
+    made = standing_mesh(gear.vertices, gear.triangles, "gear", points, np.ones(len(points), bool))
+    assert Mesh(made.vertices, made.triangles).volume == pytest.approx(gear.volume, rel=0.05)
 
 
 def test_parts_unite_without_the_faces_that_they_share():
