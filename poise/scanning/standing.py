@@ -17,6 +17,8 @@ _NARROW_BASE, _WIDE_BASE = 0.25, 1.3
 """Ratios of the base that flat sides have to that by the sections above it, outside of which the latter is believed."""
 _TINY = 1e-5
 """m over the support, where the base is measured."""
+_FLARE = 0.008
+"""m by which the lowest mm of a scan may be wider than the object; what is wider belongs to it, as a thin plate."""
 _SMALL_BASE = 0.5
 """Share of its outline seen from above that the base of an object has at least, without a note."""
 
@@ -97,12 +99,20 @@ def standing_mesh(
 def _base(body: manifold3d.Manifold) -> manifold3d.CrossSection:
     """What the sections a little above the support have in common, narrower by as much as the lower is narrower.
 
-    The lowest few mm of a scan are completed, and often wider than the object.
+    The lowest few mm of a scan are completed, and often wider than the object. A thin plate at the foot is no such
+    error, nor is the floor of a cup.
     """
     low, higher, highest = (body.slice(height * HIDDEN_OFF) for height in (1, 2, 3))
     narrows = np.sqrt(max(higher.area(), 0.0) / np.pi) - np.sqrt(max(low.area(), 0.0) / np.pi)
-    common = low ^ higher ^ highest
-    return (low if common.is_empty() else common).offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+    above = _filled(higher) ^ _filled(highest)
+    base = low ^ above if (low - above.offset(_FLARE)).is_empty() else low
+    return base.offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+
+
+def _filled(section: manifold3d.CrossSection) -> manifold3d.CrossSection:
+    """A section without its holes, whose outlines run clockwise."""
+    outlines = [manifold3d.CrossSection([each], manifold3d.FillRule.Positive) for each in section.to_polygons()]
+    return manifold3d.CrossSection.batch_boolean(outlines, manifold3d.OpType.Add)
 
 
 def _on_foot(body: manifold3d.Manifold, base: manifold3d.CrossSection) -> manifold3d.Manifold:
