@@ -79,7 +79,7 @@ def faceted(
 
 
 def _lacks_a_piece(one: manifold3d.Manifold, other: manifold3d.Manifold) -> bool:
-    """Whether one of two bodies has a piece, as a leg, that the other has not; a sheet is as thick as 2 volume / area."""
+    """Whether one of two bodies has a piece, such as a leg, that the other lacks; a sheet is 2 volume / area thick."""
     pieces = [*(one - other).decompose(), *(other - one).decompose()]
     return any(2 * piece.volume() > _LEFT_OUT * piece.surface_area() for piece in pieces)
 
