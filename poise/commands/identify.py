@@ -168,7 +168,7 @@ def identify(
     shape = None if object_file is None else placed_object(object_file, object_scale, object_pose)
     people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
-        more = {"progress": progress, "keep_history": report is not None, **_told(shape, shape_accuracy)}
+        more = {"progress": progress, "keep_history": report is not None, **_shape_arguments(shape, shape_accuracy)}
         weigher = _weigher(urdf, method, known, (max_force, max_torque), more)
         weighed = weighed_with_causes(weigher, source, known, repair)
     if weighed.answer is None:
@@ -214,10 +214,10 @@ def _weigher(
     return lambda path, gravity: weigh(path, urdf, method, frame, gravity, topic, limits, **more)
 
 
-def _told(shape: ObjectShape | None, accuracy: float | None) -> dict[str, Any]:
+def _shape_arguments(shape: ObjectShape | None, accuracy: float | None) -> dict[str, Any]:
     if shape is None:
         return {}
-    return {"parts": shape.parts, "shape_accuracy": accuracy or shape.accuracy}
+    return {"parts": shape.parts, "shape_accuracy": shape.accuracy if accuracy is None else accuracy}
 
 
 def placed_object(path: Path, scale: float, pose: str | None) -> ObjectShape:

@@ -80,9 +80,10 @@ def with_causes(estimate: InertialEstimate, causes: Sequence[Cause]) -> Inertial
     why = _impossible(estimate)
     if why and not found:
         found = [EstimateFinding(ErrorCode.POOR_FIT, f"{why}: check the units and the axes of the wrench")]
-    more = [each for each in (_maybe_compensated(estimate), _strange_gravity(estimate)) if each is not None]
+    strange = None if any(each.code is ErrorCode.GRAVITY_WRONG for each in found) else _strange_gravity(estimate)
+    more = [each for each in (None if found else _maybe_compensated(estimate), strange) if each is not None]
     covariance = estimate.covariance + _left_open(estimate, _named(causes))
-    return replace(estimate, covariance=covariance, findings=(*found, *([] if found else more), *estimate.findings))
+    return replace(estimate, covariance=covariance, findings=(*found, *more, *estimate.findings))
 
 
 def findings_of(causes: Sequence[Cause]) -> list[EstimateFinding]:
@@ -236,7 +237,9 @@ def _of_values(cause: Cause) -> Array:
         scale = _ACCELERATIONS * np.abs(found.phi[:10])
         return np.asarray(found.covariance[:10, :10] + np.outer(scale, scale))
     if cause.repair is not None and cause.repair.gravity != 1.0:
-        return np.asarray(_PLACES**2 * np.outer(found.phi[:10], found.phi[:10]))
+        is_fitted = cause.repair.gravity == float(np.exp(found.values[0]))  # else it is the standard one
+        share = float(np.hypot(_ACCELERATIONS, found.value_stds[0])) if is_fitted else _PLACES
+        return np.asarray(share**2 * np.outer(found.phi[:10], found.phi[:10]))
     own = np.arange(16, len(found.covariance))
     across = found.covariance[:10][:, own]
     if not len(own) or not np.isfinite(across).all():

@@ -65,8 +65,10 @@ def test_effects_survive_a_break_where_there_are_no_samples(recorded: RecordedMo
 
 
 def test_recordings_lie_one_after_the_other_on_one_clock() -> None:
-    recordings = [make_case(seed, duration=6.0).recorded() for seed in (3, 4, 5)]
+    noise = (0.0, 2e-3, 1e-3)
+    recordings = [replace(make_case(3 + k, duration=6.0).recorded(), place_noise=noise[k]) for k in range(3)]
     whole, last = joined(recordings)
+    assert whole.place_noise == 2e-3
     for (begin, end), each in zip(spans(recordings), recordings, strict=True):
         inside = (whole.seconds >= begin - 1e-9) & (whole.seconds <= end + 1e-9)
         assert np.array_equal(whole.wrench[inside], each.wrench)

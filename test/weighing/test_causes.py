@@ -11,7 +11,7 @@ from poise.inertia import InertialParameters
 from poise.inertia.model import motion_signals, signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
-from poise.weighing import causes_of, find_causes, is_withheld, repaired_wrench, with_causes
+from poise.weighing import after_repair, causes_of, find_causes, is_withheld, repaired_wrench, with_causes
 from poise.weighing.fitting import explain, impossible_payload, plain_design
 
 LOAD = InertialParameters(1.2, np.array([0.02, -0.03, 0.08]), np.diag([6e-3, 5e-3, 3e-3]))
@@ -271,6 +271,13 @@ def test_gravity_that_is_not_that_of_the_earth_is_a_finding():
         samples=strange,
     )
     assert [each.code for each in with_causes(estimate, ()).findings] == [ErrorCode.GRAVITY_WRONG]
+    drift = [
+        cause
+        for cause in find_causes(replace(MOTION, wrench=KINDS["drift"][0]))
+        if cause.code is ErrorCode.SENSOR_DRIFT
+    ]
+    named = [each.code for each in with_causes(estimate, drift[:1]).findings]
+    assert named == [ErrorCode.SENSOR_DRIFT, ErrorCode.GRAVITY_WRONG]
 
 
 def estimated(samples, **more):
@@ -324,3 +331,21 @@ def test_a_repaired_gravity_is_that_of_the_earth():
     cause = find_causes(replace(MOTION, wrench=READ, signals=signals, gravity=GRAVITY * 9.0 / 9.80665))[0]
     assert cause.code is ErrorCode.GRAVITY_WRONG
     assert cause.repair.gravity == pytest.approx(9.80665 / 9.0)
+
+
+def test_a_repair_by_a_fitted_gravity_is_as_uncertain_as_the_accelerations_that_show_it():
+    """Accelerations 7 % too small make gravity and mass wrong by as much, and leave nothing in the residual."""
+    small, given = 0.93 * MOTION.acceleration_in_sensor, 9.0 / 9.80665
+
+    def weighed_in(gravity):
+        signals = MOTION.signals.copy()
+        signals[:, :3] = gravity * MOTION.gravity_in_sensor - small
+        return replace(MOTION, wrench=READ, signals=signals, gravity=GRAVITY * gravity)
+
+    cause = find_causes(weighed_in(given))[0]
+    assert cause.certain
+    fitted = given * cause.repair.gravity
+    assert fitted == pytest.approx(0.93, abs=0.01)
+    found = estimated(weighed_in(fitted))
+    assert not causes_of(found)
+    assert abs(found.phi[0] - LOAD.mass) < 2 * after_repair(found, cause).mass_std

@@ -47,7 +47,11 @@ def joined(recordings: Sequence[RecordedMotion]) -> tuple[RecordedMotion, Mask]:
                 commands=None if commands is None else replace(commands, seconds=commands.seconds + shift),
             )
         )
-    whole = replace(_stacked(moved), begins=tuple(begin for begin, _ in spans(recordings)[1:]))
+    whole = replace(
+        _stacked(moved),
+        begins=tuple(begin for begin, _ in spans(recordings)[1:]),
+        place_noise=max(recorded.place_noise for recorded in recordings),
+    )
     last = np.arange(len(whole)) >= len(whole) - len(recordings[-1])
     return whole, last
 
