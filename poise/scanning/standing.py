@@ -18,7 +18,7 @@ _NARROW_BASE, _WIDE_BASE = 0.25, 1.3
 _TINY = 1e-5
 """m over the support, where the base is measured."""
 _FLARE = 0.015
-"""m by which the lowest mm of a scan may be wider than the object; what is wider belongs to it, as a thin plate."""
+"""m by which the lowest mm of a scan may be wider than the object (on one side 10 mm are); a wider plate is real."""
 _SMALL_BASE = 0.5
 """Share of its outline seen from above that the base of an object has at least, without a note."""
 
