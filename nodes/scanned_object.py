@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from poise.assembly import Mesh, RigidObject
+from poise.assembly import Cylinder, Mesh, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.scanning import columns_of, standing_mesh, united_surfaces
@@ -13,6 +13,8 @@ from poise_msgs.msg import SegmentedObject
 
 def scanned_object(message: SegmentedObject, pose: Pose) -> tuple[RigidObject, tuple[str, ...]]:
     """The union of the parts, standing flat, with a weight that is assumed; and notes to read it with.
+
+    The frame of a can is in its centre, with z upwards; that of another object is the message's.
 
     Args:
         message: whose object frame has its origin on the support, and its z away from it.
@@ -34,7 +36,10 @@ def scanned_object(message: SegmentedObject, pose: Pose) -> tuple[RigidObject, t
         raise InputError(ErrorCode.EMPTY, f"segmented_object {message.id!r}: it has no parts or no id; scan it again")
     name = f"segmented_object {message.id}"
     mesh = standing_mesh(*united_surfaces(surfaces), name, *_cloud(message, name))
-    item = RigidObject(message.id, Mesh(mesh.vertices, mesh.triangles), pose, mass=1.0)
+    if (can := mesh.cylinder) is not None:
+        item = RigidObject(message.id, Cylinder(can.radius, can.height), pose @ can.pose, mass=1.0)
+    else:
+        item = RigidObject(message.id, Mesh(mesh.vertices, mesh.triangles), pose, mass=1.0)
     return assumed_weight(item), (*message.notes, *mesh.notes)
 
 

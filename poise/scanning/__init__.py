@@ -6,8 +6,8 @@
 - `fusion`: one cloud from many views. `registration`: correction of poses if views disagree.
 - `completion`: hidden surface, down to the table. `scan`: the complete computation.
 - `sweep`: joint positions that bring a camera around an object. `viewpoints`: places from which a region is covered.
-- `standing`: the surface of a scan as one closed mesh that stands flat, for an assembly. `patches`, `faceted`: its
-  planar patches, and the solid of few facets between their planes.
+- `standing`: the surface of a scan as one closed mesh that stands flat, for an assembly. `cans`: the cylinder that it
+  is. `patches`, `faceted`: its planar patches, and the solid of few facets between their planes.
 """
 
 from poise.scanning.camera import Camera

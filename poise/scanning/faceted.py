@@ -56,7 +56,7 @@ def faceted(
         below: m, height below which the scan does not count.
         most: m that the surface may move, on average.
     """
-    counting = _counting(body, points, below)
+    counting = counted(body, points, below)
     trusted = body.trim_by_plane((0.0, 0.0, 1.0), below)
     if trusted.is_empty() or len(counting) < _LEAST_POINTS:
         return None
@@ -84,7 +84,7 @@ def _lacks_a_piece(one: manifold3d.Manifold, other: manifold3d.Manifold) -> bool
     return any(2 * piece.volume() > _LEFT_OUT * piece.surface_area() for piece in pieces)
 
 
-def _counting(body: manifold3d.Manifold, points: Array, below: float) -> Indices:
+def counted(body: manifold3d.Manifold, points: Array, below: float) -> Indices:
     """The points that count: each place once, above a height, not far off the body, and not too many."""
     low, high = np.array(body.bounding_box()[:3]) - _MARGIN, np.array(body.bounding_box()[3:]) + _MARGIN
     rows = np.flatnonzero((points[:, 2] > below) & np.all((points > low) & (points < high), axis=1))

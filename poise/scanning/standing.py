@@ -6,7 +6,8 @@ import manifold3d
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
-from poise.scanning.faceted import faceted
+from poise.scanning.cans import StandingCylinder, standing_cylinder
+from poise.scanning.faceted import counted, faceted
 from poise.scanning.scan import HIDDEN_OFF
 from poise.shape import check_mesh
 from poise.types import Array, Indices, Mask
@@ -15,6 +16,10 @@ _ROUGH = 1e-3
 """m that the surface may move when its facets are made fewer: less than what a scan is off."""
 _NARROW_BASE, _WIDE_BASE = 0.25, 1.3
 """Ratios of the base that flat sides have to that by the sections above it, outside of which the latter is believed."""
+_SIDES = 64
+"""Of the prism in the place of a cylinder."""
+_SAME_VOLUME = 0.08
+"""Share by which the volume of a cylinder may differ from that of the surface."""
 _TINY = 1e-5
 """m over the support, where the base is measured."""
 _FLARE = 0.015
@@ -30,11 +35,13 @@ class StandingMesh(NamedTuple):
         vertices: (V, 3) m; none below z = 0, and those at 0 are the base.
         triangles: (T, 3) vertex numbers, counter-clockwise from outside.
         notes: what to read it with, one sentence each.
+        cylinder: that the object is, as far as the scan can say; the surface is then a prism inscribed in it.
     """
 
     vertices: Array
     triangles: Indices
     notes: tuple[str, ...]
+    cylinder: StandingCylinder | None = None
 
 
 def united_surfaces(surfaces: list[tuple[Array, Indices]]) -> tuple[Array, Indices]:
@@ -62,10 +69,11 @@ def standing_mesh(
 ) -> StandingMesh:
     """Clean the surface of a scanned object.
 
-    With the points of the scan, planar patches of the surface become one facet each, and its sides go on along their
-    planes down to the support. Without, or where that does not explain the surface, its facets are made fewer, what
-    reaches below the support is cut off, and the base is the cross-section a little above it. In both cases the base
-    is narrowed as the sections above it say that it narrows: a ball does not stand on a disc.
+    With the points of the scan, an upright can becomes a cylinder. Planar patches of another surface become one facet
+    each, and its sides go on along their planes down to the support. Without points, or where neither explains the
+    surface, its facets are made fewer, what reaches below the support is cut off, and the base is the cross-section a
+    little above it. Unless it is a cylinder, the base is narrowed as the sections above it say that it narrows: a ball
+    does not stand on a disc.
 
     Args:
         vertices: (V, 3) m in the object frame; its origin is on the support, its z points away from it.
@@ -82,18 +90,32 @@ def standing_mesh(
     body = manifold3d.Manifold(mesh)
     if body.status() != manifold3d.Error.NoError:
         raise InputError(ErrorCode.MESH_INVALID, f"{name}: its parts make no closed surface: scan it again")
-    whole = None if points is None or seen is None else faceted(body, points, seen, 2 * HIDDEN_OFF, _ROUGH)
-    body = body.simplify(_ROUGH)
-    base = _base(body)
+    simple = body.simplify(_ROUGH)
+    base = _base(simple)
     if base.is_empty():
         raise InputError(
             ErrorCode.MESH_INVALID, f"{name}: it does not reach the plane on which it stands: scan it again, from lower"
         )
+    whole = None
+    if points is not None and seen is not None:
+        rows = counted(body, points, 2 * HIDDEN_OFF)
+        points, seen = points[rows], seen[rows]
+        can = standing_cylinder(points, seen)
+        if can is not None and abs(body.volume() / can.volume - 1) < _SAME_VOLUME:
+            return _prism(can, name)
+        whole = faceted(body, points, seen, 2 * HIDDEN_OFF, _ROUGH)
+    body = simple
     if whole is None:
         whole = _on_foot(body, base)
     elif not _NARROW_BASE < whole.slice(_TINY).area() / base.area() < _WIDE_BASE:
         whole = _on_foot(whole, base)
     return _standing(whole, name)
+
+
+def _prism(can: StandingCylinder, name: str) -> StandingMesh:
+    """The prism in a cylinder."""
+    body = manifold3d.Manifold.cylinder(can.height, can.radius, circular_segments=_SIDES)
+    return _standing(body.translate((*can.middle.tolist(), 0.0)), name)._replace(cylinder=can)
 
 
 def _base(body: manifold3d.Manifold) -> manifold3d.CrossSection:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from poise.assembly import Box, RigidObject
+from poise.assembly import Box, Cylinder, RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.nodes.clouds import point_cloud
@@ -39,6 +39,23 @@ def test_the_cloud_of_a_scan_makes_its_facets_flat() -> None:
     assert len(item.shape.polyhedron.normals) == 6
     assert item.shape.volume == pytest.approx(np.prod(SIZE), rel=0.01)
     np.testing.assert_allclose(item.shape.centroid, [0, 0, SIZE[2] / 2], atol=2e-4)
+
+
+def test_a_scanned_can_is_a_cylinder_whose_frame_is_in_its_centre() -> None:
+    radius, height, there = 0.03, 0.08, Pose(np.eye(3), np.array([0.4, 0.1, 0.2]))
+    can = RigidObject("can", Cylinder(radius, height), Pose.identity(), mass=1.0)
+    message, _ = as_scan(can, "can", "world")
+    rng = np.random.default_rng(3)
+    turns, heights = rng.uniform(0, 2 * np.pi, 9000), rng.uniform(0, height, 9000)
+    out = np.full(9000, radius)
+    out[:2000], heights[:2000] = radius * np.sqrt(rng.uniform(0, 1, 2000)), height
+    records = np.zeros(9000, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("seen", "u1")])
+    records["x"], records["y"], records["z"], records["seen"] = out * np.cos(turns), out * np.sin(turns), heights, 1
+    message.cloud = point_cloud(message.header, records)
+    item, _ = scanned_object(message, there)
+    assert isinstance(item.shape, Cylinder)
+    np.testing.assert_allclose([item.shape.radius, item.shape.length], [radius, height], atol=1e-4)
+    np.testing.assert_allclose(item.pose.translation, [0.4, 0.1, 0.24], atol=1e-4)
 
 
 def test_a_cloud_without_the_field_seen_is_not_used_and_a_damaged_one_is_refused() -> None:

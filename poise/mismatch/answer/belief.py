@@ -120,10 +120,10 @@ def _contains(name: str, piece: str) -> bool:
 
 
 def probability_of_none(state: HypothesisSearch) -> float:
-    """Probability that nothing of the library is there."""
-    evidence = {
-        names: value / _NONE_TEMPERATURE - _PER_EFFECT * len(names) for names, value in _evidences(state).items()
-    }
+    """Probability that nothing of the library is there; effects that were not tried keep their prior odds."""
+    found = _evidences(state)
+    found |= {(name,): found[()] for name in state.late}
+    evidence = {names: value / _NONE_TEMPERATURE - _PER_EFFECT * len(names) for names, value in found.items()}
     top = max(evidence.values())
     total = sum(math.exp(value - top) for value in evidence.values())
     return min(math.exp(evidence[()] - top) / total, MAX_PROBABILITY)

@@ -85,8 +85,10 @@ def search(
     state.limit.passed(_MOST_PARTS / (_MOST_PARTS + 1))
     if state.limit.cut:
         tried = {name for _, name in state.gains}
-        late = [effect for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)]
-        state.untestable |= {effect.name: "the deadline came before it was tried" for effect in late}
+        state.late = tuple(
+            effect.name for effect in effects if effect.name not in tried and not isinstance(effect, Dependence)
+        )
+        state.untestable |= dict.fromkeys(state.late, "the deadline came before it was tried")
     return state, _or_one_unknown(state, _pruned(state, best), effects)
 
 
