@@ -99,16 +99,17 @@ def _left_open(estimate: InertialEstimate, causes: Sequence[Cause]) -> Array:
     """(10, 10) by how much the payloads of the causes differ significantly from an estimate, and their pull."""
     phi = np.nan_to_num(estimate.phi)
     by_gravity = _gravity_step(estimate) * phi
-    open_part, pulls = np.outer(by_gravity, by_gravity), [0.0]
+    reach = float(np.linalg.norm(phi[1:4])) / max(abs(float(phi[0])), _EMPTY)
+    open_part, pull = np.outer(by_gravity, by_gravity), np.zeros(10)
     for cause in causes:
         step = cause.explanation.phi - phi
         variance = np.diag(cause.explanation.covariance)[:10] + np.nan_to_num(np.diag(estimate.covariance))
         seen = np.clip(1.0 - variance / np.maximum(step**2, 1e-30), 0.0, 1.0)
         step = np.where(np.isfinite(variance), step * np.sqrt(seen), 0.0)
         open_part += np.outer(step, step)
-        pulls.append(cause.open_pull / STANDARD_GRAVITY)
-    reach = float(np.linalg.norm(phi[1:4])) / max(abs(float(phi[0])), _EMPTY)
-    pull = max(pulls) * np.array([1.0] + [reach] * 3 + [reach**2] * 6)
+        point = float(np.linalg.norm([cause.evidence.get(f"point_{axis}", 0.0) for axis in "xyz"]))
+        lever = max(reach, point)  # a pull looks like a mass where it acts
+        pull = np.maximum(pull, cause.open_pull / STANDARD_GRAVITY * np.array([1.0] + [lever] * 3 + [lever**2] * 6))
     return np.asarray(open_part + np.diag(pull**2))
 
 

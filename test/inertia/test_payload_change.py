@@ -126,3 +126,18 @@ def test_a_vertical_push_that_is_taken_for_a_payload_leaves_a_doubt_until_the_se
     assert not estimator.doubts
     solution = estimator.solve()
     assert abs(solution.phi[0] - 0.9) < 3 * np.sqrt(solution.covariance[0, 0])
+
+
+@pytest.mark.parametrize("seed", [8, 9])
+def test_until_a_release_in_much_noise_is_certain_the_estimate_of_a_light_payload_covers_it(seed):
+    rng = np.random.default_rng(seed)
+    estimator = ContinuousEstimator(None, NoiseLevels(0.09, 0.0045))
+    fed(estimator, *samples(HELD, 5.0, 0.0, rng, 0.09)[:2])
+    stamps, rows, _ = samples(LIGHT, 3.0, 5.0, rng, 0.09)
+    for begin in range(0, len(stamps), 5):
+        estimator.add_rows(stamps[begin : begin + 5], rows[begin : begin + 5])
+        if begin < 60 or begin % 10:
+            continue
+        solution = estimator.solve()
+        spread = sum(each.spread(solution.phi)[0, 0] for each in estimator.doubts) + solution.covariance[0, 0]
+        assert abs(solution.phi[0] - 0.02) < 3 * np.sqrt(spread)

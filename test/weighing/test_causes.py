@@ -303,6 +303,15 @@ def test_what_is_given_beside_a_cause_is_as_wide_as_the_cause_leaves_it(kind):
     assert np.all(error < 3 * np.sqrt(np.diag(named.covariance)[:4]))
 
 
+@pytest.mark.parametrize("lift", [5.0, 7.0])
+def test_a_pull_looks_like_a_mass_at_the_point_where_it_acts(lift):
+    estimate = estimated(replace(MOTION, wrench=hose(lift)))
+    causes = causes_of(estimate)
+    assert causes[0].open_pull > 0
+    error = np.abs(estimate.phi[1:4] - LOAD.phi[1:4])
+    assert np.all(error < 3 * np.sqrt(np.diag(with_causes(estimate, causes).covariance)[1:4]))
+
+
 def test_gravity_that_was_given_wrongly_is_in_the_uncertainty():
     signals = MOTION.signals.copy()
     signals[:, :3] += (9.0 / 9.80665 - 1) * MOTION.gravity_in_sensor
