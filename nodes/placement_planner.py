@@ -81,10 +81,10 @@ class PlacementPlannerNode(ArmNode):
         self._planner = PLACEMENT_PLANNERS.find(values["planner"])
         self._folders = tuple(Path(folder) for folder in values["mesh_folders"])
         self._heard: AssemblyMessage | None = None
-        if values["scene"]:
-            self._heard = assembly_message(load_scene(package_file(values["scene"])), values["frame_id"])
-        self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._seen: set[str] = set()  # of keep_free: what has been in an assembly
+        if values["scene"]:
+            self._on_assembly(assembly_message(load_scene(package_file(values["scene"])), values["frame_id"]))
+        self._known: tuple[AssemblyMessage, Analysis] | None = None
         self._task: PlacementTask | None = None
         feedback = Action.Feedback(stage="waiting", best_robustness=math.nan)
         self._waiting = WaitingGoal(self._begin, placement_result, cancelled_placement, feedback)

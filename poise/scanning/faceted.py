@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from poise.scanning.patches import Patch, SurfaceSamples, planar_patches
 from poise.scanning.rounding import Sides, sides_of
-from poise.types import Array, Mask
+from poise.types import Array, Indices, Mask
 
 _SEEN_OFF, _HIDDEN_OFF = 0.7e-3, 2e-3
 """m that a seen point and a completed one may be off the surface."""
@@ -24,8 +24,12 @@ _LOST = 1e-3
 """Share of the volume that may be lost where cells are united."""
 _CHANGED = 0.08
 """Share by which the volume may differ from the body's, whose edges overshoot."""
+_LEFT_OUT = 2e-3
+"""m: the thickness of a piece that may differ from the body, where the scan is trusted."""
 _MARGIN = 0.01
-"""m around a surface within which space is cut."""
+"""m around a surface within which space is cut, and points count."""
+_MOST_POINTS = 60_000
+"""Of more, some are drawn: memory grows with their number."""
 _OUTER = 8
 """Triangles that give the direction outwards at a point."""
 
@@ -52,9 +56,9 @@ def faceted(
         below: m, height below which the scan does not count.
         most: m that the surface may move, on average.
     """
-    counting = points[:, 2] > below
+    counting = counted(body, points, below)
     trusted = body.trim_by_plane((0.0, 0.0, 1.0), below)
-    if trusted.is_empty() or np.count_nonzero(counting) < _LEAST_POINTS:
+    if trusted.is_empty() or len(counting) < _LEAST_POINTS:
         return None
     samples = _samples(body, points[counting], seen[counting])
     patches = planar_patches(samples, _LEAST**2)
@@ -70,7 +74,23 @@ def faceted(
     off = whole.volume() + body.volume() - 2 * (whole ^ body).volume()
     changed = abs(whole.volume() - body.volume())
     good = abs(lost) < _LOST * whole.volume() and changed < _CHANGED * body.volume()
-    return whole if good and off <= most * body.surface_area() else None
+    good = good and off <= most * body.surface_area()
+    return whole if good and not _lacks_a_piece(whole.trim_by_plane((0.0, 0.0, 1.0), below), trusted) else None
+
+
+def _lacks_a_piece(one: manifold3d.Manifold, other: manifold3d.Manifold) -> bool:
+    """Whether one of two bodies has a piece, such as a leg, that the other lacks; a sheet is 2 volume / area thick."""
+    pieces = [*(one - other).decompose(), *(other - one).decompose()]
+    return any(2 * piece.volume() > _LEFT_OUT * piece.surface_area() for piece in pieces)
+
+
+def counted(body: manifold3d.Manifold, points: Array, below: float) -> Indices:
+    """The points that count: each place once, above a height, not far off the body, and not too many."""
+    low, high = np.array(body.bounding_box()[:3]) - _MARGIN, np.array(body.bounding_box()[3:]) + _MARGIN
+    rows = np.flatnonzero((points[:, 2] > below) & np.all((points > low) & (points < high), axis=1))
+    if len(rows) > _MOST_POINTS:
+        rows = np.sort(np.random.default_rng(0).choice(rows, _MOST_POINTS, replace=False))
+    return np.asarray(rows[np.sort(np.unique(points[rows], axis=0, return_index=True)[1])])
 
 
 def _samples(body: manifold3d.Manifold, points: Array, seen: Mask) -> SurfaceSamples:

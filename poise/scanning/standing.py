@@ -7,7 +7,7 @@ import numpy as np
 
 from poise.errors import ErrorCode, InputError
 from poise.scanning.cans import StandingCylinder, standing_cylinder
-from poise.scanning.faceted import faceted
+from poise.scanning.faceted import counted, faceted
 from poise.scanning.scan import HIDDEN_OFF
 from poise.shape import check_mesh
 from poise.types import Array, Indices, Mask
@@ -22,6 +22,8 @@ _SAME_VOLUME = 0.08
 """Share by which the volume of a cylinder may differ from that of the surface."""
 _TINY = 1e-5
 """m over the support, where the base is measured."""
+_FLARE = 0.015
+"""m by which the lowest mm of a scan may be wider than the object (on one side 10 mm are); a wider plate is real."""
 _SMALL_BASE = 0.5
 """Share of its outline seen from above that the base of an object has at least, without a note."""
 
@@ -96,6 +98,8 @@ def standing_mesh(
         )
     whole = None
     if points is not None and seen is not None:
+        rows = counted(body, points, 2 * HIDDEN_OFF)
+        points, seen = points[rows], seen[rows]
         can = standing_cylinder(points, seen)
         if can is not None and abs(body.volume() / can.volume - 1) < _SAME_VOLUME:
             return _prism(can, name)
@@ -117,12 +121,20 @@ def _prism(can: StandingCylinder, name: str) -> StandingMesh:
 def _base(body: manifold3d.Manifold) -> manifold3d.CrossSection:
     """What the sections a little above the support have in common, narrower by as much as the lower is narrower.
 
-    The lowest few mm of a scan are completed, and often wider than the object.
+    The lowest few mm of a scan are completed, and often wider than the object. A thin plate at the foot is no such
+    error, nor is the floor of a cup.
     """
     low, higher, highest = (body.slice(height * HIDDEN_OFF) for height in (1, 2, 3))
     narrows = np.sqrt(max(higher.area(), 0.0) / np.pi) - np.sqrt(max(low.area(), 0.0) / np.pi)
-    common = low ^ higher ^ highest
-    return (low if common.is_empty() else common).offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+    above = _filled(higher) ^ _filled(highest)
+    base = low ^ above if (low - above.offset(_FLARE)).is_empty() else low
+    return base.offset(-max(float(narrows), 0.0)).simplify(_ROUGH / 2)
+
+
+def _filled(section: manifold3d.CrossSection) -> manifold3d.CrossSection:
+    """A section without its holes, whose outlines run clockwise."""
+    outlines = [manifold3d.CrossSection([each], manifold3d.FillRule.Positive) for each in section.to_polygons()]
+    return manifold3d.CrossSection.batch_boolean(outlines, manifold3d.OpType.Add)
 
 
 def _on_foot(body: manifold3d.Manifold, base: manifold3d.CrossSection) -> manifold3d.Manifold:

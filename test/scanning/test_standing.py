@@ -159,6 +159,48 @@ def test_a_foot_that_is_only_completed_does_not_widen_the_base():
     assert np.linalg.norm(base[:, :2], axis=1).max() < 0.0325
 
 
+def as_exact(body):
+    """A mesh, with points on it; those near the support count as completed."""
+    points = sampled(mesh := mesh_of(body), 1.5e-3, 2e-4)
+    return mesh, points, points[:, 2] > 0.004
+
+
+def test_a_cup_keeps_its_floor_and_a_lamp_its_thin_plate():
+    wall = manifold3d.Manifold.cylinder(0.05, 0.03, 0.03, 24)
+    cup = wall - manifold3d.Manifold.cylinder(0.05, 0.026, 0.026, 24).translate((0, 0, 0.004))
+    lamp = manifold3d.Manifold.cylinder(0.003, 0.05, 0.05, 48) + manifold3d.Manifold.cylinder(0.05, 0.012, 0.012, 48)
+    for body in (cup, lamp):
+        mesh = mesh_of(body)
+        made = standing_mesh(mesh.vertices, mesh.triangles)
+        whole = Mesh(made.vertices, made.triangles)
+        assert whole.volume == pytest.approx(mesh.volume, rel=0.05)
+        assert area_at(whole, [0, 0, -1], 0.0) == pytest.approx(area_at(mesh, [0, 0, -1], 0.0), rel=0.05)
+        assert not any("may roll" in note for note in made.notes)
+
+
+def test_planes_that_leave_out_a_leg_do_not_explain_a_table():
+    leg = manifold3d.Manifold.cube((0.012, 0.012, 0.045))
+    legs = [leg.translate((x, y, 0.0)) for x in (-0.046, 0.034) for y in (-0.046, 0.034)]
+    top = manifold3d.Manifold.cube((0.1, 0.1, 0.02)).translate((-0.05, -0.05, 0.04))
+    mesh, points, seen = as_exact(manifold3d.Manifold.batch_boolean([top, *legs], manifold3d.OpType.Add))
+    made = standing_mesh(mesh.vertices, mesh.triangles, "table", points, seen)
+    whole = Mesh(made.vertices, made.triangles)
+    np.testing.assert_allclose(whole.centroid, mesh.centroid, atol=3e-4)
+    assert solid_of(whole).slice(1e-5).area() == pytest.approx(4 * 0.012**2, rel=0.1)
+
+
+def test_points_that_coincide_or_lie_far_off_change_nothing():
+    box = standing(Box((0.06, 0.05, 0.08)), 0.08)
+    points = sampled(box, 1.5e-3, 2e-4)
+    seen = np.ones(2 * len(points) + 200, bool)
+    twice = np.concatenate([points, np.full((100, 3), 1e200), np.full((100, 3), np.nan), points])
+    once = standing_mesh(box.vertices, box.triangles, "box", points, seen[: len(points)])
+    again = standing_mesh(box.vertices, box.triangles, "box", twice, seen)
+    np.testing.assert_array_equal(once.vertices, again.vertices)
+    same = np.tile(points[points[:, 2] > 0.01][:1], (500, 1))
+    assert faceted(solid_of(box), same, seen[:500], 0.004, 0.001) is None
+
+
 def solid_of(mesh):
     return manifold3d.Manifold(manifold3d.Mesh64(np.asarray(mesh.vertices), np.asarray(mesh.triangles, np.uint64)))
 
