@@ -1,6 +1,6 @@
 """Every node under every fault: what must hold, whether it held, and the table of docs/reliability.md.
 
-    python -m benchmarks.chaos                         # the table, about 15 minutes
+    python -m benchmarks.chaos                         # the table, about 20 minutes
     python -m benchmarks.chaos --quick                 # three nodes, four faults
     python -m benchmarks.chaos --node ft_driver --fault "kill -9, restart" --repeats 50
     python -m benchmarks.chaos --page docs/reliability.md
