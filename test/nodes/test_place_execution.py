@@ -167,11 +167,10 @@ def test_what_is_missing_or_in_the_way_is_said(start_node, graph, caller):
     assert refused(ErrorCode.ROBOT_DESCRIPTION_MISSING, "robot_description")
     describe = graph.node.create_publisher(String, "robot_description", LATCHED)
     describe.publish(String(data=read_urdf(find_urdf("fr3"))))
-    graph.meet()
-    describe.publish(String(data="<robot"))  # does not replace what is valid
     for topic in ("joint_trajectory", "gripper_trajectory"):
         graph.wait_for(lambda topic=topic: refused(ErrorCode.TOPIC_MISSING, topic), what=f"no {topic}")
         graph.collect(topic, JointTrajectory)
+    describe.publish(String(data="<robot"))  # does not replace what is valid, and known by now
     graph.wait_for(lambda: refused(ErrorCode.TOPIC_MISSING, "joint_states"), what="no joint states")
 
     start = home(RobotModel.from_file("fr3"))
