@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from poise.assembly import Analysis, Assembly, Cylinder, Mesh, RigidObject, acceleration_limits, load_scene
+from poise.assembly import Analysis, Assembly, RigidObject, acceleration_limits, load_scene
 from poise.baselines.placement import Engine
 from poise.errors import PoiseError
 from poise.fake_robots.depth_noise import D435, measured
@@ -59,7 +59,7 @@ from poise.scanning import (
 from poise.shape import independent_parts, part_surface, segment
 from poise.simulation import home
 from poise.types import Array
-from poise.world import settled
+from poise.world import settled, standing_object
 
 EYE = "ft_sensor", Pose.from_vector([0.075, 0, -0.0175, 0, 0, 0.5**0.5, 0.5**0.5])
 CAMERA = Camera(320, 240, 307.5, 307.5, 159.5, 119.5)
@@ -132,11 +132,7 @@ def scans_of(scene: Assembly, seed: int, own_surface: bool) -> Iterator[Scanned]
         made = standing_mesh(*joined, "scan", *cloud)
         movable = [item for item in scene.objects if not item.fixed]
         true = min(movable, key=lambda item: float(np.linalg.norm((item.pose.translation - found.foot)[:2])))
-        there = Pose(np.eye(3), found.foot)
-        if (can := made.cylinder) is not None:
-            item = RigidObject(true.id, Cylinder(can.radius, can.height), there @ can.pose, mass=true.mass)
-        else:
-            item = RigidObject(true.id, Mesh(made.vertices, made.triangles), there, mass=true.mass)
+        item = standing_object(true.id, made, Pose(np.eye(3), found.foot), true.mass)
         yield Scanned(true, weighed(settled(item, fixed, 0.01), true))
 
 

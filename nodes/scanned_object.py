@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from poise.assembly import Cylinder, Mesh, RigidObject
+from poise.assembly import RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.scanning import columns_of, standing_mesh, united_surfaces
 from poise.types import Array, Mask
-from poise.world import assumed_weight
+from poise.world import assumed_weight, standing_object
 from poise_msgs.msg import SegmentedObject
 
 
@@ -36,11 +36,7 @@ def scanned_object(message: SegmentedObject, pose: Pose) -> tuple[RigidObject, t
         raise InputError(ErrorCode.EMPTY, f"segmented_object {message.id!r}: it has no parts or no id; scan it again")
     name = f"segmented_object {message.id}"
     mesh = standing_mesh(*united_surfaces(surfaces), name, *_cloud(message, name))
-    if (can := mesh.cylinder) is not None:
-        item = RigidObject(message.id, Cylinder(can.radius, can.height), pose @ can.pose, mass=1.0)
-    else:
-        item = RigidObject(message.id, Mesh(mesh.vertices, mesh.triangles), pose, mass=1.0)
-    return assumed_weight(item), (*message.notes, *mesh.notes)
+    return assumed_weight(standing_object(message.id, mesh, pose)), (*message.notes, *mesh.notes)
 
 
 def _cloud(message: SegmentedObject, name: str) -> tuple[Array | None, Mask | None]:

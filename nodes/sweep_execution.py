@@ -87,8 +87,8 @@ class SweepExecution:
         if not arm.get_subscription_count():
             raise InputError(ErrorCode.TOPIC_MISSING, "no controller listens on joint_trajectory: remap or start it")
         self._tolerance, self._publisher, self._model, self._motion = tolerance, arm, model, motion
-        self._joints = JointWatch(model)
         self._options = execution_options(node)
+        self._joints = JointWatch(model, self._options.stale)
         self._arm = CommandedArm(self._joints, self._send, watchdog, self._options)
         self._since = time.monotonic()
         self._held_up = HeldUp(self._since, self._options)
@@ -112,7 +112,7 @@ class SweepExecution:
         Raises:
             PoiseError: it does not become known in time, or the arm moves.
         """
-        problem = self._joints.problem(now, self._options.stale)
+        problem = self._joints.problem(now)
         if problem is None and not self._joints.at_rest():
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
         if problem is None:
@@ -150,7 +150,7 @@ class SweepExecution:
             self._begin(prepared, now)
             return
         self._arm.check()
-        if not self._held_up.lately(now) and (problem := self._joints.problem(now, self._options.stale)) is not None:
+        if not self._held_up.lately(now) and (problem := self._joints.problem(now)) is not None:
             raise problem
         self._arm.require_on_path(self._tolerance, "the sweep")
         if self._arm.seconds > prepared.motion.duration:
@@ -173,7 +173,7 @@ class SweepExecution:
         self._since = now
 
     def _begin(self, stops: ReadyStops, now: float) -> None:
-        problem = self._joints.problem(now, self._options.stale)
+        problem = self._joints.problem(now)
         if problem is None and not self._arm.ready:
             problem = PoiseError(ErrorCode.BUSY, NOT_WATCHED)
         if problem is not None:

@@ -124,19 +124,11 @@ class Picker(Subject):
         self.judge("" if off.max() < 0.06 and result.trajectories else f"a grasp {off.max():.3f} m off the can")
 
     def begin(self, observer: Observer) -> None:
-        client, goals = observer.actor(PickObject, "pick_object"), list[Any]()
+        client = observer.actor(PickObject, "pick_object")
         observer.until(client.server_is_ready, "action pick_object")
-
-        def ended() -> bool:
-            return not goals or goals[-1].done()
-
         self.hear_arm()
         observer.until(lambda: self._moving is not None, "joint states")
-        while self.arm_is_at_rest:
-            if ended():  # a goal before the node knows the robot is refused
-                goal = PickObject.Goal(id="can", seed=1, deadline=20.0)
-                goals.append(observer.begin(client, goal).get_result_async())
-            observer.until(lambda: not self.arm_is_at_rest or ended(), "the motion")
+        self.start_moving(observer, client, PickObject.Goal(id="can", seed=1, deadline=20.0))
 
 
 class Carrier(Subject):
@@ -196,13 +188,9 @@ class Carrier(Subject):
         self.judge("" if off < 0.05 else f"the base is {off:.3f} m off its goal")
 
     def begin(self, observer: Observer) -> None:
-        client, goals = observer.actor(CarryObject, "carry_object"), list[Any]()
+        client = observer.actor(CarryObject, "carry_object")
         observer.until(client.server_is_ready, "action carry_object")
-        goal = self._goal(observer, 3.0)
-        while self.arm_is_at_rest:
-            if not goals or goals[-1].done():
-                goals.append(observer.begin(client, goal).get_result_async())
-            observer.until(lambda: not self.arm_is_at_rest or goals[-1].done(), "the motion")
+        self.start_moving(observer, client, self._goal(observer, 3.0))
 
 
 HANDLING: dict[str, type[Subject]] = {

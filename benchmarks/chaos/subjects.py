@@ -89,6 +89,14 @@ class Subject:
     def begin(self, observer: Observer) -> None:
         """Start something that takes long, to be disturbed in its middle."""
 
+    def start_moving(self, observer: Observer, client: Any, goal: Any) -> None:
+        """Send a goal until the arm moves: one before the node knows the robot is refused."""
+        goals: list[Any] = []
+        while self.arm_is_at_rest:
+            if not goals or goals[-1].done():
+                goals.append(observer.begin(client, goal).get_result_async())
+            observer.until(lambda: not self.arm_is_at_rest or goals[-1].done(), "the motion")
+
     def spoil(self) -> None:
         """Disturb inputs that are no topics."""
 

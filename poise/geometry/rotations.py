@@ -73,9 +73,10 @@ def _quaternions(matrices: Array) -> Array:
 
 
 def nearest_rotation(matrix: ArrayLike) -> Array:
-    """(3, 3) the proper rotation nearest to a matrix (3, 3): it maximises the trace of R^T M (Kabsch 1976)."""
+    """(..., 3, 3) the proper rotations nearest to matrices: they maximise the trace of R^T M (Kabsch 1976)."""
     left, _, right = np.linalg.svd(np.asarray(matrix, dtype=np.float64))
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+    left[..., 2] *= np.sign(np.linalg.det(left @ right))[..., None]
+    return np.asarray(left @ right)
 
 
 def _orthonormal(matrices: Array) -> Array:
@@ -88,8 +89,7 @@ def _orthonormal(matrices: Array) -> Array:
     if not off.any():
         return matrices
     result = matrices.copy()
-    left, _, right = np.linalg.svd(matrices[off])
-    result[off] = left @ right
+    result[off] = nearest_rotation(matrices[off])
     return result
 
 

@@ -132,7 +132,7 @@ class RobotPort:
     ) -> None:
         self.joint_names, self.gripper, self.move, self.grip = arm.joint_names, gripper, move, grip
         self.options = options
-        self.joints, self.fingers = JointWatch(arm), FingerWatch(gripper)
+        self.joints, self.fingers = JointWatch(arm, options.stale), FingerWatch(gripper)
         self.commanded = CommandedArm(self.joints, lambda command: self.move(*command), watchdog, options)
 
     def add_joint_state(self, stamp: int, names: Sequence[str], position: ArrayLike, now: float) -> None:
@@ -140,17 +140,13 @@ class RobotPort:
         self.fingers.add(names, position, now)
         self.joints.add(stamp, names, position, now)
 
-    def problem(self, now: float) -> PoiseError | None:
-        """Why the joints are not known now; None: they are."""
-        return self.joints.problem(now, self.options.stale)
-
     def rests_at(self, now: float, since: float) -> Array | None:
         """(J,) where the arm rests; None while that is not known, for a short while after `since`, s.
 
         Raises:
             PoiseError: TOPIC_MISSING, JOINT_MISSING, SENSOR_STALE; BUSY when it moves.
         """
-        problem = self.problem(now)
+        problem = self.joints.problem(now)
         if problem is None and not self.joints.at_rest():
             problem = PoiseError(ErrorCode.BUSY, "the arm is moving: something else commands it; stop that")
         if problem is None and not self.commanded.ready:
@@ -198,7 +194,7 @@ class TransferExecution:
             return
         try:
             self._robot.commanded.check()
-            if not self._held_up.lately(now) and (problem := self._robot.problem(now)) is not None:
+            if not self._held_up.lately(now) and (problem := self._robot.joints.problem(now)) is not None:
                 raise problem
             if self._step is None:
                 self._require_start()

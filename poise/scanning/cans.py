@@ -6,13 +6,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from poise.geometry import Pose
-from poise.scanning.scan import HIDDEN_OFF
+from poise.scanning.scan import SCANNED_FROM, SEEN_OFF
 from poise.types import Array, Mask
 
-_BELOW = 2 * HIDDEN_OFF
-"""m, height below which the scan does not count."""
-_OFF, _UNEVEN = 0.7e-3, 0.2e-3
-"""m that seen points may be off their surface, and their medians over pieces of the side; roots of mean squares."""
+_UNEVEN = 0.2e-3
+"""m that the medians of seen points over pieces of the side may be off it; root of the mean square."""
 _PIECES, _LAYERS = 24, 3
 """Angles around the axis, and heights, over each of which the median distance is tested."""
 _LEAST_POINTS, _LEAST_IN_PIECE = 100, 8
@@ -59,7 +57,7 @@ def standing_cylinder(points: Array, seen: Mask) -> StandingCylinder | None:
         points: (N, 3) m of the scan; its z points away from the support, which is z = 0.
         seen: (N,) False for the points that were completed.
     """
-    used = points[seen & (points[:, 2] > _BELOW)]
+    used = points[seen & (points[:, 2] > SCANNED_FROM)]
     if len(used) < _LEAST_POINTS:
         return None
     highest = float(np.quantile(used[:, 2], 0.99))
@@ -70,10 +68,10 @@ def standing_cylinder(points: Array, seen: Mask) -> StandingCylinder | None:
     covers = used[(away < start[2] - _RIM) & (used[:, 2] > highest - _RIM), 2]
     height = float(np.median(covers)) if len(covers) >= _LEAST_POINTS // 4 else 0.0
     side = used[(away > start[2] - _FAR) & (used[:, 2] < height - _RIM)]
-    if len(side) < _LEAST_POINTS or height < 2 * (_BELOW + _RIM):
+    if len(side) < _LEAST_POINTS or height < 2 * (SCANNED_FROM + _RIM):
         return None
-    fitted = least_squares(_off_cone, [*start, 0.0, 0.0, 0.0], args=(side, height), loss="soft_l1", f_scale=_OFF)
-    if np.abs(fitted.x[3:]).max() > _OFF:
+    fitted = least_squares(_off_cone, [*start, 0.0, 0.0, 0.0], args=(side, height), loss="soft_l1", f_scale=SEEN_OFF)
+    if np.abs(fitted.x[3:]).max() > SEEN_OFF:
         return None
     found = StandingCylinder(fitted.x[:2], float(fitted.x[2]), height)
     return found if _explains(found, used, side) else None
@@ -103,11 +101,11 @@ def _explains(found: StandingCylinder, used: Array, side: Array) -> bool:
     outside = np.hypot(np.maximum(out, 0), np.maximum(over, 0))
     off = np.where((out > 0) | (over > 0), outside, np.maximum(out, over))
     near = np.abs(off) < _FAR
-    if np.mean(off > _FAR) > _OUTSIDE or np.mean(off < -_FAR) > _INSIDE or np.sqrt(np.mean(off[near] ** 2)) > _OFF:
+    if np.mean(off > _FAR) > _OUTSIDE or np.mean(off < -_FAR) > _INSIDE or np.sqrt(np.mean(off[near] ** 2)) > SEEN_OFF:
         return False
     away = side[:, :2] - found.middle
     angle = np.floor((np.arctan2(away[:, 1], away[:, 0]) / (2 * np.pi) % 1.0) * _PIECES).astype(int) % _PIECES
-    layer = np.floor((side[:, 2] - _BELOW) / (found.height - _RIM - _BELOW) * _LAYERS).astype(int)
+    layer = np.floor((side[:, 2] - SCANNED_FROM) / (found.height - _RIM - SCANNED_FROM) * _LAYERS).astype(int)
     piece = angle * _LAYERS + np.clip(layer, 0, _LAYERS - 1)
     rough = np.linalg.norm(away, axis=1) - found.radius
     pieces = [rough[piece == number] for number in range(_PIECES * _LAYERS)]

@@ -8,10 +8,9 @@ from scipy.spatial import cKDTree
 
 from poise.scanning.patches import Patch, SurfaceSamples, planar_patches
 from poise.scanning.rounding import Sides, sides_of
+from poise.scanning.scan import HIDDEN_OFF, SEEN_OFF
 from poise.types import Array, Indices, Mask
 
-_SEEN_OFF, _HIDDEN_OFF = 0.7e-3, 2e-3
-"""m that a seen point and a completed one may be off the surface."""
 _LEAST = 0.005
 """m: the side of a square as large as the smallest patch, and as the smallest part of one that cuts a cell."""
 _DEPTH = 1e-3
@@ -86,7 +85,7 @@ def _lacks_a_piece(one: manifold3d.Manifold, other: manifold3d.Manifold) -> bool
 
 def counted(body: manifold3d.Manifold, points: Array, below: float) -> Indices:
     """The points that count: each place once, above a height, not far off the body, and not too many."""
-    low, high = np.array(body.bounding_box()[:3]) - _MARGIN, np.array(body.bounding_box()[3:]) + _MARGIN
+    low, high = _bounds(body)
     rows = np.flatnonzero((points[:, 2] > below) & np.all((points > low) & (points < high), axis=1))
     if len(rows) > _MOST_POINTS:
         rows = np.sort(np.random.default_rng(0).choice(rows, _MOST_POINTS, replace=False))
@@ -99,12 +98,18 @@ def _samples(body: manifold3d.Manifold, points: Array, seen: Mask) -> SurfaceSam
     corners = np.asarray(mesh.vert_properties, dtype=np.float64)[:, :3][np.asarray(mesh.tri_verts, dtype=np.int64)]
     areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     near = cKDTree(corners.mean(axis=1)).query(points, k=min(_OUTER, len(corners)))[1].reshape(len(points), -1)
-    return SurfaceSamples.of(points, areas[near].sum(axis=1), np.where(seen, _SEEN_OFF, _HIDDEN_OFF))
+    return SurfaceSamples.of(points, areas[near].sum(axis=1), np.where(seen, SEEN_OFF, HIDDEN_OFF))
+
+
+def _bounds(body: manifold3d.Manifold) -> tuple[Array, Array]:
+    """(3,) m each, the least and greatest coordinates of the space around a body."""
+    corners = np.array(body.bounding_box()).reshape(2, 3)
+    return corners[0] - _MARGIN, corners[1] + _MARGIN
 
 
 def _around(body: manifold3d.Manifold) -> _Cell:
     """Space around a body, over the support."""
-    low, high = np.array(body.bounding_box()[:3]) - _MARGIN, np.array(body.bounding_box()[3:]) + _MARGIN
+    low, high = _bounds(body)
     low[2] = 0.0
     start = manifold3d.Manifold.cube((*(high - low),)).translate((*low,))
     walls = np.vstack([np.column_stack([np.eye(3), -high]), np.column_stack([-np.eye(3), low])])

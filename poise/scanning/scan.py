@@ -25,6 +25,10 @@ _SIDES_ERROR, _SIDES_NOTE = 0.35, 0.12
 _THICK = 2e-3
 HIDDEN_OFF = 2e-3
 """m that completed surface is off: 1.0 to 2.7 on the tools of benchmarks/scanning.py, nearly always outwards."""
+SEEN_OFF = 0.7e-3
+"""m that seen points are off their surface."""
+SCANNED_FROM = 2 * HIDDEN_OFF
+"""m over the support, from which on a scan shows the shape of an object."""
 
 
 @dataclass(frozen=True)

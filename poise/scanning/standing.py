@@ -8,7 +8,7 @@ import numpy as np
 from poise.errors import ErrorCode, InputError
 from poise.scanning.cans import StandingCylinder, standing_cylinder
 from poise.scanning.faceted import counted, faceted
-from poise.scanning.scan import HIDDEN_OFF
+from poise.scanning.scan import HIDDEN_OFF, SCANNED_FROM
 from poise.shape import check_mesh
 from poise.types import Array, Indices, Mask
 
@@ -98,15 +98,14 @@ def standing_mesh(
         )
     whole = None
     if points is not None and seen is not None:
-        rows = counted(body, points, 2 * HIDDEN_OFF)
+        rows = counted(body, points, SCANNED_FROM)
         points, seen = points[rows], seen[rows]
         can = standing_cylinder(points, seen)
         if can is not None and abs(body.volume() / can.volume - 1) < _SAME_VOLUME:
             return _prism(can, name)
-        whole = faceted(body, points, seen, 2 * HIDDEN_OFF, _ROUGH)
-    body = simple
+        whole = faceted(body, points, seen, SCANNED_FROM, _ROUGH)
     if whole is None:
-        whole = _on_foot(body, base)
+        whole = _on_foot(simple, base)
     elif not _NARROW_BASE < whole.slice(_TINY).area() / base.area() < _WIDE_BASE:
         whole = _on_foot(whole, base)
     return _standing(whole, name)

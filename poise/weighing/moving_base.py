@@ -8,7 +8,7 @@ from poise.errors import ErrorCode
 from poise.inertia.model import signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
-from poise.weighing.fitting import Explanation, plain_design
+from poise.weighing.fitting import Explanation, ReadingDesign, plain_design
 from poise.weighing.reading import Reading, shows_payload
 
 _SPACING = 0.4
@@ -25,13 +25,6 @@ def moving_base(samples: FitSamples, plain: Explanation) -> list[Reading]:
     if len(samples) < 50 or not plain.phi[0] > 3 * plain.mass_std:
         return []
     count = int(np.clip(samples.seconds[-1] / _SPACING, 4, _MOST_KNOTS))
-    knots = hats(samples.seconds, count)
-    phi = plain.phi
-
-    def design(part: FitSamples, values: Array) -> Array:
-        shape = knots if len(part) == len(knots) else hats(part.seconds, count)
-        extra = [loads[:, :, None] * shape[:, None, :] for loads in by_base(part, phi)]
-        return np.concatenate([plain_design(part, values), *extra], axis=2)
 
     def course(found: Explanation) -> Array:
         return found.unknowns[16:].reshape(2, count)
@@ -42,7 +35,20 @@ def moving_base(samples: FitSamples, plain: Explanation) -> list[Reading]:
     def holds(found: Explanation) -> bool:
         return shows_payload(found) and drives(course(found), float(samples.seconds[-1]))
 
+    design = on_moving_base(samples, count, plain.phi)
     return [Reading(ErrorCode.BASE_MOVED, design, says, prior=FLEXIBLE, holds=holds)]
+
+
+def on_moving_base(samples: FitSamples, count: int, phi: Array) -> ReadingDesign:
+    """A payload, and horizontal accelerations of it along x and y of the world, with courses of some knots each."""
+    knots = hats(samples.seconds, count)
+
+    def design(part: FitSamples, values: Array) -> Array:
+        shape = knots if len(part) == len(knots) else hats(part.seconds, count)
+        extra = [loads[:, :, None] * shape[:, None, :] for loads in _by_base(part, phi)]
+        return np.concatenate([plain_design(part, values), *extra], axis=2)
+
+    return design
 
 
 def drives(course: Array, duration: float) -> bool:
@@ -64,14 +70,14 @@ def base_sentence(largest: float) -> tuple[str, Mapping[str, float]]:
 def without_base(samples: FitSamples, found: Explanation) -> tuple[Array, Array]:
     """What the residual (N, 6) lacks when each sample has a horizontal acceleration (N, 2) m/s2 of its own."""
     size = np.repeat(np.maximum(np.exp(np.median(found.levels, axis=0)), 1e-6), 3)
-    columns = np.stack(by_base(samples, found.phi), axis=2) / size[:, None]
+    columns = np.stack(_by_base(samples, found.phi), axis=2) / size[:, None]
     residual = found.residual / size
     normal = np.einsum("nic,nid->ncd", columns, columns) + 1e-9 * np.eye(2)
     course = np.linalg.solve(normal, np.einsum("nic,ni->nc", columns, residual)[:, :, None])[:, :, 0]
     return (residual - np.einsum("nic,nc->ni", columns, course)) * size, course
 
 
-def by_base(samples: FitSamples, phi: Array) -> list[Array]:
+def _by_base(samples: FitSamples, phi: Array) -> list[Array]:
     """Twice (N, 6): the wrench of a payload for 1 m/s2 of the base along x, and y, of the world."""
     found = []
     for axis in range(2):

@@ -9,7 +9,7 @@ from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
 from poise.weighing.fitting import Explanation, ReadingDesign, explain, impossible, plain_design
-from poise.weighing.moving_base import FLEXIBLE, by_base, drives, hats
+from poise.weighing.moving_base import FLEXIBLE, drives, hats, on_moving_base
 from poise.weighing.reading import Reading, shows_payload
 
 _KNOTS = (1, 2, 6, 12, 24)
@@ -40,7 +40,9 @@ def pulled(samples: FitSamples, plain: Explanation) -> list[Reading]:
     found = []
     if count := _best_count(samples, plain, lambda count: _at_point(samples, count), point):
         found.append(_anywhere(samples, count, point))
-    by_mass = _best_count(samples, plain, lambda count: _at_mass(samples, count, plain.phi), ()) if shows_mass else 0
+    by_mass = (
+        _best_count(samples, plain, lambda count: on_moving_base(samples, count, plain.phi), ()) if shows_mass else 0
+    )
     if by_mass > _STIFF:  # a constant one is gravity in another direction
         found.append(_horizontal(samples, by_mass, plain.phi))
     return found
@@ -102,22 +104,12 @@ def _horizontal(samples: FitSamples, count: int, phi: Array) -> Reading:
 
     return Reading(
         ErrorCode.POOR_FIT,
-        _at_mass(samples, count, phi),
+        on_moving_base(samples, count, phi),
         says,
         prior=FLEXIBLE,
         holds=lambda found: shows_payload(found) and not drives(course(found), float(samples.seconds[-1])),
         open_pull=lambda found: float(found.phi[0]) * _rms(samples, course(found)),
     )
-
-
-def _at_mass(samples: FitSamples, count: int, phi: Array) -> ReadingDesign:
-    whole = hats(samples.seconds, count)
-
-    def design(part: FitSamples, values: Array) -> Array:
-        extra = [loads[:, :, None] * whole[:, None, :] for loads in by_base(part, phi)]
-        return np.concatenate([plain_design(part, values), *extra], axis=2)
-
-    return design
 
 
 def _at_point(samples: FitSamples, count: int) -> ReadingDesign:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from poise.errors import ErrorCode
-from poise.geometry import STANDARD_GRAVITY
+from poise.geometry import STANDARD_GRAVITY, nearest_rotation
 from poise.inertia import PARAMETER_NAMES, InertialEstimate, InertialParameters
 from poise.inertia.bayes import EXTERNAL_CONTACT
 from poise.inertia.model import EstimateFinding
@@ -115,8 +115,14 @@ def _left_open(estimate: InertialEstimate, causes: Sequence[Cause]) -> Array:
 
 def _gravity_step(estimate: InertialEstimate) -> float:
     """Share of the payload that is open because gravity was given as one that the Earth does not have."""
+    size = _unearthly_gravity(estimate)
+    return 0.0 if size is None else STANDARD_GRAVITY / max(size, 1e-3) - 1.0
+
+
+def _unearthly_gravity(estimate: InertialEstimate) -> float | None:
+    """m/s2 that were given, where no place on Earth has them."""
     size = STANDARD_GRAVITY if estimate.samples is None else float(np.linalg.norm(estimate.samples.gravity))
-    return 0.0 if _ON_EARTH[0] < size < _ON_EARTH[1] else STANDARD_GRAVITY / max(size, 1e-3) - 1.0
+    return None if _ON_EARTH[0] < size < _ON_EARTH[1] else size
 
 
 def is_withheld(estimate: InertialEstimate, causes: Sequence[Cause]) -> bool:
@@ -169,10 +175,8 @@ def without_numbers(estimate: InertialEstimate) -> InertialEstimate:
 
 def _strange_gravity(estimate: InertialEstimate) -> EstimateFinding | None:
     """Slow motion does not show the size of gravity: the mass follows from what was given."""
-    if estimate.samples is None:
-        return None
-    size = float(np.linalg.norm(estimate.samples.gravity))
-    if _ON_EARTH[0] < size < _ON_EARTH[1]:
+    size = _unearthly_gravity(estimate)
+    if size is None:
         return None
     return EstimateFinding(
         ErrorCode.GRAVITY_WRONG,
@@ -219,8 +223,9 @@ def _attitudes(samples: FitSamples, stamps: Stamps) -> tuple[Array, Mask]:
     after = np.clip(np.searchsorted(known, then), 1, len(known) - 1)
     gap = known[after] - known[after - 1]
     nearest = np.minimum(np.abs(then - known[after - 1]), np.abs(then - known[after]))
-    left, _, right = np.linalg.svd(rotation)
-    return left @ right, np.asarray((nearest < 0.02) | ((gap < _LARGEST_GAP) & (then > 0) & (then < known[-1])))
+    return nearest_rotation(rotation), np.asarray(
+        (nearest < 0.02) | ((gap < _LARGEST_GAP) & (then > 0) & (then < known[-1]))
+    )
 
 
 def after_repair(estimate: InertialEstimate, cause: Cause) -> InertialEstimate:

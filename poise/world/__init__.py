@@ -2,9 +2,11 @@
 
 - `world`: `World` and its transitions; each gives a new world or raises, and changes nothing else.
 - `weights`: what an object weighs that was not weighed, or only lifted.
-- `settling`: a scanned object on the surface that supports it. `world_file`: the world in a file, whole or refused.
+- `scans`: a scanned surface as an object. `settling`: it is put on the surface that supports it.
+- `world_file`: the world in a file, whole or refused.
 """
 
+from poise.world.scans import standing_object
 from poise.world.settling import settled
 from poise.world.weights import assumed_weight, lifted_weight
 from poise.world.world import KnownObject, WeightSource, Whereabouts, World
@@ -20,4 +22,5 @@ __all__ = [
     "load_world",
     "save_world",
     "settled",
+    "standing_object",
 ]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from poise.errors import ErrorCode, PoiseError, SensorError
-from poise.excitation.execution.options import ExecutionOptions
+from poise.excitation.execution.options import DEFAULT_EXECUTION
 from poise.types import Array
 
 REST_SPAN, REST_TRAVEL = 0.1, 2e-3
@@ -28,10 +28,11 @@ class JointWatch:
 
     Args:
         model: the robot.
+        stale: s after which joint states do not count.
     """
 
-    def __init__(self, model: Jointed) -> None:
-        self._model = model
+    def __init__(self, model: Jointed, stale: float = DEFAULT_EXECUTION.stale) -> None:
+        self._model, self._stale = model, stale
         self._recent: deque[tuple[int, float, Array]] = deque(maxlen=2000)
         self.foreign = 0
         """Messages that lack joints of this robot."""
@@ -58,8 +59,8 @@ class JointWatch:
         while self._recent[-1][0] - self._recent[0][0] > 2 * REST_SPAN * 1e9:
             self._recent.popleft()
 
-    def problem(self, now: float, stale: float = ExecutionOptions.stale) -> PoiseError | None:
-        """Why the joints are not known now; None: they are. Joint states older than `stale`, s, do not count."""
+    def problem(self, now: float) -> PoiseError | None:
+        """Why the joints are not known now; None: they are."""
         if not self._recent:
             if self.foreign:
                 return SensorError(
@@ -70,7 +71,7 @@ class JointWatch:
             return SensorError(
                 ErrorCode.TOPIC_MISSING, "no joint_states have arrived: start the robot's state publisher"
             )
-        if self.age(now) > stale:
+        if self.age(now) > self._stale:
             return SensorError(
                 ErrorCode.SENSOR_STALE,
                 f"the last joint state arrived {self.age(now):.2f} s ago: the robot's driver has stopped",

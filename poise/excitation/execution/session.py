@@ -6,7 +6,7 @@ a deadline, and `tick` returns at once.
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
 
@@ -18,7 +18,7 @@ from poise.excitation import ExcitationPlan, Guard, MotionLimits
 from poise.excitation.execution.commanded import NOT_WATCHED, CommandedArm, TimedMotion, Watchdog
 from poise.excitation.execution.held_up import HeldUp
 from poise.excitation.execution.joint_watch import JointWatch
-from poise.excitation.execution.options import ExecutionOptions
+from poise.excitation.execution.options import DEFAULT_EXECUTION, ExecutionOptions
 from poise.excitation.execution.stops import ReadyStops
 from poise.inertia import InertialEstimate
 from poise.robot import RobotModel
@@ -74,7 +74,7 @@ class IdentificationTask:
     guard: Guard
     limits: MotionLimits
     duration: float = 3.0
-    options: ExecutionOptions = field(default_factory=ExecutionOptions)
+    options: ExecutionOptions = DEFAULT_EXECUTION
 
 
 class Session:
@@ -101,7 +101,7 @@ class Session:
     ) -> None:
         self._model, self._task, self._estimator = model, task, estimator
         self._options = task.options
-        self.joints = JointWatch(model)
+        self.joints = JointWatch(model, self._options.stale)
         self._arm = CommandedArm(self.joints, send, watchdog, self._options)
         self.phase, self.progress = SessionPhase.WAITING, 0.0
         self.error: PoiseError | None = None
@@ -151,7 +151,7 @@ class Session:
     def _wait(self, now: float) -> None:
         """Wait for joint states, wrenches and, before a motion, an arm at rest."""
         late = now - self._since > self._options.patience
-        problem = self.joints.problem(now, self._options.stale) or self._silent(now)
+        problem = self.joints.problem(now) or self._silent(now)
         if problem is None and self._task.plan is not None and not self.joints.at_rest():
             problem = PoiseError(
                 ErrorCode.BUSY,
@@ -296,7 +296,7 @@ class Session:
     def _require_streams(self, now: float) -> None:
         if self._held_up.lately(now):
             return
-        problem = self.joints.problem(now, self._options.stale) or self._silent(now)
+        problem = self.joints.problem(now) or self._silent(now)
         if problem is not None:
             raise problem
 

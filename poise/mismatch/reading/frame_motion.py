@@ -3,6 +3,7 @@
 import numpy as np
 
 from poise.errors import ErrorCode, InputError
+from poise.geometry import nearest_rotation
 from poise.mismatch.effects import SLOWEST_VIBRATION, slow_part
 from poise.mismatch.reading.joint_motion import seconds_since
 from poise.mismatch.reading.motion_variance import wrench_variance
@@ -36,7 +37,7 @@ def recorded_from_frames(
     def carried(values: Array) -> Array:
         return at_times(sampled, values.reshape(len(values), -1), seconds)
 
-    rotation = _nearest_rotations(carried(motion.rotation_world_sensor).reshape(-1, 3, 3))
+    rotation = nearest_rotation(carried(motion.rotation_world_sensor).reshape(-1, 3, 3))
     down = np.array([0.0, 0.0, -gravity]) @ rotation
     linear = carried(motion.linear_acceleration_in_sensor)
     omega, alpha = carried(motion.angular_velocity_in_sensor), carried(motion.angular_acceleration_in_sensor)
@@ -74,11 +75,6 @@ def _place_noise(places: Array) -> float:
     rounding = lattice(places) / np.sqrt(12.0)
     measured = scatter(places)
     return float(max(measured, rounding) if np.isfinite(measured) else rounding)
-
-
-def _nearest_rotations(matrices: Array) -> Array:
-    left, _, right = np.linalg.svd(matrices)
-    return np.asarray(left @ right)
 
 
 def _acceleration_sigma(found: MeasuredMotion, has_positions: bool) -> Array:
