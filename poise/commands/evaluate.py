@@ -17,8 +17,9 @@ from poise.commands.identify import (
     UrdfOption,
     WrenchTopicOption,
     as_json,
-    weigh,
+    weigher,
 )
+from poise.commands.identify_causes import RepairOption, no_answer_json, weighed_with_causes
 from poise.commands.output import JsonOption, console, refuse_folder, write_json
 from poise.errors import PoiseError
 from poise.inertia.estimators import DEFAULT_METHOD
@@ -38,27 +39,37 @@ def evaluate(
     wrench_topic: WrenchTopicOption = "wrench",
     max_force: MaxForceOption = np.inf,
     max_torque: MaxTorqueOption = np.inf,
+    repair: RepairOption = False,
     json_target: JsonOption = None,
 ) -> int:
-    """Identify the payload of every recording in a folder and compare the results.
+    """Identify the payload of every recording in a folder, each as `poise identify` does, and compare the results.
 
-    One that cannot be weighed does not stop the others; the exit status is then that of the worst.
+    One that cannot be weighed, or whose number is withheld, does not stop the others; the exit status is then that of
+    the worst.
 
     Example:  poise evaluate bags --json payloads.json
     """
     refuse_folder(json_target, "--json")
     bags = find_recordings(folder)
+    known = (sensor_frame, gravity, wrench_topic)
+    weigh = weigher(urdf, method, known, (max_force, max_torque), {"keep_history": False})
     status = 0
     results: list[dict[str, Any]] = []
     for bag in bags:
         try:
-            limits = (max_force, max_torque)
-            found = weigh(bag, urdf, method, sensor_frame, gravity, wrench_topic, limits, keep_history=False)
-            results.append(as_json(bag, *found))
+            weighed = weighed_with_causes(weigh, bag, known, repair)
+            if weighed.answer is None:
+                results.append(no_answer_json(bag, weighed))
+            else:
+                results.append(as_json(bag, weighed.recording, weighed.answer))
+            failure: PoiseError | None = weighed.failure
         except PoiseError as error:
-            status = max(status, error.exit_status)
-            problem = {"code": int(error.code), "name": error.code.name, "message": error.message}
-            results.append({"bag": str(bag), "error": problem})
+            results.append({"bag": str(bag)})
+            failure = error
+        if failure is not None:
+            status = max(status, failure.exit_status)
+            problem = {"code": int(failure.code), "name": failure.code.name, "message": failure.message}
+            results[-1]["error"] = problem
     skipped = skipped_entries(folder, bags)
     write_json(json_target, {"recordings": results, "skipped": skipped})
     people = console(json_target)
@@ -72,12 +83,14 @@ def evaluate(
 
 def _table(results: list[dict[str, Any]]) -> Table:
     table = Table()
-    for heading in ("recording", "method", "mass kg", "centre of mass mm", "residual N, mN m", "samples"):
-        table.add_column(heading, justify="left" if heading in ("recording", "method") else "right")
+    for heading in ("recording", "method", "mass kg", "centre of mass mm", "residual N, mN m", "samples", "findings"):
+        words = heading in ("recording", "method", "findings")
+        table.add_column(heading, justify="left" if words else "right")
     for result in results:
         name = escape(readable(Path(result["bag"]).name))
+        found = ", ".join(finding["name"].lower() for finding in result.get("findings", ()))
         if "error" in result:
-            table.add_row(name, result["error"]["name"].lower(), style="red")
+            table.add_row(name, "", "-", "", "", "", found or result["error"]["name"].lower(), style="red")
             continue
         mass, sigma = rounded(result["mass"], result["mass_std"])
         com = ", ".join(
@@ -85,6 +98,5 @@ def _table(results: list[dict[str, Any]]) -> Table:
             for value, spread in zip(result["com"], result["com_std"], strict=True)
         )
         residual = f"{result['residual_force']:.3f}, {1e3 * result['residual_torque']:.1f}"
-        shown = f"{mass} ± {sigma}" if np.isfinite(result["mass"]) else "-"
-        table.add_row(name, result["method"], shown, com, residual, str(result["n_samples"]))
+        table.add_row(name, result["method"], f"{mass} ± {sigma}", com, residual, str(result["n_samples"]), found)
     return table

@@ -169,8 +169,8 @@ def identify(
     people, known = console(json_target), (sensor_frame, gravity, wrench_topic)
     with without_effects(bag, model, *known) as (source, taken), progress_bar("weighing") as progress:
         more = {"progress": progress, "keep_history": report is not None, **_shape_arguments(shape, shape_accuracy)}
-        weigher = _weigher(urdf, method, known, (max_force, max_torque), more)
-        weighed = weighed_with_causes(weigher, source, known, repair)
+        weigh_it = weigher(urdf, method, known, (max_force, max_torque), more)
+        weighed = weighed_with_causes(weigh_it, source, known, repair)
     if weighed.answer is None:
         write_json(json_target, no_answer_json(bag, weighed))
         raise weighed.failure or NoAnswerError(ErrorCode.NOT_IDENTIFIABLE, f"{bag}: there is no estimate")
@@ -202,7 +202,7 @@ def _show(
         people.print(f"written: {escape(str(path))}", soft_wrap=True)
 
 
-def _weigher(
+def weigher(
     urdf: Path | None,
     method: str,
     known: Known,

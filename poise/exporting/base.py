@@ -16,8 +16,11 @@ EXPORTED_VALUES = {"mass": "kg", "com": "m", "inertia": "kg m2"}
 """What can be exported, and its unit."""
 
 
-_WRONG = frozenset({ErrorCode.NOT_IDENTIFIABLE, *(code for code in ErrorCode if 70 <= code < 90)})
-"""Findings that say that the number itself may be wrong: nothing weighs significantly, or the fit failed."""
+_WRONG = frozenset(
+    {ErrorCode.NOT_IDENTIFIABLE, ErrorCode.SENSOR_FAULT, *(code for code in ErrorCode if 70 <= code < 90)}
+)
+"""Findings that say that the number itself may be wrong: nothing weighs significantly, a channel is
+broken, or the fit failed."""
 _SEPARATE = (ErrorCode.PAYLOAD_CHANGED, ErrorCode.IN_CONTACT)
 """What was weighed apart from the rest; where that failed, the fit is poor as well, or another mass is as likely."""
 _INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

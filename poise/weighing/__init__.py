@@ -1,8 +1,8 @@
 """What is wrong with a wrench that no payload explains: the likely causes, tried one by one, and their repair.
 
 - `reading`: what a candidate is: another design of the same samples, with its sentence and its repair.
-- `axes`, `units`, `gravity`, `clipping`, `variation`, `times`, `moving_base`, `pulls`, `contact`: the candidates;
-  `families`: all of them.
+- `axes`, `units`, `gravity`, `clipping`, `channels`, `variation`, `times`, `moving_base`, `pulls`, `contact`: the
+  candidates; `families`: all of them.
 - `fitting`: robust least squares of a design. `causes`: the search and its ranking.
 - `verdicts`: findings, numbers that are withheld, repaired wrenches.
 """

@@ -21,7 +21,7 @@ _RARE = -4.0
 def wrong_axes(samples: FitSamples, plain: Explanation) -> list[Reading]:
     """Fixed rotations, mirrored axes, signs, and axes of the base instead of the sensor."""
     del plain
-    found = [*_signs(), *_mirrored(), *_turned(samples)]
+    found = [*_signs(), *_mirrored(), *_exchanged(), *_turned(samples)]
     return [*found, *_base_axes()]
 
 
@@ -89,6 +89,30 @@ def _mirrored() -> list[Reading]:
         for words, matrix in kinds.items()
         for sign, what in ((1, "turn that axis of force and torque back"), (-1, "turn that axis of the force back"))
     ]
+
+
+def _exchanged() -> list[Reading]:
+    """Two channels of the force alone, or of the torque alone, are exchanged."""
+    return [
+        Reading(
+            ErrorCode.LEFT_HANDED_AXES,
+            _fixed(matrix),
+            _said(
+                f"{what} {'xyz'[a]} and {what} {'xyz'[b]} are exchanged: change the order of the channels in the driver"
+            ),
+            prior=_RARE,
+            repair=_repaired(matrix),
+        )
+        for a, b in ((0, 1), (1, 2), (0, 2))
+        for what, order in (("force", 0), ("torque", 3))
+        for matrix in (_exchange(order + a, order + b),)
+    ]
+
+
+def _exchange(first: int, second: int) -> Array:
+    matrix = np.eye(6)
+    matrix[[first, second]] = matrix[[second, first]]
+    return matrix
 
 
 def _turned(samples: FitSamples) -> list[Reading]:

@@ -10,6 +10,7 @@ from poise.geometry import STANDARD_GRAVITY
 from poise.inertia.model import EstimateFinding, RejectedInterval
 from poise.inertia.verdict import FitSamples
 from poise.types import Array
+from poise.weighing.axes import wrong_axes
 from poise.weighing.families import FAMILIES, in_contact, late_or_filtered
 from poise.weighing.fitting import (
     Explanation,
@@ -21,6 +22,7 @@ from poise.weighing.fitting import (
 )
 from poise.weighing.gravity import with_free_weight
 from poise.weighing.reading import Reading, Repair
+from poise.weighing.units import wrong_units
 
 _WIDTH, _BINS = 0.04, (150.0, 300.0)
 """s over which samples are averaged, and limits of the number of averages."""
@@ -54,6 +56,7 @@ class Cause:
         explanation: the fit.
         partial: it leaves out a part of the recording, and so explains any residual there.
         open_pull: N of a constant vertical force that may pull as well, and cannot be distinguished from weight.
+        besides: it explains what the likeliest cause leaves: there are two errors.
     """
 
     code: ErrorCode
@@ -66,6 +69,7 @@ class Cause:
     explanation: Explanation
     partial: bool = False
     open_pull: float = 0.0
+    besides: bool = False
 
     @property
     def finding(self) -> EstimateFinding:
@@ -80,6 +84,9 @@ def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[Reject
         samples: of the weighing.
         delay: s that the weighing found the wrench to be late.
         pushed: spans in which the weighing found contact.
+
+    Returns:
+        One of each kind; a second error (`Cause.besides`) is the last.
     """
     samples = _averaged(samples.delayed(delay))
     if len(samples) < 8:
@@ -92,6 +99,12 @@ def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[Reject
         for reading in family(samples, plain)
         if (cause := _tried(reading, samples, plain)) is not None
     ]
+    ranked = _ranked(found, plain)
+    return (*ranked, *_besides(ranked[0], samples)) if ranked else ()
+
+
+def _ranked(found: list[Cause], plain: Explanation) -> tuple[Cause, ...]:
+    """One cause of each kind, by gain; contact, which explains any residual, precedes those that leave more than it."""
     found.sort(key=lambda cause: -cause.gain)
     free = next((_level(cause) for cause in found if cause.partial), np.nan)
     if not np.isfinite(free):
@@ -100,6 +113,22 @@ def find_causes(samples: FitSamples, delay: float = 0.0, pushed: Sequence[Reject
     most = begin - _AS_WELL * (begin - free)
     found.sort(key=lambda cause: 1 if cause.partial else 2 * (_level(cause) > most))
     return _distinct(found)
+
+
+def _besides(first: Cause, samples: FitSamples) -> tuple[Cause, ...]:
+    """An axis, a sign or a unit that explains what the likeliest cause leaves: the samples may have two errors.
+
+    Others than these have parameters, and would follow what the first fit did not.
+    """
+    found = first.explanation
+    left = replace(samples, wrench=plain_design(samples, found.values) @ found.unknowns[:16] + found.residual)
+    plain = explain(left, plain_design)
+    readings = [each for family in (wrong_axes, wrong_units) for each in family(left, plain) if each.starts == ((),)]
+    causes = [cause for each in readings if (cause := _tried(each, left, plain)) is not None and cause.gain > _CLEAR]
+    best = max(causes, key=lambda cause: cause.gain, default=None)
+    if best is None or best.code is first.code:
+        return ()
+    return (replace(best, sentence=f"a second error: {best.sentence}", certain=False, besides=True),)
 
 
 def inertial_mass(samples: FitSamples, delay: float = 0.0) -> tuple[float, float]:

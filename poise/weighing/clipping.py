@@ -75,6 +75,8 @@ def limits_of(wrench: Array) -> Array:
     limits = np.array([[-np.inf] * 6, [np.inf] * 6])
     least = max(_LEAST_SAMPLES, _LEAST_SHARE * len(wrench))
     for axis in range(6):
+        if np.ptp(wrench[:, axis]) <= _SAME * np.abs(wrench[:, axis]).max():
+            continue  # a dead channel
         for side, end in ((0, float(wrench[:, axis].min())), (1, float(wrench[:, axis].max()))):
             equal = np.abs(wrench[:, axis] - end) <= _SAME * np.ptp(wrench[:, axis])
             if least <= equal.sum() < len(wrench):

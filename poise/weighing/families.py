@@ -1,6 +1,7 @@
 """The readings that are tried, one file per kind."""
 
 from poise.weighing.axes import wrong_axes
+from poise.weighing.channels import wrong_channel
 from poise.weighing.clipping import clipped, stuck
 from poise.weighing.contact import in_contact
 from poise.weighing.gravity import wrong_gravity
@@ -17,6 +18,7 @@ FAMILIES: tuple[Family, ...] = (
     wrong_gravity,
     clipped,
     stuck,
+    wrong_channel,
     varied,
     moving_base,
     pulled,

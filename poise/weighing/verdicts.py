@@ -14,7 +14,7 @@ from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
 from poise.types import Array, Mask, Stamps
 from poise.weighing.causes import Cause, find_causes, inertial_mass
-from poise.weighing.fitting import impossible_payload
+from poise.weighing.fitting import Explanation, impossible_payload
 from poise.weighing.gravity import weight_columns
 from poise.weighing.reading import Repair
 
@@ -92,7 +92,8 @@ def findings_of(causes: Sequence[Cause]) -> list[EstimateFinding]:
 
 
 def _named(causes: Sequence[Cause]) -> list[Cause]:
-    return [cause for cause in causes[:_MOST] if causes[0].gain - cause.gain < _RIVAL]
+    rivals = [cause for cause in causes[:_MOST] if not cause.besides and causes[0].gain - cause.gain < _RIVAL]
+    return rivals + [cause for cause in causes if cause.besides]
 
 
 def _left_open(estimate: InertialEstimate, causes: Sequence[Cause]) -> Array:
@@ -126,12 +127,13 @@ def _unearthly_gravity(estimate: InertialEstimate) -> float | None:
 
 
 def is_withheld(estimate: InertialEstimate, causes: Sequence[Cause]) -> bool:
-    """The numbers mean nothing, or they contradict the likeliest cause by more than their uncertainty."""
+    """The numbers mean nothing, or contradict the likeliest cause or a second error by more than their uncertainty."""
     if estimate.fit.is_hopeless or _impossible(estimate) or _is_unseen(estimate):
         return True
-    if not causes:
-        return False
-    found = causes[0].explanation
+    return any(_contradicts(estimate, cause.explanation) for cause in causes if cause is causes[0] or cause.besides)
+
+
+def _contradicts(estimate: InertialEstimate, found: Explanation) -> bool:
     spread = np.hypot(estimate.mass_std, found.mass_std)
     return bool(abs(found.phi[0] - estimate.phi[0]) > _SIGMAS * spread)
 

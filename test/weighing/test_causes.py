@@ -11,7 +11,7 @@ from poise.inertia import InertialParameters
 from poise.inertia.model import motion_signals, signal_columns
 from poise.inertia.verdict import FitSamples
 from poise.recording import WrenchStream
-from poise.weighing import after_repair, causes_of, find_causes, is_withheld, repaired_wrench, with_causes
+from poise.weighing import after_repair, causes_of, find_causes, findings_of, is_withheld, repaired_wrench, with_causes
 from poise.weighing.fitting import explain, impossible_payload, plain_design
 
 LOAD = InertialParameters(1.2, np.array([0.02, -0.03, 0.08]), np.diag([6e-3, 5e-3, 3e-3]))
@@ -145,6 +145,9 @@ KINDS = {
     "clipped": (clipped(), ErrorCode.CLIPPED),
     "compensated": (READ - weight(LOAD.phi), ErrorCode.COMPENSATED),
     "partly compensated": (READ - weight(0.5 * LOAD.phi), ErrorCode.COMPENSATED),
+    "force x and z exchanged": (READ[:, [2, 1, 0, 3, 4, 5]], ErrorCode.LEFT_HANDED_AXES),
+    "dead channel": (READ * [1, 0, 1, 1, 1, 1], ErrorCode.SENSOR_FAULT),
+    "gain of a channel": (READ * [1, 1, 1.15, 1, 1, 1], ErrorCode.POOR_FIT),
     "late": (late(0.15), ErrorCode.CLOCK_LATE),
     "filtered": (filtered(0.4), ErrorCode.FILTERED),
     "drift": (drifting(), ErrorCode.SENSOR_DRIFT),
@@ -183,6 +186,18 @@ def test_the_cause_is_named_first_and_its_repair_gives_the_payload(kind):
 
 def test_a_healthy_weighing_has_no_cause():
     assert named(READ) == ()
+
+
+def test_a_gain_within_the_calibration_of_a_sensor_is_no_cause():
+    assert ErrorCode.POOR_FIT not in {cause.code for cause in named(READ * [1, 1, 1.02, 1, 1, 1])}
+
+
+def test_a_second_error_is_named_besides_the_likeliest_cause():
+    first, *_, last = named(late(0.15) * np.repeat([1, 1000], 3))
+    assert [first.code, last.code] == [ErrorCode.CLOCK_LATE, ErrorCode.TORQUE_UNIT]
+    assert last.besides
+    assert [each.message[:14] for each in findings_of([first, last])][1] == "a second error"
+    assert not any(cause.besides for cause in named(KINDS["late"][0]))
 
 
 def test_gravity_of_another_size_or_direction_is_named():

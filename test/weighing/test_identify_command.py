@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from poise.cli import app
+from poise.cli import app, run
 from poise.recording import open_recording, rewrite_recording
 from poise.types import Array
 
@@ -45,6 +45,16 @@ def test_a_turned_sensor_is_named_and_its_number_withheld(turned: Path) -> None:
     first = answer["findings"][0]
     assert first["name"] == "SENSOR_ROTATED"
     assert first["evidence"]["residual_force_after"] < 0.2 * first["evidence"]["residual_force_before"]
+
+
+def test_evaluate_withholds_what_identify_withholds_and_names_the_cause(turned: Path, capsys) -> None:
+    target = turned.with_suffix(".json")
+    assert run(["evaluate", str(turned.parent), "--json", str(target)]) == 3
+    [answer] = json.loads(target.read_text(encoding="utf-8"))["recordings"]
+    assert answer["mass"] is None
+    assert answer["error"]["name"] == answer["findings"][0]["name"] == "SENSOR_ROTATED"
+    assert run(["evaluate", str(turned.parent), "--repair", "--json", str(target)]) == 0
+    assert "sensor_rotated" in capsys.readouterr().out
 
 
 def test_a_repaired_answer_is_the_right_one_and_says_so(turned: Path) -> None:
