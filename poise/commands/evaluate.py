@@ -19,7 +19,7 @@ from poise.commands.identify import (
     as_json,
     weigher,
 )
-from poise.commands.identify_causes import RepairOption, no_answer_json, weighed_with_causes
+from poise.commands.identify_causes import Known, RepairOption, Weigh, no_answer_json, weighed_with_causes
 from poise.commands.output import JsonOption, console, refuse_folder, write_json
 from poise.errors import PoiseError
 from poise.inertia.estimators import DEFAULT_METHOD
@@ -42,10 +42,10 @@ def evaluate(
     repair: RepairOption = False,
     json_target: JsonOption = None,
 ) -> int:
-    """Identify the payload of every recording in a folder, each as `poise identify` does, and compare the results.
+    """Identify the payload of every recording in a folder and compare the results.
 
-    One that cannot be weighed, or whose number is withheld, does not stop the others; the exit status is then that of
-    the worst.
+    Each is weighed as by `poise identify`. One without numbers does not stop the others; the exit status is then that
+    of the worst.
 
     Example:  poise evaluate bags --json payloads.json
     """
@@ -56,20 +56,11 @@ def evaluate(
     status = 0
     results: list[dict[str, Any]] = []
     for bag in bags:
-        try:
-            weighed = weighed_with_causes(weigh, bag, known, repair)
-            if weighed.answer is None:
-                results.append(no_answer_json(bag, weighed))
-            else:
-                results.append(as_json(bag, weighed.recording, weighed.answer))
-            failure: PoiseError | None = weighed.failure
-        except PoiseError as error:
-            results.append({"bag": str(bag)})
-            failure = error
+        result, failure = _result(weigh, bag, known, repair)
+        results.append(result)
         if failure is not None:
             status = max(status, failure.exit_status)
-            problem = {"code": int(failure.code), "name": failure.code.name, "message": failure.message}
-            results[-1]["error"] = problem
+            result["error"] = {"code": int(failure.code), "name": failure.code.name, "message": failure.message}
     skipped = skipped_entries(folder, bags)
     write_json(json_target, {"recordings": results, "skipped": skipped})
     people = console(json_target)
@@ -79,6 +70,17 @@ def evaluate(
             f"skipped, because they are no recordings: {escape(readable(', '.join(skipped), 500))}", soft_wrap=True
         )
     return status
+
+
+def _result(weigh: Weigh, bag: Path, known: Known, repair: bool) -> tuple[dict[str, Any], PoiseError | None]:
+    """The JSON of one recording, and the reason why there are no numbers."""
+    try:
+        weighed = weighed_with_causes(weigh, bag, known, repair)
+    except PoiseError as error:
+        return {"bag": str(bag)}, error
+    if weighed.answer is None:
+        return no_answer_json(bag, weighed), weighed.failure
+    return as_json(bag, weighed.recording, weighed.answer), weighed.failure
 
 
 def _table(results: list[dict[str, Any]]) -> Table:
