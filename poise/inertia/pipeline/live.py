@@ -22,6 +22,7 @@ from poise.robot import (
     MotionSource,
     PairingSettings,
     RobotModel,
+    parse_urdf,
     robot_on_odometry,
 )
 from poise.types import Array
@@ -143,11 +144,20 @@ class LiveEstimator:
         self._flushed = False
 
     def set_robot_description(self, text: str, now: float) -> None:
-        """Take a URDF. Another one than before starts the estimate afresh; an invalid one raises InputError."""
+        """Take a URDF. Another one than before starts the estimate afresh; an invalid one changes nothing.
+
+        Raises:
+            InputError: ROBOT_DESCRIPTION_INVALID, FRAME_UNKNOWN or UNSUPPORTED, see `RobotModel.from_urdf`. While the
+                sensor frame is not known, only what is no URDF is refused.
+        """
         if text == self._description or self.options.motion_source == _FRAMES:
             return
-        if self.joints is not None:
-            RobotModel.from_urdf(text, self.sensor_frame)
+        try:
+            self._robot_of(text) if self.sensor_frame else parse_urdf(text)
+        except InputError as error:
+            if not self._description:
+                self.problem = error
+            raise
         self._description = text
         if self._uses(self.joints):
             self.estimator = None
@@ -341,10 +351,7 @@ class LiveEstimator:
         if not self._description or not self.sensor_frame or self.joints is not None:
             return
         try:
-            robot = RobotModel.from_urdf(self._description, self.sensor_frame)
-            if self.base_moves:
-                robot = robot_on_odometry(robot, self._description, self._has_joints)
-            self.joints = JointSource(robot)
+            self.joints = JointSource(self._robot_of(self._description))
             self.problem = None
         except InputError as error:
             self.problem = error
@@ -354,6 +361,10 @@ class LiveEstimator:
                 self.joints.add_odometry([stamp], turn[None], shift[None])
         while self.early_joints:
             self.add_joint_state(*self.early_joints.popleft(), now)
+
+    def _robot_of(self, text: str) -> RobotModel:
+        robot = RobotModel.from_urdf(text, self.sensor_frame)
+        return robot_on_odometry(robot, text, self._has_joints) if self.base_moves else robot
 
     def _has_joints(self, names: tuple[str, ...]) -> bool:
         """Some joint state contains these joints; True before the first one."""
