@@ -131,9 +131,9 @@ def test_nor_one_that_waits_for_the_sensor_frame_or_did_not_work(streams, wrench
 
     if wrench_first:
         feel()
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as caught:
         estimator.set_robot_description(invalid, 0.0)
-    assert estimator.problem is told.value  # there is none yet
+    assert estimator.problem is caught.value  # there is none yet
     estimator.set_robot_description(URDF, 0.1)
     with pytest.raises(InputError):
         estimator.set_robot_description(invalid, 0.2)

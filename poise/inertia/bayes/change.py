@@ -55,8 +55,8 @@ _SPREAD_AFTER, _LEAST_SPREAD = 3.0, np.array([0.01, 0.0005])
 """Of the bias after a change: in units of how well it was known before, but at least what sensors creep, N and N m."""
 
 _OTHER_ZERO, _FORGOTTEN = 3.0, 10.0
-"""Spreads by which the bias of a payload differs from that before it only if something else touches it; and s of samples
-after which the sensor itself may have moved."""
+"""Spreads by which a bias differs from that before the change only if something else touches the payload; and s of
+samples after which the sensor itself may have moved."""
 
 _EVEN, _IMITATED = 0.5, 0.2
 """Probability of another payload before it is certain, or while the bias contradicts the new one; and of a contact that

@@ -352,10 +352,7 @@ class OnlineEstimator:
         if self._coming is not None and new[-1].mass_after > new[-1].mass_before:
             changes.hold(self._coming)
             self._coming = None
-        bias = changes.prior.noise
-        spread = {"force_bias": bias.force_bias, "torque_bias": bias.torque_bias, "zeroed": bias.zeroed}
-        noise = replace(self._prior.noise, **spread)
-        prior = replace(changes.prior, accuracy=self._prior.accuracy, noise=noise)
+        prior = replace(changes.prior, accuracy=self._prior.accuracy)
         self._running = EstimatorGroup(self._running.method, self._pipeline, prior)
 
     def _notice_jump(self) -> None:
