@@ -261,6 +261,21 @@ def test_a_wrong_unit_that_little_shows_withholds_a_number_that_passes_the_tests
     assert causes_of(replace(estimate, phi=LOAD.phi, samples=replace(MOTION, wrench=CLEAN + 100 * NOISE))) == ()
 
 
+def test_what_the_samples_speak_for_widens_the_number_though_nothing_is_named():
+    noise = 200 * np.random.default_rng(8).normal(size=NOISE.shape) * NOISE.std(axis=0)
+    light = estimated(replace(MOTION, wrench=CLEAN * np.repeat([1 / 4.4482216, 1], 3) + BIAS + noise))
+    causes, possible = named_and_possible(light)
+    assert not causes
+    assert [cause.code for cause in possible] == [ErrorCode.FORCE_UNIT]
+    assert 1 < possible[0].gain < 4
+    wide = with_causes(light, causes, possible)
+    assert abs(light.phi[0] - LOAD.mass) > 3 * light.mass_std
+    assert abs(light.phi[0] - LOAD.mass) < 3 * wide.mass_std
+    assert wide.findings == light.findings
+    healthy = estimated(replace(MOTION, wrench=CLEAN + BIAS + noise))
+    assert named_and_possible(healthy) == ((), ())
+
+
 def test_gravity_that_is_not_that_of_the_earth_is_a_finding():
     from poise.inertia.pipeline import InertialEstimate
 
