@@ -108,10 +108,8 @@ def bodies(held: Held, rng: np.random.Generator) -> ObjectShape:
 
 
 def body_of_two(held: Held, rng: np.random.Generator) -> ObjectShape:
-    """A model from CAD in which two parts, usually of two materials, are one body; `surface` if there are no more."""
+    """A model from CAD in which the first two of three parts or more, usually of two materials, are one body."""
     parts, volumes = held.made.parts, held.made.parts.volumes
-    if len(parts) < 3:
-        return surface(held, rng)
     label = np.maximum(np.arange(len(parts)) - 1, 0)
     share = np.array([np.where(label == k, volumes, 0.0) for k in range(label.max() + 1)])
     joined = Parts(parts.unit_phi @ (share / share.sum(axis=1, keepdims=True)).T, share.sum(axis=1), parts.points)
@@ -153,19 +151,20 @@ def _read(held: Held, name: str, text: str) -> ObjectShape:
 
 @dataclass(frozen=True)
 class Kind:
-    """A row of the table: objects, what is known of their shape, and the method."""
+    """A row of the table: objects of some parts or more, what is known of their shape, and the method."""
 
     name: str
     known: Knowledge
     light: bool = False
     method: str = "poise"
+    least_parts: int = 1
 
 
 KINDS = (
     Kind("no shape", nothing),
     Kind("no shape, ols", nothing, method="ols"),
     Kind("bodies", bodies),
-    Kind("bodies, one of two materials", body_of_two),
+    Kind("bodies, one of two materials", body_of_two, least_parts=3),
     Kind("outer surface", surface),
     Kind("scan in colour", cloud),
     Kind("depth camera", camera_cloud),
@@ -205,7 +204,7 @@ def answers(first: int, count: int, kinds: Sequence[Kind]) -> Iterator[dict[str,
                 bag.save(flight.messages(flight.wrench), path := Path(folder) / "flight.mcap")
                 recording = open_recording(path)
                 for kind in kinds:
-                    if kind.light == light:
+                    if kind.light == light and len(held.made.parts) >= kind.least_parts:
                         row = {"kind": kind.name, "object": held.made.name, "way": way}
                         yield row | _answer(kind, held, recording, np.random.default_rng([seed, int(light), 79]))
 

@@ -122,7 +122,7 @@ def possible_causes(
 def chances(causes: Sequence[Cause]) -> Array:
     """(C,) posterior probabilities of causes, beside that of a healthy wrench."""
     odds = np.array([cause.gain for cause in causes]) + np.log(_CHANCE)
-    most = max(float(odds.max(initial=0.0)), 0.0)
+    most = float(odds.max(initial=0.0))
     weights = np.exp(odds - most)
     return np.asarray(weights / (weights.sum() + np.exp(-most)))
 
