@@ -166,25 +166,30 @@ def _tried(reading: Reading, samples: FitSamples, plain: Explanation) -> Cause |
     if not shown and gain < _SPEAKS_FOR:
         return None
     share = float(np.mean(improvement > 0.05))
-    before, after = plain.rms, np.exp(levels.mean(axis=0))
-    sentence, evidence = reading.says(best)
-    evidence = {
-        **evidence,
+    sentence, evidence = _evidence(reading, best, plain.rms, np.exp(levels.mean(axis=0)), share)
+    repair = None if reading.repair is None else reading.repair(best)
+    partial = reading.excluded is not None and reading.reduced is None
+    certain, evidence = share >= _IMPROVED, evidence | {"gain": gain}
+    return Cause(reading.code, sentence, evidence, gain, fixed, certain, repair, best, partial, pull, shown)
+
+
+def _evidence(
+    reading: Reading, found: Explanation, before: Array, after: Array, share: float
+) -> tuple[str, dict[str, float]]:
+    """The sentence of a reading and its numbers, with residuals (2,) before and after in N and N m."""
+    sentence, numbers = reading.says(found)
+    residuals = {
         "residual_force_before": float(before[0]),
         "residual_force_after": float(after[0]),
         "residual_torque_before": float(before[1]),
         "residual_torque_after": float(after[1]),
         "blocks_improved": share,
-        "gain": gain,
     }
     explained = (
         f"{sentence} (it reduces the residual from {before[0]:.2g} N and {before[1]:.2g} N m to {after[0]:.2g} N and"
         f" {after[1]:.2g} N m, in {100 * share:.0f} % of the recording)"
     )
-    repair = None if reading.repair is None else reading.repair(best)
-    partial = reading.excluded is not None and reading.reduced is None
-    certain = share >= _IMPROVED
-    return Cause(reading.code, explained, evidence, gain, fixed, certain, repair, best, partial, pull, shown)
+    return explained, {**numbers, **residuals}
 
 
 def _level(cause: Cause) -> float:
