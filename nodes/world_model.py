@@ -39,8 +39,6 @@ _AHEAD = 1.0
 """s that a stamp may be ahead of this node's clock: one that is further would outlast all that happens until then."""
 _FRAME_PATIENCE = 2.0
 """s that the transform of a scanned object may come after its scan."""
-_QUESTIONED = {ErrorCode.ZEROED_UNDER_LOAD, *(ErrorCode(code) for code in range(70, 87))} - {ErrorCode.PAYLOAD_CHANGED}
-"""Findings with which an estimate is not taken over."""
 
 WORLD_MODEL_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with, or package:// URI; empty: none"),
@@ -233,9 +231,6 @@ class WorldModel(Node):
             return
         self._weighed = now
         require_usable(message, (self._now() - stamp_of(message)) * 1e-9, self._values["payload_age"])
-        for finding in message.findings:
-            if finding.code in _QUESTIONED:
-                raise InputError(ErrorCode(finding.code), f"the estimate is not taken over: {finding.message}")
         in_sensor = pose_between(self._frames, held.frame, message.header.frame_id) @ held.item.pose
         item = weighed(held.item, message, in_sensor)
         self._change(lambda world: world.weighed(item, since))

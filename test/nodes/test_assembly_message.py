@@ -1,9 +1,11 @@
 """Assemblies as messages: what is not given is never taken as zero, and every default is stated."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from assembly_calls import CUBE, FLOOR, FRAME, LID, message
 from geometry_msgs.msg import Vector3
 
@@ -53,6 +55,40 @@ def test_a_value_without_its_flag_is_refused(name, entry, value):
     with pytest.raises(InputError, match=f"object cube: {name} is .* but {name}_given is false") as raised:
         assembly_of(there)
     assert raised.value.code == ErrorCode.BAD_INPUT
+
+
+def test_inertia_that_is_zero_is_not_given():
+    there = message(KNOWN)
+    for entry in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+        setattr(there.objects[1].inertia, entry, 0.0)
+    with pytest.raises(InputError, match="inertia_given is true, but all numbers are 0"):
+        assembly_of(there)
+
+
+@pytest.mark.parametrize("shape", ["box", "file"])
+@pytest.mark.parametrize(("scale", "com"), [(1e3, 0.0), (1e-3, 0.0), (1.0, 50.0), (1.0, -3.0), (1.0, 1.0)])
+def test_another_unit_of_sizes_or_of_the_centre_of_mass_is_refused(shape, scale, com, tmp_path):
+    there = message(replace(KNOWN, com=np.array([0.0, 0.0, com])))
+    sent = there.objects[1]
+    if shape == "box":
+        sent.primitive.dimensions = [scale] * 3
+    else:
+        trimesh.creation.box().export(tmp_path / "cube.stl")
+        sent.shape, sent.mesh_uri, sent.mesh_scale = sent.SHAPE_URI, str(tmp_path / "cube.stl"), scale
+    if (scale, com) == (1.0, 1.0):  # the handle of a pan may be missing in its shape
+        assert assembly_of(there, [tmp_path]).objects[1].com[2] == com
+        return
+    with pytest.raises(InputError, match=r"object cube: (mass per volume|com is .* off its shape)") as raised:
+        assembly_of(there, [tmp_path])
+    assert raised.value.code == ErrorCode.OBJECT_INVALID
+
+
+def test_a_change_gives_an_object_and_a_pair_once():
+    there, pair = Assembly((FLOOR, CUBE)), FrictionPair(("floor", "cube"), 0.3)
+    assert there.with_object(pairs=[pair]).with_object(pairs=[replace(pair, coefficient=0.4)]).largest_friction == 0.5
+    for items, pairs in (((CUBE, CUBE), ()), ((), (pair, FrictionPair(("cube", "floor"), 0.9)))):
+        with pytest.raises(InputError, match="given twice"):
+            there.with_object(*items, pairs=pairs)
 
 
 def test_every_default_is_stated_and_many_are_counted():
