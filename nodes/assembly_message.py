@@ -113,8 +113,8 @@ def require_body(item: RigidObject) -> None:
     """Raise unless a body of this shape can weigh what it should: units and frames are as they must be.
 
     Raises:
-        InputError: OBJECT_INVALID for a density that no matter has, or a centre of mass that is farther off the
-            bounding box of the shape than the box is large.
+        InputError: OBJECT_INVALID for a density that no matter has, a centre of mass that is farther off the bounding
+            box of the shape than the box is large, or an inertia that no matter in that distance has.
     """
     if item.fixed:
         return
@@ -122,11 +122,14 @@ def require_body(item: RigidObject) -> None:
     least, greatest = corners.min(axis=0), corners.max(axis=0)
     sides = greatest - least
     check_range("mass per volume of the bounding box", float(item.mass / np.prod(sides)), where)
-    if item.com is None:
-        return
-    off = float(np.linalg.norm(np.maximum(0.0, np.maximum(least - item.com, item.com - greatest))))
-    if off > np.linalg.norm(sides):
+    size = float(np.linalg.norm(sides))
+    com = item.shape.centroid if item.com is None else item.com
+    off = float(np.linalg.norm(np.maximum(0.0, np.maximum(least - com, com - greatest))))
+    if off > size:
         what = f"com is {off:.3g} m off its shape: give it in m, in the object frame"
+        raise InputError(ErrorCode.OBJECT_INVALID, where + what)
+    if item.inertia is not None and np.trace(item.inertia) / 2 > item.mass * (2 * size) ** 2:
+        what = f"inertia is far more than {item.mass:g} kg in {size:.3g} m have: give it in kg m2, about com"
         raise InputError(ErrorCode.OBJECT_INVALID, where + what)
 
 

@@ -9,7 +9,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.inertia.model import frame_change, symmetric
 from poise.nodes.assembly_message import require_body
-from poise.nodes.request_checks import check_range
+from poise.nodes.request_checks import check_covariance, check_range
 from poise_msgs.msg import InertialEstimate
 
 _QUESTIONED = {ErrorCode.ZEROED_UNDER_LOAD, *(ErrorCode(code) for code in range(70, 87))} - {ErrorCode.PAYLOAD_CHANGED}
@@ -98,7 +98,8 @@ def weighed(item: RigidObject, estimate: InertialEstimate, pose_sensor_object: P
         pose_sensor_object: of the object frame, in the sensor's.
 
     Raises:
-        InputError: OBJECT_INVALID when no body has such an inertia, or its centre of mass is far off its shape.
+        InputError: OBJECT_INVALID when no body has such an inertia, or its centre of mass is far off its shape;
+            BAD_INPUT for a covariance that no errors have.
     """
     found, rotation = estimate.inertia, pose_sensor_object.rotation
     unidentified = set(estimate.unidentified)
@@ -120,4 +121,6 @@ def weighed(item: RigidObject, estimate: InertialEstimate, pose_sensor_object: P
         covariance=covariance if knows_com and knows_inertia and np.isfinite(covariance).all() else item.covariance,
     )
     require_body(heavy)
+    if heavy.covariance is not item.covariance:
+        check_covariance(covariance.ravel(), "inertial_estimate: ")
     return heavy

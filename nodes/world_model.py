@@ -167,9 +167,11 @@ class WorldModel(Node):
             self._refused(topic, coded(failure))
 
     def _refused(self, topic: str, error: PoiseError) -> None:
-        # An estimate that is not used is no failure: the next ones follow.
-        say = self.get_logger().info if topic == "inertial_estimate" else self.get_logger().error
-        say(f"{topic}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
+        what = f"{topic}: {error.code.name}: {error.message}"
+        if topic == "inertial_estimate":  # one that is not used is no failure: the next ones follow
+            self.get_logger().info(what, throttle_duration_sec=1.0)
+        else:  # not in the same line of code: rclpy allows one severity for each
+            self.get_logger().error(what, throttle_duration_sec=1.0)
         with self._lock:
             self._publish(False, error)
 
@@ -193,8 +195,9 @@ class WorldModel(Node):
         return stamp
 
     def _on_event(self, message: GraspEvent) -> None:
-        stamp, pose = self._stamp_of(message), pose_of(message.pose)
-        check_range("position", pose.vector.tolist(), f"grasp_events of {message.id}: ")
+        where = f"grasp_events of {message.id}: "
+        stamp, pose = self._stamp_of(message), pose_of(message.pose, where)
+        check_range("position", pose.translation, where)
         try:
             self._take_event(message, stamp, pose)
         except InputError as error:

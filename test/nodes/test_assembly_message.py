@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 import trimesh
 from assembly_calls import CUBE, FLOOR, FRAME, LID, message
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import Quaternion, Vector3
 
-from poise.assembly import Analysis, Assembly, FrictionPair, RigidObject
+from poise.assembly import Analysis, Assembly, Box, FrictionPair, RigidObject
 from poise.errors import ErrorCode, InputError
-from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of
+from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, require_body
+from poise.nodes.transforms import pose_of
 from poise_msgs.msg import Assembly as AssemblyMessage
 
 KNOWN = RigidObject("cube", CUBE.shape, CUBE.pose, mass=1.0, com=np.array([0.0, 0.1, 0.2]), inertia=0.2 * np.eye(3))
@@ -81,6 +83,27 @@ def test_another_unit_of_sizes_or_of_the_centre_of_mass_is_refused(shape, scale,
     with pytest.raises(InputError, match=r"object cube: (mass per volume|com is .* off its shape)") as raised:
         assembly_of(there, [tmp_path])
     assert raised.value.code == ErrorCode.OBJECT_INVALID
+
+
+def test_an_inertia_in_another_unit_is_refused():
+    slab = RigidObject("slab", Box((2.0, 0.1, 0.1)), CUBE.pose, mass=3.0)
+    assert require_body(replace(slab, inertia=slab.inertia_in_world)) is None
+    with pytest.raises(InputError, match="inertia is far more than 3 kg"):
+        require_body(replace(slab, inertia=1e3 * slab.inertia_in_world))
+
+
+@pytest.mark.parametrize(
+    ("turn", "code"),
+    [
+        ((0.0, 0, 0, 0), ErrorCode.BAD_INPUT),
+        ((0.0, 0, 0, 2), ErrorCode.BAD_INPUT),
+        ((0.0, 0, math.nan, 1), ErrorCode.NOT_FINITE),
+    ],
+)
+def test_a_pose_without_a_unit_quaternion_is_refused_in_every_message(turn, code):
+    with pytest.raises(InputError) as raised:
+        pose_of(PoseMessage(orientation=Quaternion(**dict(zip("xyzw", map(float, turn), strict=True)))))
+    assert raised.value.code == code
 
 
 def test_a_change_gives_an_object_and_a_pair_once():

@@ -24,7 +24,7 @@ def test_a_large_inertia_in_any_attitude_is_accepted(seed):
     com = pose.apply(rng.uniform(-0.2, 0.2, 3))
     estimate.inertia = inertia_message(InertialParameters(40.0, com, (inertia + inertia.T) / 2))
     estimate.covariance = np.eye(10).ravel()
-    item = RigidObject("crate", Box(np.array([0.5, 0.5, 0.5])), Pose.identity(), mass=1.0)
+    item = RigidObject("crate", Box(np.array([2.0, 1.0, 1.0])), Pose.identity(), mass=1.0)
     found = weighed(item, estimate, pose)
     np.testing.assert_array_equal(found.inertia, found.inertia.T)
     np.testing.assert_array_equal(found.covariance, found.covariance.T)
@@ -96,4 +96,9 @@ def test_a_centre_of_mass_far_off_the_shape_is_of_another_frame():
     item = RigidObject("crate", Box(np.array([0.5, 0.5, 0.5])), Pose.identity(), mass=1.0)
     with pytest.raises(InputError, match="object frame"):
         weighed(item, estimate, Pose.identity())
-    assert weighed(item, estimate, Pose(np.eye(3), np.array([0.0, 0.0, 2.9]))).com[2] == pytest.approx(0.1)
+    there = Pose(np.eye(3), np.array([0.0, 0.0, 2.9]))
+    estimate.covariance = (1e-6 * np.eye(10)).ravel()
+    assert weighed(item, estimate, there).com[2] == pytest.approx(0.1)
+    estimate.covariance[0] = -1.0  # an assembly with it would be refused
+    with pytest.raises(InputError, match="positive semi-definite"):
+        weighed(item, estimate, there)
