@@ -5,7 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from poise.mismatch.effects import effect_named
-from poise.mismatch.inference import EQUAL_EVIDENCE, EffectCandidate, HypothesisSearch, ProvenModel, alike
+from poise.mismatch.inference import (
+    EQUAL_EVIDENCE,
+    EffectCandidate,
+    EffectProof,
+    FittedEffect,
+    HypothesisSearch,
+    ProvenModel,
+    alike,
+)
 
 _MISFIT = 4.0
 """Weight of the misfit that an answer leaves in the comparison with its rivals: chosen on development cases."""
@@ -91,14 +99,7 @@ def beliefs(
         # Free curves over similar states are one explanation, an effect outside the library: the best one counts.
         curve = max((rival for rival in odds if effect_named(rival) is None), key=odds.__getitem__, default="")
         odds = {rival: value for rival, value in odds.items() if rival == curve or effect_named(rival) is not None}
-        if beside and part.effect.free_course:
-            odds = {rival: value for rival, value in odds.items() if rival != curve} | {f"unknown:{beside}": 1.0}
-        if proof.within_noise:
-            odds |= {
-                other.effect.name: 1.0
-                for other in model.fit.parts
-                if other.effect.name != name and alike(other.effect, part.effect)
-            }
+        odds = _with_equals(odds, model, part, proof, beside)
         # An effect that contains the name and does no better is no rival.
         against = {
             rival: value for rival, value in odds.items() if gains.get(rival, own) > own or not _contains(rival, name)
@@ -109,6 +110,17 @@ def beliefs(
         kept = tuple(pair for pair in reversed(reported) if pair[1] > _LEAST_REPORTED)
         found.append(EffectBelief(basis.probability, kept[:5], tuple(reversed(equal)), basis))
     return tuple(found)
+
+
+def _with_equals(
+    odds: dict[str, float], model: ProvenModel, part: FittedEffect, proof: EffectProof, beside: str
+) -> dict[str, float]:
+    """The odds of rivals, with those that are equal to a name by rule, see `beliefs`."""
+    if beside and part.effect.free_course:
+        odds = {rival: value for rival, value in odds.items() if effect_named(rival)} | {f"unknown:{beside}": 1.0}
+    others = [other.effect for other in model.fit.parts if other.effect.name != part.effect.name]
+    similar = [other.name for other in others if proof.within_noise and alike(other, part.effect)]
+    return odds | dict.fromkeys(similar, 1.0)
 
 
 def rival_odds(own: float, rival: float, misfit: float) -> float:
