@@ -26,7 +26,7 @@ from poise.assembly.contact.surface import sample_surface
 from poise.errors import ErrorCode
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message
-from poise.nodes.runtime import EventsExecutor
+from poise.nodes.runtime import EventsExecutor, run
 from poise_msgs.msg import Push as PushMessage
 from poise_msgs.srv import AssessRobustness, SetAssembly
 
@@ -259,19 +259,53 @@ def start_server(domain: int, scene: Path) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, env=environment, start_new_session=True)
 
 
+class BareNode(Node):
+    """Answers the same requests at once: what a service of rclpy takes with these messages."""
+
+    def __init__(self) -> None:
+        super().__init__("bare")
+        self.create_service(AssessRobustness, "bare", lambda _, response: response)
+
+
+def bare_trips(caller: Caller, domain: int, calls: int) -> dict[str, list[float]]:
+    """Round trips to a service that computes nothing, ms: median and 95 %, for each scene sent along with one push."""
+    environment = os.environ | {"ROS_DOMAIN_ID": str(domain)}
+    server = subprocess.Popen([sys.executable, "-m", "benchmarks.robustness_service", "--bare"], env=environment)
+    found = {}
+    try:
+        client = caller.client(AssessRobustness, "bare")
+        for name, assembly in SCENES.items():
+            for along in (False, True):
+                message = [assembly_message(assembly, "world")] if along else []
+                request = AssessRobustness.Request(assembly=message, pushes=pushes_on(assembly, 1))
+                caller.call(client, request)
+                trips = [caller.call(client, request)[1] for _ in range(calls)]
+                key = f"{name}, {'along' if along else 'set'}"
+                found[key] = (1e3 * np.quantile(trips, (0.5, 0.95))).tolist()
+    finally:
+        server.kill()
+        server.wait(PATIENCE)
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--calls", type=int, default=100, help="for each round trip")
     parser.add_argument("--rounds", type=int, default=10, help="of a hundred calls in flight")
     parser.add_argument("--refusals", type=int, default=1000, help="changes that are refused")
     parser.add_argument("--domain", type=int, default=89)
+    parser.add_argument("--bare", action="store_true", help="be the service that computes nothing")
     arguments = parser.parse_args()
+    if arguments.bare:
+        run(BareNode, [])
+        return
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with tempfile.TemporaryDirectory() as folder:
         write_scene(SCENES["cube"], Path(folder) / "scene.yaml")
         server = start_server(arguments.domain, Path(folder) / "scene.yaml")
         try:
             caller = Caller(arguments.domain)
+            bare = bare_trips(caller, arguments.domain, arguments.calls)
             trips = overheads(caller, arguments.calls)
             bursts = in_flight(caller, 100, arguments.rounds)
             others = beside_maps(caller, 10 * arguments.calls)
@@ -289,6 +323,10 @@ def main() -> None:
         cells = (row["scene"], row["assembly"], str(row["pushes"]), f"{row['computation_ms']:.2f}")
         table.add_row(*cells, f"{median:.2f}", f"{most:.2f}")
     console.print(table)
+    table = Table("scene, one push", "median ms", "95 %", title="The same requests to a service that computes nothing")
+    for name, (median, most) in bare.items():
+        table.add_row(name, f"{median:.2f}", f"{most:.2f}")
+    console.print(table)
     table = Table("client", "assembly", "answers", "seconds", title=f"100 calls in flight, {arguments.rounds} times")
     for row in bursts:
         table.add_row(row["client"], row["assembly"], str(row["answers"]), f"{row['seconds']:.3f}")
@@ -305,7 +343,14 @@ def main() -> None:
     result.parent.mkdir(parents=True, exist_ok=True)
     result.write_text(
         json.dumps(
-            {"round_trips": trips, "in_flight": bursts, "others": others, "crowd": crowd, "refusals": refusals},
+            {
+                "round_trips": trips,
+                "bare": bare,
+                "in_flight": bursts,
+                "others": others,
+                "crowd": crowd,
+                "refusals": refusals,
+            },
             indent=1,
         )
     )

@@ -161,13 +161,13 @@ class MotionWatch:
         return None
 
     def _too_fast(self) -> PoiseError | None:
-        if len(self._places) < 2:
+        places = [one for one in self._places if one[0] >= self._begin * 1e-9]  # the motion before may have been faster
+        if len(places) < 2:
             return None
-        newest, values = self._places[-1]
-        before = next((one for one in reversed(self._places) if newest - one[0] >= _SPAN), None)
-        if before is None or before[0] < self._begin * 1e-9:  # the motion before may have been faster
-            return None
-        speed = np.abs(values - before[1]) / (newest - before[0])
+        newest, values = places[-1]
+        before, place = next((one for one in reversed(places) if newest - one[0] >= _SPAN), places[0])
+        # At first less than the span has passed: noise over a shorter time would look fast, a jump does not hide in it.
+        speed = np.abs(values - place) / max(newest - before, _SPAN)
         over = speed / self._fastest
         index = int(np.argmax(over))
         if not over[index] > 1.0:

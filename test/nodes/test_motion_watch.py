@@ -81,6 +81,17 @@ def test_the_speed_of_the_motion_before_does_not_count():
     assert problem.code is ErrorCode.NOT_FOLLOWING  # but its own does
 
 
+def test_a_jump_right_after_the_begin_is_seen_at_once_and_noise_is_not():
+    played = Played()
+    played.speed = 0.0
+    noise = np.random.default_rng(0).uniform(-0.003, 0.003, 100)
+    for number, place in enumerate(noise[:6]):
+        played.watch.joint_state(BEGIN + number * 4_000_000, {"a": place}, played.now)
+        assert played.watch.problem(played.now) is None
+    played.watch.joint_state(BEGIN + 24_000_000, {"a": 0.2}, played.now)
+    assert played.watch.problem(played.now).code is ErrorCode.NOT_FOLLOWING
+
+
 def test_the_stop_that_comes_next_is_chosen():
     played = Played()
     played.run(0.3)
