@@ -46,7 +46,7 @@ def causes_of(estimate: InertialEstimate) -> tuple[Cause, ...]:
 
 
 def named_and_possible(estimate: InertialEstimate) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """`causes_of` an estimate, and all causes that the samples speak for and that explain the whole recording.
+    """`causes_of` an estimate; and where no cause is shown, those that the samples speak for.
 
     The tests of a fit judge the size of its residual. A cause is more specific, and also explains a small one.
     """
@@ -55,11 +55,13 @@ def named_and_possible(estimate: InertialEstimate) -> tuple[tuple[Cause, ...], t
     pushed = [span for span in estimate.rejected if span.reason == EXTERNAL_CONTACT]
     tried = possible_causes(estimate.samples, float(np.nan_to_num(estimate.delay)), pushed)
     causes = tuple(cause for cause in tried if cause.shown)
-    if causes and causes[0].partial and _only_contact(estimate):
+    if not causes:
+        return (), tuple(cause for cause in tried if not cause.partial)
+    if causes[0].partial and _only_contact(estimate):
         return (), ()
-    if estimate.fit.passed and not _impossible(estimate) and not (causes and _is_material(estimate, causes[0])):
-        causes = ()
-    return causes, tuple(cause for cause in tried if not cause.partial)
+    if estimate.fit.passed and not _impossible(estimate) and not _is_material(estimate, causes[0]):
+        return (), ()
+    return causes, ()
 
 
 def _only_contact(estimate: InertialEstimate) -> bool:
@@ -85,7 +87,7 @@ def with_causes(
 ) -> InertialEstimate:
     """The estimate with the likeliest cause, and its rivals, as findings before the others.
 
-    The covariance contains the payloads of these causes; those of other `possible` ones by their probability.
+    The covariance contains the payloads of these causes; those of `possible` ones by their probability.
     """
     found = findings_of(causes)
     why = _impossible(estimate)
@@ -93,13 +95,8 @@ def with_causes(
         found = [EstimateFinding(ErrorCode.POOR_FIT, f"{why}: check the units and the axes of the wrench")]
     strange = None if any(each.code is ErrorCode.GRAVITY_WRONG for each in found) else _strange_gravity(estimate)
     more = [each for each in (None if found else _maybe_compensated(estimate), strange) if each is not None]
-    named = _named(causes)
-    weighed = [(cause, 1.0) for cause in named]
-    weighed += [
-        (cause, chance)
-        for cause, chance in zip(possible, chances(possible).tolist(), strict=True)
-        if not any(cause is each for each in named)
-    ]
+    weighed = [(cause, 1.0) for cause in _named(causes)]
+    weighed += zip(possible, chances(possible).tolist(), strict=True)
     covariance = estimate.covariance + _left_open(estimate, weighed)
     return replace(estimate, covariance=covariance, findings=(*found, *more, *estimate.findings))
 

@@ -1,16 +1,17 @@
 """The search for causes: each kind of trouble on the same simulated weighing, and the repair of those that have one."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from poise.errors import ErrorCode
-from poise.inertia import InertialParameters
+from poise.inertia import InertialParameters, identify
 from poise.inertia.model import motion_signals, signal_columns
 from poise.inertia.verdict import FitSamples
-from poise.recording import WrenchStream
+from poise.recording import WrenchStream, open_recording
 from poise.weighing import (
     after_repair,
     causes_of,
@@ -289,6 +290,11 @@ def test_a_number_contains_a_cause_that_is_not_named_by_its_probability():
     assert abs(light.phi[0] - LOAD.mass) < 3 * widths[2]
     healthy = estimated(replace(MOTION, wrench=CLEAN + 100 * NOISE))
     assert named_and_possible(healthy) == ((), ())
+
+
+def test_causes_that_do_not_change_a_healthy_real_recording_do_not_widen_it():
+    recording = open_recording(Path(__file__).resolve().parents[2] / "bags" / "kuka_vibration.mcap")
+    assert named_and_possible(identify(recording, keep_history=False).estimate) == ((), ())
 
 
 def test_gravity_that_is_not_that_of_the_earth_is_a_finding():
