@@ -54,6 +54,7 @@ ACCELERATION_LIMITS_PARAMETERS = (
     Parameter("turning_speed", 0.0, "angular speed of the base, rad/s", (-100.0, 100.0), dynamic=True),
     Parameter("turning_acceleration", 0.0, "angular acceleration of the base, rad/s2", (-1000.0, 1000.0), dynamic=True),
     Parameter("from_odom", False, "take tilt and turning from odom instead"),
+    Parameter("odom_age", 1.0, "s without odom after which there are no limits", (0.05, 60.0), dynamic=True),
     Parameter(
         "mesh_folders", WORDS, "folders in which files named by mesh_uri may lie, besides packages' share folders"
     ),
@@ -95,6 +96,7 @@ class AccelerationLimitsNode(Node):
                 raise InputError(ErrorCode.BAD_INPUT, f"parameter {name}: expected {count} numbers")
         self._base = self._given_base
         self._odom_stamp: int | None = None
+        self._odom_heard, self._odom_silent = float("-inf"), False
         settings = (list(values["mesh_folders"]), values["payload"], list(values["payload_pose"]))
         self._worker = Worker(template, settings, values["worker_memory"] * 1_000_000)
         self._payload = GraspedPayload(values["payload_age"])
@@ -144,7 +146,7 @@ class AccelerationLimitsNode(Node):
         turn = message.pose.pose.orientation
         passed = 0.0 if self._odom_stamp is None else (stamp - self._odom_stamp) * 1e-9
         self._base = self._base.after(passed, [turn.x, turn.y, turn.z, turn.w], message.twist.twist.angular.z)
-        self._odom_stamp = stamp
+        self._odom_stamp, self._odom_heard = stamp, time.monotonic()
 
     def _update(self) -> None:
         """Publish again when something has changed enough to matter."""
@@ -159,6 +161,12 @@ class AccelerationLimitsNode(Node):
             return
         if not self._values["from_odom"]:
             self._base = self._given_base
+        elif now - self._odom_heard > self._values["odom_age"]:
+            if not self._odom_silent:
+                self._odom_silent, self._published = True, None
+                self._publisher.publish(self._message(_no_odom(self._odom_stamp is not None)))
+            return
+        self._odom_silent = False
         base = self._base
         inputs = _Inputs(self._assemblies, self._estimates, base)
         if before is None or now > self._again or before[:2] != inputs[:2] or base.tilt_from(before.base) > _TILT_STEP:
@@ -287,6 +295,13 @@ class AccelerationLimitsNode(Node):
 
 def _azimuths(count: int) -> list[float]:
     return (2 * np.pi * np.arange(count) / count).tolist()
+
+
+def _no_odom(heard: bool) -> InputError:
+    """How the base is tilted and turns is not known."""
+    code, when = (ErrorCode.SENSOR_STALE, "any more") if heard else (ErrorCode.TOPIC_MISSING, "yet")
+    what = f"no odom {when}, so that it is not known how the base is tilted and turns: start its publisher"
+    return InputError(code, f"{what}, or turn from_odom off")
 
 
 def _late() -> NoAnswerError:

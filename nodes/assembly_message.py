@@ -15,6 +15,7 @@ from poise.assembly.robustness import Robustness
 from poise.assembly.scene import read_object
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
+from poise.nodes.request_checks import check_range
 from poise.shape import check_mesh
 from poise_msgs.msg import Assembly as AssemblyMessage
 from poise_msgs.msg import AssemblyObject
@@ -91,6 +92,9 @@ def object_of(message: AssemblyObject, folders: Sequence[Path] = ()) -> RigidObj
         ("com", _xyz(inertia.com), message.com_given),
         ("inertia", moments, message.inertia_given),
     ):
+        if given and name == "inertia" and not (any(values) or message.fixed):
+            what = "inertia_given is true, but all numbers are 0: give it, or leave inertia_given false"
+            raise InputError(ErrorCode.BAD_INPUT, f"object {message.id}: {what}")
         if given:
             content[name] = values
         elif np.any(np.nan_to_num(values)) and not message.fixed:
@@ -100,7 +104,33 @@ def object_of(message: AssemblyObject, folders: Sequence[Path] = ()) -> RigidObj
             )
     if len(message.covariance):
         content["covariance"] = list(message.covariance)
-    return read_object(content)
+    item = read_object(content)
+    require_body(item)
+    return item
+
+
+def require_body(item: RigidObject) -> None:
+    """Raise unless a body of this shape can weigh what it should: units and frames are as they must be.
+
+    Raises:
+        InputError: OBJECT_INVALID for a density that no matter has, a centre of mass that is farther off the bounding
+            box of the shape than the box is large, or an inertia that no matter in that distance has.
+    """
+    if item.fixed:
+        return
+    where, corners = f"object {item.id}: ", item.shape.polyhedron.vertices
+    least, greatest = corners.min(axis=0), corners.max(axis=0)
+    sides = greatest - least
+    check_range("mass per volume of the bounding box", float(item.mass / np.prod(sides)), where)
+    size = float(np.linalg.norm(sides))
+    com = item.shape.centroid if item.com is None else item.com
+    off = float(np.linalg.norm(np.maximum(0.0, np.maximum(least - com, com - greatest))))
+    if off > size:
+        what = f"com is {off:.3g} m off its shape: give it in m, in the object frame"
+        raise InputError(ErrorCode.OBJECT_INVALID, where + what)
+    if item.inertia is not None and np.trace(item.inertia) / 2 > item.mass * (2 * size) ** 2:
+        what = f"inertia is far more than {item.mass:g} kg in {size:.3g} m have: give it in kg m2, about com"
+        raise InputError(ErrorCode.OBJECT_INVALID, where + what)
 
 
 def assumptions_of(assembly: Assembly) -> list[str]:

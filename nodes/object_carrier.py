@@ -83,7 +83,7 @@ class ObjectCarrier(ArmNode):
         self._assembly_stamp, self._assembly_heard = stamp_of(message), time.monotonic()
 
     def _on_odom(self, message: Odometry) -> None:
-        pose = pose_of(message.pose.pose)
+        pose = pose_of(message.pose.pose, "odom: ")
         yaw = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
         place = np.array([*pose.translation[:2], yaw])
         self._odom, self._heard = (place, message.header.frame_id, message.child_frame_id), time.monotonic()
@@ -137,7 +137,7 @@ class ObjectCarrier(ArmNode):
     def _place(self, message: PoseStamped, frame: str) -> Array:
         """(3,) x, y, yaw of a pose, in the frame of the odometry."""
         joined = pose_between(self._frames, message.header.frame_id or frame, frame)
-        pose = joined @ pose_of(message.pose)
+        pose = joined @ pose_of(message.pose, "path: ")
         return np.array([*pose.translation[:2], math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])])
 
     def _in_base(self) -> BaseLimits:

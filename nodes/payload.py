@@ -8,11 +8,16 @@ from poise.assembly import RigidObject
 from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.inertia.model import frame_change, symmetric
+from poise.nodes.assembly_message import require_body
+from poise.nodes.request_checks import check_covariance, check_range
 from poise_msgs.msg import InertialEstimate
+
+_QUESTIONED = {ErrorCode.ZEROED_UNDER_LOAD, *(ErrorCode(code) for code in range(70, 87))} - {ErrorCode.PAYLOAD_CHANGED}
+"""Findings with which an estimate is not taken over."""
 
 
 def require_usable(estimate: InertialEstimate, age: float, most_age: float) -> None:
-    """Raise unless an estimate is of a body, weighed now.
+    """Raise unless an estimate is of a body, weighed now, and nothing puts it in question.
 
     Args:
         estimate: as it came.
@@ -20,7 +25,8 @@ def require_usable(estimate: InertialEstimate, age: float, most_age: float) -> N
         most_age: s.
 
     Raises:
-        InputError: SENSOR_STALE, NOT_IDENTIFIABLE or NOT_CONSISTENT.
+        InputError: SENSOR_STALE, NOT_IDENTIFIABLE or NOT_CONSISTENT; OBJECT_INVALID for a mass that no object has; the
+            code of a finding that puts it in question.
     """
     if not 0 <= age + most_age <= 2 * most_age:
         what = f"its newest sample is {age:.1f} s old; payload_age is {most_age:g} s"
@@ -31,6 +37,10 @@ def require_usable(estimate: InertialEstimate, age: float, most_age: float) -> N
         raise InputError(ErrorCode.NOT_IDENTIFIABLE, f"inertial_estimate: {what}")
     if not estimate.consistent:
         raise InputError(ErrorCode.NOT_CONSISTENT, "inertial_estimate: no body has this inertia")
+    check_range("mass", estimate.inertia.m, "inertial_estimate: ")
+    for finding in estimate.findings:
+        if finding.code in _QUESTIONED:
+            raise InputError(ErrorCode(finding.code), f"the estimate is not taken over: {finding.message}")
 
 
 class GraspedPayload:
@@ -59,14 +69,16 @@ class GraspedPayload:
             return False
         kept = self.estimate
         changed = kept is not None and estimate.since != kept.since
+        lighter = kept is not None and estimate.inertia.m < kept.inertia.m / 2
         try:
             require_usable(estimate, age, self._most_age)
         except InputError as error:
-            if not changed or error.code is not ErrorCode.NOT_IDENTIFIABLE:
+            empty = lighter or error.code is ErrorCode.NOT_IDENTIFIABLE
+            if not (changed and empty) or error.code is ErrorCode.SENSOR_STALE:
                 raise
             self._released = True
             return False
-        self._released = changed and kept is not None and estimate.inertia.m < kept.inertia.m / 2
+        self._released = changed and lighter
         if not self._released:
             self.estimate = estimate
         return not self._released
@@ -86,7 +98,8 @@ def weighed(item: RigidObject, estimate: InertialEstimate, pose_sensor_object: P
         pose_sensor_object: of the object frame, in the sensor's.
 
     Raises:
-        InputError: OBJECT_INVALID when no body has such an inertia.
+        InputError: OBJECT_INVALID when no body has such an inertia, or its centre of mass is far off its shape;
+            BAD_INPUT for a covariance that no errors have.
     """
     found, rotation = estimate.inertia, pose_sensor_object.rotation
     unidentified = set(estimate.unidentified)
@@ -100,10 +113,14 @@ def weighed(item: RigidObject, estimate: InertialEstimate, pose_sensor_object: P
     knows_inertia = bool(np.isfinite(inertia).all()) and not unidentified & {"ixx", "ixy", "ixz", "iyy", "iyz", "izz"}
     # The same body with another weight: its radii of gyration are kept.
     kept = None if item.inertia is None else item.inertia * (found.m / item.mass)
-    return replace(
+    heavy = replace(
         item,
         mass=found.m,
         com=com if knows_com else item.com,
         inertia=inertia if knows_inertia else kept,
         covariance=covariance if knows_com and knows_inertia and np.isfinite(covariance).all() else item.covariance,
     )
+    require_body(heavy)
+    if heavy.covariance is not item.covariance:
+        check_covariance(covariance.ravel(), "inertial_estimate: ")
+    return heavy

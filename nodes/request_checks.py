@@ -5,11 +5,9 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from shape_msgs.msg import SolidPrimitive
 
 from poise.errors import ErrorCode, InputError
 from poise.robot import RobotModel
-from poise.types import Array
 from poise_msgs.srv import SetAssembly
 
 
@@ -124,13 +122,11 @@ def check_object(message: Any) -> None:
     where = f"object {message.id}: "
     check_range("position", _xyz(message.pose.position), where)
     check_range("position", [*_xyz(message.pose.orientation), message.pose.orientation.w], where)
-    sides = _sides(message, where)
+    _check_shape(message, where)
     if message.fixed:
         return
     inertia = message.inertia
     check_range("mass", inertia.m, where)
-    if sides is not None and np.all(sides > 0):
-        check_range("mass per volume of the bounding box", float(inertia.m / np.prod(sides)), where)
     if message.com_given:
         check_range("com", _xyz(inertia.com), where)
     if message.inertia_given:
@@ -183,21 +179,13 @@ def _check_assembly(message: Any, limits: CallLimits, whole: bool) -> None:
         check_object(item)
 
 
-def _sides(message: Any, where: str) -> Array | None:
-    """(3,) of the bounding box, m; None when it is not known from the message."""
+def _check_shape(message: Any, where: str) -> None:
     if message.shape == message.SHAPE_PRIMITIVE:
-        sizes = list(message.primitive.dimensions)
-        check_range("size", sizes, where)
-        if message.primitive.type == SolidPrimitive.CYLINDER and len(sizes) == 2:
-            width = 2 * sizes[SolidPrimitive.CYLINDER_RADIUS]
-            return np.array([width, width, sizes[SolidPrimitive.CYLINDER_HEIGHT]])
-        return np.array(sizes) if len(sizes) == 3 else None
-    if message.shape == message.SHAPE_URI:
+        check_range("size", list(message.primitive.dimensions), where)
+    elif message.shape == message.SHAPE_URI:
         check_range("mesh_scale", message.mesh_scale, where)
-        return None
-    vertices = np.array([_xyz(vertex) for vertex in message.mesh.vertices]).reshape(-1, 3)
-    check_range("mesh vertex", vertices, where)
-    return np.ptp(vertices, axis=0) if len(vertices) else None
+    else:
+        check_range("mesh vertex", [_xyz(vertex) for vertex in message.mesh.vertices], where)
 
 
 def _check_pushes(pushes: Iterable[Any]) -> None:

@@ -15,6 +15,9 @@ from poise.nodes.runtime import TF_STATIC, guarded
 from poise.recording import stamp_of
 from poise.robot import FrameTree
 
+_UNIT = 5e-3
+"""By how much the length of a quaternion may be off 1."""
+
 
 def heard_frames(node: Node, depth: int = 100) -> FrameTree:
     """The newest transforms of tf and tf_static, as a node hears them; depth: messages of tf that may wait."""
@@ -40,7 +43,7 @@ def add_transforms(tree: FrameTree, message: TFMessage, fixed: bool = False) -> 
     for stamped in message.transforms:
         shift, turn = stamped.transform.translation, stamped.transform.rotation
         length = math.hypot(turn.x, turn.y, turn.z, turn.w)  # squares of huge numbers would overflow
-        if not (abs(length - 1) < 5e-3 and abs(shift.x + shift.y + shift.z) < float("inf")):
+        if not (abs(length - 1) < _UNIT and abs(shift.x + shift.y + shift.z) < float("inf")):
             wrong = stamped.child_frame_id
             continue
         rotation = rotation_of_quaternion([[turn.x, turn.y, turn.z, turn.w]])
@@ -70,7 +73,7 @@ def pose_between(frames: FrameTree, frame: str, reference: str) -> Pose:
 def transform_objects(items: Iterable[Any], pose_reference_frame: Pose) -> None:
     """Change the poses of objects (poise_msgs/AssemblyObject) in place: from a frame into the reference."""
     for item in items:
-        set_pose(item.pose, pose_reference_frame @ pose_of(item.pose))
+        set_pose(item.pose, pose_reference_frame @ pose_of(item.pose, f"object {item.id}: "))
 
 
 def transform_pushes(pushes: Iterable[Any], pose_reference_frame: Pose) -> None:
@@ -83,10 +86,21 @@ def transform_pushes(pushes: Iterable[Any], pose_reference_frame: Pose) -> None:
         direction.x, direction.y, direction.z = turned.tolist()
 
 
-def pose_of(message: Any) -> Pose:
-    """The pose in a geometry_msgs/Pose."""
+def pose_of(message: Any, where: str = "") -> Pose:
+    """The pose in a geometry_msgs/Pose; where: what has it, for the message of an error.
+
+    Raises:
+        InputError: NOT_FINITE; BAD_INPUT without a unit quaternion.
+    """
     place, turn = message.position, message.orientation
-    return Pose.from_vector([place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w])
+    values = [place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w]
+    length = math.hypot(*values[3:])
+    if not all(map(math.isfinite, values)):
+        raise InputError(ErrorCode.NOT_FINITE, f"{where}pose {values} has an entry that is not finite")
+    if abs(length - 1) > _UNIT:
+        what = f"{where}the quaternion of the pose (x y z w) has length {length:.4g}, expected 1"
+        raise InputError(ErrorCode.BAD_INPUT, what)
+    return Pose.from_vector(values)
 
 
 def pose_of_transform(message: Any) -> Pose:

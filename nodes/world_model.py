@@ -39,8 +39,6 @@ _AHEAD = 1.0
 """s that a stamp may be ahead of this node's clock: one that is further would outlast all that happens until then."""
 _FRAME_PATIENCE = 2.0
 """s that the transform of a scanned object may come after its scan."""
-_QUESTIONED = {ErrorCode.ZEROED_UNDER_LOAD, *(ErrorCode(code) for code in range(70, 87))} - {ErrorCode.PAYLOAD_CHANGED}
-"""Findings with which an estimate is not taken over."""
 
 WORLD_MODEL_PARAMETERS = (
     Parameter("scene", "", "scene file to begin with, or package:// URI; empty: none"),
@@ -169,9 +167,11 @@ class WorldModel(Node):
             self._refused(topic, coded(failure))
 
     def _refused(self, topic: str, error: PoiseError) -> None:
-        # An estimate that is not used is no failure: the next ones follow.
-        say = self.get_logger().info if topic == "inertial_estimate" else self.get_logger().error
-        say(f"{topic}: {error.code.name}: {error.message}", throttle_duration_sec=1.0)
+        what = f"{topic}: {error.code.name}: {error.message}"
+        if topic == "inertial_estimate":  # one that is not used is no failure: the next ones follow
+            self.get_logger().info(what, throttle_duration_sec=1.0)
+        else:  # not in the same line of code: rclpy allows one severity for each
+            self.get_logger().error(what, throttle_duration_sec=1.0)
         with self._lock:
             self._publish(False, error)
 
@@ -195,8 +195,9 @@ class WorldModel(Node):
         return stamp
 
     def _on_event(self, message: GraspEvent) -> None:
-        stamp, pose = self._stamp_of(message), pose_of(message.pose)
-        check_range("position", pose.vector.tolist(), f"grasp_events of {message.id}: ")
+        where = f"grasp_events of {message.id}: "
+        stamp, pose = self._stamp_of(message), pose_of(message.pose, where)
+        check_range("position", pose.translation, where)
         try:
             self._take_event(message, stamp, pose)
         except InputError as error:
@@ -233,9 +234,6 @@ class WorldModel(Node):
             return
         self._weighed = now
         require_usable(message, (self._now() - stamp_of(message)) * 1e-9, self._values["payload_age"])
-        for finding in message.findings:
-            if finding.code in _QUESTIONED:
-                raise InputError(ErrorCode(finding.code), f"the estimate is not taken over: {finding.message}")
         in_sensor = pose_between(self._frames, held.frame, message.header.frame_id) @ held.item.pose
         item = weighed(held.item, message, in_sensor)
         self._change(lambda world: world.weighed(item, since))

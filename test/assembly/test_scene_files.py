@@ -196,6 +196,16 @@ BAD = {
         ErrorCode.BAD_INPUT,
         "-1 is negative",
     ),
+    "pair with itself": (
+        root(friction_pairs=[{"objects": ["crate", "crate"], "coefficient": 1}]),
+        ErrorCode.BAD_INPUT,
+        "one object",
+    ),
+    "pair twice": (
+        root(friction_pairs=[{"objects": pair, "coefficient": 1} for pair in (["floor", "crate"], ["crate", "floor"])]),
+        ErrorCode.BAD_INPUT,
+        "crate and floor: given twice",
+    ),
     "unknown entry at the root": (root(colour="red"), ErrorCode.BAD_INPUT, "colour"),
 }
 

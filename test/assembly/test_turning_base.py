@@ -33,9 +33,10 @@ def test_odometry_gives_the_attitude_and_the_smoothed_turning():
     assert base.acceleration == pytest.approx(0.5, rel=1e-6)
     assert base.speed == pytest.approx(speed - 0.5 * SMOOTHING, abs=0.5 * 0.01)
     assert base.after(-1.0, quaternion, 3.0).acceleration == 0.0
-    with pytest.raises(InputError) as raised:
-        base.after(0.1, quaternion, float("nan"))
-    assert raised.value.code == ErrorCode.NOT_FINITE
+    for wrong in (float("nan"), 1e300, -101.0):
+        with pytest.raises(InputError) as raised:
+            base.after(0.1, quaternion, wrong)
+        assert raised.value.code == ErrorCode.NOT_FINITE
 
 
 def test_what_turning_leaves_is_sustained_where_it_can_be_solved():

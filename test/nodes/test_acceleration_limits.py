@@ -189,14 +189,17 @@ def test_the_weight_at_the_grasp_is_kept_and_no_estimate_of_an_empty_hand_replac
 
 
 def test_a_tilted_and_turning_base_leaves_less(limits, graph):
-    found, assemblies = limits({"from_odom": True, "axis": [-1.0, 0.0]})
+    found, assemblies = limits({"from_odom": True, "odom_age": 60.0, "axis": [-1.0, 0.0]})
     assemblies.publish(message(CUBE))
-    still = newest(graph, found, lambda said: said.limits, "limits")
-    # One metre from the axis: mu g = omega^2 r; toppling comes later.
-    assert still.angular_speed == pytest.approx(math.sqrt(MU * G), rel=0.02)
+    unknown = newest(graph, found, lambda said: said.error.code == ErrorCode.TOPIC_MISSING, "the lack of odom")
+    assert not unknown.limits
     odometry = graph.node.create_publisher(Odometry, "odom", 10)
     graph.wait_for(odometry.get_subscription_count, what="the node at odom")
     graph.meet()
+    odometry.publish(Odometry())
+    still = newest(graph, found, lambda said: said.limits, "limits")
+    # One metre from the axis: mu g = omega^2 r; toppling comes later.
+    assert still.angular_speed == pytest.approx(math.sqrt(MU * G), rel=0.02)
     turning = Odometry()
     turning.twist.twist.angular.z = 1.0
     odometry.publish(turning)
@@ -217,6 +220,9 @@ def test_a_tilted_and_turning_base_leaves_less(limits, graph):
     thrown = newest(graph, found, lambda said: said.error.code == ErrorCode.UNSTABLE, "UNSTABLE")
     assert set(thrown.limits) == {0.0}
     assert "more slowly" in thrown.error.message
+    assert graph.set_parameters("acceleration_limits", odom_age=0.1) == [True]
+    silent = newest(graph, found, lambda said: said.error.code == ErrorCode.SENSOR_STALE, "the end of odom")
+    assert not silent.limits
 
 
 def test_limits_of_an_assembly_that_was_replaced_meanwhile_are_withheld():

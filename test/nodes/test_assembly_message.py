@@ -1,15 +1,19 @@
 """Assemblies as messages: what is not given is never taken as zero, and every default is stated."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from assembly_calls import CUBE, FLOOR, FRAME, LID, message
-from geometry_msgs.msg import Vector3
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import Quaternion, Vector3
 
-from poise.assembly import Analysis, Assembly, FrictionPair, RigidObject
+from poise.assembly import Analysis, Assembly, Box, FrictionPair, RigidObject
 from poise.errors import ErrorCode, InputError
-from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of
+from poise.nodes.assembly_message import assembly_message, assembly_of, assumptions_of, require_body
+from poise.nodes.transforms import pose_of
 from poise_msgs.msg import Assembly as AssemblyMessage
 
 KNOWN = RigidObject("cube", CUBE.shape, CUBE.pose, mass=1.0, com=np.array([0.0, 0.1, 0.2]), inertia=0.2 * np.eye(3))
@@ -53,6 +57,61 @@ def test_a_value_without_its_flag_is_refused(name, entry, value):
     with pytest.raises(InputError, match=f"object cube: {name} is .* but {name}_given is false") as raised:
         assembly_of(there)
     assert raised.value.code == ErrorCode.BAD_INPUT
+
+
+def test_inertia_that_is_zero_is_not_given():
+    there = message(KNOWN)
+    for entry in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+        setattr(there.objects[1].inertia, entry, 0.0)
+    with pytest.raises(InputError, match="inertia_given is true, but all numbers are 0"):
+        assembly_of(there)
+
+
+@pytest.mark.parametrize("shape", ["box", "file"])
+@pytest.mark.parametrize(("scale", "com"), [(1e3, 0.0), (1e-3, 0.0), (1.0, 50.0), (1.0, -3.0), (1.0, 1.0)])
+def test_another_unit_of_sizes_or_of_the_centre_of_mass_is_refused(shape, scale, com, tmp_path):
+    there = message(replace(KNOWN, com=np.array([0.0, 0.0, com])))
+    sent = there.objects[1]
+    if shape == "box":
+        sent.primitive.dimensions = [scale] * 3
+    else:
+        trimesh.creation.box().export(tmp_path / "cube.stl")
+        sent.shape, sent.mesh_uri, sent.mesh_scale = sent.SHAPE_URI, str(tmp_path / "cube.stl"), scale
+    if (scale, com) == (1.0, 1.0):  # the handle of a pan may be missing in its shape
+        assert assembly_of(there, [tmp_path]).objects[1].com[2] == com
+        return
+    with pytest.raises(InputError, match=r"object cube: (mass per volume|com is .* off its shape)") as raised:
+        assembly_of(there, [tmp_path])
+    assert raised.value.code == ErrorCode.OBJECT_INVALID
+
+
+def test_an_inertia_in_another_unit_is_refused():
+    slab = RigidObject("slab", Box((2.0, 0.1, 0.1)), CUBE.pose, mass=3.0)
+    assert require_body(replace(slab, inertia=slab.inertia_in_world)) is None
+    with pytest.raises(InputError, match="inertia is far more than 3 kg"):
+        require_body(replace(slab, inertia=1e3 * slab.inertia_in_world))
+
+
+@pytest.mark.parametrize(
+    ("turn", "code"),
+    [
+        ((0.0, 0, 0, 0), ErrorCode.BAD_INPUT),
+        ((0.0, 0, 0, 2), ErrorCode.BAD_INPUT),
+        ((0.0, 0, math.nan, 1), ErrorCode.NOT_FINITE),
+    ],
+)
+def test_a_pose_without_a_unit_quaternion_is_refused_in_every_message(turn, code):
+    with pytest.raises(InputError) as raised:
+        pose_of(PoseMessage(orientation=Quaternion(**dict(zip("xyzw", map(float, turn), strict=True)))))
+    assert raised.value.code == code
+
+
+def test_a_change_gives_an_object_and_a_pair_once():
+    there, pair = Assembly((FLOOR, CUBE)), FrictionPair(("floor", "cube"), 0.3)
+    assert there.with_object(pairs=[pair]).with_object(pairs=[replace(pair, coefficient=0.4)]).largest_friction == 0.5
+    for items, pairs in (((CUBE, CUBE), ()), ((), (pair, FrictionPair(("cube", "floor"), 0.9)))):
+        with pytest.raises(InputError, match="given twice"):
+            there.with_object(*items, pairs=pairs)
 
 
 def test_every_default_is_stated_and_many_are_counted():

@@ -8,15 +8,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from assembly_calls import CUBE, FLOOR, FRAME, LATCHED, LOW_PUSH, assess, box, change, message, replace_by
+from assembly_calls import CUBE, FLOOR, FRAME, LATCHED, LID, LOW_PUSH, assess, box, change, message, replace_by
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
+from rclpy.logging import get_logger
 from rclpy.serialization import serialize_message
 from shape_msgs.msg import Mesh as MeshMessage
 from tf2_msgs.msg import TFMessage
 
 from poise.assembly import Assembly, Mesh, write_scene
-from poise.errors import ErrorCode
+from poise.errors import ErrorCode, InputError
 from poise.geometry import Pose
 from poise.nodes.assembly_message import assembly_message, mesh_message, pose_message
 from poise.nodes.jobs import Job
@@ -177,8 +178,8 @@ def test_what_makes_no_sense_is_said_and_changes_nothing(start_node, graph, frie
         GraspEvent.GRASPED, "bad", HAND, Pose.from_vector([np.nan, 0, 0, 0, 0, 0, 1]), object=[AssemblyObject(id="bad")]
     )
     friend.wait(lambda state: state.error.code == ErrorCode.NOT_FINITE, "a pose that is not finite")
-    friend.happened(GraspEvent.GRASPED, "bad", HAND, IN_HAND, object=[AssemblyObject(id="other")])
-    friend.wait(lambda state: "of bad" in state.error.message, "an object of another id")
+    friend.happened(GraspEvent.GRASPED, "bad", HAND, IN_HAND, object=message(LID).objects[1:])
+    friend.wait(lambda state: "of another id" in state.error.message, "an object of another id")
     friend.happened(7, "cube", HAND, IN_HAND)
     friend.wait(lambda state: "no event 7" in state.error.message, "an event that does not exist")
     friend.event.event, friend.event.header.stamp.sec = GraspEvent.GRASPED, friend.event.header.stamp.sec + 3600
@@ -229,6 +230,19 @@ def test_an_assembly_that_is_set_while_the_held_object_is_weighed_takes_nothing_
     assert response.version == begun.version + 1
     assert node._world.held.item.mass == 0.31
     assert "cup" in node._world.objects
+
+
+def test_every_refusal_is_published_whatever_was_refused_before():
+    """rclpy raises when one line of code logs with two severities."""
+    said = []
+    node = SimpleNamespace(
+        get_logger=lambda: get_logger("world"),
+        _lock=threading.Lock(),
+        _publish=lambda _, error: said.append(error.code),
+    )
+    for topic in ("grasp_events", "inertial_estimate", "segmented_object"):
+        WorldModel._refused(node, topic, InputError(ErrorCode.BAD_INPUT, "no"))
+    assert said == [ErrorCode.BAD_INPUT] * 3
 
 
 def test_of_scans_that_come_together_none_overtakes_one_that_waits_for_its_frame():

@@ -11,6 +11,8 @@ from poise.types import Array
 
 SMOOTHING = 0.2
 """s: time constant of the angular speed before it is differentiated."""
+_FASTEST = 100.0
+"""rad/s that the speed of a base may be; one that is far beyond would outlast the smoothing by minutes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +58,10 @@ class TurningBase:
         acceleration starts again from zero.
 
         Raises:
-            InputError: NOT_FINITE.
+            InputError: NOT_FINITE, also for a speed above 100 rad/s.
         """
         turn = np.asarray(quaternion, dtype=np.float64)
-        if not (np.isfinite(turn).all() and np.isfinite(speed) and abs(np.linalg.norm(turn) - 1) < 1e-2):
+        if not (np.isfinite(turn).all() and abs(speed) <= _FASTEST and abs(np.linalg.norm(turn) - 1) < 1e-2):
             raise InputError(ErrorCode.NOT_FINITE, f"odom: the attitude {turn} or the speed {speed} is none")
         up = rotation_of_quaternion(turn)[2]
         if seconds <= 0:

@@ -1,8 +1,10 @@
 """What an assembly is made of: rigid objects, friction and gravity."""
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from poise.errors import ErrorCode, InputError
 from poise.geometry import STANDARD_GRAVITY, Pose
 from poise.types import Array
 
+_Value = TypeVar("_Value", bound=Hashable)
 _INERTIA_ROUNDING = 1e-9
 """Share of the largest entry by which an inertia tensor may miss symmetry and the triangle inequality."""
 
@@ -112,10 +115,8 @@ class Assembly:
     friction_pairs: tuple[FrictionPair, ...] = ()
 
     def __post_init__(self) -> None:
-        ids = [item.id for item in self.objects]
-        twice = {name for name in ids if ids.count(name) > 1}
-        if twice:
-            raise InputError(ErrorCode.BAD_INPUT, f"objects: the id {sorted(twice)[0]} is given twice; rename one")
+        _require_distinct(self.objects)
+        ids = {item.id for item in self.objects}
         if not any(item.fixed for item in self.objects):
             raise InputError(ErrorCode.BAD_INPUT, "objects: none is fixed; mark the floor or tray with fixed: true")
         if not np.all(np.isfinite(self.gravity)):
@@ -129,6 +130,11 @@ class Assembly:
             for name in pair.objects:
                 if name not in ids:
                     raise InputError(ErrorCode.OBJECT_UNKNOWN, f"{where}: there is no object {name}", object=name)
+            if len(set(pair.objects)) < 2:
+                raise InputError(ErrorCode.BAD_INPUT, f"{where}: these are one object; name the two that touch")
+        if len(self._pairs) < len(self.friction_pairs):
+            first, second = sorted(_repeated([frozenset(pair.objects) for pair in self.friction_pairs])[0])
+            raise InputError(ErrorCode.BAD_INPUT, f"friction_pairs of {first} and {second}: given twice; leave one out")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -177,10 +183,16 @@ class Assembly:
         return self.index[name]
 
     def with_object(self, *items: RigidObject, pairs: Sequence[FrictionPair] = ()) -> "Assembly":
-        """The assembly with objects and friction pairs added, or put in the place of those of the same ids."""
+        """The assembly with objects and friction pairs added, or put in the place of those of the same ids.
+
+        Raises:
+            InputError: BAD_INPUT when one of them is given twice; as `Assembly`.
+        """
+        _require_distinct(items)
         objects = {item.id: item for item in self.objects} | {item.id: item for item in items}
-        frictions = dict(self._pairs) | {frozenset(pair.objects): pair for pair in pairs}
-        return replace(self, objects=tuple(objects.values()), friction_pairs=tuple(frictions.values()))
+        given = {frozenset(pair.objects) for pair in pairs}
+        kept = [pair for pair in self.friction_pairs if frozenset(pair.objects) not in given]
+        return replace(self, objects=tuple(objects.values()), friction_pairs=(*kept, *pairs))
 
     def without(self, name: str) -> "Assembly":
         """The assembly without an object and the friction pairs that name it."""
@@ -190,6 +202,15 @@ class Assembly:
             objects=tuple(item for item in self.objects if item.id != name),
             friction_pairs=tuple(pair for pair in self.friction_pairs if name not in pair.objects),
         )
+
+
+def _require_distinct(items: Sequence[RigidObject]) -> None:
+    if twice := _repeated([item.id for item in items]):
+        raise InputError(ErrorCode.BAD_INPUT, f"objects: the id {min(twice)} is given twice; rename one")
+
+
+def _repeated(values: Iterable[_Value]) -> list[_Value]:
+    return [value for value, count in Counter(values).items() if count > 1]
 
 
 def _check_friction(where: str, value: float) -> None:
